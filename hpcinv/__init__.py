@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 from hpcinv.version import __version__
 
 if TYPE_CHECKING:
-    from hpcinv.driver import run
+    from hpcinv.interface import run
     from hpcinv.job.job import Job, load
     from hpcinv.sweep.interface import sweep
 
 __all__ = ["Job", "__version__", "load", "run", "sweep"]
 
-_HOME = {"Job": "hpcinv.job.job", "load": "hpcinv.job.job", "run": "hpcinv.driver"}  # imported when first asked for
+_HOME = {"Job": "hpcinv.job.job", "load": "hpcinv.job.job", "run": "hpcinv.interface"}  # imported when first asked for
 
 
 def __getattr__(name: str) -> Any:

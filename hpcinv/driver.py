@@ -82,6 +82,7 @@ def run(
         quantities: dict[str, Value] = {}
         slopes: dict[str, Sensitivities] = {}
         spreads = SurfaceSpreads(job, body)
+        own.enter_context(report.keeping(solutions, quantities))
         for number, solve in enumerate(models.plan):
             model = models.of(number, solutions[0].displacement if number else None)
             if number == len(solutions):

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from hpcinv.errors import JobError
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.quantity.keys import assigned
-from hpcinv.quantity.schema import Spec, job_error
+from hpcinv.quantity.schema import Spec, job_error, name_from
 
 _VALUE = re.compile(r", (?:not|but) .*", re.DOTALL)
 
@@ -26,7 +26,7 @@ def read_spec[S: Spec](
     """
     context = {"directory": path.parent, "untrusted": untrusted}
     try:
-        return kind.model_validate({name: path.stem, **(content or read_yaml(path))}, context=context)
+        return kind.model_validate({name: name_from(path), **(content or read_yaml(path))}, context=context)
     except ValidationError as error:
         raise job_error(path, error, kind) from None
 

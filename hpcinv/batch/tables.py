@@ -10,7 +10,6 @@ import h5py
 import numpy as np
 
 from hpcinv.job.job import Job
-from hpcinv.job.sections import REACTIONS
 
 type Columns = dict[str, list[Any]]
 
@@ -65,7 +64,4 @@ def unit_of(key: str, job: Job) -> str:
     name = key.removeprefix("quantities.").partition("[")[0]
     if not key.startswith("quantities.") or name not in names:
         return _IN_SUMMARY.get(key.rpartition(".")[2], "")
-    if names[name].is_reaction:
-        return REACTIONS[names[name].of.source.strip()]
-    dimension = names[name].dimension
-    return "" if dimension is None else dimension.unit
+    return names[name].unit

@@ -9,7 +9,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from hpcinv.certificate.check import Certificate, Line, Verdict, at_most, skipped
-from hpcinv.certificate.contact import contacts
+from hpcinv.certificate.contact import contacts, penalties
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
 from hpcinv.certificate.estimate import LINEAR, Correction, Estimate, estimate, finer_forecast
 from hpcinv.certificate.forward_factors import ForwardFactors
@@ -100,6 +100,8 @@ def certify(
             check("overlap", lambda: self_overlap(model, solution))
             check("round trip", way_back)
             (stable,) = check("stability", lambda: stability(model, forward, observer))
+            if is_checked and any(contact.tolerance is not None for contact in solution.contacts):
+                check("penalty", lambda: penalties(model, solution, forward))
         if is_checked:
             check("limit points", lambda: limit_points(model, solution, stable))
             check("ineffective loads", lambda: ineffective_loads(model))

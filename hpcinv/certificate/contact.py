@@ -3,23 +3,103 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf, log
 from typing import TYPE_CHECKING
 
-from hpcinv.certificate.check import Line, Verdict
+import numpy as np
+
+from hpcinv.certificate.check import Line, Verdict, at_most
+from hpcinv.methods.updates import Anderson
+from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
-    from hpcinv.model.contacts import ContactReport
+    from hpcinv.assembly.system import System
+    from hpcinv.certificate.forward_factors import ForwardFactors
+    from hpcinv.certificate.inertia import SymmetricFactors
+    from hpcinv.certificate.multigrid_solver import MultigridSolver
+    from hpcinv.model.contacts import ContactReport, PenaltyDirection
     from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
 _RIGID = 16.0  # tolerated penetrations
 _GIVEN = 1e-2  # of the body's length
+_STEP = 2.0**-8  # of differences by the logarithm of the penalty; larger ones reach points that come into contact
+_UPDATES = 20  # of pressures that follow the penalty; each is one solution with known factors
+_SETTLED = 0.05  # change of the rate by an update, relative to it
+_PENALTY = 0.05  # of the displacement, as for the error of the discretisation
 
 
 def contacts(model: Model, solution: Solution) -> Iterator[Line]:
     """Yield a line for each contact of a solution."""
     for contact in solution.contacts:
-        yield _line(contact, _GIVEN * model.body.length_scale)
+        yield _line(contact, _GIVEN * model.body.length * model.body.length_scale)
+
+
+def penalties(model: Model, solution: Solution, forward: ForwardFactors) -> Iterator[Line]:
+    """Yield for each rigid obstacle how much the shape of a forward solution depends on its penalty; collective.
+
+    Vertices lie on the obstacle, and the pressure between them is the interpolated one and the penalty of the gap.
+    """
+    if solution.direction != "forward" or not any(contact.largest_pressure for contact in solution.contacts):
+        return
+    contacts = {contact.where: contact for contact in solution.contacts}
+    size = solution.largest_displacement
+    solver = forward.factors if forward.affordable else forward.multigrid
+    if solver is None:
+        return
+    with forward.tangent() as equilibrium:
+        for obstacle in equilibrium.system.scene.contacts.rigid():
+            contact = contacts[obstacle.where]
+            if contact.largest_pressure:
+                name = f"contact on '{contact.region}': change of the shape if the penalty is doubled"
+                rate = _rate(equilibrium.system, solver, obstacle)
+                if rate is None:
+                    note = "the pressures that follow it do not settle: refine the mesh where the body touches"
+                    yield Line(name, None, "", "must be known", Verdict.UNDECIDED, note)
+                    continue
+                change = log(2) * rate * model.scales.length
+                note = f"{change:.3g} m, relative to the displacement"
+                yield at_most(name, change / size if size else 0.0, _PENALTY, inf, note=note)
+
+
+def _rate(system: System, solver: SymmetricFactors | MultigridSolver, obstacle: PenaltyDirection) -> float | None:
+    """Return the largest rate of the displacement by the logarithm of a penalty, with the pressures that follow it.
+
+    Pressures ``q`` at vertices follow by Uzawa's method for the linearised equations, ``q' -= penalty g'``, accelerated
+    by Anderson's. The rate is ``None`` if that does not settle.
+    """
+    unknowns = system.scene.unknowns
+    start, rate, b = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
+    pressing, _ = obstacle.at_vertices()
+    update = Anderson(1.0, _UPDATES, lambda a, b: float(system.comm.allreduce(float(a @ b))))
+    rates, largest, found = np.zeros(len(pressing)), 0.0, None
+    for _ in range(_UPDATES):
+        b.set(0.0)
+        for sign in (-1, 1):
+            with obstacle.moved(sign * _STEP, rates):
+                system.residual(system.rhs)
+            b.axpby(1.0, -1.0, system.rhs)
+        b.scale(-1 / (2 * _STEP))
+        if not solver.solve(b, rate):
+            break
+        gaps = []
+        for sign in (-1, 1):
+            moved = start.copy()
+            moved.axpy(sign * _STEP, rate)
+            system.set_state(moved)
+            gaps.append(obstacle.at_vertices()[1])
+            moved.destroy()
+        system.set_state(start)
+        change = np.where(pressing > 0, obstacle.penalty * (gaps[1] - gaps[0]) / (2 * _STEP), 0.0)
+        rates = rates + update.step(rates, change)
+        before, largest = largest, float(np.abs(rate.array[unknowns.owned_displacement_dofs]).max(initial=0.0))
+        largest = system.comm.allreduce(largest, op=MPI.MAX)
+        if abs(largest - before) <= _SETTLED * largest:
+            found = largest
+            break
+    for vector in (start, rate, b):
+        vector.destroy()
+    return found
 
 
 def _line(contact: ContactReport, far: float) -> Line:

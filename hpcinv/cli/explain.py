@@ -77,11 +77,16 @@ def _cells(row: PartCosts, found: Explanation, *, signed: bool) -> tuple[str, ..
         kinds,
         f"{row.constants:{sign}}",
         f"{row.fields:{sign}}",
-        f"{row.compile:{sign}.1f} s",
-        f"{sign if row.residual >= 0 else ''}{_ms(row.residual)}",
-        f"{sign if row.tangent >= 0 else ''}{_ms(row.tangent)}",
-        f"{row.assembly / found.iteration:{sign}.1%}",
+        _cost(row.compile, f"{row.compile:{sign}.1f} s"),
+        _cost(row.residual, f"{sign}{_ms(row.residual)}"),
+        _cost(row.tangent, f"{sign}{_ms(row.tangent)}"),
+        _cost(row.assembly, f"{row.assembly / found.iteration:{sign}.1%}"),
     )
+
+
+def _cost(seconds: float, text: str) -> str:
+    """A cost as text: a difference of measurements below 0 is one that they do not resolve."""
+    return text if seconds >= 0 else "~0"
 
 
 def _ms(seconds: float) -> str:

@@ -77,6 +77,8 @@ def _export(options: argparse.Namespace) -> int:
 
     split = None if plane is None else Split(*plane)
     halves = _halves(options.mould, split)
+    if twice := [path for path in halves if path.resolve() == options.to.resolve()]:
+        raise OutputError(f"--mould {twice[0]}: is the file of the part (--to)", "Name another file.")
     for path in (options.to, *halves):
         check(path, options.unit)
     source = read_shape(options.run, options.shape)

@@ -8,6 +8,7 @@ import re
 import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +48,7 @@ _GENERATED: Mapping[str, tuple[str, str]] = {
 }
 """Generator and its parameters of the example of each kind of body."""
 _SURFACES = {"artery": (("inlet", "outlet"), "inner", "outer"), "ventricle": (("base",), "endo", "epi")}
-"""Ends, inner and outer surface of walls."""
+"""Ends, inner and outer surface of walls; a vessel may have more outlets."""
 _WALLS = tuple(_SURFACES)
 _LPS = " (in the frame of images y points to the back)"
 _UNKNOWN = " (if y points to the back, as in the frame of images; else change it)"
@@ -63,6 +64,7 @@ class _Source:
         beside: a file of the mesh that is written beside the job.
         write: writes that file.
         is_example: the body is an example.
+        ends: names of the ends of a wall.
     """
 
     mesh: str
@@ -71,6 +73,7 @@ class _Source:
     beside: Path | None = None
     write: Callable[[Path], None] | None = None
     is_example: bool = False
+    ends: tuple[str, ...] = ()
 
 
 def add_new(commands: Any) -> None:
@@ -187,15 +190,28 @@ def _of_wall(options: argparse.Namespace) -> _Source:
     """The wall around a cavity, meshed now: only with the cavity is it known which of its surfaces is which."""
     from hpcinv.mesh.checks import check
     from hpcinv.mesh.export import save
-    from hpcinv.mesh.imaging.hollow_wall import CAVITY, WALL, hollow_wall_mesh, wall_size
+    from hpcinv.mesh.imaging.hollow_wall import (
+        CAVITY,
+        WALL,
+        hollow_wall_mesh,
+        opening_count,
+        opening_error,
+        wall_size,
+    )
 
     path, unit, example = options.image, length_unit(options.unit or "mm"), f"{WALL}=1 --label {CAVITY}=2"
     labels = _labels(options, example)
     if labels.keys() != {WALL, CAVITY}:
         raise JobError(f"--label: {_article(options.kind)} has two regions in an image: --label {example}")
+    ends, inner, outer = _SURFACES[options.kind]
+    count, is_vessel = opening_count(path, labels, unit), len(ends) > 1
+    if count != len(ends) and not (is_vessel and count > len(ends)):  # before it is meshed, which takes minutes
+        needed = f"{len(ends)} or more are needed" if is_vessel else f"1 is needed ({ends[0]})"
+        raise opening_error(path, count, needed)
+    if count > len(ends):
+        ends = (ends[0], *(f"{ends[1]} {number}" for number in range(1, count)))
     size = options.size or _size_in_wall(*wall_size(path, labels, unit))
     metres = length("--size", size)
-    ends, inner, outer = _SURFACES[options.kind]
     meshed = hollow_wall_mesh(
         path, labels, metres, unit, ends, inner, outer, lambda text: print(f"{path}: {text}", flush=True)
     )
@@ -203,7 +219,8 @@ def _of_wall(options: argparse.Namespace) -> _Source:
     beside = options.output.with_name(f"{options.output.stem}_mesh.msh")
     error = f"{{sd: {0.12e3 * meshed.voxel:.2g} mm, correlation: {max(meshed.voxel, metres / 2) * 1e3:.2g} mm}}"
     entries = [f"file: {beside.name}", "geometry_degree: 2", f"surface_error: {error}"]
-    return _Source(_section(entries), beside=beside, write=lambda file: save(file, meshed, meshed.points))
+    write = partial(save, source=meshed, points=meshed.points)
+    return _Source(_section(entries), beside=beside, write=write, ends=tuple(ends))
 
 
 def _size_in_wall(thickness: float, volume: float) -> str:
@@ -275,6 +292,7 @@ def _job(kind: str, source: _Source, values: Mapping[str, Any]) -> str:
         example=source.is_example,
         tissue=tissue,
         ends=ends,
+        openings=source.ends,
         longest=longest,
         **values,
     )

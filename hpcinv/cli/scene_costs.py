@@ -39,7 +39,7 @@ class PartCosts:
 
     Attributes:
         compile: seconds of processor time to compile residual and tangent.
-        residual, tangent: seconds to assemble each of them once.
+        residual, tangent: seconds of processor time to assemble each of them once.
     """
 
     name: str
@@ -186,11 +186,11 @@ def _linear_solver(model: Model, scene: Scene) -> tuple[str, float, float]:
 
 
 def _seconds(comm: MPI.Intracomm, work: Callable[[], object]) -> float:
+    """Return the processor time of the slowest rank, which other work on the machine changes little; collective."""
     comm.Barrier()
-    start = time.perf_counter()
+    start = time.process_time()
     work()
-    comm.Barrier()
-    return time.perf_counter() - start
+    return float(comm.allreduce(time.process_time() - start, op=MPI.MAX))
 
 
 def _part(scene: Scene, *seconds: float) -> PartCosts:

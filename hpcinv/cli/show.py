@@ -42,7 +42,7 @@ def add_picture(command: argparse.ArgumentParser, given: str) -> None:
         "--output",
         type=Path,
         help="picture to write (default: in the working directory NAME.png of a job, NAME-mesh.png of a mesh,"
-        " NAME-result.png of a run)",
+        " NAME-result.png of a run, NAME-result-COLOUR.png with --colour)",
     )
     command.add_argument("--unit", help="length unit of a mesh, as mesh.unit of a job")
     add_option(command)
@@ -54,7 +54,8 @@ def show(options: argparse.Namespace) -> int:
     if not given.exists():
         raise OutputError(f"{given}: no such file or directory", "Give a job file, a mesh, or the directory of a run.")
     is_run = given.is_dir() and given.suffix != ".bp"
-    kind = "-result" if is_run else "" if given.suffix in JOBS else "-mesh"
+    colour = f"-{options.colour}" if is_run and options.colour else ""  # pictures of several colours are kept
+    kind = f"-result{colour}" if is_run else "" if given.suffix in JOBS else "-mesh"
     path = options.output or Path(f"{given.resolve().stem}{kind}.png")  # a job, its mesh and its run have one name
 
     from hpcinv.pictures.drawing import check_png

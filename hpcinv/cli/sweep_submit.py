@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -15,6 +16,10 @@ from hpcinv.files.atomic import output_errors, replace
 from hpcinv.files.untrusted import VARIABLE, is_asked
 from hpcinv.sweep.plan import SweepPlan, load_sweep
 from hpcinv.sweep.templates import TEMPLATES
+
+LEAD = 120
+"""seconds before the time limit at which the templates let Slurm send USR1; more leave less time to solve"""
+_LIMIT = re.compile(r"(?:(\d+)-)?(\d+)(?::(\d+))?(?::(\d+))?")
 
 
 def add_submit(action: Callable[..., argparse.ArgumentParser]) -> None:
@@ -31,9 +36,8 @@ def add_submit(action: Callable[..., argparse.ArgumentParser]) -> None:
     parser.add_argument("--ranks-per-case", type=int, default=1, metavar="K", help="ranks that solve a case together")
     parser.add_argument("--array", type=int, metavar="M", help="a job array of M tasks instead of one allocation")
     parser.add_argument("--time", metavar="HH:MM:SS", help="time limit, as sbatch takes it (default: the site's)")
-    parser.add_argument(
-        "--lead", type=int, metavar="S", help="seconds before the time limit at which it saves and stops (default: 120)"
-    )
+    text = f"seconds before the time limit at which it saves and stops (default: {LEAD})"
+    parser.add_argument("--lead", type=int, metavar="S", help=text)
     parser.add_argument(
         "--sbatch",
         action="append",
@@ -50,6 +54,12 @@ def _submit(options: argparse.Namespace) -> int:
         raise SubmitError(
             f"--ranks-per-case {per_case}: {options.ntasks} ranks cannot be divided into groups of that size",
             "Ask for a multiple of it with --ntasks.",
+        )
+    limit, lead = _seconds(options.time), LEAD if options.lead is None else options.lead
+    if limit is not None and limit <= lead:
+        raise SubmitError(
+            f"--time {options.time}: is not above the {lead} s before it at which the sweep is told to save (--lead)",
+            "It would be stopped before it can save anything: give it more time, or a smaller --lead.",
         )
     plan = load_sweep(options.sweep)
     open_store(plan.store)  # fails here, rather than in the queue, if the store cannot be written
@@ -71,6 +81,19 @@ def _submit(options: argparse.Namespace) -> int:
     print(f"watch them: squeue --jobs={job},{collecting}; tail -f {directory / 'slurm'}/*.out")
     print(f"watch the cases: python -m hpcinv sweep status {shlex.quote(str(options.sweep))} --follow")
     return 0
+
+
+def _seconds(limit: str | None) -> int | None:
+    """Return a time limit as Slurm reads it, such as ``90``, ``1:30:00`` or ``2-12`` (days, hours); else ``None``."""
+    match = _LIMIT.fullmatch(limit or "")
+    if match is None:
+        return None
+    days, first, second, third = (None if part is None else int(part) for part in match.groups())
+    if days is not None:
+        return 86400 * days + 3600 * (first or 0) + 60 * (second or 0) + (third or 0)
+    if third is not None:
+        return 3600 * (first or 0) + 60 * (second or 0) + third
+    return 60 * (first or 0) + (second or 0)
 
 
 def _write_scripts(plan: SweepPlan, options: argparse.Namespace, directory: Path) -> tuple[Path, Path]:

@@ -10,15 +10,17 @@ from hpcinv.effects.base import Direction, Effect, Kinematics
 from hpcinv.effects.obstacles import AnyObstacle
 from hpcinv.kinematics.stable_functions import positive_part, rounded_positive_part
 from hpcinv.quantity import Faults, Length, StiffnessField, StressField, Surface, Triple
+from hpcinv.quantity.nondimensional import LengthsOfBody
 from hpcinv.quantity.quantity import Size
 from hpcinv.quantity.units import Dimension
 
 PENALTY = 2.0**6
-"""Penalty of a rigid obstacle at first, if none is given, in units of shear modulus over length of the body."""
+"""Penalty of a rigid obstacle at first, if none is given, in units of shear modulus over length of the body. If it is
+raised, the pressure settles in fewer updates, and points of slender bodies go in and out of contact."""
 QUADRATURE = 4
 """Least degree of quadrature on facets, whose points resolve the edge of the area in contact."""
 TOLERANCE = 2.0**-16
-"""Tolerated penetration where none is given, in lengths of the body."""
+"""Tolerated penetration where none is given, in lengths of the body; larger ones take fewer updates."""
 
 
 class Contact(Effect):
@@ -112,8 +114,10 @@ class Contact(Effect):
         return frozenset() if self.pressure is not None and self.penalty is None else frozenset("xyz")
 
     def quantities(self) -> dict[str, tuple[Any, Dimension]]:
-        of_obstacle = {f"obstacle_{name}": value for name, value in self.obstacle.quantities().items()}
-        return super().quantities() | of_obstacle
+        found = super().quantities()
+        if self.penetration is None:
+            found["penetration"] = LengthsOfBody(TOLERANCE), found["penetration"][1]
+        return found | {f"obstacle_{name}": value for name, value in self.obstacle.quantities().items()}
 
     def functions(self, degree: int) -> Mapping[str, tuple[int, int]]:
         found = {f"obstacle_{name}": value for name, value in self.obstacle.functions(degree).items()}
@@ -164,7 +168,7 @@ class Contact(Effect):
 
     def tolerance(self, par: Any) -> Any:
         """Return the tolerated penetration in scaled lengths."""
-        return TOLERANCE if self.penetration is None else par.penetration
+        return par.penetration
 
     def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
         p, (_, m) = self.contact_pressure(k, load, par), self.gap(k, load, par)

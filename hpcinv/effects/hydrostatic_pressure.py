@@ -8,6 +8,10 @@ from hpcinv.effects.base import Effect, Kinematics
 from hpcinv.kinematics.stable_functions import positive_part
 from hpcinv.quantity import Acceleration, Density, Faults, Length, Surface, Triple
 
+_DEGREE = 30
+"""Quadrature degree, since the pressure has a kink at the level: the error of the force falls with its square, and the
+time of the surface integral grows with it (175 points on a triangle)."""
+
 
 class HydrostaticPressure(Effect):
     """Pressure of a static fluid that covers or fills the deformed surface up to a given level.
@@ -40,4 +44,4 @@ class HydrostaticPressure(Effect):
 
     def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
         head = sum(g * (k.x[i] - par.level[i]) for i, g in enumerate(par.acceleration))
-        return k.n_da(-load * par.density * positive_part(head) * v, self.region)
+        return k.n_da(-load * par.density * positive_part(head) * v, self.region, _DEGREE)

@@ -52,7 +52,7 @@ def replace(path: Path, content: bytes, *, shared: bool = False) -> None:
     """Write a file, replacing an existing one; durable.
 
     After a kill the file has its old or its new content, and a hidden ``.NAME.partial`` may be left, which the next
-    call replaces. Only one process may write the file, unless it is shared.
+    call replaces. Only one process may write the file, unless it is shared. A device or a pipe is written to.
 
     Args:
         shared: several processes may write the file at the same time, through partial files of different names.
@@ -60,6 +60,10 @@ def replace(path: Path, content: bytes, *, shared: bool = False) -> None:
     Raises:
         OSError: the file cannot be written; it is unchanged.
     """
+    if path.exists() and not path.is_file():  # a device or a pipe, which stays what it is
+        with path.open("wb") as file:
+            file.write(content)
+        return
     own = f".{secrets.token_hex(8)}" if shared else ""
     partial = path.with_name(f".{path.name}{own}.partial")
     try:

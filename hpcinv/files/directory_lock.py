@@ -15,17 +15,21 @@ from hpcinv.errors import OutputError
 from hpcinv.parallel.processes import Identity
 
 NAME = ".lock"
+_RESUME = "'resume' continues from its last checkpoint"
 
 
 class DirectoryLock:
     """Lock that is held from construction until ``release``.
 
+    Args:
+        goes_on: what continues the work in the directory after its holder has ended, for messages.
+
     Raises:
         OutputError: another process has the lock, or its file cannot be written.
     """
 
-    def __init__(self, directory: Path) -> None:
-        self._path = directory / NAME
+    def __init__(self, directory: Path, goes_on: str = _RESUME) -> None:
+        self._path, self._goes_on = directory / NAME, goes_on
         try:
             self._descriptor = self._take()
         except OSError as error:
@@ -36,7 +40,7 @@ class DirectoryLock:
         while True:
             descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
             try:
-                _lock(descriptor, self._path)
+                _lock(descriptor, self._path, self._goes_on)
                 if _is_at(descriptor, self._path):  # otherwise the last holder has just removed the file
                     now = datetime.now(UTC).isoformat(timespec="seconds")
                     content = {"holder": Identity.of_this_process().as_json(), "since": now}
@@ -72,21 +76,21 @@ def check_unlocked(directory: Path) -> None:
         os.close(descriptor)
 
 
-def _lock(descriptor: int, path: Path) -> None:
+def _lock(descriptor: int, path: Path, goes_on: str = _RESUME) -> None:
     """Lock an open file; raise ``OutputError`` if another process has, or on file systems without locks may have."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise _refusal(path, *_written(path)) from None
+        raise _refusal(path, *_written(path), goes_on) from None
     except OSError:  # the file system has no locks
         holder, since = _written(path)
         if holder is not None and Identity.of_this_process().runs(holder) is not False:
-            raise _refusal(path, holder, since, only_told=True) from None
+            raise _refusal(path, holder, since, goes_on, only_told=True) from None
 
 
-def _refusal(path: Path, holder: Identity | None, since: str, *, only_told: bool = False) -> OutputError:
+def _refusal(path: Path, holder: Identity | None, since: str, goes_on: str, *, only_told: bool = False) -> OutputError:
     who = f"{holder}, since {since}" if holder else "another process"
-    advice = "Wait until it has ended, or end it; then 'resume' continues from its last checkpoint."
+    advice = f"Wait until it has ended, or end it; then {goes_on}."
     if only_told:
         advice = f"{advice} If it is not running any more, which cannot be checked from here, remove {path}."
     return OutputError(f"{path.parent}: this directory is in use by another run: {who}", advice)

@@ -19,7 +19,7 @@ from typing import Annotated
 from pydantic import AfterValidator, ValidationInfo
 
 from hpcinv.errors import JobError
-from hpcinv.reading.fault import Fault
+from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.image_headers import METAIMAGE, NRRD, source_of
 
 _IMAGES = METAIMAGE + NRRD
@@ -145,7 +145,7 @@ def _image_fault(path: Path) -> str:
         return f"names its files by {source.how}, which is {REFUSED}; ask for it as one file"
     for name in source.names:
         if fault := path_fault(path.parent, name):
-            return f"has its voxels in '{name}', which {fault}"
+            return f"has its voxels in '{shown(name)}', which {fault}"
     return ""
 
 

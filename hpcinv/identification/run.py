@@ -121,7 +121,7 @@ def identify(
 
             def open_and_lock() -> None:
                 _open(directory, job, evaluations.content, overwrite=overwrite)
-                own.callback(DirectoryLock(directory).release)
+                own.callback(DirectoryLock(directory, "the same command goes on after its evaluations").release)
 
             on_root(comm, open_and_lock)
         begun = time.perf_counter()

@@ -1,9 +1,10 @@
 """The section ``identify`` of a job: parameters that are sought, and observations of the body's states."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
-from pydantic import Field, ValidationInfo
+from pydantic import BeforeValidator, Field, ValidationInfo
 
 from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import applies, mesh_fault
@@ -17,6 +18,16 @@ from hpcinv.quantity.units import Dimension
 
 MESHES = (".msh", ".xdmf", ".vtu")
 SURFACES = (".stl", ".ply", ".obj", ".vtp", ".csv")
+
+
+def _whole(name: object) -> object:
+    """Return the name of a quantity, which is not one of its components."""
+    if isinstance(name, str) and (found := re.fullmatch(r"(.*)\[\d\]", name)):
+        raise ValueError(
+            f"{shown(name)} is a component: give 'quantity: {found[1]}' with a value of 3 components, or observe a"
+            " quantity of one component, such as 'of: uz'"
+        )
+    return name
 
 
 class Prior(Spec):
@@ -67,7 +78,7 @@ class Observation(Spec):
     """region of the boundary on which the points of a surface lie; by default all of it"""
     landmarks: ListOf[Landmark] | str | None = None
     """list of {at: point in the given mesh, observed: point}, or path to a .csv with these six columns"""
-    quantity: Name | None = None
+    quantity: Annotated[Name, BeforeValidator(_whole)] | None = None
     """name of a quantity of interest, such as volume-supine"""
     value: AnyMeasured | Triple[Length] | None = None
     """observed value of the quantity"""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -53,6 +54,7 @@ from hpcinv.quantity.schema import (
     at,
     collected,
     job_error,
+    name_from,
     raise_if_any,
     repeated,
     shown,
@@ -597,10 +599,14 @@ class Job(Spec):
                 what = f"has '{quantity.of_prestrain[0]}', but there is no prestrain among the effects{state}"
                 problems.append(((i, "of"), what))
             if quantity.is_contact:
-                problems += _without_contact(i, quantity, effects)
+                problems += _without_contact(
+                    i, quantity, {name: s.effects for name, s in loaded.items()} or {"": effects}
+                )
             elif quantity.is_reaction and quantity.on not in regions:
                 where = f"those with supports are {', '.join(regions)}" if regions else "the job has no supports"
                 state = f" in state '{quantity.state}'" if quantity.state else ""
+                held = [name for name, s in loaded.items() if quantity.on in (x.region for x in s.supports or ())]
+                where += _state_to_give(held)
                 problems.append(((i, "on"), f"{shown(quantity.on)} is not the region of a support{state}: {where}"))
         raise_if_any(problems)
         return tuple(quantity for _, quantity in numbered)
@@ -627,13 +633,22 @@ def _by_state(quantity: QuantityOfInterest, loaded: Sequence[str]) -> list[Quant
 
 
 def _without_contact(
-    number: int, quantity: QuantityOfInterest, effects: Iterable[Effect]
+    number: int, quantity: QuantityOfInterest, loads: Mapping[str, Iterable[Effect]]
 ) -> Iterator[tuple[Location, str]]:
-    """Fault of a result of contact on a region without one."""
-    regions = [effect.region for effect in effects if isinstance(effect, Contact)]
-    if quantity.on not in regions:
-        where = f"those with contact are {', '.join(regions)}" if regions else "there is no contact"
-        yield (number, "on"), f"{shown(quantity.on)} is not the region of a contact: {where}"
+    """Fault of a result of contact on a region without one, with the effects of each loaded state."""
+    state = quantity.state or ""
+    regions = {name: [e.region for e in effects if isinstance(e, Contact)] for name, effects in loads.items()}
+    if quantity.on in regions[state]:
+        return
+    where = f"those with contact are {', '.join(regions[state])}" if regions[state] else "there is no contact"
+    remedy = _state_to_give([name for name, found in regions.items() if quantity.on in found])
+    in_state = f" in state '{state}'" if state else ""
+    yield (number, "on"), f"{shown(quantity.on)} is not the region of a contact{in_state}: {where}{remedy}"
+
+
+def _state_to_give(states: Sequence[str]) -> str:
+    """Return the end of a message that names the states in which a quantity has a value."""
+    return f"; give the quantity the state that has one (state: {' or '.join(states)})" if states else ""
 
 
 def _laws(material: MaterialLaw | Mapping[str, MaterialLaw]) -> dict[str, MaterialLaw]:
@@ -708,7 +723,9 @@ def _unpickled(plugins: list[Path], data: bytes) -> Job:
     return job
 
 
-def load(source: str | Path | Mapping[str, Any], *, directory: str | Path = ".", untrusted: bool = False) -> Job:
+def load(
+    source: str | PathLike[str] | Mapping[str, Any], *, directory: str | PathLike[str] = ".", untrusted: bool = False
+) -> Job:
     """Read and check a job: a file, or a mapping with the content of one.
 
     Args:
@@ -721,6 +738,8 @@ def load(source: str | Path | Mapping[str, Any], *, directory: str | Path = ".",
     """
     if isinstance(source, Mapping):
         return parse({"job": "job", **source}, Path(directory) / UNNAMED, untrusted=untrusted)
+    if not isinstance(source, str | PathLike):
+        raise JobError(f"a job is a path of a file or a mapping with the content of one, not {shown(source)}")
     return parse(read_yaml(Path(source)), Path(source), untrusted=untrusted)
 
 
@@ -732,7 +751,9 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
         text = f"entries, but may have {MOST_ENTRIES:,}"
         raise JobError(*(f"{path}: {key}: has {count:,} {text}" for key, count in large.items()))
     try:
-        job = Job.model_validate({"job": path.stem, **data}, context={"directory": path.parent, "untrusted": untrusted})
+        job = Job.model_validate(
+            {"job": name_from(path), **data}, context={"directory": path.parent, "untrusted": untrusted}
+        )
     except ValidationError as error:
         raise job_error(path, error, Job) from None
     except Exception as error:

@@ -1,5 +1,6 @@
 """Sections of a job file that describe the body: mesh, supports, and quantities of interest."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -408,6 +409,22 @@ class Support(Spec):
                 yield ("constants",), "are not valid without 'displacement'"
 
 
+def is_of_nodes(quantity: Mapping[str, Any], let: Mapping[str, Any]) -> bool:
+    """Return whether a quantity in a summary is a mean or rms of nodes, which depends on where a mesh has them.
+
+    Args:
+        let: definitions of names in its formula.
+    """
+    if quantity.get("on") is None or quantity.get("over") is not None or quantity.get("reduce") not in ("mean", "rms"):
+        return False
+    words, texts = set[str](), [str(quantity["of"])]
+    while texts:
+        found = set(re.findall(r"[A-Za-z_]\w*", texts.pop())) - words
+        words |= found
+        texts += [str(let[name]) for name in found & let.keys()]
+    return words.isdisjoint(FIELDS)
+
+
 class QuantityOfInterest(Spec):
     """A reported result: the displacement or a formula at a point, a formula reduced over a region, or the force or
     moment of the supports of a region.
@@ -419,7 +436,7 @@ class QuantityOfInterest(Spec):
     reference shape, prestrain_sxx, …, prestrain_p, prestrain_von_mises.
     """
 
-    alternatives: ClassVar[tuple[str, ...]] = ("at", "on")
+    alternatives: ClassVar[tuple[str, ...]] = ("at", "on", "region")
 
     name: Name
     """its name in the summary"""
@@ -433,8 +450,9 @@ class QuantityOfInterest(Spec):
     """region over which the formula is reduced: positions over its nodes, other fields over its cells or, if it has
     none, facets; or the region of a support for a reaction"""
     reduce: Literal["max", "min", "mean", "max_abs", "rms", "integral"] | None = None
-    """reduction of the values on a region to one value; max and min of stresses, J and energy are over the quadrature
-    points, which lie inside the cells or facets"""
+    """reduction of the values on a region to one value; mean and rms of positions are of the nodes, all with the same
+    weight, unless 'over' makes them means over volume or area; max and min of stresses, J and energy are over the
+    quadrature points, which lie inside the cells or facets"""
     over: Literal["reference", "current"] | None = None
     """body over whose volume or area an integral, mean or rms is taken; by default the reference body for means and rms
     of stresses"""
@@ -442,6 +460,38 @@ class QuantityOfInterest(Spec):
     """state of the body in which it is evaluated; by default each loaded one, under names such as NAME-STATE"""
     about: Triple[Length] | None = Field(default=None, exclude_if=lambda about: about is None)
     """reference point of a reaction_moment; by default the origin"""
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        found = super().__get_pydantic_json_schema__(schema, handler)
+        properties = handler.resolve_ref_schema(found)["properties"]
+        properties["region"] = {"type": "string", "description": "the same as 'on', which YAML 1.1 reads as true"}
+        return found
+
+    @model_validator(mode="before")
+    @classmethod
+    def _region_is_on(cls, data: Any) -> Any:
+        """Accept ``region`` for ``on``, which programs for YAML 1.1 read as true."""
+        if not isinstance(data, Mapping) or "region" not in data:
+            return data
+        if "on" in data:
+            raise Problems((("region",), "is the same key as 'on'; give one of them"))
+        return {("on" if key == "region" else key): value for key, value in data.items()}
+
+    @property
+    def unit(self) -> str:
+        """SI unit of its values; empty for pure numbers, for integrals, and where only the mesh defines it."""
+        if self.is_reaction:
+            return REACTIONS[self.of.source.strip()]
+        return "" if (dimension := self.dimension) is None else dimension.unit
+
+    def unit_of_integral(self, dimensions: int) -> str:
+        """Return the SI unit of an integral over a volume (3 ``dimensions``) or an area (2)."""
+        found = self.of.check(POSITIONS | FIELDS)
+        length, *others = found if isinstance(found, Dimension) else Dimension()
+        return Dimension(length + dimensions, *others).unit
 
     @property
     def is_displacement(self) -> bool:

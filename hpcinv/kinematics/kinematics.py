@@ -316,10 +316,14 @@ class Kinematics(ABC):
         """
         return integrand * self.areas[1] * self.integration.surface(region, least_degree)
 
-    def n_da(self, vector: Any, region: str) -> Any:
-        """Return ``∫ vector · n da`` over a region of the boundary, with the outward unit normal ``n``."""
+    def n_da(self, vector: Any, region: str, least_degree: int = 0) -> Any:
+        """Return ``∫ vector · n da`` over a region of the boundary, with the outward unit normal ``n``.
+
+        Args:
+            least_degree: quadrature degree, if that of the scene is lower.
+        """
         n_da = self._by_body(self._normal, self._area_vector)[1]
-        return ufl.inner(vector, n_da) * self.integration.surface(region)
+        return ufl.inner(vector, n_da) * self.integration.surface(region, least_degree)
 
     @cached_property
     def mesh_J(self) -> Any:

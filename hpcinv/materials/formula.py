@@ -1,7 +1,8 @@
 """A law whose energy is a formula in the job."""
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from typing import Any, ClassVar, Literal
 
 from pydantic import ValidationInfo, field_validator
@@ -74,7 +75,10 @@ class Formula(IsochoricLaw):
             )
         known: dict[str, Dimension | None] = {name: p.dimension for name, p in parameters.items()}
         known |= {name: _NUMBER for name in (*ISOTROPIC, *energy.names) if families_in(name) is not None}
-        energy.expect(known, _STRESS)
+        try:
+            energy.expect(known, _STRESS)
+        except ValueError as error:
+            raise ValueError(f"{error}{_missing_units(energy, known, parameters)}") from None
         try:
             faults = list(_faults(_in_floats(energy, parameters, 0.0, 0.0, 0.0)))
             shear, bulk = _moduli(energy, parameters)
@@ -154,6 +158,17 @@ class Formula(IsochoricLaw):
     def _evaluated(self, k: Deformation, par: Any) -> tuple[Jet, Strains]:
         constants = {n: Coefficient.parameter(p.value, getattr(par, n)) for n, p in self.parameters.items()}
         return evaluate(self.energy, constants, k, ufl_functions())
+
+
+def _missing_units(energy: Expression, known: dict[str, Dimension | None], parameters: Iterable[str]) -> str:
+    """Return the end of a message that names the parameters with which the energy would be a stress, if they were."""
+    plain = [name for name in parameters if known[name] == _NUMBER]
+    for names in (*([name] for name in plain), plain):
+        with suppress(ValueError):
+            energy.expect(known | dict.fromkeys(names, _STRESS), _STRESS)
+            listed = " and ".join(f"'{name}'" for name in names)
+            return f". Give {listed} a unit, such as {names[0]}: 2 kPa" if names else ""
+    return ""
 
 
 def _in_floats(energy: Expression, parameters: Mapping[str, Measured], *e: float) -> Jet:

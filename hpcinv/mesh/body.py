@@ -19,6 +19,7 @@ from hpcinv.files.names import exists
 from hpcinv.job.mesh_generators import in_unit
 from hpcinv.job.mesh_header import SUFFIX
 from hpcinv.job.sections import MeshSpec
+from hpcinv.mesh.body_length import body_length
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.cell_count import MeshingMonitor, no_report
 from hpcinv.mesh.cells import coordinate_element, kind_and_degree, scalar_element
@@ -86,6 +87,11 @@ class Body:
     def of_degree(self, degree: int) -> Body:
         """The body with cells of at least this geometry degree, whose nodes are on the given cells; collective."""
         return self if self.degree >= degree else replace(self, mesh=_raised(self.mesh, degree))
+
+    @cached_property
+    def length(self) -> float:
+        """Length of the body as its mesh lies at the first access, in scaled units; collective then."""
+        return body_length(self.mesh, self.source.kind, self.degree)
 
     @cached_property
     def computed(self) -> dict[str, Any]:

@@ -1,18 +1,19 @@
 """Contacts of a scene: their pressures, which a solver updates between solves, and their resultants."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import ufl
 from dolfinx import fem, la
 
 from hpcinv.effects import Effect
-from hpcinv.effects.contact import PENALTY, QUADRATURE, TOLERANCE, Contact
+from hpcinv.effects.contact import PENALTY, QUADRATURE, Contact
 from hpcinv.effects.obstacles import SurfaceObstacle
 from hpcinv.errors import MeshError
 from hpcinv.kinematics.kinematics import Kinematics
@@ -20,7 +21,7 @@ from hpcinv.kinematics.staged_derivatives import without_stages
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.obstacle_passage import Passage, Passages, SurfacePoints
-from hpcinv.model.parameters import present_value
+from hpcinv.model.parameters import entry_of, present_value
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.surface_distance import SurfaceDistance
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -77,6 +78,22 @@ class ContactReport:
         return {"effect": self.where, "force": list(self.force)} | {name: getattr(self, name) for name in names}
 
 
+class PenaltyDirection(Protocol):
+    """A rigid obstacle with a uniform penalty; methods are collective."""
+
+    where: str
+
+    @property
+    def penalty(self) -> float:
+        """Present penalty, scaled."""
+
+    def moved(self, step: float, rates: Floats) -> AbstractContextManager[None]:
+        """Context with the penalty raised by a share ``step``, and pressures at the vertices by ``step * rates``."""
+
+    def at_vertices(self) -> tuple[Floats, Floats]:
+        """Return present pressures and gaps at the vertices of the region, scaled."""
+
+
 class _Nodal:
     """A UFL vector at the nodes of Lagrange elements; a call returns its present values (local nodes, components)."""
 
@@ -101,6 +118,7 @@ class Contacts:
     Args:
         resolve: path of a file of the job.
         degree: polynomial degree of the displacement.
+        modulus: shear modulus of the body, scaled.
     """
 
     def __init__(
@@ -110,11 +128,12 @@ class Contacts:
         body: Body,
         resolve: Callable[[str], Path],
         degree: int,
+        modulus: float,
     ) -> None:
         found = [(where, e) for where, e in effects if isinstance(e[0], Contact)]
         names = ["contact_pressure"] if len(found) == 1 else [f"contact_pressure_{i}" for i in range(len(found))]
         self._all = [
-            _OneContact(name, where, *e, k, body, resolve, degree)
+            _OneContact(name, where, *e, k, body, resolve, degree, modulus)
             for name, (where, e) in zip(names, found, strict=True)
         ]
         self.is_iterated = any(one.is_iterated for one in self._all)
@@ -124,11 +143,11 @@ class Contacts:
         passages = [one.passage(unknowns) for one in self._all]
         return Passages([passage for passage in passages if passage is not None], unknowns.mesh.comm)
 
-    def update_parameters(self, effects: Sequence[Effect]) -> None:
-        """Take the numbers of other effects, of a job of the same reuse group."""
+    def update_parameters(self, effects: Sequence[Effect], modulus: float) -> None:
+        """Take the numbers of other effects and the shear modulus, of a job of the same reuse group."""
         contacts = (effect for effect in effects if isinstance(effect, Contact))
         for one, effect in zip(self._all, contacts, strict=True):
-            one.effect = effect
+            one.update_parameters(effect, modulus)
 
     def reset(self) -> None:
         """Set the pressures of rigid obstacles to zero, and their penalties to the first ones."""
@@ -176,6 +195,10 @@ class Contacts:
         found: Floats = np.sum([np.zeros(3), *forces], axis=0)
         return found
 
+    def rigid(self) -> list[PenaltyDirection]:
+        """Return the rigid obstacles with a uniform penalty, in the order of the job."""
+        return [one for one in self._all if one.has_uniform_penalty]
+
     def reports(self, scales: Scales) -> tuple[ContactReport, ...]:
         """Return the results of the present state."""
         return tuple(one.report(scales) for one in self._all)
@@ -193,13 +216,18 @@ class _OneContact:
         body: Body,
         resolve: Callable[[str], Path],
         degree: int,
+        modulus: float,
     ) -> None:
         self._name, self.where, self.effect, self.load, self.par = name, where, effect, load, par
         self._k, self._body, self._resolve, self._degree = k, body, resolve, degree
         self._comm, self.depends_on_state = body.mesh.comm, k.sign > 0
-        if self._penalty is not None and not self._penalty.any():
-            self._penalty[:] = PENALTY
         self._before = np.inf  # the last change by an update
+        self._first = PENALTY * modulus / body.length
+        if self._penalty is not None and not self._penalty.any():
+            self._penalty[:] = self._first
+
+    def update_parameters(self, effect: Contact, modulus: float) -> None:
+        self.effect, self._first = effect, PENALTY * modulus / self._body.length
 
     @property
     def _penalty(self) -> Floats | None:
@@ -213,7 +241,7 @@ class _OneContact:
         if self.effect.is_augmented:
             self.par.multiplier.x.array[:] = 0.0
         if self._penalty is not None:
-            self._penalty[:], self._before = PENALTY, np.inf
+            self._penalty[:], self._before = self._first, np.inf
 
     def restore(self, report: ContactReport, scales: Scales, on_mesh: Callable[[fem.Function], fem.Function]) -> None:
         if self.effect.is_augmented:
@@ -222,6 +250,31 @@ class _OneContact:
         if self._penalty is not None:
             assert report.penalty is not None
             self._penalty[:] = report.penalty * scales.length / scales.stress
+
+    @property
+    def has_uniform_penalty(self) -> bool:
+        given = self.effect.penalty
+        return self.effect.is_augmented and not isinstance(given, VARYING)
+
+    @property
+    def penalty(self) -> float:
+        return float(self.par.penalty.x.array[0] if self._penalty is not None else present_value(self.par.penalty))
+
+    @contextmanager
+    def moved(self, step: float, rates: Floats) -> Iterator[None]:
+        values, entries = (self._penalty, slice(None)) if self._penalty is not None else entry_of(self.par.penalty)
+        multiplier = self.par.multiplier.x.array
+        before, pressures = np.array(values[entries]), multiplier[self._vertices]
+        values[entries] = (1 + step) * before
+        multiplier[self._vertices] = pressures + step * rates
+        try:
+            yield
+        finally:
+            values[entries], multiplier[self._vertices] = before, pressures
+
+    def at_vertices(self) -> tuple[Floats, Floats]:
+        found = self._values_at_vertices()
+        return found[:, 0].copy(), found[:, 1].copy()
 
     @property
     def is_iterated(self) -> bool:
@@ -339,7 +392,7 @@ class _OneContact:
             for update in updates:
                 update()
             if self._penalty is not None and size > self._before / _FAST:
-                self._penalty[:] = np.minimum(4 * self._penalty, _STIFFEST * PENALTY)
+                self._penalty[:] = np.minimum(4 * self._penalty, _STIFFEST * self._first)
             self._before = size
 
         return size, apply
@@ -356,7 +409,7 @@ class _OneContact:
                     f" obstacle is at least {-self._largest(-gap, -np.inf) * self._body.length_scale:.3g} m",
                     "Check place, travel and unit of the obstacle, or give a stand_off or a pressure.",
                 )
-        elif self.effect.is_augmented and (depth := self._largest(-gap)) > _OVERLAP:
+        elif self.effect.is_augmented and (depth := self._largest(-gap)) > _OVERLAP * self._body.length:
             raise MeshError(
                 f"{self.where}: the obstacle overlaps '{self.effect.region}' of the undeformed body by"
                 f" {depth * self._body.length_scale:.3g} m before anything is loaded",
@@ -376,8 +429,8 @@ class _OneContact:
     @property
     def _tolerance(self) -> float:
         """Tolerated penetration in scaled lengths."""
-        given = self.effect.penetration
-        return TOLERANCE if given is None else given / self._body.length_scale
+        found: float = present_value(self.par.penetration)
+        return found
 
     @cached_property
     def _weighted(self) -> fem.Form:

@@ -28,7 +28,7 @@ from hpcinv.model.fields import BodyFields
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.nondimensional import Scales
+from hpcinv.quantity.nondimensional import LengthsOfBody, Scales
 from hpcinv.quantity.spatial_fields import ByData, ByFormula, ByRegion, ByRule
 from hpcinv.quantity.units import Dimension
 
@@ -75,7 +75,7 @@ class Parameters:
         *,
         may_grow: bool = False,
     ) -> None:
-        self._fields, self._scales, self._cases = fields, scales, cases
+        self.fields, self._scales, self._cases = fields, scales, cases
         self._values = [0.0] * cases
         self._metre: int | None = None
         self._functions: dict[str, tuple[fem.Function, Dimension]] = {}
@@ -158,7 +158,7 @@ class Parameters:
                     for name, slope in rate.constants.items():
                         entries[place.constants[name]] = slope
                 case fem.Function() if isinstance(rate, ByRegion):
-                    functions.append((place, self._fields.function(rate, self._scales.of(dimension), name)))
+                    functions.append((place, self.fields.function(rate, self._scales.of(dimension), name)))
 
         for where, of_ingredient in rates.items():
             places = self._places[self._numbers[where]]
@@ -190,6 +190,8 @@ class Parameters:
         """Return the representation of a quantity: an index of the constant, a function, or a formula."""
         if isinstance(value, tuple):
             return [self._place(v, dimension, f"{where}[{i}]") for i, v in enumerate(value)]
+        if isinstance(value, LengthsOfBody):
+            return self._append(value * self.fields.body.length)
         scale = self._scales.of(dimension)
         if isinstance(value, ByFormula):
             if self._metre is None:
@@ -198,7 +200,7 @@ class Parameters:
             return _Formula(value.formula, self._append(1 / scale), constants)
         if isinstance(value, ByRegion | ByData | ByRule):
             if where not in self._functions:
-                self._functions[where] = self._fields.function(value, scale, where), dimension
+                self._functions[where] = self.fields.function(value, scale, where), dimension
             return self._functions[where][0]
         return self._append(value / scale)
 
@@ -224,8 +226,14 @@ def present_value(entry: Any) -> Any:
     """Return the present value of an entry of a scene's constant, or of a vector of entries (n,); SI over its scale."""
     if isinstance(entry, ListTensor):
         return np.array([present_value(component) for component in entry.ufl_operands])
+    values, index = entry_of(entry)
+    return float(values[index])
+
+
+def entry_of(entry: Any) -> tuple[npt.NDArray[np.float64], int]:
+    """Return the values of a scene's constant, and the index of an entry of it."""
     constant, index = entry.ufl_operands
-    return float(constant.value[int(index[0])])
+    return constant.value, int(index[0])
 
 
 def load_factor(value: float, case: int, cases: int) -> float:

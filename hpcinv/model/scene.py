@@ -33,6 +33,7 @@ from hpcinv.kinematics.kinematics import Deformation, Kinematics, OtherState
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
 from hpcinv.materials import MaterialLaw
 from hpcinv.model.contacts import Contacts
+from hpcinv.model.field_checks import shear_modulus
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
 from hpcinv.model.nominal_displacement import NominalDisplacement
@@ -127,7 +128,7 @@ class Scene:
             for name, (components, of_degree) in effect.functions(degree).items():
                 setattr(p, name, fields.updated(f"{where}.{name}", components, of_degree))
         named = tuple(zip((where for where, _ in job.named_effects), of_effects, strict=True))
-        self.contacts = Contacts(named, kin, fields.body, job.resolve, degree)
+        self.contacts = Contacts(named, kin, fields.body, job.resolve, degree, _modulus(job, fields, scales))
         directions = {
             name.removeprefix("fibres."): _unit(kin.given, family.given_on, par.of(i).direction)
             for i, (name, family) in enumerate(job.families.items(), start=count + len(of_effects))
@@ -168,7 +169,7 @@ class Scene:
     def update_parameters(self, job: Job, scales: Scales) -> None:
         """Set the numbers of another job of the same reuse group."""
         self.parameters.update_parameters(_ingredients(job), scales)
-        self.contacts.update_parameters(job.effects)
+        self.contacts.update_parameters(job.effects, _modulus(job, self.parameters.fields, scales))
 
     def pressure_mass(self, pressures: fem.FunctionSpace) -> Any:
         """Return ``∫ (1/μ + 1/Λ) p q`` over the mesh, spectrally equivalent to the Schur complement of the pressures.
@@ -279,6 +280,11 @@ def _part(
         modulus,
         J_g,
     )
+
+
+def _modulus(job: Job, fields: BodyFields, scales: Scales) -> float:
+    """Return a typical shear modulus of the body, scaled."""
+    return shear_modulus(job, fields) / scales.stress
 
 
 def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:

@@ -26,6 +26,7 @@ from dolfinx.fem import Function
 
 from hpcinv.errors import CheckpointError, OutputError
 from hpcinv.files.atomic import replace
+from hpcinv.files.saved_mark import mark_saved
 from hpcinv.job.fingerprint import check_same_problem
 from hpcinv.mesh import Body
 from hpcinv.mesh.distributed.rows import Rows
@@ -127,6 +128,7 @@ class Checkpoints:
                 state["digest"] = _digest(state, partial / "functions.bp")
                 replace(partial / "state.json", json.dumps(state, indent=1).encode())
                 partial.replace(self.directory / f"{number:04}")
+                mark_saved()
             except OSError as exc:
                 raise _unwritable(partial, exc.strerror or str(exc)) from exc
             # A damaged checkpoint must not count, so that a whole one is kept.

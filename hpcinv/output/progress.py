@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from hpcinv.errors import HpcinvError
-from hpcinv.job.sections import REACTIONS
+from hpcinv.job.sections import REACTIONS, is_of_nodes
 from hpcinv.model.fibre_rules import notes_on_rules
 from hpcinv.output.run_log import RunLog
 from hpcinv.quantity.units import readable
@@ -353,7 +353,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     without = ", without that of the geometry" if estimated.get("without_geometry") else ""
     slopes = statistics["sensitivities"] or {"quantities": {}}
     of_surface = (statistics.get("surface_errors") or {}).get("quantities", {})
-    reactions = _reactions(statistics)
+    reactions, of_nodes = _reactions(statistics), _of_nodes(statistics)
     for name, value in statistics["quantities"].items():
         notes = []
         if (spread := of_surface.get(name)) is not None:
@@ -370,6 +370,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
             notes.append("no sensitivities of reactions")
         lines.append(
             f"{name}: {_value(value, unit=reactions.get(name, 'm'))}{f' ({", ".join(notes)})' if notes else ''}"
+            + (f", {of_nodes[name]} of the nodes" if name in of_nodes else "")
         )
     lines += _sensitivities(statistics["sensitivities"])
     lines += [
@@ -416,6 +417,12 @@ def _reactions(statistics: Mapping[str, Any]) -> dict[str, str]:
     """Return the units of the quantities that are reactions, by name."""
     sources = {q["name"]: q["of"].strip() for q in statistics.get("job", {}).get("quantities", ())}
     return {name: REACTIONS[of] for name, of in sources.items() if of in REACTIONS}
+
+
+def _of_nodes(statistics: Mapping[str, Any]) -> dict[str, str]:
+    """Return the reductions of the quantities that are means of nodes, by name."""
+    job = statistics.get("job", {})
+    return {q["name"]: q["reduce"] for q in job.get("quantities", ()) if is_of_nodes(q, job.get("let", {}))}
 
 
 def _value(value: float | list[float | None] | None, digits: int = 6, unit: str = "m") -> str:

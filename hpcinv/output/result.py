@@ -29,13 +29,35 @@ if TYPE_CHECKING:
     from hpcinv.pictures.drawing import Picture
 
 
+class Quantities(dict[str, Any]):
+    """Quantities of interest by name, in SI; shown with their units.
+
+    Attributes:
+        units: SI units of those that have one.
+    """
+
+    def __init__(self, values: Mapping[str, Any], units: Mapping[str, str]) -> None:
+        super().__init__(values)
+        self.units = {name: unit for name, unit in units.items() if unit and name in self}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Quantities, (dict(self), self.units)
+
+    def shown(self, name: str) -> str:
+        """Return a quantity with its unit, as text."""
+        return f"{_short(self[name])} {self.units.get(name, '')}".rstrip()
+
+    def __repr__(self) -> str:
+        return f"{{{', '.join(f'{name!r}: {self.shown(name)}' for name in self)}}}"
+
+
 @dataclass(frozen=True, repr=False)
 class Result:
     """Result of a run.
 
     Attributes:
         solutions: one for each direction or state that was solved; the first is on the mesh that the job gives.
-        quantities: the job's quantities of interest by name.
+        quantities: the job's quantities of interest by name, with their ``units``.
         errors: distances from the job's expected shape, and of a round trip from the given shape.
         estimate: estimated discretisation errors, ``None`` if not requested.
         sensitivities: derivatives by numbers of the job, ``None`` if not requested.
@@ -59,6 +81,19 @@ class Result:
     directory: Path | None = None
     accuracy: AccuracyRecord | None = None
     totals: Totals | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "quantities", Quantities(self.quantities, self._units()))
+
+    def _units(self) -> dict[str, str]:
+        """Units of the quantities of interest by name; an integral is over the cells of its region, if it has some."""
+        found: dict[str, str] = {}
+        for quantity in self.job.quantities:
+            region = self.body.regions.get(quantity.on or "")
+            is_integral = quantity.reduce == "integral" and region is not None and not quantity.is_reaction
+            volume = 3 if region is not None and region.cell_count else 2
+            found[quantity.name] = quantity.unit_of_integral(volume) if is_integral else quantity.unit
+        return found
 
     @property
     def shapes(self) -> dict[str, Floats]:
@@ -123,7 +158,8 @@ class Result:
         mesh, solution = statistics.get("mesh", {}), statistics.get("solutions", [{}])[0]
         lines = statistics.get("certificate", {}).get("lines", ())
         doubts = [line["name"] for line in lines if line["verdict"] not in ("pass", "not checked")]
-        values = ", ".join(f"{name} = {_short(value)}" for name, value in list(self.quantities.items())[:_SHOWN])
+        known = Quantities(self.quantities, self._units())
+        values = ", ".join(f"{name} = {known.shown(name)}" for name in list(known)[:_SHOWN])
         more = len(self.quantities) - _SHOWN
         return "\n".join(
             (

@@ -1,7 +1,8 @@
 """Report of a run: its summary, and the error of a run that does not reach its end."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn
@@ -9,7 +10,7 @@ from typing import NoReturn
 from hpcinv.accuracy import AccuracyRecord
 from hpcinv.certificate import Certificate, Line, Verdict
 from hpcinv.effects import Direction
-from hpcinv.errors import Interrupted, SolveError
+from hpcinv.errors import HpcinvError, Interrupted, OutputError, SolveError
 from hpcinv.job.job import Job
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
@@ -19,7 +20,7 @@ from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.boundary import NAME as BOUNDARY
 from hpcinv.pictures.boundary import write_boundary
 from hpcinv.results.displacement_scale import nominal_sizes
-from hpcinv.results.quantities_of_interest import NOT_FINITE, fault_of
+from hpcinv.results.quantities_of_interest import NOT_FINITE, Value, fault_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.solver.diagnosis import diagnose
@@ -118,6 +119,21 @@ class RunReport(Observer):
             f"{where}; {'its state is saved' if saved else 'there was no state to save yet'}",
             self._go_on(self.store.path, "Go on with" if saved else "Start it again with"),
         )
+
+    @contextmanager
+    def keeping(self, solutions: Sequence[Solution], quantities: Mapping[str, Value]) -> Iterator[None]:
+        """Context that writes a summary of the present solutions if an error ends the run after the first of them."""
+        try:
+            yield
+        except (SolveError, Interrupted):  # they have their summary
+            raise
+        except HpcinvError as error:
+            if solutions:
+                line = Line("run", None, "", "must reach its end", Verdict.FAIL, error.message)
+                found = replace(self._unfinished(solutions, line), quantities=dict(quantities))
+                with suppress(OutputError):  # the first error is the one to show
+                    self._write(found, error.message, error.advice)
+            raise
 
     def end_stopped(self, solutions: Sequence[Solution]) -> NoReturn:
         """Raise ``Interrupted`` for a run that a request to stop ended after its last solve, whose state is saved."""

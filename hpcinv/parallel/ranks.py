@@ -29,9 +29,11 @@ def _prepare_environment() -> None:
     nodes = os.environ.get("SLURM_STEP_NUM_NODES", os.environ.get("SLURM_JOB_NUM_NODES", "1"))
     if ranks == local and nodes == "1":
         os.environ.setdefault("UCX_TLS", "self,sm,tcp")
-    # PETSc's signal handlers would end a run that a signal only asks to stop.
-    if "-no_signal_handler" not in (options := os.environ.get("PETSC_OPTIONS", "")):
-        os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler".strip()
+    # PETSc's signal handlers would end a run that a signal only asks to stop. Its page on options that were not used
+    # would follow the message of a run that ends early.
+    for option, words in (("-no_signal_handler", "-no_signal_handler"), ("-options_left", "-options_left no")):
+        if option not in (options := os.environ.get("PETSC_OPTIONS", "")):
+            os.environ["PETSC_OPTIONS"] = f"{options} {words}".strip()
     # NumPy asks for huge pages where it puts large arrays. Factorizations get that memory later, and on virtual
     # machines the first touch of each page takes milliseconds.
     os.environ.setdefault("NUMPY_MADVISE_HUGEPAGE", "0")

@@ -77,17 +77,21 @@ def c_compiler() -> list[str]:
 
 
 def _explain_compilation(text: str) -> None:
-    packages = "On Debian and Ubuntu: apt-get install gcc libc6-dev; elsewhere set CC to your compiler."
+    install = "nstall one (Debian, Ubuntu: apt-get install gcc libc6-dev), or set CC to yours."
     compiler = c_compiler()[0]
     if shutil.which(compiler) is None:
-        raise SystemPartMissing(f"no C compiler '{compiler}', which DOLFINx needs to compile kernels", packages)
+        raise SystemPartMissing(
+            f"no C compiler '{compiler}' on {os.uname().nodename}, which kernels need that were not compiled before",
+            "Compile them where there is one, such as a login node: 'hpcinv compile JOB --cache DIR', and run with "
+            f"HPCINV_KERNELS=DIR. Or i{install}",
+        )
     if unwritten := re.search(r"(kernels cannot be written|the compiler cannot write) to .*", text):
         raise SystemPartMissing(
             unwritten[0],
             "Make room there, or name other directories: HPCINV_KERNELS for kernels, TMPDIR for the compiler's files.",
         )
     if failed := re.search(r"the C compiler .* could not compile a kernel.*", text, re.DOTALL):
-        raise SystemPartMissing(failed[0], packages)
+        raise SystemPartMissing(failed[0], f"I{install}")
 
 
 __all__ = ["MPI", "agree", "c_compiler", "compilation_explained", "on_root"]

@@ -3,6 +3,7 @@
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -26,15 +27,19 @@ _IN_A_ROW = 4  # views
 _SHARP = 35.0  # degrees between triangles whose common side is drawn
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Picture:
     """A picture as PNG, which notebooks display."""
 
     png: bytes
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | PathLike[str]) -> None:
         """Write the picture to a file; raises ``OutputError`` if it cannot be written."""
-        write_output(path, self.png)
+        write_output(Path(path), self.png)
+
+    def __repr__(self) -> str:
+        """Return one line, which notebooks save beside the picture."""
+        return f"<picture of {len(self.png):,} bytes of PNG>"
 
     def _repr_png_(self) -> bytes:
         return self.png

@@ -23,6 +23,10 @@ class Scales:
         return float(self.length**dimension.length * mass**dimension.mass * self.time**dimension.time)
 
 
+class LengthsOfBody(float):
+    """A length in lengths of the body, which is not known before the mesh is."""
+
+
 def power_of_two(value: float) -> float:
     """Nearest power of two of a positive value."""
     return 2.0 ** round(math.log2(value))

@@ -4,6 +4,7 @@ import importlib
 import pkgutil
 import re
 import sys
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -52,6 +53,12 @@ Name = Annotated[str, AfterValidator(_is_identifier)]
 NAME_OF_FILE = r"^[A-Za-z0-9_][A-Za-z0-9._-]{0,99}$"
 FileName = Annotated[str, Field(pattern=NAME_OF_FILE)]
 """Name of results and of their directory; it cannot lead to another place ('..', slashes)."""
+
+
+def name_from(path: Path) -> str:
+    """Return the stem of a file as a `FileName`: letters without accents, and ``-`` for what is not allowed."""
+    plain = unicodedata.normalize("NFKD", path.stem).encode("ascii", "ignore").decode()
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", plain).strip(".-")[:100] or "job"
 
 
 class Problems(ValueError):
@@ -131,6 +138,8 @@ class Spec(BaseModel):
     @classmethod
     def _validate(cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
         """Reword errors here, where the keys of the part and their descriptions are known; find contradictions."""
+        if isinstance(data, Mapping) and "on" in cls.model_fields:
+            raise_if_any(_keys_of_yaml_1_1(data))
         try:
             found = handler(_with_constants(cls, data))
         except ValidationError as error:
@@ -141,6 +150,14 @@ class Spec(BaseModel):
             raise ValidationError.from_exception_data(cls.__name__, lines) from None
         raise_if_any(found._contradictions(info))
         return found
+
+
+def _keys_of_yaml_1_1(data: Mapping[Any, Any]) -> Iterator[tuple[Location, str]]:
+    """Yield the fault of a key ``on`` that a program for YAML 1.1 has read, or written, as true."""
+    for key in data:
+        if key is True or key in ("true", "True"):
+            text = "is what programs for YAML 1.1 make of the key 'on': write 'region', which is the same, or \"on\""
+            yield (str(key),), text
 
 
 @cache
@@ -173,7 +190,7 @@ def _with_constants(kind: type[Spec], data: Any) -> Any:
     """Data of a part of a job with the values of arithmetic, such as ``1/3``, in its plain numbers."""
     if not isinstance(data, Mapping):
         return data
-    texts = {name: number for name, number in plain_numbers(kind).items() if isinstance(data.get(name), str)}
+    texts = {name: number for name, number in plain_numbers(kind).items() if _is_arithmetic(data.get(name))}
     if not texts:
         return data
     changed = dict(data)
@@ -183,6 +200,11 @@ def _with_constants(kind: type[Spec], data: Any) -> Any:
             if is_pure(dimension) and (number is float or value.is_integer()):
                 changed[name] = number(value)
     return changed
+
+
+def _is_arithmetic(value: object) -> bool:
+    """Return whether a value is a text other than a number in quotes, which is a mistake."""
+    return isinstance(value, str) and re.fullmatch(NUMBER, value.strip()) is None
 
 
 def _also_arithmetic(schema: dict[str, Any]) -> None:

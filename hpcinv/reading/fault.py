@@ -10,5 +10,11 @@ class Fault(Exception):
         self.advice = advice
 
 
+def shown(text: str, most: int = 100) -> str:
+    """Return text from a file for a message: of ``most`` characters, all of them printable."""
+    short = text if len(text) <= most else f"{text[:most]}…"
+    return "".join(c if c.isprintable() else "?" for c in short)
+
+
 class PackageMissing(Fault):
     """A package that reads this format is not installed."""

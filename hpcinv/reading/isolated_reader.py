@@ -28,11 +28,12 @@ if "hpcinv" not in sys.modules:  # the package of the parent process, which need
 
 import numpy as np  # noqa: E402
 
-from hpcinv.reading.fault import Fault, PackageMissing  # noqa: E402
+from hpcinv.reading.fault import Fault, PackageMissing, shown  # noqa: E402
 from hpcinv.reading.image_headers import METAIMAGE, NRRD, check_regular, format_of  # noqa: E402
 
 _CHUNK = 1 << 22  # bytes that are unpacked at once; more memory if raised
 _LIBRARIES = 1 << 30  # bytes of addresses for libraries that are loaded later; a damaged file may take them, if raised
+_LONGEST = 400  # characters of a message; one of a damaged file may contain what is in it
 
 
 class Limits(NamedTuple):
@@ -148,13 +149,13 @@ def main(action: str, name: str, memory: str, seconds: str) -> None:
         check_regular(path)
         head, arrays = ACTIONS[action](path, Limits(int(memory), int(seconds)))
     except Fault as fault:
-        head = {"fault": [fault.text, fault.advice, isinstance(fault, PackageMissing)]}
+        head = {"fault": [shown(fault.text, _LONGEST), fault.advice, isinstance(fault, PackageMissing)]}
     except MemoryError:
         text = f"reading it takes more than the {int(memory) / 1e9:.1f} GB of memory that are available"
         head = {"fault": [text, "Is the file damaged?", False]}
     except Exception as error:  # libraries raise whatever damaged values cause
         text = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
-        head = {"fault": [f"cannot be read: {text[:300]}", "Is the file complete?", False]}
+        head = {"fault": [f"cannot be read: {shown(text, _LONGEST)}", "Is the file complete?", False]}
     with contextlib.suppress(BrokenPipeError), output:
         arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
         shapes = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]

@@ -115,7 +115,8 @@ def _places(heights: Floats, stated: float) -> tuple[float, Any]:
     # The whole extent gives a better distance than the smallest gap, which is rounded.
     step = float((distinct[-1] - distinct[0]) / np.rint(gaps / gaps.min()).sum())
     places = np.rint((heights - distinct[0]) / step)
-    if abs((heights - distinct[0]) / step - places).max() > _EVEN:
+    # Where gaps of one distance are not the usual ones, one slice is out of its place, between others.
+    if max(abs((heights - distinct[0]) / step - places).max(), abs(np.median(gaps) / step - 1)) > _EVEN:
         raise Fault("its slices have unequal distances", "Resample it to a straight grid.")
     return step, places.astype(np.int64)
 

@@ -10,7 +10,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from hpcinv.reading.fault import Fault
+from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.image_headers import ImageHeader, check_regular, opened, read_header
 from hpcinv.reading.voxels import Numbers, VoxelGrid, check_frame
 
@@ -36,7 +36,7 @@ def read_voxel_file(path: Path, memory: float) -> VoxelGrid:
             if not names or header.shape[-1] % len(names):
                 raise Fault(f"names {len(names)} files for {header.shape[-1]} slices")
             each = math.prod(header.shape) // len(names)
-            numbers = np.concatenate([_voxels_in(path.parent / name, header, each) for name in names])
+            numbers = np.concatenate([_voxels_in(path.parent, name, header, each) for name in names])
     return VoxelGrid(numbers.reshape(header.shape, order="F"), *frame)
 
 
@@ -49,16 +49,18 @@ def check_memory(voxels: int, size: int, memory: float) -> None:
         )
 
 
-def _voxels_in(path: Path, header: ImageHeader, count: int) -> Numbers:
+def _voxels_in(directory: Path, name: str, header: ImageHeader, count: int) -> Numbers:
     """Voxels in a file that a header names."""
+    path = directory / name
     try:
         check_regular(path)
         with path.open("rb") as file:
             return _voxels(file, header, count, is_packed=False)
     except (OSError, ValueError) as error:
-        raise Fault(f"names the file '{path}', which cannot be read: {getattr(error, 'strerror', error)}") from None
+        text = f"names the file '{shown(name)}', which cannot be read: {getattr(error, 'strerror', None) or error}"
+        raise Fault(text, "Files are relative to the header.") from None
     except Fault as fault:
-        raise Fault(f"names the file '{path}', which {fault.text}", fault.advice) from None
+        raise Fault(f"names the file '{shown(name)}', which {fault.text}", fault.advice) from None
 
 
 def _voxels(file: IO[bytes], header: ImageHeader, count: int, is_packed: bool) -> Numbers:

@@ -13,6 +13,7 @@ type Floats = npt.NDArray[np.float64]
 type Numbers = npt.NDArray[np.number[Any]]
 
 _SAME = 1e-3  # relative error of directions, of headers in single precision; larger: sheared bodies pass
+_TABLE = 1 << 15  # range of labels that are counted in a table; larger tables take longer than sorting
 _AGAIN = "Write the image again by the program that made it."
 
 
@@ -68,6 +69,16 @@ def check_frame(spacing: Floats, origin: Floats, axes: Floats) -> None:
         raise Fault("the axes of its voxels are not at right angles", "Resample it to a straight grid.")
 
 
+def _counted(part: Numbers) -> tuple[Numbers, npt.NDArray[np.int64]]:
+    """Distinct numbers in ascending order, and how many there are of each."""
+    low, high = part.min(), part.max()
+    if part.dtype.kind not in "iu" or int(high) - int(low) >= _TABLE:
+        return np.unique(part, return_counts=True)
+    places = np.bincount((part - low).ravel().astype(np.intp))  # ten times as fast as sorting
+    values = np.flatnonzero(places)
+    return values + int(low), places[values]
+
+
 def _shown(values: Floats, between: str) -> str:
     return between.join(f"{value:g}" for value in values)
 
@@ -76,7 +87,7 @@ def _labels(numbers: Numbers) -> tuple[Numbers, npt.NDArray[np.int64]]:
     """Distinct numbers and how many voxels have them, slice by slice: sorting needs memory."""
     total = dict[Any, int]()
     for part in np.moveaxis(numbers, int(np.argmax(numbers.strides)), 0):  # slices that are whole in memory
-        values, counts = np.unique(part, return_counts=True)
+        values, counts = _counted(part)
         if not np.isfinite(values).all():
             raise Fault("has voxels that are not finite numbers", _AGAIN)
         if not np.array_equal(values, np.rint(values)):

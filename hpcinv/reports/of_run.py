@@ -11,7 +11,7 @@ import yaml
 from pydantic import ValidationError
 
 from hpcinv.errors import HpcinvError, OutputError, SystemPartMissing
-from hpcinv.job.sections import REACTIONS, QuantityOfInterest
+from hpcinv.job.sections import REACTIONS, QuantityOfInterest, is_of_nodes
 from hpcinv.pictures import boundary as surface
 from hpcinv.pictures import snapshots
 from hpcinv.pictures.boundary import Boundary, read_boundary
@@ -126,6 +126,8 @@ def _quantities(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
         error, unit = errors.get(name), "" if one is None else _unit(one)
         bar = _bar(value, error)
         formula = "" if one is None else str(one["of"])
+        if one is not None and is_of_nodes(one, summary["job"].get("let", {})):
+            formula += f" ({one['reduce']} of the nodes)"
         row = {"name": name, "value": value, "error": error, "unit": unit, "of": formula, "bar": bar}
         rows.append(row | {"deviations": _deviations(summary, name)})
     return rows
@@ -148,13 +150,9 @@ def _bar(value: Any, error: Any) -> dict[str, float] | None:
 
 
 def _unit(quantity: Mapping[str, Any]) -> str:
-    of = str(quantity["of"]).strip()
-    if of in REACTIONS:
-        return REACTIONS[of]
     with contextlib.suppress(ValidationError, HpcinvError, ValueError, TypeError):
-        dimension = QuantityOfInterest.model_validate(dict(quantity)).dimension
-        return dimension.unit if dimension is not None else ""
-    return ""
+        return QuantityOfInterest.model_validate(dict(quantity)).unit
+    return REACTIONS.get(str(quantity["of"]).strip(), "")
 
 
 def _newton(solutions: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

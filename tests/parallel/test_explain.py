@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
 from helpers.command_line import CUBE, hpcinv, write_job
 from helpers.verification import box, job
 
-from hpcinv.cli.scene_costs import explain
+from hpcinv.cli.explain import show
+from hpcinv.cli.scene_costs import Explanation, PartCosts, explain
 from hpcinv.parallel.runtime import MPI
 
 PRESSURE = {"effect": "pressure", "region": "x1", "pressure": "1 kPa"}
@@ -51,6 +53,17 @@ def test_the_iterative_solver_is_timed_as_well(comm: MPI.Intracomm) -> None:
     found = explain(case, comm)
     assert found.linear_solver == "iterative"
     assert min(found.factorization, found.solution) > 0
+
+
+def test_costs_below_what_is_measured_are_not_negative(capsys: pytest.CaptureFixture[str]) -> None:
+    """On a loaded machine the scene without an effect may take longer than the whole one."""
+    law = PartCosts("neo-hookean", Counter(volume=1), 3, 0, 1.0, 2e-3, 5e-3)
+    effect = PartCosts("effects[0] gravity", Counter(), 4, 0, -0.2, -1e-4, 3e-4)
+    case = job(mesh=box((1, 1, 1)), material={"law": "neo-hookean", "mu": 1e4, "lam": 4e4}, supports=HELD)
+    found = Explanation("forward", 6, 24, 0, (), (law, effect), law, "direct", 1e-3, 1e-4)
+    show(case, found)
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("effects[0] gravity")]
+    assert re.fullmatch(r"effects\[0\] gravity +- +\+4 +\+0 +~0 +~0 +\+0\.3 ms +\+2\.5%", line.strip())
 
 
 def test_from_the_command_line(tmp_path: Path) -> None:

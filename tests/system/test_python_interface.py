@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,12 @@ import yaml
 from helpers.command_line import BLOCK, NO_CERTIFICATE, write_job
 
 import hpcinv
+from hpcinv.__main__ import main
 from hpcinv.errors import JobError
+from hpcinv.files.atomic import replace
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.parallel.runtime import MPI
+from hpcinv.pictures.drawing import Picture
 
 DENSITY = "effects[0].density"
 
@@ -99,3 +103,76 @@ def test_the_directory_of_a_run_has_the_job_that_was_run(
     kept = yaml.safe_load((run_directory / "out" / "job.yaml").read_text())
     assert RunDirectory(run_directory / "out").job(None).model_dump() == job.model_dump()
     assert kept["effects"][0]["density"] == (100 if changed else 200)
+
+
+def test_a_job_may_be_given_by_its_file_and_a_directory_as_text(
+    tmp_path: Path, comm: MPI.Intracomm, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = write_job(tmp_path / "block.yaml", BLOCK)
+    result = hpcinv.run(str(file), comm, directory=str(tmp_path / "out"))
+    assert (tmp_path / "out" / "summary.json").is_file()
+    assert "certificate" in capsys.readouterr().out
+    again = hpcinv.run(BLOCK, comm, progress=False)
+    assert capsys.readouterr().out == ""
+    assert again.quantities == pytest.approx(result.quantities)
+    for given in (5, None, ["a.yaml"]):
+        with pytest.raises(JobError, match="a job is a path of a file or a mapping with the content of one, not"):
+            hpcinv.load(given)  # type: ignore[arg-type]
+        with pytest.raises(JobError, match="a job is a path of a file or a mapping with the content of one, not"):
+            hpcinv.run(given, comm)  # type: ignore[arg-type]
+    with pytest.raises(JobError, match="directory: must be a path, not 5"):
+        hpcinv.run(BLOCK, comm, directory=5)  # type: ignore[arg-type]
+
+
+def test_quantities_have_units_and_pictures_are_told_in_one_line(comm: MPI.Intracomm) -> None:
+    quantities = [
+        {"name": "top", "of": "uz", "at": [0.5, 0.5, 1]},
+        {"name": "force", "of": "reaction", "region": "z0"},
+        {"name": "volume", "of": "1", "on": "block", "reduce": "integral", "over": "current"},
+        {"name": "area", "of": "1", "on": "z1", "reduce": "integral", "over": "current"},
+        {"name": "ratio", "of": "J", "on": "block", "reduce": "mean"},
+    ]
+    result = hpcinv.run(BLOCK | {"quantities": quantities}, comm, progress=False)
+    found: Any = result.quantities
+    assert found.units == {"top": "m", "force": "N", "volume": "m^3", "area": "m^2"}
+    assert found.shown("volume") == "1 m^3"
+    assert found.shown("area") == "1 m^2"
+    assert "'volume': 1 m^3" in repr(found)
+    assert "top = -0.0" in repr(result)
+    assert " m, force = [" in repr(result)
+    assert len(repr(Picture(bytes(100_000)))) < 100
+
+
+@pytest.mark.parametrize("key", [True, "true", "True"])
+def test_a_key_that_yaml_1_1_has_made_of_on_is_told(key: Any) -> None:
+    quantity = {"name": "area", "of": "1", "reduce": "integral", "over": "current"}
+    given = BLOCK | {"quantities": [quantity | {key: "z1"}]}
+    with pytest.raises(JobError, match=r"quantities\[0\]\.[Tt]rue: is what programs for YAML 1.1 make of the key 'on'"):
+        hpcinv.load(given)
+    with pytest.raises(JobError, match=r"region: is the same key as 'on'"):
+        hpcinv.load(BLOCK | {"quantities": [quantity | {"on": "z1", "region": "z1"}]})
+
+
+@pytest.mark.parametrize(
+    ("stem", "name"), [("a job", "a-job"), ("Käse & Brot", "Kase-Brot"), (".hidden", "hidden"), ("日本", "job")]
+)
+def test_the_name_of_results_follows_from_any_name_of_a_file(stem: str, name: str, tmp_path: Path) -> None:
+    assert hpcinv.load(write_job(tmp_path / f"{stem}.yaml", BLOCK)).job == name
+    with pytest.raises(JobError, match="job: 'a job' is not allowed"):
+        hpcinv.load(BLOCK | {"job": "a job"})
+
+
+def test_a_pipe_is_written_to_and_stays_one(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with os.fdopen(os.open(pipe, os.O_RDWR), "rb", buffering=0) as reader:
+        replace(pipe, b"figures")
+        assert reader.read(7) == b"figures"
+    assert pipe.is_fifo()
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe"]
+
+
+def test_a_mould_does_not_replace_its_part(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--to", str(tmp_path / "part.stl"), "--mould", str(tmp_path / "." / "part.stl")]
+    assert main(["export", str(tmp_path), *words]) == 2
+    assert "is the file of the part (--to)" in capsys.readouterr().err

@@ -146,6 +146,8 @@ def test_a_directory_belongs_to_one_process_at_a_time(
     for refused in (directory.lock, lambda: directory.create(job, overwrite=True)):
         with pytest.raises(OutputError, match=f"this directory is in use by another run: process {os.getpid()} on"):
             refused()
+    with pytest.raises(OutputError, match="then the same command goes on"):
+        DirectoryLock(directory.path, "the same command goes on")
     assert directory.holds(job)
     lock.release()
     DirectoryLock(directory.path).release()

@@ -64,10 +64,10 @@ def test_all_states_of_a_run_are_drawn(tmp_path: Path) -> None:
     done = hpcinv(2, "run", "block.yaml", "--output", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     show(tmp_path, "run")
-    show(tmp_path, "run", "--colour", "error", "--output", "error.png")
+    show(tmp_path, "run", "--colour", "error")
     show(tmp_path, "block.yaml")
     first, second, before = (
-        matplotlib.image.imread(tmp_path / name) for name in ("run-result.png", "error.png", "block.png")
+        matplotlib.image.imread(tmp_path / name) for name in ("run-result.png", "run-result-error.png", "block.png")
     )
     assert first.shape[1] == 3 * before.shape[1] // 2  # three bodies beside each other, two views
     assert not np.array_equal(first, second)

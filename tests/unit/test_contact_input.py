@@ -56,6 +56,24 @@ def test_faults_name_their_field() -> None:
     refused({}, "sensitivities: are not possible with contact with a rigid", sensitivities=["material.mu"])
 
 
+def test_quantity_of_contact_names_the_state_that_has_one() -> None:
+    held, contact = [{"region": "z1", "fix": ["x", "y", "z"]}], {"effect": "contact", "region": "z0", "obstacle": FLOOR}
+    states: list[dict[str, Any]] = [
+        {"name": "scan", "given": True, "effects": [], "supports": held},
+        {"name": "free", "effects": [], "supports": held},
+        {"name": "pressed", "effects": [contact | LAYER], "supports": held},
+    ]
+    force = {"name": "grip", "of": "contact_force", "on": "z0"}
+    scene = {"mesh": box(), "material": {"law": "neo-hookean", "mu": 1e4, "lam": 1e4}, "states": states}
+    with pytest.raises(JobError) as caught:
+        job(**scene, quantities=[force])
+    message = "'z0' is not the region of a contact in state 'free': there is no contact; give the quantity the state"
+    assert message in str(caught.value)
+    assert "(state: pressed)" in str(caught.value)
+    (quantity,) = job(**scene, quantities=[force | {"state": "pressed"}]).quantities
+    assert quantity.state == "pressed"
+
+
 def test_untrusted_jobs_read_no_surface(tmp_path: Path) -> None:
     from hpcinv.job.job import parse
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyvista
+from helpers.forked_reader import load_libraries, run_forked
 
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import load
@@ -26,6 +27,14 @@ from hpcinv.sweep.plan import load_sweep
 
 SimpleITK = pytest.importorskip("SimpleITK")
 
+
+@pytest.fixture
+def forks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Readers are forks of this process: a start of each takes half a second."""
+    load_libraries()
+    monkeypatch.setattr(isolated, "run_isolated", run_forked)
+
+
 SHAPE = (9, 8, 7)
 METAIMAGE = {
     "ObjectType": "Image",
@@ -33,7 +42,7 @@ METAIMAGE = {
     "BinaryData": "True",
     "BinaryDataByteOrderMSB": "False",
     "CompressedData": "False",
-    "TransformMatrix": "0 1 0 1 0 0 0 0 1",
+    "TransformMatrix": "0 1 0 0 0 1 1 0 0",
     "Offset": "5 6 7",
     "ElementSpacing": "1 2 3",
     "DimSize": "9 8 7",
@@ -45,7 +54,7 @@ NRRD = {
     "dimension": "3",
     "space": "right-anterior-superior",
     "sizes": "9 8 7",
-    "space directions": "(0,1,0) (2,0,0) (0,0,3)",
+    "space directions": "(0,1,0) (0,0,2) (3,0,0)",
     "space origin": "(5,6,7)",
     "encoding": "raw",
     "endian": "little",
@@ -108,6 +117,7 @@ def read(path: Path, content: bytes) -> float:
     return read_labels(path, {"block": [300]}, 1e-3).volume(1) * 1e9
 
 
+MINS = {"axis_mins": "5 6 7"}
 PACKED = zlib.compress(raw())
 WHOLE: dict[str, tuple[str, Callable[[], bytes]]] = {
     "MetaImage": ("a.mha", lambda: metaimage(raw())),
@@ -122,11 +132,24 @@ WHOLE: dict[str, tuple[str, Callable[[], bytes]]] = {
     "NRRD bzip2": ("a.nrrd", lambda: nrrd(bz2.compress(raw()), encoding="bzip2")),
     "NRRD hex": ("a.nrrd", lambda: nrrd(raw().hex().encode(), encoding="hex")),
     "NRRD text": ("a.nrrd", lambda: nrrd(" ".join(map(str, block().ravel("F"))).encode(), encoding="ascii", endian="")),
+    "NRRD axes": (
+        "a.nrrd",
+        lambda: nrrd(raw(), space="", space_directions="", space_origin="", spacings="1 2 3", **MINS),
+    ),
+    "NRRD nodes": (
+        "a.nrrd",
+        lambda: nrrd(
+            raw(), space="", space_directions="", space_origin="", spacings="1 2 3", centerings="node node cell", **MINS
+        ),
+    ),
+    "NRRD LAS": ("a.nrrd", lambda: nrrd(raw(), space="LAS")),
+    "NRRD LPS": ("a.nrrd", lambda: nrrd(raw(), space="left-posterior-superior")),
     "VTK": ("a.vti", vti),
     "NIfTI": ("a.nii", nifti),
 }
 
 
+@pytest.mark.usefixtures("forks")
 @pytest.mark.parametrize("name", WHOLE)
 def test_whole_images_are_read_as_by_an_independent_program(name: str, tmp_path: Path) -> None:
     """Voxels and their places are those of SimpleITK, which reads neither VTK nor some encodings of NRRD."""
@@ -205,6 +228,7 @@ FAULTS: dict[str, tuple[str, Callable[[], bytes], str]] = {
 }
 
 
+@pytest.mark.usefixtures("forks")
 @pytest.mark.parametrize("name", FAULTS)
 def test_damaged_images_are_refused(name: str, tmp_path: Path) -> None:
     file, content, message = FAULTS[name]
@@ -226,6 +250,7 @@ def saved(path: Path, *, binary: bool) -> bytes:
     return path.read_bytes()
 
 
+@pytest.mark.usefixtures("forks")
 @pytest.mark.parametrize("binary", [True, False])
 @pytest.mark.parametrize("ending", ["stl", "ply", "obj", "vtp", "vtk"])
 def test_surfaces_are_whole_or_refused(ending: str, binary: bool, tmp_path: Path) -> None:
@@ -268,6 +293,7 @@ SURFACES: dict[str, tuple[str, bool, Callable[[bytes], bytes], str]] = {
 }
 
 
+@pytest.mark.usefixtures("forks")
 @pytest.mark.parametrize("name", SURFACES)
 def test_damaged_surfaces_are_refused(name: str, tmp_path: Path) -> None:
     file, binary, change, message = SURFACES[name]

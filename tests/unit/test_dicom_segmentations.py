@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +110,51 @@ def test_faults_are_told(tmp_path: Path) -> None:
     (tmp_path / "text.dcm").write_text("no DICOM")
     with pytest.raises(MeshError, match="is not a DICOM file"):
         read_labels(tmp_path / "text.dcm", {"liver": [1]}, 1e-3)
+
+
+def moved(frame: int, distance: float) -> Callable[[Any], None]:
+    """A change of the position of one frame along the normal of the slices."""
+
+    def change(data: Any) -> None:
+        place = data.PerFrameFunctionalGroupsSequence[frame].PlanePositionSequence[0]
+        position = np.array(place.ImagePositionPatient, dtype=float) + distance * np.cross(*AXES)
+        place.ImagePositionPatient = position.tolist()
+
+    return change
+
+
+def shared(name: str, key: str, value: Any) -> Callable[[Any], None]:
+    return lambda data: setattr(getattr(data.SharedFunctionalGroupsSequence[0], name)[0], key, value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda data: [moved(i, -i * STEP)(data) for i in range(2)],
+            "has two slices at the same place, of the segment 1",
+        ),
+        (moved(3, 0.2 * STEP), "its slices have unequal distances"),
+        (moved(3, float("nan")), "which is not a place"),
+        (lambda data: setattr(data, "Rows", 15), "bytes of voxels, but its header says"),
+        (lambda data: setattr(data, "NumberOfFrames", 7), "bytes of voxels, but its header says"),
+        (shared("PixelMeasuresSequence", "PixelSpacing", [-2.0, 1.5]), "voxels of 1.5 x -2 x 1, which are not lengths"),
+        (shared("PlaneOrientationSequence", "ImageOrientationPatient", [0, 2, 0, 0, 0, -2]), "directions of lengths"),
+        (
+            shared("PlaneOrientationSequence", "ImageOrientationPatient", [0, 1, 0, 0, 0.6, -0.8]),
+            "directions of lengths 1, 1, 0.8",
+        ),
+    ],
+)
+def test_headers_that_contradict_themselves_are_refused(
+    change: Callable[[Any], Any], message: str, tmp_path: Path
+) -> None:
+    path = write(tmp_path / "seg.dcm", masks())
+    data = pydicom.dcmread(path)
+    change(data)
+    data.save_as(path)
+    with pytest.raises(MeshError, match=message):
+        read_labels(path, {"liver": [1]}, 1e-3)
 
 
 def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

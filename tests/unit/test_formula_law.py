@@ -78,6 +78,8 @@ NOT_STRESS_FREE = "is not stress-free at F = I, where it "
         ("mu*(I1_bar - 3) + mu*abs(ln(J))", {"mu": "2 kPa"}, NOT_STRESS_FREE + "has a kink"),
         ("mu/2*(I1 - 3) - d*ln(J)", {"mu": "2 kPa", "d": "1.9999 kPa"}, NOT_STRESS_FREE + "leaves 0.1 Pa"),
         ("mu*(I1_bar - 3)", {"mu": 2}, "must be a stress, but 'mu*(I1_bar - 3)' is a pure number"),
+        ("mu*(I1_bar - 3)", {"mu": 2}, "is a pure number. Give 'mu' a unit, such as mu: 2 kPa"),
+        ("mu/2*(I1_bar - 3) + b*(I1_bar - 3)**2", {"mu": "1 kPa", "b": 2}, "is a pure number. Give 'b' a unit"),
         ("mu*(I1_bar - 3)", {"mu": "2 mm"}, "must be a stress, but 'mu*(I1_bar - 3)' is a length"),
         ("mu*(I1_bar - 3) + I2_bar", {"mu": "2 kPa"}, "adds or compares a stress and a pure number"),
         ("mu*exp(mu*(I1_bar - 3))", {"mu": "2 kPa"}, "needs a pure number where it has a stress"),

@@ -15,6 +15,7 @@ from hpcinv.__main__ import main
 from hpcinv.files.names import yaml_text
 from hpcinv.job.yaml_reader import read_text, read_yaml
 from hpcinv.mesh import build_body, read_source
+from hpcinv.mesh.imaging import hollow_wall
 from hpcinv.model.fibre_rules import rule_directions
 from hpcinv.parallel.runtime import MPI
 
@@ -142,6 +143,53 @@ def test_the_surfaces_of_a_wall_in_an_image_have_their_names(kind: str, tmp_path
     assert rule_directions(body, family, "fibres.fibre").undefined < 0.01 * len(source.cells)
 
 
+def branched(path: Path, *, closed: bool = False) -> Path:
+    """A segmented vessel (wall 1, cavity 2) along z, from which a narrower one branches off along x."""
+    sitk = pytest.importorskip("SimpleITK")
+    x, y, z = np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in (32, 26, 30)), indexing="ij")
+    trunk, branch = np.hypot(x + 6, y), np.where(x > -6, np.hypot(y, z), np.inf)
+    voxels = np.where((trunk < 8) | (branch < 6.5), 1, 0)
+    voxels[((trunk < 5) & ((np.abs(z) < 12) | (not closed))) | (branch < 4)] = 2
+    image = sitk.GetImageFromArray(voxels.astype(np.uint8).transpose())
+    image.SetSpacing((2.0, 2.0, 2.0))
+    sitk.WriteImage(image, str(path))
+    return path
+
+
+def test_all_ends_of_a_branched_vessel_are_found_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "vessel.yaml"
+    labels = ["--label", "wall=1", "--label", "cavity=2"]
+    assert typed("artery", "--image", branched(tmp_path / "scan.nii.gz"), *labels, "--size", "6 mm", file) == 0
+    job = package.load(file)
+    names = ["inlet", "outlet 1", "outlet 2"]
+    assert [support.region for support in job.supports] == names
+    source = read_source(job.mesh, job.resolve(job.mesh.file))
+    middles = {
+        group.name: source.points[np.unique(source.facets[group.members])].mean(axis=0)
+        for group in source.groups
+        if group.dim == 2
+    }
+    assert set(names) | {"inner", "outer"} == set(middles)
+    ends = np.sort([abs(middles[name][2] - middles["outer"][2]) for name in names])
+    assert ends[0] < 5e-3  # the branch
+    assert ends[1:] == pytest.approx([30e-3, 30e-3], abs=6e-3)  # the trunk, one of its ends is the inlet
+    capsys.readouterr()
+
+
+def test_the_ends_of_a_vessel_are_counted_before_it_is_meshed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(hollow_wall, "image_mesh", lambda *_: pytest.fail("it was meshed"))
+    labels = ["--label", "wall=1", "--label", "cavity=2"]
+    for kind, scan_file, message in (
+        ("artery", branched(tmp_path / "branch.nii.gz", closed=True), "has 1 opening, .* but 2 or more are needed"),
+        ("ventricle", branched(tmp_path / "open.nii.gz"), r"has 3 openings, .* but 1 is needed \(base\)"),
+        ("artery", wall(tmp_path / "cup.nii.gz", kind="ventricle"), "has 1 opening, .* but 2 or more are needed"),
+    ):
+        assert typed(kind, "--image", scan_file, *labels, tmp_path / "job.yaml") == 2
+        assert re.search(message, capsys.readouterr().err)
+
+
 @pytest.mark.release
 @pytest.mark.parametrize("kind", KINDS)
 def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
@@ -174,7 +222,7 @@ def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
         ("artery --image scan.nii.gz --label wall=5 job.yaml", "--label: an artery has two regions in an image"),
         (
             "artery --image scan.nii.gz --label wall=5 --label cavity=7 --size 20_mm job.yaml",
-            "the cavity has 0 openings, where it touches the outside or the image's border, but 2 are needed",
+            "the cavity has 0 openings, where it touches the outside or the image's border, but 2 or more are needed",
         ),
         ("part --size 3 job.yaml", "--size: is for an --image or a --surface"),
         ("part --surface it.stl --image scan.nii.gz job.yaml", "--surface: a job has one mesh"),

@@ -15,6 +15,7 @@ import pytest
 from helpers.run_directories import SIZE, boundary, cube, run_directory, summary
 
 from hpcinv.errors import OutputError
+from hpcinv.job.sections import is_of_nodes
 from hpcinv.pictures.boundary import NAME, read_boundary
 from hpcinv.pictures.decimation import decimated
 from hpcinv.pictures.snapshots import NAME as SNAPSHOTS
@@ -233,3 +234,21 @@ def test_charts_show_each_iteration_and_leave_out_what_has_no_place() -> None:
         ElementTree.fromstring(text.replace("<svg ", '<svg xmlns:xlink="x" ', 1))
         assert "<style" not in text
         assert "#01000" not in text
+
+
+@pytest.mark.parametrize(
+    ("quantity", "of_nodes"),
+    [
+        ({"of": "Z", "on": "top", "reduce": "mean"}, True),
+        ({"of": "ux**2", "on": "top", "reduce": "rms", "over": None}, True),
+        ({"of": "Z", "on": "top", "reduce": "mean", "over": "reference"}, False),
+        ({"of": "Z", "on": "top", "reduce": "max"}, False),
+        ({"of": "Z", "at": [0, 0, 1]}, False),
+        ({"of": "szz - p", "on": "top", "reduce": "mean"}, False),
+        ({"of": "2*height", "on": "top", "reduce": "mean"}, True),
+        ({"of": "2*share", "on": "top", "reduce": "mean"}, False),
+    ],
+)
+def test_means_of_nodes_are_told_from_means_over_a_body(quantity: dict[str, Any], of_nodes: bool) -> None:
+    let = {"height": "Z - z", "share": "height*slope", "slope": "J**2"}
+    assert is_of_nodes(quantity, let) == of_nodes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from math import pi, sqrt
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from helpers.verification import box, job
 import hpcinv
 from hpcinv.errors import Interrupted, MeshError, SolveError
 from hpcinv.job.job import load
+from hpcinv.methods.direct import DirectMethod
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 
@@ -188,11 +190,11 @@ def test_beam_that_comes_to_rest_on_a_peg(comm: MPI.Intracomm) -> None:
 
 
 def sagging(comm: MPI.Intracomm, obstacle: dict[str, Any], **changes: Any) -> Result:
-    """A soft beam that would sag by 0.09 m, onto a small obstacle 26 mm below it and 20 mm from its tip."""
+    """A soft beam of straight cells that would sag by 0.09 m, onto a peg 26 mm below it and 20 mm from its tip."""
     weight = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 200}
     given: dict[str, Any] = {
         "analysis": "forward",
-        "mesh": box((20, 1, 1), lx=0.4, ly=0.02, lz=0.02, hexahedra=True) | {"geometry_degree": 2},
+        "mesh": box((20, 1, 1), lx=0.4, ly=0.02, lz=0.02, hexahedra=True),
         "material": {"law": "neo-hookean", "young": "2 MPa", "poisson": 0},
         "effects": [weight, {"effect": "contact", "region": "z0", "obstacle": obstacle}],
         "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
@@ -252,6 +254,72 @@ def indented(comm: MPI.Intracomm, obstacle: dict[str, Any]) -> Result:
         ),
         comm,
     )
+
+
+def pressed_by_a_ball(
+    comm: MPI.Intracomm, directory: Path | None = None, penalty: float | None = None, **changes: Any
+) -> Result:
+    """A clamped block of straight cells, under a displacement of degree 2."""
+    ball = {"shape": "sphere", "centre": [0.4, 0.5, 2.0], "radius": 1}
+    given: dict[str, Any] = {
+        "analysis": "round_trip",
+        "first": "forward",
+        "mesh": box((2, 2, 2), hexahedra=True),
+        "material": MATERIAL,
+        "effects": [
+            {"effect": "contact", "region": "z1", "obstacle": ball, "travel": [0, 0, "-10 cm"], "penalty": penalty}
+        ],
+        "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],
+        "discretisation": {"displacement": 2},
+    }
+    return hpcinv.run(job(**given | changes), comm, directory=directory)
+
+
+@pytest.mark.parallel([1, 2])
+def test_way_back_on_straight_cells_has_the_force_of_the_way_there(comm: MPI.Intracomm) -> None:
+    """The recovered body has all nodes of the displacement, whose gaps are those of the way there."""
+    result = pressed_by_a_ball(comm)
+    there, back = (solution.contacts[0] for solution in result.solutions)
+    assert there.force[2] < -100
+    assert back.force == pytest.approx(there.force, rel=1e-8, abs=-1e-8 * there.force[2])
+
+
+def test_solution_before_an_error_has_its_summary(
+    comm: MPI.Intracomm, run_directory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second direction is refused after the first one has been solved."""
+    solve = DirectMethod.solves
+
+    def refused(method: DirectMethod, *start: Any) -> Any:
+        if method.problem.direction == "inverse":
+            raise MeshError("refused here")
+        yield from solve(method, *start)
+
+    monkeypatch.setattr(DirectMethod, "solves", refused)
+    force = {"name": "force", "of": "contact_force", "on": "z1"}
+    with pytest.raises(MeshError, match="refused here"):
+        pressed_by_a_ball(comm, run_directory / "run", quantities=[force])
+    summary = json.loads((run_directory / "run" / "summary.json").read_text())
+    assert [solution["direction"] for solution in summary["solutions"]] == ["forward"]
+    assert summary["certificate"]["lines"][0]["note"] == "refused here"
+    force_of_summary = summary["quantities"]["force"]
+    assert force_of_summary[2] < -100
+
+
+def test_certificate_shows_what_the_penalty_leaves(comm: MPI.Intracomm) -> None:
+    """The line is of first order, and a penalty twice as large is a second solution."""
+    cheap = NO_CERTIFICATE | {"stability": True}
+    one_way: dict[str, Any] = {"analysis": "forward", "first": None, "certificate": cheap}
+    found = pressed_by_a_ball(comm, **one_way)
+    penalty = found.solutions[0].contacts[0].penalty
+    assert penalty is not None
+    doubled = pressed_by_a_ball(comm, penalty=2 * penalty, **one_way)
+    name = "contact on 'z1': change of the shape if the penalty is doubled"
+    (line,) = (line for line in found.certificate.lines if line.name == name)
+    size = found.solutions[0].largest_displacement
+    change = abs(doubled.solutions[0].displacement.x.array - found.solutions[0].displacement.x.array).max() / size
+    print(f"line {line.value:.3g}, second solution {change:.3g}")
+    assert line.value == pytest.approx(change, rel=0.5)
 
 
 @pytest.fixture(scope="module")

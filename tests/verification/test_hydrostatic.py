@@ -63,6 +63,25 @@ def test_a_wall_wet_to_the_half_bears_a_triangle_of_pressure(direction: str) -> 
     np.testing.assert_allclose(loaded.torque((0, 0.5, 0.5 / 3)), 0, atol=1e-12 * force)
 
 
+@pytest.mark.parametrize("hexahedra", [False, True], ids=["tetrahedra", "hexahedra"])
+@pytest.mark.parametrize("direction", ["forward", "inverse"])
+def test_a_level_inside_cells_is_integrated(direction: str, hexahedra: bool) -> None:
+    """The pressure has a kink there, which the quadrature of the laws misses by up to 1e-3 of the force."""
+    height = 0.55
+    dam = job(
+        mesh=box((6, 1, 6), hexahedra=hexahedra),
+        material=NEO_HOOKEAN,
+        effects=fluid("x0", level=[7, 8, height]),
+        supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
+    )
+    loaded = Loaded(dam, direction, np.zeros_like)
+    force = DENSITY * 9.81 * height**2 / 2
+    error = abs(loaded.force[0] / force - 1)
+    print(f"{direction}, {'hexahedra' if hexahedra else 'tetrahedra'}: error of the force {error:.1e}")
+    assert error < 6e-5
+    np.testing.assert_allclose(loaded.torque((0, 0.5, height / 3)), 0, atol=3e-5 * force)
+
+
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 def test_a_column_sinks_under_a_fluid_whose_level_stays(direction: str, comm: MPI.Intracomm) -> None:
     """Confined, and 1 m high as it is given: ``P(λ) = -rho g (h - λ L)`` at its top, which is deeper then."""

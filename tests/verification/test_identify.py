@@ -421,6 +421,7 @@ MARK = [{"at": [0, 0, 1], "observed": [0, 0, 1]}]
             r"also.0.: states.0..effects.0..density is a density, but material.mu is a stress",
         ),
         (observation(quantity="volume", value="1 m^3", state="lying"), "state: is not valid with a quantity"),
+        (observation(quantity="grip[2]", value=1.0), "'grip.2.' is a component: give 'quantity: grip'"),
         (observation(quantity="volumes", value=1.0), "there is no quantity 'volumes'. Did you mean 'volume'"),
         (observation(quantity="top-lying", value="1 kg"), "value: must be a length"),
         (observation(quantity="corner-lying", value=1.0), "value: must be a list of 3 lengths"),

@@ -45,6 +45,7 @@ from hpcinv.batch.ledger.store import RUNS, as_output_error, check_format
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import create, make_directory, publish
 from hpcinv.files.inputs import changed_inputs
+from hpcinv.files.saved_mark import mark_saved
 from hpcinv.parallel.processes import Identity
 
 DEADLY = 5
@@ -195,6 +196,7 @@ class Ledger:
                 return False
             for name in history.temporary:
                 (file.parent / name).unlink(missing_ok=True)
+        mark_saved()
         return True
 
     def holds(self, claim: Claim) -> bool:

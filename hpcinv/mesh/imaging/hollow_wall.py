@@ -37,8 +37,8 @@ def hollow_wall_mesh(
 
     Args:
         labels: numbers of the voxels of `WALL` and `CAVITY`.
-        ends: names of the ends, in the order of their position along the last axis of the image's frame, the highest
-            one last.
+        ends: names of the ends. One or two are in the order of their position along the last axis of the image's
+            frame, the highest one last; of more, the first is the largest, and the others are in that order.
         inner, outer: names of the other two surfaces.
 
     Raises:
@@ -59,13 +59,12 @@ def hollow_wall_mesh(
         normals[np.flatnonzero(facets)[wrong]] *= -1
     openings = _pieces(mesh.facets, np.flatnonzero(is_opening), areas)
     if not is_inner.any() or len(openings) != len(ends):
-        raise MeshError(
-            f"{path}: the cavity has {len(openings)} openings, where it touches the outside or the image's border, but"
-            f" {len(ends)} {'is' if len(ends) == 1 else 'are'} needed ({', '.join(ends)})",
-            "Let the label of the cavity end where the wall does, and nowhere else.",
-        )
+        raise opening_error(path, len(openings), f"{len(ends)} {'is' if len(ends) == 1 else 'are'} needed")
     weighted = [np.average(middles[o], axis=0, weights=areas[o]) for o in openings]
-    order = np.argsort([middle[2] for middle in weighted])
+    order = [int(number) for number in np.argsort([middle[2] for middle in weighted])]
+    if len(ends) > 2:
+        largest = max(order, key=lambda number: float(areas[openings[number]].sum()))
+        order.sort(key=lambda number: number != largest)
     is_end, found = np.zeros(len(areas), dtype=bool), list[tuple[str, Ints]]()
     for number in order:
         members = openings[number]
@@ -87,6 +86,36 @@ def hollow_wall_mesh(
         found.append((name, members))
     found += [(inner, np.flatnonzero(is_inner)), (outer, np.flatnonzero(is_outer & ~is_end))]
     return _only(mesh, of[WALL], found)
+
+
+def opening_error(path: Path, count: int, needed: str) -> MeshError:
+    """Return the error of a cavity with another number of openings than is needed."""
+    are = "opening" if count == 1 else "openings"
+    return MeshError(
+        f"{path}: the cavity has {count} {are}, where it touches the outside or the image's border, but {needed}",
+        "Let the label of the cavity end where the wall does, and nowhere else.",
+    )
+
+
+def opening_count(path: Path, labels: Mapping[str, Sequence[int]], unit: float) -> int:
+    """Return the number of openings of the cavity in an image, where its voxels end at no wall.
+
+    Specks are left out, as in the mesh. Errors are those of `read_labels`.
+    """
+    image = read_labels(path, labels, unit)
+    numbers = {name: place for place, name in enumerate(labels, start=1)}
+    cavity = np.pad(image.voxels == numbers[CAVITY], 1)
+    closed = np.pad(image.voxels == numbers[WALL], 1) | cavity
+    faces = np.zeros(cavity.shape)
+    for axis in range(3):
+        area = float(np.delete(image.spacing, axis).prod())
+        for step in (-1, 1):
+            faces += area * (cavity & ~np.roll(closed, step, axis))
+    pieces, count = ndimage.label(faces > 0, np.ones((3, 3, 3)))
+    if not count:
+        return 0
+    areas = ndimage.sum_labels(faces, pieces, np.arange(1, count + 1))
+    return int(np.count_nonzero(areas > _SPECK * areas.max()))
 
 
 def wall_size(path: Path, labels: Mapping[str, Sequence[int]], unit: float) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.children import run_child
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.signals import ended_by_signals
+from hpcinv.reading.fault import shown
 
 _PROGRAM = Path(reading.__file__).with_name("isolated_reader.py")
 _SECONDS = 60  # of processor time for a small file; a damaged one may take as long, if raised
@@ -73,7 +74,7 @@ def read_isolated(action: str, path: Path, failure: str, advice: str) -> tuple[d
             raise SystemPartMissing(text, remedy)
         raise MeshError(f"{path}: {text}", remedy)
     if done.returncode or complaints or not received.head:
-        reason = complaints[0] if complaints else _ending(done.returncode)
+        reason = shown(complaints[0], 400) if complaints else _ending(done.returncode)
         raise MeshError(f"{path}: {failure}: {reason}", advice)
     return received.head, received.arrays
 

@@ -14,6 +14,7 @@ from helpers.command_line import ROOT
 TASK = {"SLURM_ARRAY_JOB_ID": "17", "SLURM_ARRAY_TASK_ID": "4"}
 # Stands for a parallel run: notes the signals that it gets, and ends when it has got enough of them.
 RUN = """
+[ -z "$SAVES" ] || touch "$HPCINV_SAVED"
 trap 'echo USR1 >>got' USR1
 trap 'echo TERM >>got' TERM
 touch ready
@@ -22,7 +23,7 @@ exit "$2"
 """
 # Notes what it is asked to do.
 SCONTROL = """#!/bin/sh
-if [ "$1" = show ]; then echo "PreemptTime=${PREEMPTED:-None}"; else echo "$@" >>asked; fi
+if [ "$1" = show ]; then echo "TimeLimit=${LIMIT:-UNLIMITED} PreemptTime=${PREEMPTED:-None}"; else echo "$@" >>asked; fi
 """
 
 
@@ -95,6 +96,44 @@ def test_a_signal_in_the_moment_of_the_launch_is_passed_on(tmp_path: Path) -> No
     ended = subprocess.run(["bash", "-c", script], cwd=tmp_path, env=environment, timeout=20)
     assert (ended.returncode, (tmp_path / "got").read_text()) == (75, "USR1\n")
     assert (tmp_path / "asked").read_text().strip() == "requeue 17"
+
+
+def test_a_run_that_saves_nothing_is_requeued_twice_in_a_row_at_most(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def stopped(number: int, **variables: str) -> str:
+        place = tmp_path / "place"
+        for name in ("got", "ready", "asked"):
+            (place / name).unlink(missing_ok=True)
+        place.mkdir(exist_ok=True)
+        code, requeued = launched(place, 75, USR1, SLURM_RESTART_COUNT=str(number), **variables)
+        assert code == 75
+        return requeued
+
+    again = "requeue 17"
+    assert [stopped(0), stopped(1), stopped(2, SAVES="yes"), stopped(3), stopped(4), stopped(5)] == [again] * 5 + [""]
+    told = capfd.readouterr()
+    assert told.out.count("was stopped before it could save anything, and is requeued to try again") == 4
+    assert told.out.count("has saved its state, and is requeued to go on") == 1
+    assert told.err.count("job 17: not requeued any more: three times in a row it was stopped before") == 1
+    assert not list((tmp_path / "place").glob(".hpcinv-*"))
+
+
+@pytest.mark.parametrize(("limit", "is_told"), [("00:02:00", True), ("00:02:01", False), ("1-00:00:00", False)])
+def test_a_time_limit_within_the_lead_is_told_before_the_run(limit: str, is_told: bool, tmp_path: Path) -> None:
+    """By the last option of the script, as Slurm takes it."""
+    scontrol = tmp_path / "scontrol"
+    scontrol.write_text(SCONTROL)
+    scontrol.chmod(0o755)
+    batch = tmp_path / "job.sbatch"
+    options = "#SBATCH --signal=B:USR1@9\n#SBATCH --signal=B:USR1@120\n"
+    batch.write_text(f"#!/bin/bash\n{options}. {ROOT}/slurm/launch.sh\nlaunch echo begins\n")
+    path = f"{tmp_path}:{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "HPCINV_LAUNCHER": "env", "SLURM_JOB_ID": "17", "LIMIT": limit}
+    done = subprocess.run(["bash", batch], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=20)
+    assert (done.returncode, done.stdout) == (0, "begins\n")
+    text = "job 17: warning: its time limit of 120 s is not above the 120 s before it at which it is told to save"
+    assert done.stderr.startswith(text) if is_told else not done.stderr
 
 
 def test_it_is_not_requeued_for_ever(tmp_path: Path) -> None:

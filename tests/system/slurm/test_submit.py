@@ -112,12 +112,24 @@ def test_where_there_is_no_slurm_that_is_said(sweep: Path, tmp_path: Path) -> No
     [
         (["--ntasks", 3, "--ranks-per-case", 2], "3 ranks cannot be divided into groups of that size"),
         (["--ntasks", 3, "--ranks-per-case", 0], "--ranks-per-case 0"),
+        (
+            ["--ntasks", 1, "--time", "2"],
+            "--time 2: is not above the 120 s before it at which the sweep is told",
+        ),
+        (["--ntasks", 1, "--time", "1:00", "--lead", 60], "--time 1:00: is not above the 60 s before it"),
+        (["--ntasks", 1, "--time", "0-1", "--lead", 3600], "--time 0-1: is not above the 3600 s before it"),
     ],
 )
-def test_ranks_must_fit_into_groups(words: list[object], told: str, sweep: Path) -> None:
+def test_impossible_requests_are_refused(words: list[object], told: str, sweep: Path) -> None:
     done = submit(sweep, *words)
     assert done.returncode == 2
     assert told in done.stderr
+
+
+@pytest.mark.parametrize("limit", ["3", "2:01", "0:02:01", "1-0", "0-00:02:01", "UNLIMITED"])
+def test_time_limits_above_the_lead_are_taken(limit: str, sweep: Path) -> None:
+    done = submit(sweep, "--ntasks", 1, "--time", limit, "--dry-run")
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_store_that_cannot_be_used_is_told_before_anything_is_submitted(sweep: Path) -> None:

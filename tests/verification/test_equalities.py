@@ -1,0 +1,58 @@
+"""A few of the runs that theory makes equal; ``benchmarks/equalities.py`` draws many more."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.equalities import TOLERANCE, Scene, block, compare, drawn, of, solved, transformed
+
+from hpcinv.parallel.runtime import MPI
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_equal_runs_of_a_drawn_scene(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    differences: list[tuple[str, float]] = []
+    while not differences:  # a scene may be too soft for its loads
+        scene = drawn(rng, degrees=(1,))
+        print(scene.title)
+        differences = list(compare(scene, rng, tmp_path))
+    print(*(f"  {name}: {difference:.1e}" for name, difference in differences), sep="\n")
+    assert not [f"{name}: {d:.1e}" for name, d in differences if not d < TOLERANCE]
+
+
+@pytest.mark.parallel(2)
+def test_two_ranks_find_what_one_finds(comm: MPI.Intracomm, run_directory: Path) -> None:
+    rng = np.random.default_rng(4)
+    scene = of(block(rng, hexahedra=False), "neo-hookean", ["gravity", "traction"], "inverse", 1)
+    alone = solved(scene, run_directory / f"alone-{comm.rank}.msh", MPI.COMM_SELF)
+    together = solved(scene, run_directory / "together.msh", comm)
+    assert alone is not None
+    assert together is not None
+    difference = alone.difference(together)
+    assert difference < TOLERANCE
+
+
+def pressed(scene: Scene) -> Scene:
+    """A block whose top a tilted rigid plane presses down, so that it touches along an edge."""
+    plane = {"shape": "plane", "point": [0.5, 0.5, 1.06], "normal": [0.1, 0.05, -1]}
+    contact = {"effect": "contact", "region": "z1", "obstacle": plane, "travel": [0, 0, -0.1]}
+    return of(scene, "neo-hookean", ["gravity"], "forward", 2).changed(effects=[contact])
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.4])
+def test_rigid_contact_depends_neither_on_axes_nor_on_units(scale: float, tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    scene = pressed(block(rng, hexahedra=False))
+    diagonal = np.array([1.0, 1, 1]) / np.sqrt(3)
+    side = np.array([1.0, -1, 0]) / np.sqrt(2)
+    turn = scale * np.stack([diagonal, side, np.cross(diagonal, side)])  # the box of the body has another diagonal
+    base = solved(scene, tmp_path / "base.msh", MPI.COMM_SELF)
+    turned = solved(transformed(scene, turn), tmp_path / "turned.msh", MPI.COMM_SELF)
+    assert base is not None
+    assert turned is not None
+    expected = type(base)(base.nodes @ turn.T, base.u @ turn.T, scale**3 * base.energy)
+    difference = expected.difference(turned)
+    assert difference < TOLERANCE
