@@ -169,3 +169,19 @@ def test_ranks_agree_and_the_way_back_closes(hexahedra: bool, comm: MPI.Intracom
         found.append([unknowns.pressure_size, *norms, *(some.allreduce(one, op=MPI.SUM) for one in sums)])
     print(f"{found[0][0]} pressures, of which {'; '.join(digits(one, '.16g') for one in found)}")
     assert found[0] == pytest.approx(found[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("mu", [MU, dict.fromkeys(MU, 50e3)], ids=["different", "the same"])
+def test_slopes_by_the_modulus_of_a_layer(mu: Mapping[str, float], comm: MPI.Intracomm) -> None:
+    """Also where layers are the same now: then the derivative of the pressure jumps, and not the pressure."""
+    material = {region: law(of_region) for region, of_region in mu.items()}
+    found = hpcinv.run(
+        wall(2, hexahedra=True, material=material, sensitivities=[f"material.{region}.mu" for region in mu]), comm
+    )
+    assert found.sensitivities is not None
+    for region, of_region in mu.items():
+        step = 1e-3 * of_region
+        one, other = (radii(mu={**mu, region: of_region + change})["A"] for change in (step, -step))
+        slope, exact = found.sensitivities.slopes["A"][f"material.{region}.mu"], (one - other) / (2 * step)
+        print(f"{region}: slope {slope:.5g}, exact {exact:.5g}")
+        assert slope == pytest.approx(exact, rel=1e-2)
