@@ -86,10 +86,8 @@ def run(
         for number, solve in enumerate(models.plan):
             model = models.of(number, solutions[0].displacement if number else None)
             if number == len(solutions):
-                shape = None if solve.mesh is None else solutions[solve.mesh]
-                nodes = body.mesh.geometry.x if shape is None else shape.other_nodes / body.length_scale
-                seen = model.seen_by_contacts(solve.direction, None if shape is None else shape.displacement)
-                with placed(body.mesh, nodes), seen:
+                nodes = None if solve.mesh is None else solutions[solve.mesh].other_nodes
+                with placed(body.mesh, body.mesh.geometry.x if nodes is None else nodes / body.length_scale):
                     start = (restart and restart.start(number, model)) or Start(
                         guess=guesses[number] if number < len(guesses) else None
                     )

@@ -99,8 +99,7 @@ def way_back(solution: Solution) -> Direction:
 
 def solved_back(model: Model, solution: Solution, forward: ForwardFactors, observer: Observer = SILENT) -> Line:
     """Return the line of a way back that begins with the solution, and is bounded in effort; collective."""
-    seen = model.seen_by_contacts(way_back(solution), solution.displacement)
-    with model.at(solution.other_nodes, *solution.fields), seen:
+    with model.at(solution.other_nodes, *solution.fields):
         solver = forward.factors if forward.affordable else forward.multigrid
         if solver is not None and _WayBack(model, solution, solver).settles(observer):
             return _closed(model, solution)
@@ -121,8 +120,7 @@ def solved_back(model: Model, solution: Solution, forward: ForwardFactors, obser
 
 def _along_the_path(model: Model, solution: Solution, observer: Observer) -> Line:
     """Return the line of a way back that begins with the unloaded body."""
-    seen = model.seen_by_contacts(way_back(solution), solution.displacement)
-    with model.at(solution.other_nodes, *solution.fields), seen:
+    with model.at(solution.other_nodes, *solution.fields):
         equilibrium = model.equilibrium(model.scene(way_back(solution)), observer)
         model.unknowns.state.x.array[:] = 0.0
         last: Solve = list(follow(equilibrium, model.steps, model.job.solver.tolerance))[-1]

@@ -9,6 +9,7 @@ from typing import Any
 from hpcinv.cli.help import add_command
 from hpcinv.errors import HpcinvError, Interrupted
 from hpcinv.files.untrusted import add_option
+from hpcinv.job.fingerprint import WITH_DEFINITIONS
 from hpcinv.job.job import Job, load
 from hpcinv.job.reuse_key import reuse_group_of
 from hpcinv.study.plan import is_study, load_study
@@ -76,7 +77,7 @@ def _distinct(paths: list[Path]) -> Iterator[Job]:
         else:
             jobs = [run.job for run in load_study(path).runs] if is_study(path) else [_differentiated(load(path))]
         for job in jobs:
-            kernels = reuse_group_of(job), job.model_dump_json(include=_COMPUTED)
+            kernels = reuse_group_of(job), job.model_dump_json(include=_COMPUTED, context=WITH_DEFINITIONS)
             if kernels not in known:
                 known.add(kernels)
                 yield job

@@ -123,13 +123,11 @@ class Contact(Effect):
         found = {f"obstacle_{name}": value for name, value in self.obstacle.functions(degree).items()}
         if not self.is_augmented:
             return found
-        found |= {"multiplier": (1, 1), "offset": (3, degree)}
-        return found if self.penalty is not None else found | {"penalty": (1, 1)}
+        return found | {"multiplier": (1, 1)} | ({"penalty": (1, 1)} if self.penalty is None else {})
 
     def position(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the current position relative to the obstacle where 'obstacle' places it."""
-        x = k.x + par.offset if self.is_augmented else k.x
-        return x if self.travel is None else x - k.at_load(load)[1] * par.travel
+        return k.x if self.travel is None else k.x - k.at_load(load)[1] * par.travel
 
     def gap(self, k: Kinematics, load: Any, par: Any) -> tuple[Any, Any]:
         """Return the gap and the direction away from the obstacle."""

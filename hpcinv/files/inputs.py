@@ -17,11 +17,12 @@ _WRITES = os.O_WRONLY | os.O_RDWR | os.O_APPEND | os.O_CREAT
 _SYSTEM = tuple(
     os.path.join(os.path.realpath(path), "")  # noqa: PTH118  (a path that ends with its separator)
     for path in (
-        *(*sysconfig.get_paths().values(), sys.prefix, sys.base_prefix, str(Path(__file__).parents[1])),
-        *("/proc", "/sys", "/dev", "/etc", "/usr/lib", "/usr/share"),
+        *(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")),
+        *(str(Path(__file__).parents[1]), "/proc", "/sys", "/dev", "/etc", "/usr/lib", "/usr/share"),
+        *(os.path.expanduser(path) for path in ("~/.cache", "~/.config")),  # noqa: PTH111  (there may be no home)
     )
 )
-"""directories of installed programs, whose versions are recorded otherwise"""
+"""directories of installed programs, whose versions are recorded otherwise, and of what they keep for themselves"""
 
 
 class _Recorder:

@@ -73,10 +73,14 @@ def _whole(value: object) -> int:
     if isinstance(value, str):
         number, dimension = constant(value)
         value = int(number) if is_pure(dimension) and number.is_integer() else value
-    whole = _expect(int, "a whole number")(value)
-    if abs(whole) > _LARGEST:
-        raise ValueError(f"must be at most {_LARGEST:,}, not {whole:,}")
-    return whole
+    return _expect(int, "a whole number")(value)
+
+
+def _int_of_gmsh(value: object) -> int:
+    number = _whole(value)
+    if abs(number) > _LARGEST:
+        raise ValueError(f"must be at most {_LARGEST:,}, not {number:,}")
+    return number
 
 
 def _divisions(value: object) -> int:
@@ -90,7 +94,7 @@ _READERS: Mapping[str, Callable[[object], Value]] = {
     **{name: quantity.parse for name, quantity in QUANTITIES.items()},
     "Divisions": _divisions,
     "float": QUANTITIES["AnyQuantity"].parse,
-    "int": _whole,
+    "int": _int_of_gmsh,
     "bool": _expect(bool, "true or false"),
     "str": _expect(str, "text"),
 }

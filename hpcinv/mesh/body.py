@@ -91,7 +91,7 @@ class Body:
     @cached_property
     def length(self) -> float:
         """Length of the body as its mesh lies at the first access, in scaled units; collective then."""
-        return body_length(self.mesh, self.source.kind, self.source.degree)
+        return body_length(self.mesh, self.source.kind, self.degree)
 
     @cached_property
     def computed(self) -> dict[str, Any]:

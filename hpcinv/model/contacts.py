@@ -138,9 +138,6 @@ class Contacts:
         ]
         self.is_iterated = any(one.is_iterated for one in self._all)
 
-    def __bool__(self) -> bool:
-        return bool(self._all)
-
     def passages(self, unknowns: Unknowns) -> Passages:
         """Return the ways of the body past obstacles that a forward solve must not lead through."""
         passages = [one.passage(unknowns) for one in self._all]
@@ -197,22 +194,6 @@ class Contacts:
         forces = [one.totals()[:3] for one in self._all if one.depends_on_state]
         found: Floats = np.sum([np.zeros(3), *forces], axis=0)
         return found
-
-    @contextmanager
-    def offset(self, by: fem.Function) -> Iterator[None]:
-        """Context in which rigid obstacles see the points of the body displaced by a function (scaled).
-
-        Where only the vertices of cells have been moved to a current body, its gap between them is another one, by more
-        than what the pressure is made of there.
-        """
-        offsets = [one.par.offset.x.array for one in self._all if one.effect.is_augmented]
-        for offset in offsets:
-            offset[:] = by.x.array
-        try:
-            yield
-        finally:
-            for offset in offsets:
-                offset[:] = 0.0
 
     def rigid(self) -> list[PenaltyDirection]:
         """Return the rigid obstacles with a uniform penalty, in the order of the job."""

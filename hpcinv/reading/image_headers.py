@@ -343,6 +343,11 @@ def read_nrrd(file: IO[bytes]) -> ImageHeader:
         spacing = _numbers(fields, _needed(fields, "spacings"), count)
         axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     origin = (0.0, 0.0, 0.0)
+    if "axismins" in fields and "nan" not in fields["axismins"].lower():
+        centred = [*fields.get("centers", fields.get("centerings", "")).split(), *("cell",) * 3]
+        mins = zip(_numbers(fields, "axismins", count), spacing, centred, strict=False)
+        x, y, z = (low + (0.0 if where == "node" else 0.5 * size) for low, size, where in mins)
+        origin = (x, y, z)
     if "spaceorigin" in fields:
         at = _vector(fields, "spaceorigin", fields["spaceorigin"])
         origin = (flip[0] * at[0], flip[1] * at[1], flip[2] * at[2])

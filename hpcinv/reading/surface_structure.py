@@ -55,7 +55,8 @@ _OBJ_WORDS = (
 
 
 def _check_obj(content: bytes) -> int:
-    words = re.findall(rb"(?m)^[ \t]*([^\s#\\]+)(?=[^\n]*$)", content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" "))
+    content = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")  # lines that go on
+    words = re.findall(rb"(?m)^[ \t]*([^\s#\\]+)", content)
     if unknown := {*words} - {word.encode() for word in _OBJ_WORDS}:
         raise Fault(f"has lines that begin with '{min(unknown)[:40].decode('latin-1')}': is it an OBJ file?")
     points = sum(word == b"v" for word in words)
@@ -193,7 +194,8 @@ def _check_ply_text(body: bytes, elements: list[_Element]) -> None:
 
 
 def _is_number(word: bytes) -> bool:
-    return re.fullmatch(_NUMBER, word) is not None
+    """Whether it is a number, or one that is not finite: other properties than coordinates may be."""
+    return re.fullmatch(_NUMBER, word) is not None or word.lower().lstrip(b"+-") in (b"nan", b"inf")
 
 
 def _check_ply_bytes(body: memoryview, elements: list[_Element], order: str) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
 
-from dolfinx.fem import Function, functionspace
+from dolfinx.fem import Function
 from petsc4py import PETSc
 
 from hpcinv.assembly.system import System
@@ -178,25 +178,6 @@ class Model:
         if u is not None and any(True for part in parts for _ in given_on_current(part)):
             self.given = self._carried = self._carried or Function(self.unknowns.displacement_space)
             self.given.x.array[:] = u.x.array / self.scales.length
-
-    @contextmanager
-    def seen_by_contacts(self, direction: Direction, u: Function | None) -> Iterator[None]:
-        """Context in which obstacles see a current body where it is, also if only the nodes of its mesh lie there.
-
-        Args:
-            u: displacement (m) of a forward solution, to whose current body the mesh is moved for an inverse one.
-        """
-        contacts = self.scene(direction).contacts if direction == "inverse" and u is not None else None
-        if contacts is None or not contacts or self.is_isoparametric or u is None:
-            yield
-            return
-        at_nodes = Function(functionspace(self.body.mesh, ("Lagrange", self.body.source.degree, (3,))))
-        at_nodes.interpolate(u)
-        offset = Function(u.function_space)
-        offset.interpolate(at_nodes)
-        offset.x.array[:] = (u.x.array - offset.x.array) / self.scales.length
-        with contacts.offset(offset):
-            yield
 
     @contextmanager
     def given_moved(self, along: Function | None, step: float) -> Iterator[None]:

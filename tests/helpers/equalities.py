@@ -162,7 +162,8 @@ def of(scene: Scene, law: str, names: list[str], direction: str, degree: int) ->
                 f: {"direction": a, "given_on": "reference"} for f, a in zip(families, directions, strict=False)
             },
             "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],
-            "discretisation": {"displacement": degree},
+            # Linear displacements have no stable pressure for nearly incompressible laws.
+            "discretisation": {"displacement": degree} | ({"formulation": "displacement"} if degree == 1 else {}),
             "mesh": {"geometry_degree": degree},
             "solver": {"tolerance": 1e-12},
             "certificate": NO_CERTIFICATE,

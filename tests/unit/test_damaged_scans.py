@@ -42,7 +42,7 @@ METAIMAGE = {
     "BinaryData": "True",
     "BinaryDataByteOrderMSB": "False",
     "CompressedData": "False",
-    "TransformMatrix": "0 1 0 1 0 0 0 0 1",
+    "TransformMatrix": "0 1 0 0 0 1 1 0 0",
     "Offset": "5 6 7",
     "ElementSpacing": "1 2 3",
     "DimSize": "9 8 7",
@@ -54,7 +54,7 @@ NRRD = {
     "dimension": "3",
     "space": "right-anterior-superior",
     "sizes": "9 8 7",
-    "space directions": "(0,1,0) (2,0,0) (0,0,3)",
+    "space directions": "(0,1,0) (0,0,2) (3,0,0)",
     "space origin": "(5,6,7)",
     "encoding": "raw",
     "endian": "little",
@@ -117,6 +117,7 @@ def read(path: Path, content: bytes) -> float:
     return read_labels(path, {"block": [300]}, 1e-3).volume(1) * 1e9
 
 
+MINS = {"axis_mins": "5 6 7"}
 PACKED = zlib.compress(raw())
 WHOLE: dict[str, tuple[str, Callable[[], bytes]]] = {
     "MetaImage": ("a.mha", lambda: metaimage(raw())),
@@ -131,6 +132,18 @@ WHOLE: dict[str, tuple[str, Callable[[], bytes]]] = {
     "NRRD bzip2": ("a.nrrd", lambda: nrrd(bz2.compress(raw()), encoding="bzip2")),
     "NRRD hex": ("a.nrrd", lambda: nrrd(raw().hex().encode(), encoding="hex")),
     "NRRD text": ("a.nrrd", lambda: nrrd(" ".join(map(str, block().ravel("F"))).encode(), encoding="ascii", endian="")),
+    "NRRD axes": (
+        "a.nrrd",
+        lambda: nrrd(raw(), space="", space_directions="", space_origin="", spacings="1 2 3", **MINS),
+    ),
+    "NRRD nodes": (
+        "a.nrrd",
+        lambda: nrrd(
+            raw(), space="", space_directions="", space_origin="", spacings="1 2 3", centerings="node node cell", **MINS
+        ),
+    ),
+    "NRRD LAS": ("a.nrrd", lambda: nrrd(raw(), space="LAS")),
+    "NRRD LPS": ("a.nrrd", lambda: nrrd(raw(), space="left-posterior-superior")),
     "VTK": ("a.vti", vti),
     "NIfTI": ("a.nii", nifti),
 }

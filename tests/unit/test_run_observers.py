@@ -156,6 +156,7 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
         monkeypatch.setattr(run_report, "write_summary", write_summary)
         monkeypatch.setattr(of_run, "write_run_report", write_run_report)
         job = SimpleNamespace(
+            solver=SimpleNamespace(patience=400),
             directions=("inverse", "forward")[:directions],
             accuracy={},
             quantities=(),
@@ -166,11 +167,13 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
         unknowns = SimpleNamespace(size=12)
         model: Any = SimpleNamespace(job=job, body=None, unknowns=unknowns, timings=None)
         path = tmp_path if directory else None
-        store: Any = SimpleNamespace(path=path, comm=MPI.COMM_SELF, check_in_place=lambda: None)
+        store: Any = SimpleNamespace(path=path, comm=MPI.COMM_SELF, check_in_place=lambda: None, unwritten=[])
         progress: Any = SimpleNamespace(
             warn=given["warnings"].append, finish=lambda found: given.update(printed=found["status"])
         )
-        totals: Any = SimpleNamespace(warnings=(), after=lambda size: SimpleNamespace(warnings=(f"moves {size} m",)))
+        totals: Any = SimpleNamespace(
+            warnings=(), after=lambda size, nominal: SimpleNamespace(warnings=(f"moves {size} m",))
+        )
         return RunReport(job, model, store, progress, totals, None, ()), given
 
     return make
@@ -213,7 +216,7 @@ def test_a_load_that_is_not_reached_is_a_solve_error_with_a_summary(report: Make
         one.check_reached([solution(0.25, solve(0.25), solve(0.5, Outcome.ITERATION_LIMIT))])
     [line] = given["result"].certificate.lines
     assert (line.name, line.value, line.verdict) == ("load factor", 0.25, Verdict.FAIL)
-    assert given["written"] == {"status": given["status"]}
+    assert given["written"] == {"status": given["status"], "unwritten": []}
     assert "solver.maximum_iterations" in given["advice"]
     one, given = report()
     fixed_point = solve(1.0, Outcome.FIXED_POINT_LIMIT, position_residual=0.125)

@@ -23,7 +23,7 @@ from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.arc_length import ArcLengthSteps, trace
 from hpcinv.solver.bordering import Bordering
-from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Solve
+from hpcinv.solver.newton import Floor, NewtonIteration, NewtonMonitor, Solve
 from hpcinv.solver.observer import SolveEvent
 
 # Small systems of equations, without finite elements.
@@ -33,6 +33,7 @@ class SmallSystem:
     """Equations of a few unknowns in numpy arrays, which Newton's method solves at fixed loads."""
 
     limit, reuse = 25, 0.3
+    scene = SimpleNamespace(passages=SimpleNamespace(has_passed=lambda: False, depart=lambda: None))
 
     def __init__(
         self,
@@ -52,7 +53,14 @@ class SmallSystem:
 
     @property
     def linear(self) -> Any:
-        return SimpleNamespace(solve=self.solve_linear, sign_of_determinant=self.sign_of_determinant)
+        return SimpleNamespace(
+            solve=self.solve_linear,
+            sign_of_determinant=self.sign_of_determinant,
+            failure=Outcome.LINEAR_SOLVER,
+        )
+
+    def floor(self, load: float | None = None) -> Floor:
+        return Floor()
 
     def set_state(self, x: PETSc.Vec) -> None:
         x.copy(self.x)

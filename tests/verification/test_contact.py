@@ -190,11 +190,11 @@ def test_beam_that_comes_to_rest_on_a_peg(comm: MPI.Intracomm) -> None:
 
 
 def sagging(comm: MPI.Intracomm, obstacle: dict[str, Any], **changes: Any) -> Result:
-    """A soft beam that would sag by 0.09 m, onto a small obstacle 26 mm below it and 20 mm from its tip."""
+    """A soft beam of straight cells that would sag by 0.09 m, onto a peg 26 mm below it and 20 mm from its tip."""
     weight = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 200}
     given: dict[str, Any] = {
         "analysis": "forward",
-        "mesh": box((20, 1, 1), lx=0.4, ly=0.02, lz=0.02, hexahedra=True) | {"geometry_degree": 2},
+        "mesh": box((20, 1, 1), lx=0.4, ly=0.02, lz=0.02, hexahedra=True),
         "material": {"law": "neo-hookean", "young": "2 MPa", "poisson": 0},
         "effects": [weight, {"effect": "contact", "region": "z0", "obstacle": obstacle}],
         "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
@@ -277,11 +277,11 @@ def pressed_by_a_ball(
 
 @pytest.mark.parallel([1, 2])
 def test_way_back_on_straight_cells_has_the_force_of_the_way_there(comm: MPI.Intracomm) -> None:
-    """Only the vertices move; what is left is the area of the straight facets, which differs by less than 1 %."""
+    """The recovered body has all nodes of the displacement, whose gaps are those of the way there."""
     result = pressed_by_a_ball(comm)
     there, back = (solution.contacts[0] for solution in result.solutions)
     assert there.force[2] < -100
-    assert back.force == pytest.approx(there.force, rel=0.01, abs=-0.01 * there.force[2])
+    assert back.force == pytest.approx(there.force, rel=1e-8, abs=-1e-8 * there.force[2])
 
 
 def test_solution_before_an_error_has_its_summary(

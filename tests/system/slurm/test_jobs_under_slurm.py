@@ -59,11 +59,13 @@ def test_at_its_time_limit_a_job_saves_its_state_and_is_requeued_until_it_is_don
 
 @pytest.mark.release
 def test_a_job_that_cannot_save_before_its_time_limit_ends_after_two_requeues(batch: Batch) -> None:
-    """The signal comes as soon as the job begins."""
-    write(batch.place / "cube.yaml", 10_000)
-    job = batch.sbatch("--ntasks=1", "--time=1", "--signal=B:USR1@600", JOB, "cube.yaml", "cube")
-    batch.wait(job)
-    (facts,) = batch.facts(job)
+    """A run that takes longer to its first load step than Slurm gives it, for which a script stands."""
+    (batch.place / "slow.sh").write_text("trap 'exit 75' USR1\nwhile :; do sleep 0.1; done\n")
+    write(batch.place / "cube.yaml", 1)
+    launcher = {"HPCINV_LAUNCHER": "bash slow.sh"}
+    job = batch.sbatch("--ntasks=1", "--time=1", "--signal=B:USR1@600", JOB, "cube.yaml", "cube", **launcher)
+    batch.until(lambda: batch.facts(job)[0]["Restarts"] != "0")  # each time the signal comes after up to a minute
+    (facts,) = batch.wait(job)
     assert (facts["JobState"], facts["ExitCode"], facts["Restarts"]) == ("FAILED", "75:0", "2"), batch.outputs()
     assert "has saved its state" not in batch.outputs()
     assert f"job {job}: not requeued any more: three times in a row" in batch.outputs()
