@@ -229,6 +229,7 @@ def page() -> Iterator[str]:
         shown = f"[`{Path(case.test).name}`](#{name})" if case.figures else f"`{Path(case.test).name}`"
         yield f"| {case.text} | {found} | {shown} |"
     yield ""
+    yield "[Values that others published](published.md) stand next to ours with our error bar."
     yield "A figure of the paper that is not met has [a page of its own](paper.md)."
     yield ""
     yield "## What the tests print"

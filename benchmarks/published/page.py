@@ -19,7 +19,8 @@ HEADER = """<!-- Written by python -m benchmarks.published: do not edit. -->
 
 Values that others published, each next to ours with our error bar. Their error is the spread that they state, or one
 unit of the last printed digit. Our error is the certificate's estimate; it is zero where both solve the same discrete
-problem ("mesh"). The difference is in units of both errors together: a row is inside if it is at most 1.
+problem ("mesh"). The difference is in units of both errors together: a row is inside if it is at most 1. Seconds are
+of whole runs on a shared machine, the first one of each kind with compilation.
 
 ```sh
 mpirun -n 2 python -m benchmarks.published         # all rows; finished runs are kept in results/published
