@@ -47,7 +47,8 @@ def _rehearse(job: Job, source: MeshSource) -> None:
     finer = None
     if job.certificate.estimate and not source.is_partitioned:
         finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
-    body = sample_body(source, job.regions, [np.array(q.at) for q in job.quantities if q.at is not None], finer)
+    points = [np.array(q.at) for q in job.quantities if q.at is not None]
+    body = sample_body(source, job.regions, points, finer).of_degree(job.discretisation.displacement)
     moved = [any(s.displacement for s in solve.job.supports) or solve.start is not None for solve in job.plan]
     with Workspace(MPI.COMM_SELF) as workspace:
         models = workspace.models(_held(job), body, Timings())

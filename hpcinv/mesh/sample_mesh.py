@@ -52,7 +52,9 @@ def sample_body(
     # Separate cells have other normals and cavities than the body.
     of_normals = {n: replace(held, name=n, origin="geometric") for n in conditions if n not in of_place}
     read = None if finer is None else lambda: finer
-    return Body(mesh, length_scale, regions | of_normals | {HELD: held}, partition_of(mesh, "none"), part, read)
+    return Body(
+        mesh, length_scale, regions | of_normals | {HELD: held}, partition_of(mesh, "none"), part, mesh.geometry, read
+    )
 
 
 def _first_of_each(source: MeshSource, conditions: Mapping[str, Expression]) -> Ints:
