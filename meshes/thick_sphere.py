@@ -29,13 +29,14 @@ def build(
     radial: Divisions = 4,
     along: Divisions = 4,
     hexahedra: bool = False,
+    shells: bool = True,
 ) -> None:
     """Mesh the octant with radial × along × along bricks in each of three blocks, whole or cut into six tetrahedra.
 
-    The blocks meet on the ray (1, 1, 1), and each reaches from there to one of the axes. Spheres separate the
-    divisions, so that curved cells have an interface of two layers where it is.
+    The blocks meet on the ray (1, 1, 1), and each reaches from there to one of the axes. Between ``shells``, faces of
+    curved cells lie on spheres, as an interface of two layers does; without, they are straight inside the wall.
     """
-    geo = gmsh.model.geo
+    geo, count = gmsh.model.geo, int(radial) if shells else 1
     centre = geo.addPoint(0, 0, 0)
 
     @cache
@@ -45,7 +46,7 @@ def build(
     @cache
     def line(ray: Ray, low: float, high: float) -> int:
         tag = int(geo.addLine(point(ray, low), point(ray, high)))
-        geo.mesh.setTransfiniteCurve(tag, 2)
+        geo.mesh.setTransfiniteCurve(tag, int(radial) // count + 1)
         return tag
 
     @cache
@@ -82,13 +83,13 @@ def build(
         surface = geo.addSurfaceFilling([loop], sphereCenterTag=centre)
         return divided(surface, [point(ray, radius) for ray in rays])
 
-    radii = [inner + (outer - inner) * i / int(radial) for i in range(int(radial) + 1)]
+    radii = [inner + (outer - inner) * i / count for i in range(count + 1)]
     blocks = [(MIDDLE, BETWEEN[i], axis, BETWEEN[i - 1]) for i, axis in enumerate(AXES)]
-    shells = list(pairwise(radii))
+    layers = list(pairwise(radii))
     volumes = []
     for rays in blocks:
         middle, one, axis, other = rays
-        for low, high in shells:
+        for low, high in layers:
             sides = [side(*ends, low, high) for ends in ((middle, one), (one, axis), (other, axis), (middle, other))]
             volume = geo.addVolume([geo.addSurfaceLoop([patch(rays, low), *sides, patch(rays, high)])])
             geo.mesh.setTransfiniteVolume(volume, [point(ray, radius) for radius in (low, high) for ray in rays])
@@ -96,7 +97,7 @@ def build(
     groups = {name: [patch(rays, radius) for rays in blocks] for name, radius in (("inner", inner), ("outer", outer))}
     for i, name in enumerate(("x0", "y0", "z0")):
         ends = [(ray, axis) for ray in BETWEEN for axis in AXES if ray[i] == axis[i] == 0]
-        groups[name] = [side(*pair, *shell) for pair in ends for shell in shells]
+        groups[name] = [side(*pair, *layer) for pair in ends for layer in layers]
     geo.synchronize()
     for name, surfaces in groups.items():
         gmsh.model.addPhysicalGroup(2, surfaces, name=name)
