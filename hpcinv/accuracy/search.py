@@ -114,7 +114,9 @@ class Search:
         """Return whether an estimate on one mesh may be unreliable: in hexahedra with pressures and singular edges."""
         if body.source.kind != "hexahedron" or self.job.pressure_degree is None:
             return False
-        return singular_edges(self.job, body) is not None
+        with suppress(MeshError):  # of supports without facets, of which the model says more
+            return singular_edges(self.job, body) is not None
+        return False
 
     def _improve(self) -> Ending:
         while self.assessments[-1].excess > 1:

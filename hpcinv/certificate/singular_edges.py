@@ -125,7 +125,7 @@ def _edges(
     pair = np.stack([order[starts], order[starts + 1]], axis=1) // len(local)  # facets of each edge
     within = order[starts] % len(local)
     ends = corners[pair[:, :1], local[within]]
-    normals = areas / np.linalg.norm(areas, axis=1, keepdims=True)
+    normals = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-300)
     first, second = normals[pair[:, 0]], normals[pair[:, 1]]
     middles = corners.mean(axis=1)
     turn = np.arctan2(np.linalg.norm(np.cross(first, second), axis=1), np.sum(first * second, axis=1))
@@ -138,7 +138,7 @@ def _edges(
     beside = np.where(excess[:, None] >= highest[pair], second_highest[pair], highest[pair]).max(axis=1)
     candidate = np.flatnonzero(is_end | _is_sharp(excess, beside) | (of_pair.any(axis=1) & (excess < -LEAST)))
     tangents = ends[:, 1] - ends[:, 0]
-    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    tangents /= np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-300)
     numbers, exponents, kinds, names = list[int](), list[float](), list[int](), dict[str, int]()
     for edge in candidate:
         angle = math.radians(round(math.degrees(math.pi + excess[edge])))
