@@ -429,7 +429,7 @@ def _failures() -> Iterator[str]:
         Before a run gives up it has halved its load steps and tried its [rescue strategies](hard-cases.md), so that
         another try with smaller steps alone seldom helps. After four failed solves the log says what the load moves to
         first order: how far, where most, whether the body is nearly free to move or turn as a whole, and what the
-        supports hold. Failed solves may take 400 factorizations in each direction (`solver: {patience: 400}`).
+        supports hold. Failed solves may take 500 factorizations in each direction (`solver: {patience: 500}`).
         """
     )
     yield ""

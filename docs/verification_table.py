@@ -84,6 +84,16 @@ CASES = (
         [Figure("{:.1e}, {:.1e}, order {:.1f}", r"hexahedra: errors .*\[(\S+), (\S+)\]\], " + _ORDERS)],
     ),
     Case(
+        "sphere of two incompressible layers, and of one material that grows differently, inverse and forward, 2 and 4"
+        " divisions: smallest error of the larger radius (m), least order; effectivity of the estimate",
+        "verification/test_layers.py",
+        [
+            Figure("{:.1e}, order {:.1f}", r"errors and effectivities .*\[(\S+), \S+\]\], order (\S+)", min),
+            Figure("{:.2f}", r"effectivity (\S+)", min),
+            Figure("to {:.2f}", r"effectivity (\S+)"),
+        ],
+    ),
+    Case(
         "thick cylinder, plane strain, 16 divisions, undeformed radii 0.8286610, 1.3916461; inverse; forward",
         "verification/test_thick_cylinder.py",
         [

@@ -136,10 +136,12 @@ def mesh_fault(directory: Path, file: str) -> str:
 
 
 def _image_fault(path: Path) -> str:
-    """Fault of an image with a header that names other files; a file that cannot be read is refused by its reader."""
+    """Fault of an image with a header that is damaged, or names other files."""
     try:
         source = source_of(path)
-    except (Fault, OSError, ValueError, EOFError, zlib.error):
+    except Fault as damage:  # also of a pattern that would write to memory
+        return f"{shown(damage.text, 200)}; it is {REFUSED}"
+    except (OSError, ValueError, EOFError, zlib.error):  # reported by its reader
         return ""
     if source.how in ("a pattern of names", "a list of names"):
         return f"names its files by {source.how}, which is {REFUSED}; ask for it as one file"

@@ -89,7 +89,7 @@ class Solver(Spec):
     """largest number of steps along the path (strategy: arc-length)"""
     rescue: ListOf[Rescue] = ("bulk-modulus", "arc-length", "line-search", "anderson")
     """fallbacks, in this order, if the strategy (adaptive or arc-length) fails; [] for none"""
-    patience: Annotated[int, Field(ge=1)] = 400
+    patience: Annotated[int, Field(ge=1)] = 500
     """factorizations in solves that fail, those of fallbacks included, after which a direction is given up"""
     maximum_iterations: Annotated[int, Field(ge=1)] = 25
     """largest number of Newton iterations in a step"""

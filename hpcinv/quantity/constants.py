@@ -37,6 +37,15 @@ def constant(text: str) -> tuple[float, Dimension | None]:
     return float(formula.evaluate()), dimension
 
 
+def is_arithmetic(text: str) -> bool:
+    """Return whether a text that `constant` reads is a formula, rather than a number with or without a unit."""
+    try:
+        parse_quantity(text)
+    except ValueError:
+        return True
+    return False
+
+
 def is_pure(dimension: Dimension | None) -> bool:
     """Return whether a dimension is that of a plain number."""
     return dimension in (None, Dimension())

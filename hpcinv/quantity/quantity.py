@@ -14,7 +14,7 @@ from pydantic import BaseModel, BeforeValidator, GetCoreSchemaHandler, GetJsonSc
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
-from hpcinv.quantity.constants import constant
+from hpcinv.quantity.constants import constant, is_arithmetic
 from hpcinv.quantity.schema import metadata_in
 from hpcinv.quantity.units import BASE, NUMBER, Dimension, as_float, parse_unit
 
@@ -49,6 +49,8 @@ class Quantity:
             number, dimension = constant(value)
             if self.dimension is not None and dimension not in (None, self.dimension):
                 raise ValueError(f"must be {self._wanted}, but '{value}' is {dimension}")
+            if is_arithmetic(value):
+                value = number  # faults are those of the result
         elif isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError(f"must be {self._wanted}, not {value!r}")
         else:

@@ -1,6 +1,7 @@
 """Printed report of a study: a table for each quantity, with published numbers beside those of the study."""
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 from rich.table import Table
 
@@ -21,11 +22,28 @@ def show(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -
         console.print(_of_cases(plan, accuracy) if plan.cases > 1 else _of_runs(rows, accuracy))
         for line in _notes(plan, accuracy):
             console.print(line, soft_wrap=True)
+    for line in not_refined(rows):
+        console.print(line, soft_wrap=True)
     failed = [row for row in rows if not row.converged]
     for row in failed[:_MOST]:
         console.print(f"failed: {row.place.title}: {row.status}", soft_wrap=True)
     if len(failed) > _MOST:
         console.print(f"failed: {len(failed) - _MOST} more, in table.csv")
+
+
+def not_refined(rows: Sequence[StudyRow]) -> Iterator[str]:
+    """Yield a warning for each series of meshes whose number of cells does not grow from run to run."""
+    cells: dict[str, list[float]] = {}
+    for row in rows:
+        if row.place.case == 0 and row.size is not None and (count := row.costs["cells"]) is not None:
+            cells.setdefault(row.place.series, []).append(count)
+    for series, counts in cells.items():
+        if any(coarse >= fine for coarse, fine in pairwise(counts)):
+            shown = ", ".join(f"{count:,.0f}" for count in counts)
+            yield (
+                f"warning: the meshes of series '{series}' do not become finer from run to run ({shown} cells);"
+                " order them from coarse to fine, or take sizes that differ more"
+            )
 
 
 _MOST = 20  # largest number of failures that are printed

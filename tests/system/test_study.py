@@ -41,6 +41,7 @@ from hpcinv.study.directory import STORE, StudyDirectory
 from hpcinv.study.execution import StudyRunner, StudySchedule, StudyTask
 from hpcinv.study.findings import accuracy, front
 from hpcinv.study.plan import StudyPlan
+from hpcinv.study.report import not_refined
 from hpcinv.study.rows import rows_of
 from hpcinv.study.run import conclude
 
@@ -412,6 +413,21 @@ def test_there_is_no_order_where_more_than_the_mesh_varies(begin: Begin, tmp_pat
     study = plan(tmp_path, repeat=1, series=[{"name": "all", "vary": vary}])
     rows, _ = rows_and_accuracy(begin, study, tmp_path / "b", [good(1.0, unknowns=n) for n in (1, 8, 64)])
     assert [row.size for row in rows] == pytest.approx([1, 0.5, 0.25])
+
+
+def test_a_series_of_meshes_that_does_not_refine_is_told(begin: Begin, tmp_path: Path) -> None:
+    def told(*cells: int) -> list[str]:
+        directory = tmp_path / "-".join(map(str, cells))
+        directory.mkdir()
+        records = [good(1.0 + 1 / n, unknowns=n, total=float(i)) for i, n in enumerate(cells)]
+        rows, _ = rows_and_accuracy(begin, plan(directory, repeat=1, series=series), directory, records)
+        assert [row.costs["cells"] for row in rows] == list(cells)
+        return list(not_refined(rows))
+
+    series = [{"name": "sizes", "vary": {"mesh.parameters.nz": [1, 2, 4, 8]}}]
+    assert told(1000, 2000, 3000, 4000) == []
+    (line,) = told(2001, 2365, 1439, 3788)
+    assert "'sizes' do not become finer from run to run (2,001, 2,365, 1,439, 3,788 cells)" in line
 
 
 def test_effectivity_is_the_estimated_over_the_true_error(begin: Begin, tmp_path: Path) -> None:

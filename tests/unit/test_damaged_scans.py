@@ -333,6 +333,7 @@ REFERENCES: dict[str, tuple[str, bytes]] = {
     "has its voxels in '../private.raw'": ("a.nrrd", nrrd(b"", data_file="../private.raw")),
     "packed.* leads out": ("packed.mha.gz", gzip.compress(metaimage(b"", ElementDataFile="../private.raw"))),
     "by a pattern of names": ("a.mhd", metaimage(b"", ElementDataFile="slice%d.raw 1 7 1")),
+    "is not a pattern of numbers": ("a.mhd", metaimage(b"", ElementDataFile="%s%n.raw 1 7 1")),
     "by a list of names": ("a.mhd", metaimage(b"slice1.raw\n", ElementDataFile="LIST")),
 }
 

@@ -156,7 +156,7 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
         monkeypatch.setattr(run_report, "write_summary", write_summary)
         monkeypatch.setattr(of_run, "write_run_report", write_run_report)
         job = SimpleNamespace(
-            solver=SimpleNamespace(patience=400),
+            solver=SimpleNamespace(patience=500),
             directions=("inverse", "forward")[:directions],
             accuracy={},
             quantities=(),
