@@ -102,7 +102,11 @@ def certify(
             check("overlap", lambda: self_overlap(model, solution))
             check("round trip", way_back)
             (stable,) = check("stability", lambda: stability(model, forward, observer))
-            if is_checked and any(contact.tolerance is not None for contact in solution.contacts):
+            if (
+                is_checked
+                and model.job.certificate.stability
+                and any(contact.tolerance is not None for contact in solution.contacts)
+            ):
                 check("penalty", lambda: penalties(model, solution, forward))
         if is_checked:
             check("limit points", lambda: limit_points(model, solution, stable))

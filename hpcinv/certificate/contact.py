@@ -11,6 +11,7 @@ import numpy as np
 from hpcinv.certificate.check import Line, Verdict, at_most
 from hpcinv.methods.updates import Anderson
 from hpcinv.parallel.runtime import MPI
+from hpcinv.results.displacement_scale import displacement_scale
 
 if TYPE_CHECKING:
     from hpcinv.assembly.system import System
@@ -43,7 +44,7 @@ def penalties(model: Model, solution: Solution, forward: ForwardFactors) -> Iter
     if solution.direction != "forward" or not any(contact.largest_pressure for contact in solution.contacts):
         return
     contacts = {contact.where: contact for contact in solution.contacts}
-    size = solution.largest_displacement
+    size = displacement_scale(model, solution).length
     solver = forward.factors if forward.affordable else forward.multigrid
     if solver is None:
         return

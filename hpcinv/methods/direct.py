@@ -57,6 +57,7 @@ class DirectMethod(Method):
             and not contacts.is_iterated
             and isinstance(self.steps, AdaptiveSteps)
         ):
+            self.equilibrium.depart(0.0)
             solve = start.guess.solve(self.problem.model, self.equilibrium)
             if solve.outcome.accepted:
                 self.reached = 1.0

@@ -213,7 +213,7 @@ def _also_arithmetic(schema: dict[str, Any]) -> None:
     if any(choice.get("type") == "string" for choice in choices):
         return
     number = {key: schema.pop(key) for key in [*schema] if key not in ("title", "default", "description")}
-    text = {"type": "string", "format": ARITHMETIC, "pattern": rf"^[\s(+-]*{NUMBER}.*[*/^+-]"}
+    text = {"type": "string", "format": ARITHMETIC, "pattern": rf"^(?!\s*{NUMBER}\s*$)[\s(+-]*{NUMBER}.*[*/^+-]"}
     schema["anyOf"] = [*number.get("anyOf", [number]), text]
 
 

@@ -15,6 +15,7 @@ import hpcinv
 from hpcinv.errors import Interrupted, MeshError, SolveError
 from hpcinv.job.job import load
 from hpcinv.methods.direct import DirectMethod
+from hpcinv.methods.method import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 
@@ -200,7 +201,8 @@ def sagging(comm: MPI.Intracomm, obstacle: dict[str, Any], **changes: Any) -> Re
         "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
         "certificate": "off",
     }
-    return hpcinv.run(job(**given | changes), comm)
+    conduct = {key: changes.pop(key) for key in ("guesses",) if key in changes}
+    return hpcinv.run(job(**given | changes), comm, **conduct)
 
 
 PEG = {"shape": "cylinder", "point": [0.38, 0, -0.036], "axis": [0, 1, 0], "radius": 0.01}
@@ -216,6 +218,17 @@ def test_beam_does_not_pass_through_a_peg_in_one_step(comm: MPI.Intracomm) -> No
     solution = sagging(comm, PEG).solutions[0]
     assert solution.contacts[0].force[2] == pytest.approx(force, rel=0.02)
     assert solution.largest_displacement == pytest.approx(tip, rel=0.02)
+
+
+def test_guess_beyond_a_peg_is_not_taken(comm: MPI.Intracomm) -> None:
+    """A beam without the peg gives the guess, which is an equilibrium of the beam with an elastic peg, too."""
+    free = sagging(comm, PEG | {"point": [0.38, 0, -9]}).solutions[0]
+    guess = Guess(free.displacement.x.array, None)
+    layer = {"effect": "contact", "region": "z0", "obstacle": PEG, "stiffness": "10 MPa/m"}
+    weight = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 200}
+    contact = sagging(comm, PEG, guesses=[guess], effects=[weight, layer]).solutions[0].contacts[0]
+    force = contact.force[2]
+    assert force > 0.05
 
 
 def test_wire_between_the_nodes_is_not_passed_unnoticed(comm: MPI.Intracomm) -> None:
