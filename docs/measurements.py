@@ -42,6 +42,9 @@ COMMANDS = {
     "two-level": "python benchmarks/two_level.py",
     "effectivity-linear": "python benchmarks/effectivity.py --divisions 4 8 --displacement 1",
     "effectivity": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2",
+    "effectivity-singular": "python benchmarks/effectivity.py --bodies corner cantilever slot --divisions 1"
+    " --displacement 2 3",
+    "promises": "python benchmarks/promises.py",
     "effectivity-layers": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2"
     ' --bodies "layered sphere" "grown layers"',
     "effectivity-cubic": "python benchmarks/effectivity.py --divisions 2 --displacement 3",

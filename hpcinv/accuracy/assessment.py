@@ -3,13 +3,15 @@
 The error estimate compares one degree with the next on the same mesh. It does not contain errors that a finer mesh
 alone reveals, such as the geometry of a curved body or a maximum between nodes; these are estimated by the difference
 of the corrected values on two meshes. The estimate itself is tested: that of one discretisation is compared with the
-values of the next one.
+values of the next one, and no error is promised that is smaller than the last change of the value allows. With a ratio
+r of successive errors, a change Δ leaves ``Δ r/(1 - r)``; r is not less than the ratio of the estimates, and not less
+than singular edges allow.
 """
 
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,6 +29,8 @@ class Finding:
     Attributes:
         size: of the cells, as in `forecast.Step`.
         corrected: these values plus the estimated errors.
+        ratio: least ratio of its errors to those of the finding before, by singular edges; 0 if nothing is known.
+        is_reliable: whether its estimate is, by itself.
     """
 
     mesh: int
@@ -34,6 +38,8 @@ class Finding:
     degree: int
     values: Mapping[str, Value]
     corrected: Mapping[str, Value]
+    ratio: float = 0.0
+    is_reliable: bool = True
 
 
 @dataclass(frozen=True)
@@ -43,16 +49,18 @@ class Assessment:
     Attributes:
         safety: factors by which the errors are multiplied before they are compared with the demands.
         demands: largest errors that the job allows.
+        least: smallest errors that the last change of the values allows.
     """
 
     errors: Mapping[str, float]
     safety: Mapping[str, float]
     demands: Mapping[str, float]
+    least: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def bounds(self) -> dict[str, float]:
-        """The errors with their safety factors."""
-        return {name: self.safety[name] * error for name, error in self.errors.items()}
+        """The errors with their safety factors, or the least ones if these are larger."""
+        return {name: max(self.safety[name] * e, self.least.get(name, 0.0)) for name, e in self.errors.items()}
 
     @property
     def excess(self) -> float:
@@ -72,12 +80,13 @@ def assess(
         previous: assessment of the last but one.
         unseen_order: order of the errors that an estimate on one mesh does not contain; ``None`` if there are none.
     """
-    errors, safety = {}, {}
+    errors, safety, least = {}, {}, {}
     for name, demand in demands.items():
         last = findings[-1]
         errors[name] = distance(last.corrected[name], last.values[name]) + _unseen(findings, name, unseen_order)
         safety[name] = _safety(findings, name, demand, previous)
-    return Assessment(errors, safety, demands)
+        least[name] = _least(findings, name, previous)
+    return Assessment(errors, safety, demands, least)
 
 
 def hindsight(findings: Sequence[Finding], demands: Mapping[str, float]) -> list[float]:
@@ -105,8 +114,22 @@ def _unseen(findings: Sequence[Finding], name: str, order: float | None) -> floa
             seen = _order_seen((sizes[-3], sizes[-2], sizes[-1]), differences[-2], differences[-1])
             power = max(seen, power)
         left = (sizes[-1] / sizes[-2]) ** power
-    left = min(left, SLOWEST)
+    left = min(max(left, after.ratio), SLOWEST)
     return differences[-1] * left / (1 - left)
+
+
+def _least(findings: Sequence[Finding], name: str, previous: Assessment | None) -> float:
+    """Return the error that the last change of a value allows; infinite for one unreliable estimate alone."""
+    last = findings[-1]
+    if previous is None or len(findings) < 2:
+        return 0.0 if last.is_reliable else math.inf
+    before = findings[-2]
+    earlier, later = (distance(f.corrected[name], f.values[name]) for f in (before, last))
+    ratio = min(max(later / earlier if earlier > 0 else 0.0, last.ratio), SLOWEST)
+    least = distance(last.values[name], before.values[name]) * ratio / (1 - ratio)
+    # A small change may be an accident where errors nearly cancel.
+    known = previous.least.get(name, 0.0)
+    return least if last.is_reliable or not math.isfinite(known) else max(least, last.ratio * known)
 
 
 def _order_seen(sizes: tuple[float, float, float], earlier: float, later: float) -> float:

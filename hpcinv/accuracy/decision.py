@@ -3,13 +3,14 @@
 import numpy as np
 
 from hpcinv.accuracy.forecast import TARGET, RefinementChoice, RefinementForecast, cautious, choose
-from hpcinv.accuracy.marking import MarkingPlan, plan
+from hpcinv.accuracy.marking import CellErrors, MarkingPlan, plan, remaining
 from hpcinv.accuracy.meshes import Meshes, Variant
 from hpcinv.accuracy.trial import Trial
-from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import on_root
 
 DEEPEST = 2  # largest number of halvings of a marked cell in one step
+# The same of cells that touch a singular edge, of which only the pieces that touch it are halved again, and of others.
+GRADED, FEW = 2, 1
 SECOND_MESH = 1.5  # smallest factor between the sizes of two meshes whose comparison gives the error
 
 
@@ -23,8 +24,10 @@ def decide(
         may_mark: whether cells may be refined locally.
     """
     factors = meshes.factors(last.variant)
-    indicators = indicators_of(last) if may_mark and known else None
+    errors = errors_of(last) if may_mark and known else None
     planned: list[MarkingPlan] = []
+
+    order = max(forecast.order(last.step.degree), last.step.degree + 1.0)
 
     # Depends on measured times, which differ from rank to rank.
     def on_rank_0() -> tuple[RefinementChoice, float] | None:
@@ -32,9 +35,8 @@ def decide(
             factor = min(f for f in factors if f >= SECOND_MESH)
             choice = forecast.everywhere(factor, forecast.last.degree)
             return (choice, factor) if choice.unknowns <= limit else None
-        if indicators is not None:
-            order = max(forecast.order(last.step.degree), last.step.degree + 1.0)
-            planned.append(plan(indicators, forecast.excess / TARGET, order))
+        if errors is not None:
+            planned.append(plan(errors.shares, forecast.excess / TARGET, order, errors.orders))
         places = planned[0].places if planned else None
         best = choose(forecast, factors, places, limit=limit, highest=highest)
         return None if best is None else (best, cautious(forecast, best, factors))
@@ -45,22 +47,32 @@ def decide(
     choice, factor = found
     variant = last.variant
     if choice.kind == "in places":
-        levels = np.minimum(planned[0].levels, DEEPEST) if planned else np.zeros(0, dtype=np.int64)
-        variant = meshes.in_places(variant, last.body, levels)
+        levels, ratio = np.zeros(0, dtype=np.int64), 0.0
+        if planned and errors is not None:
+            touching = errors.touching
+            others = FEW if touching.any() else DEEPEST
+            levels = np.minimum(planned[0].levels, np.where(touching, GRADED, others))
+            at_edges = np.where(touching, errors.shares, 0.0)
+            ratio = remaining(at_edges, errors.orders, levels) * at_edges.sum() / errors.shares.sum()
+        segments = last.estimate.segments if last.estimate else None
+        variant = meshes.in_places(variant, last.body, levels, segments, meshes.comm.bcast(ratio))
     elif factor > 1:
         variant = meshes.everywhere(variant, last.body, factor)
     return variant, choice.degree
 
 
-def indicators_of(trial: Trial) -> Floats:
-    """Return each cell's share of the estimate on rank 0, in the order of the source, else nothing; collective."""
+def errors_of(trial: Trial) -> CellErrors:
+    """Return the cells' shares of the error on rank 0, in the order of the source, else nothing; collective."""
     assert trial.estimate is not None
-    mesh = trial.body.mesh
+    mesh, limit = trial.body.mesh, trial.estimate.limit
     numbers = np.asarray(mesh.topology.original_cell_index)[: mesh.topology.index_map(3).size_local]
-    gathered = mesh.comm.gather((numbers, trial.estimate.cells))
+    missed, orders = (1.0, np.inf) if limit is None else (limit.missed, limit.orders)
+    shares = trial.estimate.cells * missed
+    gathered = mesh.comm.gather((numbers, shares, np.broadcast_to(orders, shares.shape)))
     if gathered is None:
-        return np.zeros(0)
-    shares = np.zeros(len(trial.body.source.cells))
-    for cells, mine in gathered:
-        shares[cells] = mine
-    return shares
+        return CellErrors(np.zeros(0), np.zeros(0))
+    count = len(trial.body.source.cells)
+    whole = CellErrors(np.zeros(count), np.full(count, np.inf))
+    for cells, mine, its in gathered:
+        whole.shares[cells], whole.orders[cells] = mine, its
+    return whole

@@ -12,10 +12,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from hpcinv.certificate.singular_limit import SingularLimit
+
 TARGET = 0.7  # predicted error of a step, as a share of the demand, so that small deviations do not matter
 GAIN, POOR_GAIN = 0.2, 0.5  # ratio of errors of one degree more, for smooth and other solutions
 CAREFUL, BOLD = 2.0, 4.0  # largest refinement factor of one step, before and after the order was observed
 WORTHWHILE = 0.8  # largest ratio of errors of a step that is taken although it does not meet the demand
+LARGEST = 1e3  # largest refinement factor that is thought of; larger ones only cost time here
 HIGHEST_DEGREE = 3  # largest degree that is chosen; its estimate uses one degree more
 COMPILATION = 10.0  # smallest presumed time (s) to compile kernels of a degree that the run has not used
 POWER, SHORTEST = 1.5, 0.01  # ``q`` until a factorization has taken so many seconds
@@ -91,10 +94,13 @@ class RefinementForecast:
     Args:
         errors: of the steps, all in the same unit.
         excess: ratio of the last error to the demand.
+        limit: effect of singular edges on the last error, ``None`` without one.
     """
 
-    def __init__(self, steps: Sequence[Step], errors: Sequence[float], excess: float) -> None:
-        self.steps, self.errors, self.excess = steps, errors, excess
+    def __init__(
+        self, steps: Sequence[Step], errors: Sequence[float], excess: float, limit: SingularLimit | None = None
+    ) -> None:
+        self.steps, self.errors, self.excess, self.limit = steps, errors, excess, limit
         self.last = steps[-1]
         done = [(work, step) for step in steps for work in (step.solve, step.estimate)]
         self.power, self._factorization = _fit((w.unknowns, w.factorization / max(w.count, 1)) for w, _ in done)
@@ -127,14 +133,24 @@ class RefinementForecast:
 
     def needed(self, degree: int) -> float:
         """Return the refinement factor of all cells that meets the demand with a degree."""
-        return float(max(self.everywhere(1.0, degree).excess / TARGET, 1.0) ** (1 / self.order(degree)))
+        if self.limit is None:
+            return float(max(self.everywhere(1.0, degree).excess / TARGET, 1.0) ** (1 / self.order(degree)))
+        low, high = 0.0, math.log(LARGEST)
+        for _ in range(40):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self._reached(math.exp(middle), degree) > TARGET else (low, middle)
+        return math.exp(low)
 
     def everywhere(self, factor: float, degree: int) -> RefinementChoice:
         """Return the choice of all cells smaller by ``factor``, perhaps with one degree more."""
-        excess = self.excess * factor ** -self.order(degree)
-        if degree > self.last.degree:
-            excess *= self.gain(self.last.degree)
-        return self._choice("everywhere", factor, degree, factor**3, excess)
+        return self._choice("everywhere", factor, degree, factor**3, self._reached(factor, degree))
+
+    def _reached(self, factor: float, degree: int) -> float:
+        """Return the predicted ratio of the error to the demand."""
+        if self.limit is not None:
+            return self.excess * self.limit.remaining(factor, self.last.degree, degree)
+        gain = self.gain(self.last.degree) if degree > self.last.degree else 1.0
+        return float(self.excess * gain * factor ** -self.order(degree))
 
     def in_places(self, places: Places) -> RefinementChoice:
         """Return the choice of refining marked cells."""

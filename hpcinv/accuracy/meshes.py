@@ -4,17 +4,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import Resolution, is_generator, resolution_of
 from hpcinv.mesh.body import Body, build_body, read_source
-from hpcinv.mesh.cells import sub_entities
+from hpcinv.mesh.cells import sub_entities, vertex_count
 from hpcinv.mesh.refine.degree import inner_dofs
 from hpcinv.mesh.refine.refinement import refine
-from hpcinv.mesh.source import Ints, MeshSource
+from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
 
 MOST = 16  # largest refinement factor
+# Distance of a node from a singular edge that counts as none, relative to its straight segment: curved ones are off it.
+BESIDE = 0.02
 FLAT = 1e-6  # rounding error of a generator: distance of a node from the middle of its edge, relative to the edge
 
 
@@ -27,6 +30,7 @@ class Variant:
         given: the mesh, on rank 0, if it was refined from another one.
         size: of its cells, relative to the job's mesh; ``None`` if they were refined locally.
         origin: description of how it was made.
+        ratio: least ratio of errors to those of the mesh that was refined locally, by singular edges; 0 of others.
     """
 
     resolution: Resolution
@@ -34,6 +38,7 @@ class Variant:
     refined: bool
     size: float | None
     origin: str
+    ratio: float = 0.0
 
 
 class Meshes:
@@ -88,15 +93,26 @@ class Meshes:
         size = None if variant.size is None else variant.size / factor
         return Variant(variant.resolution, given, True, size, f"each cell cut into {8**times}")
 
-    def in_places(self, variant: Variant, body: Body, levels: Ints) -> Variant:
-        """Return the mesh with each cell of the source halved ``levels`` times; ``levels`` is used on rank 0."""
+    def in_places(
+        self, variant: Variant, body: Body, levels: Ints, segments: Floats | None = None, ratio: float = 0.0
+    ) -> Variant:
+        """Return the mesh with each cell of the source halved ``levels`` times; ``levels`` is used on rank 0.
+
+        Args:
+            segments: singular edges (n, 2, 3) m; of cells that touch them, only the pieces that do are halved again.
+            ratio: least ratio of errors that these edges allow.
+        """
         given, marked = None, self.comm.bcast(int(np.count_nonzero(levels)))
         if self.comm.rank == 0:
             given = body.source
+            graded = touching(given, segments)
             while levels.max(initial=0) > 0:
                 refined = refine(given, np.flatnonzero(levels))
                 given, levels = refined.source, np.maximum(levels - 1, 0)[refined.parent]
-        return Variant(variant.resolution, given, True, None, f"refined in {marked} cells")
+                here = touching(given, segments)
+                levels[graded[refined.parent] & ~here] = 0
+                graded = here
+        return Variant(variant.resolution, given, True, None, f"refined in {marked} cells", ratio)
 
     def have_one_shape(self, body: Body) -> bool:
         """Return whether finer meshes have exactly the same geometry: flat faces only, or no generator."""
@@ -125,3 +141,19 @@ def is_straight(source: MeshSource) -> bool:
     middles = source.points[source.cells[:, inner_dofs(source.kind, 1)]]
     offset = np.linalg.norm(middles - ends.mean(axis=2), axis=2)
     return bool((offset <= FLAT * np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)).all())
+
+
+def touching(source: MeshSource, segments: Floats | None) -> npt.NDArray[np.bool_]:
+    """Return which cells have a vertex on one of the ``segments`` (n, 2, 3) m."""
+    if segments is None or not len(segments):
+        return np.zeros(len(source.cells), dtype=bool)
+    vertices = source.cells[:, : vertex_count(source.kind)]
+    on_one = np.zeros(len(source.points), dtype=bool)
+    for first, last in segments:
+        along = last - first
+        length = np.linalg.norm(along)
+        near = np.flatnonzero((np.abs(source.points - (first + last) / 2) <= length).all(axis=1))
+        offset = source.points[near] - first
+        at = np.clip(offset @ along / length**2, 0, 1)
+        on_one[near] |= np.linalg.norm(offset - at[:, None] * along, axis=1) <= BESIDE * length
+    return np.asarray(on_one[vertices].any(axis=1))

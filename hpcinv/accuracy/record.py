@@ -36,6 +36,7 @@ class AccuracyStep:
         bounds: errors times safety factors.
         excess: the largest ratio of a bound to its demand. All are ``None`` if a second mesh is needed to know them.
         left_out: note that the estimate has no error of the geometry; else empty.
+        limit: note on an edge that limits the rate; else empty.
     """
 
     mesh: str
@@ -49,6 +50,7 @@ class AccuracyStep:
     left_out: str
     factorizations: int
     seconds: float
+    limit: str = ""
 
     @property
     def text(self) -> str:
@@ -86,7 +88,8 @@ class AccuracyRecord:
         met = self.bounds[name] <= demand
         rule = f"fail above {demand:g}, which accuracy.{name} demands"
         note = "" if met else f"{self.ending.text}: {self.ending.advice}"
-        note = (note + self.rows[self.chosen].left_out).removeprefix(", ")
+        row = self.rows[self.chosen]
+        note = "; ".join(text for text in ((note + row.left_out).removeprefix(", "), row.limit) if text)
         return Line(f"error of {name}", self.bounds[name], "", rule, Verdict.PASS if met else Verdict.FAIL, note)
 
     def as_data(self) -> dict[str, Any]:

@@ -2,16 +2,18 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 
 from hpcinv.accuracy.assessment import UNTESTED, Assessment, Finding, assess, distance, hindsight
 from hpcinv.accuracy.decision import decide
 from hpcinv.accuracy.forecast import HIGHEST_DEGREE, RefinementForecast, Step
 from hpcinv.accuracy.meshes import Meshes, Variant
+from hpcinv.accuracy.moving_regions import cut_regions, facet_shares, moved
 from hpcinv.accuracy.record import AccuracyRecord, AccuracyStep, Ending
 from hpcinv.accuracy.trial import Trial, attempt
 from hpcinv.certificate.estimate import one_degree_more
+from hpcinv.certificate.singular_edges import singular_edges
 from hpcinv.errors import Interrupted, MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
@@ -27,6 +29,8 @@ USABLE = 0.7  # share of the free memory before the first mesh is made
 FILL = 4 / 3
 LEAST = 50e6  # bytes, below which the memory that was used is no basis of a prediction
 MOST_STEPS = 15
+INTERFACE = 1.0  # order of errors by the border of a region that moves with the mesh; a larger one promises less error
+MOSTLY = 0.5  # share of the error at singular edges from which lines name them; a larger one names fewer
 AVERAGES = ("mean", "rms", "integral")
 TOLERANCE, FINEST = 1e-3, 1e-15  # tolerance of the solver as a share of the demand, and its smallest value
 
@@ -72,6 +76,8 @@ class Search:
         self.assessments: list[Assessment] = []
         self.steps: list[Step] = []
         self.rows: list[AccuracyStep] = []
+        self.shares: Mapping[str, float] = {}
+        self.moving: set[str] = set()
 
     def run(self) -> tuple[AccuracyRecord | None, Trial]:
         """Solve until the demands are met or cannot be met; return the record and the best trial.
@@ -93,7 +99,8 @@ class Search:
         elif sampled or self.job.regions or not one_shape:
             self.unseen_order = 2.0
         self.may_mark = body.source.kind == "tetrahedron" and one_shape and not averaged
-        if self.unseen_order is not None and (coarser := self.meshes.coarser()) is not None:
+        needs_two = self.unseen_order is not None or self._may_cancel(body)
+        if needs_two and (coarser := self.meshes.coarser()) is not None:
             with suppress(MeshError):  # it may lack regions of the job
                 self._attempt(coarser, self._build(coarser), self._degree)
         if not self._attempt(first, body, self._degree):
@@ -102,6 +109,14 @@ class Search:
         seconds = time.perf_counter() - begin
         bounds = self.promise.bounds
         return AccuracyRecord(self.job.accuracy, self.rows, self.chosen, bounds, ending, seconds), self.best
+
+    def _may_cancel(self, body: Body) -> bool:
+        """Return whether an estimate on one mesh may be unreliable: in hexahedra with pressures and singular edges."""
+        if body.source.kind != "hexahedron" or self.job.pressure_degree is None:
+            return False
+        with suppress(MeshError):  # of supports without facets, of which the model says more
+            return singular_edges(self.job, body) is not None
+        return False
 
     def _improve(self) -> Ending:
         while self.assessments[-1].excess > 1:
@@ -140,8 +155,16 @@ class Search:
         corrected = {name: trial.estimate.corrected[name] for name in self.job.accuracy}
         values = {name: trial.quantities[name] for name in self.job.accuracy}
         mesh = 0 if before is None else self.findings[-1].mesh + (before.variant is not variant)
-        self.findings.append(Finding(mesh, variant.size, degree, values, corrected))
+        limit = trial.estimate.limit
+        ratio, is_reliable = self._ratio(variant, degree), limit is None or limit.is_reliable
+        self.findings.append(Finding(mesh, variant.size, degree, values, corrected, ratio, is_reliable))
         previous = self.assessments[-1] if self.assessments else None
+        if before is None or before.variant is not variant:
+            shares = facet_shares(body)
+            self.moving |= moved(self.shares, shares) | set(cut_regions(body, self.job.regions))
+            self.shares = shares
+        if self.moving:
+            self.unseen_order = INTERFACE
         found = assess(self.findings, self.job.accuracy, self.unseen_order, previous)
         self.last = trial
         self.assessments.append(found)
@@ -150,6 +173,17 @@ class Search:
         if len(self.assessments) == 1 or found.excess <= self.promise.excess:
             self.best, self.promise, self.chosen = trial, found, len(self.rows) - 1
         return True
+
+    def _ratio(self, variant: Variant, degree: int) -> float:
+        """Return the least ratio of errors to those of the last step that singular edges allow, 0 without them."""
+        if self.last is None or self.last.estimate is None or (limit := self.last.estimate.limit) is None:
+            return 0.0
+        before, after = self.last.variant.size, variant.size
+        if variant is self.last.variant:
+            return limit.least_remaining(1.0, self.last.step.degree, degree)
+        if before is None or after is None:
+            return variant.ratio or limit.least_remaining(2.0, self.last.step.degree, degree)
+        return limit.least_remaining(before / after, self.last.step.degree, degree)
 
     def _interrupted(self) -> Interrupted:
         where = f"stopped by a signal in step {len(self.rows) + 1} towards the accuracy demanded"
@@ -173,20 +207,39 @@ class Search:
                 bounds=bounds,
                 excess=found.excess if math.isfinite(found.excess) else None,
                 left_out=trial.estimate.left_out,
+                limit=self._limit_of(trial),
                 factorizations=step.solve.count,
                 seconds=seconds,
             )
         )
         self.note(self.rows[-1].text)
 
+    def _limit_of(self, trial: Trial) -> str:
+        """Return text on what limits the rate: a singular edge that has most of the error, regions that move."""
+        limit, texts = trial.estimate and trial.estimate.limit, list[str]()
+        if limit and limit.share >= MOSTLY:
+            remedy = "; tetrahedra can be refined towards it, hexahedra cannot"
+            texts.append(f"limited by the {limit.text}{'' if trial.step.cell == 'tetrahedron' else remedy}")
+        if self.moving:
+            names = ", ".join(f"'{name}'" for name in sorted(self.moving))
+            texts.append(f"the border of {names} is not on the mesh, and moves with its cells: let cells end there")
+        return "; ".join(texts)
+
     def _next(self) -> tuple[Variant, Body, int] | None:
         """Return mesh, body and degree of the next step; ``None`` if no choice within the limits helps much."""
         assert self.last is not None
         limit = min(self.job.solver.maximum_unknowns, self.memory.limit(self.steps[-1].estimate.unknowns))
-        excess = self.assessments[-1].excess
+        excess, estimate = self.assessments[-1].excess, self.last.estimate
         known = math.isfinite(excess)
+        if not known and self.may_mark and not self.findings[-1].is_reliable:
+            # A mesh that is refined towards the edges is a second one, too.
+            excess = max(UNTESTED * max(hindsight(self.findings[-1:], self.job.accuracy)), UNTESTED)
+            known = True
         forecast = RefinementForecast(
-            self.steps, hindsight(self.findings, self.job.accuracy), excess if known else UNTESTED
+            self.steps,
+            hindsight(self.findings, self.job.accuracy),
+            excess if known else UNTESTED,
+            estimate.limit if estimate else None,
         )
         decision = decide(
             self.meshes, self.last, forecast, limit=limit, highest=self.highest, known=known, may_mark=self.may_mark

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
+UNRELIABLE = 10.0
+"""Ratio of the error to an estimate that is not reliable, up to which its line is decided; larger decides fewer."""
 DISCRETISATION = "discretisation error of the shape, relative to the displacement"
 
 
@@ -139,6 +141,12 @@ def _discretisation(model: Model, solution: Solution, found: Estimate | None, un
         return replace(line, note=note, verdict=Verdict.UNDECIDED)
     if found.is_solved:
         note += "; found by a solve in spaces of one degree more"
+    if found.limit and found.limit.doubt:
+        note += f"; {found.limit.doubt}"
+        # Of errors that nearly cancel, the estimate may show a tenth.
+        if line.verdict is Verdict.PASS and UNRELIABLE * (line.value or 0.0) > 0.05:
+            line = replace(line, verdict=Verdict.UNDECIDED)
+        line = replace(line, note=note)
     if not uncertain or found.shape > uncertain:
         return line
     # The mesh need not be better than the image deserves.

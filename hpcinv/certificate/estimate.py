@@ -13,6 +13,9 @@ estimate leaves that error out, and says so.
 One Newton step says little of a correction that is as large as the displacement. The finer problem is then solved, so
 that a certificate fails for an error that was found, and not for one that was extrapolated.
 
+At re-entrant edges and at edges of supports it finds a part of the error only, and is multiplied by what is missing
+(`hpcinv.certificate.singular_limit`).
+
 A further state of a body is corrected on the corrected rest shape, so that its estimate has the error of that in it.
 
 Source: Bank & Weiser, "Some a posteriori error estimators for elliptic partial differential equations" (1985),
@@ -36,6 +39,8 @@ from dolfinx import fem
 
 from hpcinv.certificate import two_level
 from hpcinv.certificate.extension import extend
+from hpcinv.certificate.singular_edges import singular_edges
+from hpcinv.certificate.singular_limit import SingularLimit, singular_limit
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.location import locate, position
@@ -90,6 +95,8 @@ class Estimate:
         shape: largest correction of the displacement at a geometry node, in m.
         cells: ``∫ |∇δ|² dx`` of each owned cell, in scaled lengths: where the error is.
         unknowns: number of unknowns of the finer spaces.
+        limit: effect of singular edges, for which the errors are corrected; ``None`` without one.
+        segments: ends (n, 2, 3) m of these edges, the same on all ranks.
         is_solved: whether the finer problem was solved, since its correction was too large for one Newton step.
         without_geometry: why the error of the geometry is left out; empty if it is included.
         correction: of the rest shape; ``None`` if it is not finite.
@@ -100,6 +107,8 @@ class Estimate:
     shape: float
     cells: npt.NDArray[np.float64]
     unknowns: int
+    limit: SingularLimit | None = None
+    segments: Floats | None = None
     is_solved: bool = False
     without_geometry: str = ""
     correction: Correction | None = None
@@ -124,6 +133,7 @@ class Estimate:
             "shape": self.shape,
             "unknowns": self.unknowns,
             "solved": self.is_solved,
+            "singular": self.limit and self.limit.as_data(),
         }
 
 
@@ -149,6 +159,7 @@ def estimate(
     quantities = tuple(q for q in model.job.quantities if not q.is_reaction)
     if not model.is_of_given_mesh:
         quantities = carried(quantities, model.body, _nodes(solution, given))
+    edges = singular_edges(model.job, model.body)
     with in_finer_spaces(model, solution, given) as finer:
         body, forecast = finer.body, finer_forecast(model)
         before, _ = finer.solution()
@@ -172,13 +183,18 @@ def estimate(
         corrected = _corrected(quantities, model, at_nodes, solution.direction, finer) if has_values else {}
         displacement, delta = u.copy(), u
         delta.x.array[:] -= before.x.array
+        indicators = _by_cell(delta, body.length_scale)
+        limit = None if edges is None else singular_limit(model, edges, indicators, delta)
+        # A correction as large as the displacement is not one of edges.
+        missed = limit.factor if limit and not is_solved else 1.0
+        corrected = {n: _extrapolated(computed[n], v, missed) for n, v in corrected.items() if n in computed}
         return Estimate(
-            quantities={
-                name: _difference(corrected[name], value) for name, value in computed.items() if name in corrected
-            },
+            quantities={name: _difference(value, computed[name]) for name, value in corrected.items()},
             corrected=corrected,
-            shape=largest,
-            cells=_by_cell(delta, body.length_scale),
+            shape=missed * largest,
+            cells=indicators,
+            limit=limit,
+            segments=edges.segments if edges else None,
             unknowns=finer.unknowns.size,
             is_solved=is_solved,
             without_geometry=_finer_body(model, given)[1],
@@ -315,6 +331,15 @@ def _difference(corrected: Value, computed: Value) -> Value:
         return [a - b for a, b in zip(corrected, computed, strict=True)]
     assert not isinstance(computed, list)
     return corrected - computed
+
+
+def _extrapolated(computed: Value, corrected: Value, factor: float) -> Value:
+    """Return the corrected value with its correction multiplied by ``factor``."""
+    if isinstance(corrected, list):
+        assert isinstance(computed, list)
+        return [a + factor * (b - a) for a, b in zip(computed, corrected, strict=True)]
+    assert not isinstance(computed, list)
+    return computed + factor * (corrected - computed)
 
 
 def _by_cell(delta: fem.Function, length: float) -> npt.NDArray[np.float64]:

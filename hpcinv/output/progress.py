@@ -351,6 +351,8 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     estimated = statistics["certificate"]["estimate"] or {"quantities": {}, "without_geometry": ""}
     bounds = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
     without = ", without that of the geometry" if estimated.get("without_geometry") else ""
+    singular = estimated.get("singular")
+    doubt = ", not reliable here" if singular and not singular["reliable"] else ""
     slopes = statistics["sensitivities"] or {"quantities": {}}
     of_surface = (statistics.get("surface_errors") or {}).get("quantities", {})
     reactions, of_nodes = _reactions(statistics), _of_nodes(statistics)
@@ -361,7 +363,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
         if name in bounds:  # only one error of a quantity is printed
             notes.append(f"error at most {_number(bounds[name], 3)}{without}")
         elif name in estimated["quantities"]:
-            notes.append(f"estimated error {_value(estimated['quantities'][name], digits=2)}{without}")
+            notes.append(f"estimated error {_value(estimated['quantities'][name], digits=2)}{without}{doubt}")
         elif name in reactions and statistics["certificate"]["estimate"] is not None:
             notes.append("no error estimate for reactions")
         if (deviation := slopes["quantities"].get(name, {"sd": None})["sd"]) is not None:

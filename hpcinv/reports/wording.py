@@ -119,7 +119,11 @@ def _accuracy(summary: Mapping[str, Any], error: ShapeError | None) -> list[str]
         "round trip": f"Solved back, the shape misses the given body by {readable(largest[1], 'm')}{share}.",
     }
     less = [f"Less comes from {CAUSES[cause]}: {readable(value, 'm')}." for cause, value in others]
-    return [head[error.cause], *less, *unknown]
+    singular = estimate.get("singular")
+    doubt = (
+        [f"The error of the mesh is not reliable: {singular['edge']}."] if singular and not singular["reliable"] else []
+    )
+    return [head[error.cause], *less, *unknown, *doubt]
 
 
 def _unfinished(summary: Mapping[str, Any], strained: str) -> Words:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -220,3 +221,30 @@ def test_the_certificate_tells_which_demand_is_not_met(left_out: str) -> None:
     assert "not met" in missed.note
     assert missed.note.endswith(left_out)
     assert "solver.maximum_unknowns" in missed.note
+
+
+def test_an_estimate_that_falls_faster_than_its_value_changes_is_not_believed() -> None:
+    """Of the corner of hexahedra: the estimate falls by 20, and the change of the value leaves a far larger error."""
+    values, estimates = [-0.13833, -0.14151], [-4.3e-3, -2.2e-4]
+    ratio = 0.33  # that the corner allows
+    found = [
+        Finding(i, 0.5**i, 2, {"q": q}, {"q": q + e}, ratio * i, is_reliable=False)
+        for i, (q, e) in enumerate(zip(values, estimates, strict=True))
+    ]
+    first = assess(found[:1], {"q": 1e-3}, None)
+    assert first.bounds["q"] == math.inf  # one mesh, on which errors may cancel
+    second = assess(found, {"q": 1e-3}, None, first)
+    assert second.bounds["q"] >= 3.17e-3 * ratio / (1 - ratio)
+    assert second.bounds["q"] >= 8.0e-4  # the true error
+    assert second.excess > 1
+    trusted = assess([replace(f, ratio=0.0, is_reliable=True) for f in found[:1]], {"q": 1e-2}, None)
+    assert trusted.bounds["q"] == pytest.approx(2 * 4.3e-3)  # with nothing singular, by the estimate alone
+
+
+def test_pieces_at_a_singular_edge_are_halved_again() -> None:
+    shares, limits = np.array([1.0, 1.0, 1.0]), np.array([1.1, np.inf, np.inf])
+    marked = plan(shares, 20.0, 3.0, limits)
+    assert marked.levels[0] > marked.levels[1] == marked.levels[2]
+    assert marked.places.cells < 1 + CLOSURE * float(np.mean(8.0**marked.levels - 1))  # not all pieces of the first one
+    expected = (2 ** (-1.1 * marked.levels[0]) + 2 * 2.0 ** (-3 * marked.levels[1])) / 3
+    assert marked.places.error == pytest.approx(expected)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 from helpers.mesh_cases import conditions, spec
 
 from hpcinv.mesh import MeshSource, build_body, read_source
-from hpcinv.mesh.cells import coordinate_element
+from hpcinv.mesh.cells import coordinate_element, no_cells
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.refine.refinement import refine
 from hpcinv.mesh.source import DataArray
@@ -211,6 +212,18 @@ def test_what_stays_keeps_its_tags_and_a_plane_end_stays_plane(meshes: Path) -> 
             assert np.array_equal(refined.cells[whole, :4].shape, [whole.sum(), 4])
             (tip,) = (g for g in refined.groups if g.name == "tip")
             assert set(refined.points[refined.facets[tip.members], 0].ravel().tolist()) == {0.06}
+
+
+@pytest.mark.parametrize("name", ["block of tetrahedra", "block of bricks", "straight cells with curved geometry"])
+def test_meshes_without_facet_groups_are_refined(name: str, meshes: Path) -> None:
+    """As those of files whose regions are named by conditions of the job alone."""
+    source = source_of(name, meshes)
+    bare = replace(source, facets=no_cells(FACET[source.kind], source.degree), groups=())
+    for (refined, _), (same, _) in zip(refinements(bare), refinements(source), strict=True):
+        check(refined)
+        assert refined.facets.shape == (0, bare.facets.shape[1])
+        assert np.array_equal(refined.cells, same.cells)
+        assert np.array_equal(refined.points, same.points)
 
 
 def test_hexahedra_are_not_refined_in_places(meshes: Path) -> None:

@@ -16,7 +16,7 @@ from helpers.mesh_cases import spec
 from helpers.verification import box, job
 
 import hpcinv as package
-from hpcinv.accuracy.decision import indicators_of
+from hpcinv.accuracy.decision import errors_of
 from hpcinv.accuracy.marking import plan
 from hpcinv.accuracy.meshes import Meshes, is_straight
 from hpcinv.accuracy.trial import attempt, begin_with
@@ -133,7 +133,7 @@ def test_refinement_in_places_pays_there(comm: MPI.Intracomm) -> None:
     first, _ = solved(coarse, meshes.build(coarse), None)
     even = meshes.everywhere(coarse, first.body, 2.0)
     everywhere, error = solved(even, meshes.build(even), first)
-    marked = plan(indicators_of(first), 6.0, 3.0)
+    marked = plan(errors_of(first).shares, 6.0, 3.0)
     local = meshes.in_places(coarse, first.body, np.minimum(marked.levels, 2))
     in_places, smaller = solved(local, meshes.build(local), first)
     sizes = [t.model.unknowns.size for t in (everywhere, in_places)]

@@ -51,7 +51,7 @@ def _cut(kind: str, entities: Ints, template: Ints) -> Pieces:
     return Pieces(
         entities[rows[:, None, None], templates].reshape(-1, k),
         np.repeat(rows, count),
-        _nodes(kind)[templates].reshape(count * len(entities), k, -1),
+        _nodes(kind)[templates].reshape(count * len(entities), k, _nodes(kind).shape[1]),
     )
 
 
