@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from dolfinx import la
-from dolfinx.mesh import entities_to_geometry
 
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.mesh import Body
+from hpcinv.mesh.body import at_source_nodes
 from hpcinv.mesh.bounding_box import extent
+from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.location import Location, locate, position
 from hpcinv.mesh.moved import placed
 from hpcinv.mesh.regions import find
@@ -178,10 +179,11 @@ def _at_point(
 
 
 def _at_nodes(quantity: QuantityOfInterest, body: Body, solution: Solution) -> float:
-    """Reduce a quantity over the nodes of a region, with equal weights."""
+    """Reduce a quantity over the nodes of a region in the given cells, with equal weights."""
     assert quantity.on is not None
     nodes = _owned_nodes(body, quantity.on)
-    known = _positions(solution.reference_nodes[nodes], solution.current_nodes[nodes], solution.u[nodes])
+    fields = (solution.reference_nodes, solution.current_nodes, solution.u)
+    known = _positions(*(at_source_nodes(body, values)[nodes] for values in fields))
     return _reduced(quantity, body.mesh.comm, quantity.of.evaluate(**known), np.ones(len(nodes)))
 
 
@@ -232,15 +234,22 @@ _REDUCTIONS: Mapping[str, Callable[[MPI.Intracomm, Floats, Floats], float]] = {
 
 
 def _owned_nodes(body: Body, name: str) -> npt.NDArray[np.int64]:
-    region, nodes = find(body.regions, name, body.source), body.mesh.geometry.index_map()
-    marks = la.vector(nodes, 1)
-    for dim, entities in ((2, region.facets), (3, region.cells)):
-        if len(entities):
-            body.mesh.topology.create_connectivity(dim, 3)
-            marks.array[entities_to_geometry(body.mesh, dim, entities)] = 1.0
+    """Return the nodes of a region that the given cells have there, among the local nodes of the source."""
+    region, geometry, topology = find(body.regions, name, body.source), body.source_geometry, body.mesh.topology
+    marks, nodes = la.vector(geometry.index_map(), 1), geometry.dofmaps[0]
+    marks.array[nodes[region.cells]] = 1.0
+    if len(region.facets):
+        topology.create_connectivity(2, 3)
+        topology.create_connectivity(3, 2)
+        adjacent = topology.connectivity(2, 3)
+        cells = adjacent.array[adjacent.offsets[region.facets]]
+        sides = topology.connectivity(3, 2).array.reshape(len(nodes), -1)[cells]
+        side = np.argmax(sides == region.facets[:, None], axis=1)
+        element = scalar_element(body.source.kind, body.source.degree)
+        marks.array[nodes[cells[:, None], np.array(element.entity_closure_dofs[2])[side]]] = 1.0
     # A rank may own a node on the region's edge without having a facet of the region.
     marks.scatter_reverse(la.InsertMode.add)
-    return np.flatnonzero(marks.array[: nodes.size_local])
+    return np.flatnonzero(marks.array[: geometry.index_map().size_local])
 
 
 def _triple(point: Any) -> str:

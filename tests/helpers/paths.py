@@ -21,7 +21,7 @@ from hpcinv.solver.problem import Model
 INNER, OUTER = 1.0, 1.5
 SPHERE: dict[str, Any] = {
     "file": "../meshes/thick_sphere.py",
-    "parameters": {"inner": INNER, "outer": OUTER, "radial": 2, "along": 2, "hexahedra": True},
+    "parameters": {"inner": INNER, "outer": OUTER, "radial": 2, "along": 2, "hexahedra": True, "shells": False},
     "geometry_degree": 2,
 }
 OCTANT = [{"region": f"{i}0", "fix": [i]} for i in "xyz"]
