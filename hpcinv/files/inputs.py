@@ -66,6 +66,8 @@ def recorded_inputs(program: Path, *, anew: bool = False) -> Iterator[dict[str, 
         sys.addaudithook(_hook)  # for the life of the process
         _is_hooked.append(True)
     home, before, modules = program.absolute().parent, _working_directory(), set(sys.modules)
+    # Python takes kept byte code for current if a module changes within a second and keeps its size.
+    writes_no_bytecode, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     inputs: dict[str, str] = {}
     _recorder.found, _recorder.is_active = {}, True
     sys.path.insert(0, str(home))
@@ -73,7 +75,7 @@ def recorded_inputs(program: Path, *, anew: bool = False) -> Iterator[dict[str, 
     try:
         yield inputs
     finally:
-        _recorder.is_active = False
+        _recorder.is_active, sys.dont_write_bytecode = False, writes_no_bytecode
         with suppress(ValueError):
             sys.path.remove(str(home))
         if before is not None:

@@ -16,7 +16,7 @@ from helpers.solutions import SOLVES
 
 from hpcinv.errors import CheckpointError
 from hpcinv.mesh import Body, build_body
-from hpcinv.output.checkpoint import Checkpoints, Position, _digest
+from hpcinv.output.checkpoint import _FORMAT, Checkpoints, Position, _digest
 from hpcinv.parallel.runtime import MPI
 
 DAMAGED = "functions.bp or state.json is damaged"
@@ -188,7 +188,7 @@ def test_one_of_another_format_is_refused_by_name(three: Checkpoints) -> None:
         three.latest()
 
 
-@pytest.mark.parametrize("version", [4, 99])
+@pytest.mark.parametrize("version", [_FORMAT, 99])
 def test_one_of_a_newer_version_is_no_damaged_one_and_is_kept(version: int, three: Checkpoints) -> None:
     """It is whole, though an entry of a solve is not known here."""
     path = newest(three)

@@ -76,7 +76,7 @@ def with_ghosts(body: Body) -> Body:
     element = coordinate_element(source.kind, source.degree)
     mesh = dolfinx.mesh.create_mesh(comm, source.cells, element, source.points / body.length_scale, partitioner)
     assert comm.size == 1 or mesh.topology.index_map(3).num_ghosts > 0
-    return dataclasses.replace(body, mesh=mesh)
+    return dataclasses.replace(body, mesh=mesh, source_geometry=mesh.geometry)
 
 
 @pytest.mark.parallel([1, 2, 3])

@@ -274,7 +274,7 @@ def test_from_python_a_run_gives_its_result_and_writes_nothing(
     cube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    result = api.run(api.load(cube), MPI.COMM_SELF)
+    result = api.run(api.load(cube), MPI.COMM_SELF, progress=False)
     assert result.statistics["status"] == "converged"
     assert result.statistics["solutions"][0]["factorizations"] == result.solutions[0].factorizations > 0
     assert result.directory is None

@@ -68,7 +68,7 @@ def test_the_first_words_are_the_verdict(page: Page) -> None:
     assert "From the state 'sagging' of the body, 'turned' and 'rest' were found" in text
     assert "3 of 3 checks pass" in text
     assert "1 check was not made" in text
-    assert "within 70 µm (0.2 % of the displacement)" in text
+    assert "Nodes are estimated to be within 70 µm (0.19 % of the displacement)" in text
     assert page.text("h1") == "block <&> beam"
 
 

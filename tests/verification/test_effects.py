@@ -170,6 +170,7 @@ def test_an_effect_adds_its_own_numbers_and_integrals_only(name: str) -> None:
     # Each formula of a direction is joined by its unit, and all of them by the metre.
     formulas = 3 * len(effect.families)
     added = sum(map(entries, effect.quantities().values())) + formulas + (formulas > 0)
+    added += effect.presses_at_any_load  # whether it grows with the load
     for direction in DIRECTIONS:
         before, after = bare[direction], loaded[direction]
         assert after["kernels"][:2] != before["kernels"][:2]

@@ -351,7 +351,7 @@ def test_observations_that_do_not_fit_the_mesh(comm: MPI.Intracomm, tmp_path: Pa
     faults: list[tuple[dict[str, Any], str]] = [
         ({"mesh": "other.msh"}, r"job.yaml: identify.observations\[0\] \(seen\): .*nodes, but the job's mesh has"),
         ({"surface": "mm.csv"}, r"extend over .* m, and the body over 1.73 m"),
-        ({"surface": "bad.csv"}, r"bad.csv: line 2: '0,0,one' has something that is no number"),
+        ({"surface": "bad.csv"}, r"bad.csv: line 2: 'one' is not a number"),
         ({"landmarks": marks}, r"landmark 0: its position \(0, 0, 3\) m in the given mesh is outside"),
         ({"surface": "mm.csv", "unit": "mm", "on": "top"}, "no region 'top'"),
     ]

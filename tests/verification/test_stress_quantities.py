@@ -211,7 +211,7 @@ def test_stresses_in_a_thick_sphere_at_a_point_and_on_its_boundary(comm: MPI.Int
     ]
 
     def errors(radial: int) -> np.ndarray:
-        mesh = {"inner": INNER, "outer": OUTER, "radial": radial, "along": 4, "hexahedra": True}
+        mesh = {"inner": INNER, "outer": OUTER, "radial": radial, "along": 4, "hexahedra": True, "shells": False}
         solved = Solved(
             job(
                 mesh={"file": "../meshes/thick_sphere.py", "parameters": mesh, "geometry_degree": 2},

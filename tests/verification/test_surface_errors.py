@@ -170,7 +170,7 @@ def test_a_mesh_need_not_be_better_than_its_surface(comm: MPI.Intracomm, tmp_pat
     def line(**mesh: Any) -> Line:
         checks = {"level": "quick", "surface": True, "estimate": True}
         weight = [WEIGHT | {"acceleration": [0, 0, -9.81]}]
-        plain = block(mesh=box((1, 1, 1)) | mesh, certificate=checks, states=[], effects=weight, quantities=[])
+        plain = block(mesh=box((2, 2, 2)) | mesh, certificate=checks, states=[], effects=weight, quantities=[])
         found = hpcinv.run(plain, comm, directory=tmp_path / f"run-{len(mesh)}")
         return next(line for line in found.certificate.lines if line.name == DISCRETISATION)
 

@@ -104,7 +104,8 @@ def test_a_body_too_badly_conditioned_for_single_precision_is_solved_in_double(c
     assert linear["note"] == ""
     assert 0 < linear["iterations"] <= 50  # those that failed
     double, _ = solved(comm, **rod, solver={"linear": "direct", "petsc": {"pc_precision": "double"}})
-    assert difference(comm, single, double) < 1e-12  # the same arithmetic from there on
+    # The same arithmetic from there on; each solve leaves an error of up to Newton's tolerance, 1e-12.
+    assert difference(comm, single, double) < 4e-12
 
 
 @pytest.mark.usefixtures("rounded")
