@@ -22,7 +22,7 @@ unit of the last printed digit. Our error is the certificate's estimate; it is z
 problem ("mesh"). The difference is in units of both errors together: a row is inside if it is at most 1. Seconds are
 of whole runs on a shared machine, the first one of each kind with compilation.
 
-<!-- not typed: it solves for many minutes; tests/verification/test_published.py runs the small rows -->
+<!-- not typed: benchmarks.published, solves for minutes; tests/verification/test_published.py runs the small rows -->
 ```sh
 mpirun -n 2 python -m benchmarks.published         # all rows; finished runs are kept in results/published
 mpirun -n 2 python -m benchmarks.published {first}
