@@ -49,9 +49,9 @@ def round_trip(result: Any) -> float:
 @pytest.mark.parametrize(("kind", "degree"), [("tetrahedron", 2), ("hexahedron", 2), ("tetrahedron", 3)])
 @pytest.mark.parametrize("suffix", [".vtu", ".msh"])
 def test_straight_files_close_and_keep_their_numbering(
-    suffix: str, kind: str, degree: int, comm: MPI.Intracomm, tmp_path: Path, meshes: Path
+    suffix: str, kind: str, degree: int, comm: MPI.Intracomm, run_directory: Path, meshes: Path
 ) -> None:
-    path, directory = tmp_path / f"given{suffix}", tmp_path / "run"
+    path, directory = run_directory / f"given{suffix}", run_directory / "run"
 
     def write() -> None:
         source = straight(meshes, hexahedra=kind == "hexahedron")
