@@ -29,7 +29,7 @@ from hpcinv.mesh import build_body
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 JOBS = Path(__file__).parents[1] / "jobs"
 BEAM: dict[str, Any] = {
@@ -88,9 +88,9 @@ def fastest(ways: dict[str, Callable[[], object]], repeat: int) -> dict[str, flo
     return best
 
 
-def model_of(data: dict[str, Any]) -> Model:
+def model_of(data: dict[str, Any]) -> Equations:
     job = parse(data, JOBS / "benchmark.yaml")
-    return Model(job, build_body(job.mesh, job.regions, MPI.COMM_WORLD, resolve=job.resolve), Timings())
+    return Equations(job, build_body(job.mesh, job.regions, MPI.COMM_WORLD, resolve=job.resolve), Timings())
 
 
 def profile(name: str, data: dict[str, Any], repeat: int) -> None:

@@ -27,7 +27,7 @@ from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.mip_newton import ExtrapolatedStress
 from hpcinv.solver.newton import NewtonMonitor
 from hpcinv.solver.predictor import Prediction, Predictor
-from hpcinv.solver.problem_cache import Workspace, collect_garbage
+from hpcinv.solver.workspace import Workspace, collect_garbage
 
 MESHES = Path(__file__).parents[1] / "meshes"
 SILICONE = {"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 7.965272689e8}

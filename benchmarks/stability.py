@@ -38,12 +38,11 @@ from hpcinv.certificate import confirmation
 from hpcinv.certificate.inertia import inertia
 from hpcinv.cli.bench_runs import Findings
 from hpcinv.job.job import Job, load, parse
-from hpcinv.mesh.moved import placed
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import Solution
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 ROOT = Path(__file__).parents[1]
 NO_CERTIFICATE = "off"
@@ -91,14 +90,14 @@ def cases() -> Iterator[tuple[str, Job]]:
             yield f"half-block, {stretch}, {kind} 8", block((8, 8), stretch, half=True, hexahedra=hexahedra)
 
 
-def at_the_solution(job: Job) -> tuple[Result, Model, Solution]:
+def at_the_solution(job: Job) -> tuple[Result, Equations, Solution]:
     result = hpcinv.run(job, MPI.COMM_WORLD)
-    model, solution = Model(job, result.body, Timings()), result.solutions[0]
-    model.set_solution(solution.displacement, solution.pressure)
+    model, solution = Equations(job, result.body, Timings()), result.solutions[0]
+    model.put(solution.moved_to(solution.reference_nodes))
     return result, model, solution
 
 
-def dense(form: Any, model: Model, diagonal: float) -> npt.NDArray[np.float64]:
+def dense(form: Any, model: Equations, diagonal: float) -> npt.NDArray[np.float64]:
     matrix = fem_petsc.assemble_matrix(fem.form(form), bcs=model.supports.conditions, diag=diagonal)
     matrix.assemble()
     begins, columns, values = matrix.getValuesCSR()
@@ -108,15 +107,14 @@ def dense(form: Any, model: Model, diagonal: float) -> npt.NDArray[np.float64]:
 
 
 def modes(job: Job, number: int = 3) -> list[str]:
-    result, model, solution = at_the_solution(job)
+    _, model, _ = at_the_solution(job)
     unknowns, scene = model.unknowns, model.scene("forward")
     scene.parameters.set_load(1.0)
     kin, trial = scene.kinematics, ufl.TrialFunction(unknowns.space)
     v, w = (kin.Grad(f) * kin.F_inverse for f in (unknowns.v, ufl.split(trial)[0]))
     forms = [ufl.inner(ufl.sym(v), ufl.sym(w)) * 2, ufl.tr(v) * ufl.tr(w), ufl.inner(v, w)]
-    with placed(result.body.mesh, solution.reference_nodes / result.body.length_scale):
-        K = dense(ufl.derivative(scene.residual, unknowns.state, trial), model, 1.0)
-        M, D, G = (dense(kin.dV(form), model, 0.0) for form in forms)
+    K = dense(ufl.derivative(scene.residual, unknowns.state, trial), model, 1.0)
+    M, D, G = (dense(kin.dV(form), model, 0.0) for form in forms)
     held = [part.dofs for part in model.supports.prescribed]
     u = np.setdiff1d(unknowns.owned_displacement_dofs, np.concatenate(held))
     uu = np.ix_(u, u)
@@ -129,7 +127,7 @@ def modes(job: Job, number: int = 3) -> list[str]:
     return [f"{value:+.3f} ({ratio:.3f})" for value, ratio in zip(values, ratios, strict=True)]
 
 
-def negative(model: Model) -> int:
+def negative(model: Equations) -> int:
     equilibrium = model.equilibrium(model.scene("forward"))
     equilibrium.system.linearise(1.0)
     found = inertia(equilibrium.system.matrix)
@@ -141,13 +139,12 @@ def negative(model: Model) -> int:
 def counts(job: Job) -> list[str]:
     result, model, solution = at_the_solution(job)
     texts = []
-    with placed(result.body.mesh, solution.reference_nodes / result.body.length_scale):
-        texts.append(str(negative(model)))
-        for penalty in PENALTIES:
-            # A constant of the form: one kernel serves all penalties.
-            confirmation.PENALTY = fem.Constant(result.body.mesh, penalty)
-            found = confirmation.confirm(model, solution)
-            texts.append("-" if found is None else str(found.directions))
+    texts.append(str(negative(model)))
+    for penalty in PENALTIES:
+        # A constant of the form: one kernel serves all penalties.
+        confirmation.PENALTY = fem.Constant(result.body.mesh, penalty)
+        found = confirmation.confirm(model, solution)
+        texts.append("-" if found is None else str(found.directions))
     return texts
 
 
@@ -157,13 +154,12 @@ def price(job: Job) -> list[str]:
     seconds = []
     for _ in range(2):  # kernels are there the second time
         begin = time.perf_counter()
-        result, model, solution = at_the_solution(job)
+        _, model, solution = at_the_solution(job)
         seconds = [time.perf_counter() - begin]
-        with placed(result.body.mesh, solution.reference_nodes / result.body.length_scale):
-            for count in (negative, partial(confirmation.confirm, solution=solution)):
-                begin = time.perf_counter()
-                count(model)
-                seconds.append(time.perf_counter() - begin)
+        for count in (negative, partial(confirmation.confirm, solution=solution)):
+            begin = time.perf_counter()
+            count(model)
+            seconds.append(time.perf_counter() - begin)
     return [str(model.unknowns.size), *(f"{value:.2f}" for value in seconds)]
 
 

@@ -22,7 +22,7 @@ from hpcinv.mesh.cell_count import no_report
 from hpcinv.methods.method import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.workspace import Workspace
 from hpcinv.sweep.neighbours import Neighbour, Neighbours, ParameterSpace
 from hpcinv.sweep.plan import Case, load_sweep
 
@@ -34,7 +34,7 @@ class WithoutFactors(Workspace):
     """Forgets the symbolic factorization between runs."""
 
     def body(self, job: Job, report: Callable[[str], None] = no_report) -> Body:
-        for model in self._models.values():
+        for model in self._equations.values():
             for equilibrium in model._idle.values():
                 equilibrium.linear.forget_factors()
         return super().body(job, report)

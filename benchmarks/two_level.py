@@ -41,8 +41,8 @@ def main() -> None:
     operations: list[float] = []
     forecast = estimate.finer_forecast
 
-    def noted(model: Any) -> Any:
-        found = forecast(model)
+    def noted(equations: Any) -> Any:
+        found = forecast(equations)
         operations.append(found.operations)
         return found
 

@@ -1,16 +1,13 @@
-"""The flow of a run: job → body → model → solution in each direction or state → certificate → result."""
+"""The flow of a run: prepare (job → body → equations), solve, check, write."""
 
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from hpcinv.certificate import certify_all
-from hpcinv.job.job import Job
-from hpcinv.mesh.moved import placed
-from hpcinv.methods import solve_direction
+from hpcinv.certificate import Certificate, Estimate, certify_all
+from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.methods.method import Guess, Start
-from hpcinv.methods.nested_iteration import solve_nested
 from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
@@ -20,15 +17,17 @@ from hpcinv.output.run_store import RunStore
 from hpcinv.output.snapshot_writer import SnapshotWriter
 from hpcinv.parallel.runtime import MPI, compilation_explained
 from hpcinv.parallel.timings import Timings
-from hpcinv.preparation import prepare
+from hpcinv.preparation import Prepared, prepare
 from hpcinv.results.quantities_of_interest import Value, carried, evaluate
 from hpcinv.results.shape_distance import differences
-from hpcinv.results.solution import solution_of
+from hpcinv.results.solution import Solution
+from hpcinv.results.steps import StepObserver, carry_out
 from hpcinv.results.totals import totals_of
 from hpcinv.sensitivity.analysis import Sensitivities, of_all_shapes, sensitivities
-from hpcinv.sensitivity.surface_errors import SurfaceSpreads
-from hpcinv.solver.observer import Observers, Stopped, StopSignal
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.sensitivity.surface_errors import SurfaceSpread, SurfaceSpreads
+from hpcinv.solver.equations import Equations
+from hpcinv.solver.observer import Observers, SolvedDirection, Stopped, StopSignal
+from hpcinv.solver.workspace import Workspace
 
 
 def run(
@@ -51,7 +50,7 @@ def run(
         resume: continue from the last checkpoint in ``directory``, if there is one.
         stop_asked: called on every rank before each Newton iteration, and where else a run can stop: before it solves,
             and in the certificate if there is a directory for checkpoints; true saves a checkpoint and ends the run.
-        workspace: body and model of earlier runs on ``comm``, to be used again by this run and later ones.
+        workspace: body and equations of earlier runs on ``comm``, to be used again by this run and later ones.
         guesses: initial guesses of the first solves at full load; without one, or if it fails, the unloaded body.
 
     Raises:
@@ -66,78 +65,126 @@ def run(
         stop, timings = StopSignal(stop_asked), Timings()
         if resume:
             store.lock(job)
-        problem = prepare(job, workspace, progress, timings, stop)
-        job, models, solutions = problem.job, problem.models, list(problem.solutions)
-        model = models.of(0)
-        body = model.body
-
-        checkpoints, restart = store.open(job, model, progress, overwrite=overwrite, resume=resume)
-        with progress.phase("compiling"):
-            totals = totals_of(model, job.directions[0])
-        progress.body(totals)
-        report = RunReport(job, model, store, progress, totals, problem.record, problem.unused_options)
-        checkpoint_writer = CheckpointWriter(checkpoints, store, model, restart)
-        snapshots = SnapshotWriter(store, model, restart)
-        observer = Observers(progress, checkpoint_writer, snapshots, report, stop)
-        quantities: dict[str, Value] = {}
-        slopes: dict[str, Sensitivities] = {}
-        spreads = SurfaceSpreads(job, body)
-        own.enter_context(report.keeping(solutions, quantities))
-        for number, solve in enumerate(models.plan):
-            model = models.of(number, solutions[0].displacement if number else None)
-            if number == len(solutions):
-                nodes = None if solve.mesh is None else solutions[solve.mesh].other_nodes
-                with placed(body.mesh, body.mesh.geometry.x if nodes is None else nodes / body.length_scale):
-                    start = (restart and restart.start(number, model)) or Start(
-                        guess=guesses[number] if number < len(guesses) else None
-                    )
-                    if solve.start is not None:
-                        start = replace(start, origin=solutions[solve.start].fields)
-                    progress.state(job, number)
-                    snapshots.begin(number, model, solve.direction)
-                    coarse = None
-                    with progress.phase("solving", announced=False):
-                        if number == 0 and start.is_unloaded:
-                            found, coarse = solve_nested(model, solve.direction, observer, progress.note)
-                        else:
-                            found = solve_direction(model, solve.direction, start, observer)
-                        report.check_not_stopped(solutions, found, model.job.state)
-                        scene = model.scene(solve.direction)
-                        solution = solution_of(model, solve.direction, scene, found.solves, found.load, found.linear)
-                    before = "" if solve.start is None else solutions[solve.start].state
-                    solutions.append(replace(solution, start=before, coarse=coarse))
-            report.check_reached(solutions)
-            solution = solutions[number]
-            if number == 0 or solve.job.state:
-                wanted = model.job.quantities
-                if solve.mesh is not None:
-                    wanted = carried(wanted, body, solution.mesh_nodes)
-                quantities |= evaluate(wanted, body, solution, model)
-                if parameters := job.differentiated:
-                    given = None if solve.mesh is None else (solutions[0], next(iter(slopes.values())))
-                    slopes[solve.shape] = sensitivities(model, solution, parameters, given)
-                spreads.add(solve.shape, model, solution)
-                store.write_shape(job, model, solution, progress)
-            checkpoint_writer.finished(solution)
-        quantities = {q.name: quantities[q.name] for q in job.quantities}
-
-        spread = spreads.of(quantities)
-        try:
-            with progress.phase("checking"):
-                certificate, estimate = certify_all(
-                    models,
-                    solutions,
-                    quantities,
-                    problem.estimate,
-                    spread.deviations() if spread else {},
-                    progress.detail,
-                    Observers(progress, stop) if checkpoint_writer.can_save else progress,
-                )
-        except Stopped:
-            checkpoint_writer.save_finished()
-            report.end_stopped(solutions)
-        errors = differences(body, solutions, problem.expected)
-        of_all = of_all_shapes(slopes, quantities)
-        return report.conclude(
-            Result(job, body, tuple(solutions), certificate, quantities, errors, estimate, of_all, spread)
+        prepared = prepare(job, workspace, progress, timings, stop)
+        outputs = _Outputs(prepared, store, progress, stop, guesses, overwrite=overwrite, resume=resume)
+        solved = own.enter_context(outputs.keeping())
+        _solve(prepared, outputs, solved)
+        certificate, estimate, spread = _check(prepared, outputs, solved)
+        return outputs.report.conclude(
+            Result(
+                prepared.job,
+                prepared.body,
+                tuple(solved.solutions),
+                certificate,
+                solved.quantities,
+                differences(prepared.body, solved.solutions, prepared.expected),
+                estimate,
+                of_all_shapes(solved.slopes, solved.quantities),
+                spread,
+            )
         )
+
+
+@dataclass
+class _Solved:
+    """What the solves of a run have found so far; ``slopes`` by the shape that a solve computes."""
+
+    spreads: SurfaceSpreads
+    solutions: list[Solution] = field(default_factory=list)
+    quantities: dict[str, Value] = field(default_factory=dict)
+    slopes: dict[str, Sensitivities] = field(default_factory=dict)
+
+
+class _Outputs(StepObserver):
+    """Everything that follows the solves of a run: messages, checkpoints, snapshots and the report."""
+
+    def __init__(
+        self,
+        prepared: Prepared,
+        store: RunStore,
+        progress: Progress,
+        stop: StopSignal,
+        guesses: Sequence[Guess],
+        *,
+        overwrite: bool,
+        resume: bool,
+    ) -> None:
+        job, first = prepared.job, prepared.equations[0]
+        self.job, self.store, self.progress, self.stop, self.guesses = job, store, progress, stop, guesses
+        checkpoints, self.restart = store.open(job, first, progress, overwrite=overwrite, resume=resume)
+        with progress.phase("compiling"):
+            totals = totals_of(first, job.directions[0])
+        progress.body(totals)
+        self.report = RunReport(job, first, store, progress, totals, prepared.record, prepared.unused_options)
+        self.checkpoints = CheckpointWriter(checkpoints, store, first, self.restart)
+        self.snapshots = SnapshotWriter(store, first, self.restart)
+        super().__init__(Observers(progress, self.checkpoints, self.snapshots, self.report, stop))
+        self._spreads = SurfaceSpreads(job, prepared.body)
+
+    @contextmanager
+    def keeping(self) -> Iterator[_Solved]:
+        """Context of what is solved, of which an error leaves a summary."""
+        solved = _Solved(self._spreads)
+        with self.report.keeping(solved.solutions, solved.quantities):
+            yield solved
+
+    def start(self, number: int, equations: Equations) -> Start:
+        start = self.restart and self.restart.start(number, equations)
+        self.progress.state(self.job, number)
+        self.snapshots.begin(number, equations, self.job.plan[number].direction)
+        return start or Start(guess=self.guesses[number] if number < len(self.guesses) else None)
+
+    def solving(self) -> AbstractContextManager[None]:
+        return self.progress.phase("solving", announced=False)
+
+    def note(self, text: str) -> None:
+        self.progress.note(text)
+
+    def check(self, earlier: Sequence[Solution], solved: SolvedDirection, step: PlannedSolve) -> None:
+        self.report.check_not_stopped(earlier, solved, step.job.state)
+
+
+def _solve(prepared: Prepared, outputs: _Outputs, solved: _Solved) -> None:
+    """Carry out the plan of the job; evaluate, differentiate and save each solution."""
+    job, body = prepared.job, prepared.body
+    plan, all_equations = job.plan, prepared.equations
+    solutions = carry_out(plan, all_equations, outputs, prepared.solutions)
+    for number, (step, equations, solution) in enumerate(zip(plan, all_equations, solutions, strict=True)):
+        solved.solutions.append(solution)
+        outputs.report.check_reached(solved.solutions)
+        if number == 0 or step.job.state:
+            quantities = step.job.quantities
+            if step.mesh is not None:
+                quantities = carried(quantities, body, solution.mesh_nodes)
+            solved.quantities |= evaluate(quantities, body, solution, equations)
+            if parameters := job.differentiated:
+                given = None if step.mesh is None else (solved.solutions[0], next(iter(solved.slopes.values())))
+                solved.slopes[step.shape] = sensitivities(equations, solution, parameters, given)
+            solved.spreads.add(step.shape, equations, solution)
+            outputs.store.write_shape(job, equations, solution, outputs.progress)
+        outputs.checkpoints.finished(solution)
+    for quantity in job.quantities:  # in the order of the job
+        solved.quantities[quantity.name] = solved.quantities.pop(quantity.name)
+
+
+def _check(
+    prepared: Prepared, outputs: _Outputs, solved: _Solved
+) -> tuple[Certificate, Estimate | None, SurfaceSpread | None]:
+    """Check the solutions; return the certificate, the estimated error, and the spread by the given surface."""
+    progress, spread = outputs.progress, solved.spreads.of(solved.quantities)
+    observer = Observers(progress, outputs.stop) if outputs.checkpoints.can_save else progress
+    try:
+        with progress.phase("checking"):
+            certificate, estimate = certify_all(
+                prepared.equations,
+                solved.solutions,
+                solved.quantities,
+                prepared.estimate,
+                spread.deviations() if spread else {},
+                progress.detail,
+                observer,
+            )
+    except Stopped:
+        outputs.checkpoints.save_finished()
+        outputs.report.end_stopped(solved.solutions)
+    return certificate, estimate, spread

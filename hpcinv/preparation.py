@@ -20,8 +20,9 @@ from hpcinv.parallel.timings import Timings
 from hpcinv.results.quantities_of_interest import check_points
 from hpcinv.results.shape_distance import Expected, read_expected
 from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import Observer, is_stop_asked
-from hpcinv.solver.problem_cache import Models, Workspace
+from hpcinv.solver.workspace import Workspace
 
 _FREE_CUT = (
     "the region 'cut', where the image ends in the body, has neither a support nor a load: the rest of the body does"
@@ -31,15 +32,25 @@ _FREE_CUT = (
 
 @dataclass(frozen=True)
 class Prepared:
-    """The equations of a run; after a search for accuracy also the first solution and its estimated error."""
+    """What a run starts from.
+
+    Attributes:
+        equations: of each solve of the job's plan.
+        solutions, record, estimate, unused_options: after a search for accuracy, the first solution, how it was found,
+            its estimated error, and PETSc options of the job that were not used.
+    """
 
     job: Job
-    models: Models
+    equations: Sequence[Equations]
     expected: Expected | None = None
     solutions: tuple[Solution, ...] = ()
     record: AccuracyRecord | None = None
     estimate: Estimate | None = None
     unused_options: Sequence[str] = ()
+
+    @property
+    def body(self) -> Body:
+        return self.equations[0].body
 
 
 def prepare(job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer) -> Prepared:
@@ -66,9 +77,9 @@ def _given(job: Job, workspace: Workspace, progress: Progress, timings: Timings,
         expected = read_expected(job, body)
         check_points(job.quantities, body)
     _end_if_asked(comm, stop)
-    models = workspace.models(job, body, timings)
+    equations = workspace.equations(job, body, timings)
     _end_if_asked(comm, stop)
-    return Prepared(job, models, expected)
+    return Prepared(job, equations, expected)
 
 
 def is_cut_held_or_loaded(job: Job, body: Body) -> bool:
@@ -93,6 +104,5 @@ def _searched(job: Job, workspace: Workspace, progress: Progress, timings: Timin
     """Return the equations on a mesh and in spaces that meet the accuracy that the job demands; collective."""
     with progress.phase("searching", "for mesh and degree"):
         record, best = Search(job, workspace.comm, timings, progress.note, stop).run()
-    job, model = best.model.job, best.model
-    models = Models(job.plan, [model] * len(job.plan))
-    return Prepared(job, models, None, (best.solution,), record, best.estimate, best.unused_options)
+    job, equations = best.job, [best.equations] * len(best.job.plan)
+    return Prepared(job, equations, None, (best.solution,), record, best.estimate, best.unused_options)

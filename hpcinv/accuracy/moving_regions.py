@@ -23,7 +23,7 @@ def cut_regions(body: Body, conditions: Mapping[str, Expression]) -> Iterator[st
     kind, degree = kind_and_degree(mesh)
     points, weights = quadrature(kind, 4)
     owned = mesh.topology.index_map(3).size_local
-    nodes = mesh.geometry.x[mesh.geometry.dofmaps[0][:owned]]
+    nodes = body.given_nodes[mesh.geometry.dofmaps[0][:owned]]
     for name, condition in conditions.items():
         region = body.regions[name]
         if not region.cell_count or of_facets(condition):
@@ -31,7 +31,7 @@ def cut_regions(body: Body, conditions: Mapping[str, Expression]) -> Iterator[st
         parts = np.zeros(2)
         if owned:
             volumes = np.abs(det(jacobians(kind, degree, nodes, points))) * weights
-            at = scalar_element(kind, degree).tabulate(0, points)[0, :, :, 0] @ nodes * body.length_scale
+            at = scalar_element(kind, degree).tabulate(0, points)[0, :, :, 0] @ nodes
             outside = evaluate(name, condition, at.reshape(-1, 3)).reshape(volumes.shape).copy()
             outside[region.cells] = False
             parts[:] = volumes[outside].sum(), volumes.sum()
@@ -43,6 +43,7 @@ def cut_regions(body: Body, conditions: Mapping[str, Expression]) -> Iterator[st
 def facet_shares(body: Body) -> dict[str, float]:
     """Return the share of the surface of each region of facets that is given by a condition; collective."""
     mesh, shares = body.mesh, {}
+    body.place(body.given_nodes)
     owned = mesh.topology.index_map(2).size_local
     for name, region in body.regions.items():
         if region.origin == "geometric" and not region.cell_count:

@@ -1,6 +1,6 @@
 """Trial of one discretisation: solution, quantities of interest and estimated errors in a job's first direction."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -15,19 +15,19 @@ from hpcinv.errors import JobError
 from hpcinv.job.job import UNNAMED, Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.interpolation import interpolate
-from hpcinv.mesh.moved import placed
 from hpcinv.mesh.source import Ints
-from hpcinv.methods import Method, method_for
+from hpcinv.methods.method import UNLOADED, Guess, Start
 from hpcinv.model.layers import layers_of_cells, layers_on
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.spaces import Integers
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.quantities_of_interest import NOT_FINITE, Value, check_points, evaluate, fault_of
-from hpcinv.results.solution import Solution, solution_of
+from hpcinv.results.solution import Solution
+from hpcinv.results.steps import StepObserver, carry_out
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.observer import Observer
-from hpcinv.solver.problem import Model
+from hpcinv.solver.observer import Observer, Observers, SolvedDirection
 
 _PHASES = ("tangent", "factorization", "compile")
 # A curved surface of one mesh lies outside the straight cells of another, by a share of the larger cell.
@@ -40,7 +40,7 @@ class Trial:
 
     Attributes:
         job: with degrees and mesh parameters of this discretisation.
-        variant, body, model: its mesh and its equations.
+        variant, body, equations: its mesh and its equations.
         solution: with all solves that led to it, also those of earlier trials.
         quantities, estimate: the job's quantities of interest, and their errors; none below the full load.
         step: costs on this rank.
@@ -50,13 +50,13 @@ class Trial:
     job: Job
     variant: Variant
     body: Body
-    model: Model
+    equations: Equations
     solution: Solution
     solves: tuple[Solve, ...]
     quantities: Mapping[str, Value]
     estimate: Estimate | None
     step: Step
-    unused_options: list[str]
+    unused_options: Sequence[str]
 
     @property
     def outcome(self) -> Outcome:
@@ -72,34 +72,28 @@ def attempt(
     before: Trial | None,
 ) -> Trial:
     """Solve and estimate one discretisation, from the solution of the one ``before``; collective."""
+    observed = _Steps(observer, before)
     with _measured(timings) as solved:
         check_points(job.quantities, body)
-        model = Model(job, body, timings)
-        method = method_for(model, job.directions[0], observer)
-        if before is not None:
-            with timings("transfer"):
-                begin_with(model, before.solution, before.body)
-        solves = tuple(_solve(model, method, near=before is not None))
-        unused = method.equilibrium.linear.options.unused()
-        method.equilibrium.destroy()
-        scene = model.scene(job.directions[0])
-        path = (*_path(before, model), *solves)
-        solution = solution_of(model, job.directions[0], scene, path, method.reached, method.equilibrium.linear.used)
-    reached = method.reached == 1.0
-    quantities: Mapping[str, Value] = evaluate(job.quantities, body, solution, model) if reached else {}
+        equations = Equations(job, body, timings)
+        (solution,) = carry_out(job.plan[:1], [equations], observed)
+    reached, solves = solution.load == 1.0, solution.solves
+    solution = replace(solution, solves=(*_path(before, equations), *solves))
+    quantities: Mapping[str, Value] = evaluate(job.quantities, body, solution, equations) if reached else {}
     with _measured(timings) as estimated:
-        found = estimate(model, solution, quantities, observer=observer) if reached else None
+        found = estimate(equations, solution, quantities, observer=observer) if reached else None
+    equations.destroy()  # their factors: the next mesh needs the memory
     _check_finite(job, quantities, found.corrected if found else {})
     degree, count = job.discretisation.displacement, sum(s.factorizations for s in solves)
     step = Step(
         cell=body.source.kind,
         size=variant.size,
         cells=sum(body.partition.cells),
-        solve=Work(degree, model.unknowns.size, count, solved["tangent"], solved["factorization"]),
+        solve=Work(degree, equations.unknowns.size, count, solved["tangent"], solved["factorization"]),
         estimate=Work(degree + 1, found.unknowns if found else 0, 1, estimated["tangent"], estimated["factorization"]),
         compilation=solved["compile"] + estimated["compile"],
     )
-    return Trial(job, variant, body, model, solution, solves, quantities, found, step, unused)
+    return Trial(job, variant, body, equations, solution, solves, quantities, found, step, observed.unused_options)
 
 
 def _check_finite(job: Job, *of: Mapping[str, Value]) -> None:
@@ -112,28 +106,33 @@ def _check_finite(job: Job, *of: Mapping[str, Value]) -> None:
         raise JobError(*(f"{job.path or UNNAMED}: quantities: {fault}; {NOT_FINITE}" for fault in faults.values()))
 
 
-def _path(before: Trial | None, model: Model) -> Iterator[Solve]:
-    """Yield the solves of earlier trials, with signs of tangents as for the unknowns of ``model``.
+def _path(before: Trial | None, equations: Equations) -> Iterator[Solve]:
+    """Yield the solves of earlier trials, with signs of tangents as for the unknowns of ``equations``.
 
     Each pressure unknown is a negative eigenvalue of a stable state: an odd number more changes the sign.
     """
     if before is not None:
-        odd = (model.unknowns.pressure_size - before.model.unknowns.pressure_size) % 2
+        odd = (equations.unknowns.pressure_size - before.equations.unknowns.pressure_size) % 2
         for solve in before.solution.solves:
             yield replace(solve, signs=tuple(-sign if odd else sign for sign in solve.signs))
 
 
-def _solve(model: Model, method: Method, *, near: bool) -> Iterator[Solve]:
-    """Solve at the full load if the present state is ``near``; if not, or if that fails, from zero load."""
-    if near:
-        solve = method.equilibrium.solve(1.0, model.job.solver.tolerance)
-        yield solve
-        if solve.outcome.accepted:
-            method.reached = 1.0
-        if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
-            return
-    model.unknowns.state.x.array[:] = 0.0
-    yield from method.solves()
+class _Steps(StepObserver):
+    """Observer of the solve of a trial, which begins with the solution of the trial before."""
+
+    def __init__(self, observer: Observer, before: Trial | None) -> None:
+        super().__init__(Observers(observer, self))
+        self._before = before
+        self.unused_options: Sequence[str] = ()
+
+    def start(self, number: int, equations: Equations) -> Start:
+        if self._before is None:
+            return UNLOADED
+        with equations.timings("transfer"):
+            return Start(guess=guess_from(self._before.solution, self._before.body, equations))
+
+    def ended(self, found: SolvedDirection) -> None:
+        self.unused_options = found.unused_options or ()
 
 
 @contextmanager
@@ -145,38 +144,40 @@ def _measured(timings: Timings) -> Iterator[dict[str, float]]:
     spent |= {phase: timings.seconds[phase] - before.get(phase, 0.0) for phase in _PHASES}
 
 
-def begin_with(model: Model, solution: Solution, body: Body) -> None:
-    """Set the state of ``model`` to ``solution``, on a mesh of ``body``; collective."""
-    u, p = model.solution()
+def guess_from(solution: Solution, body: Body, equations: Equations) -> Guess:
+    """Return a solution on another mesh of ``body`` as a guess for equations; collective."""
+    u, p = equations.unloaded().fields
     pairs = [(u, solution.displacement)] if p is None else [(u, solution.displacement), (p, solution.pressure)]
     for new, old in pairs:
         assert old is not None
-        if model.body.source is body.source:
+        if equations.body.source is body.source:
             interpolate(old, new)
         else:
-            layers = model.unknowns.layers if new is p else None
-            given = None if layers is None else layers_of_cells(model.job, body)
-            _across(new, old, body.length_scale / model.body.length_scale, layers, given)
-    model.set_solution(u, p)
-    model.unknowns.state.x.scatter_forward()
+            layers = equations.unknowns.layers if new is p else None
+            given = None if layers is None else layers_of_cells(equations.job, body)
+            # Coordinates of both meshes have the scale of the new one.
+            body.place(solution.mesh_nodes * (body.length_scale / equations.body.length_scale))
+            _across(new, old, layers, given)
+            body.place(solution.mesh_nodes)
+        new.x.scatter_forward()
+    return Guess(u.x.array, None if p is None else p.x.array, strategy="solution on another mesh")
 
 
-def _across(new: fem.Function, old: fem.Function, scale: float, layers: Ints | None, given: Ints | None) -> None:
-    """Interpolate between meshes of one body; coordinates of the new mesh are ``scale`` times those of the old one.
+def _across(new: fem.Function, old: fem.Function, layers: Ints | None, given: Ints | None) -> None:
+    """Interpolate between meshes of one body, whose coordinates have the same scale.
 
     Args:
         layers, given: of the local cells of the new and of the old mesh; the pressure of each comes from the same one.
     """
     here, there = new.function_space.mesh, old.function_space.mesh
     owned = [np.arange(m.topology.index_map(3).size_local, dtype=np.int32) for m in (here, there)]
-    with placed(there, there.geometry.x * scale):
-        padding = _PADDING * here.comm.allreduce(float(there.h(3, owned[1]).max(initial=0.0)), op=MPI.MAX)
-        if layers is None or given is None:
-            _interpolate_across(new, old, owned[0], padding)
-        else:
-            for layer in layers_on(here.comm, given):
-                cells = owned[0][layers[: len(owned[0])] == layer]
-                _interpolate_across(new, _within(old, owned[1][given[: len(owned[1])] == layer]), cells, padding)
+    padding = _PADDING * here.comm.allreduce(float(there.h(3, owned[1]).max(initial=0.0)), op=MPI.MAX)
+    if layers is None or given is None:
+        _interpolate_across(new, old, owned[0], padding)
+    else:
+        for layer in layers_on(here.comm, given):
+            cells = owned[0][layers[: len(owned[0])] == layer]
+            _interpolate_across(new, _within(old, owned[1][given[: len(owned[1])] == layer]), cells, padding)
     new.x.scatter_forward()
 
 

@@ -15,7 +15,7 @@ from hpcinv.batch.task import Batch, BatchTask, Pause, Schedule
 from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError, described
 from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
-from hpcinv.solver.problem_cache import collect_garbage
+from hpcinv.solver.workspace import collect_garbage
 
 _PAUSE = 1.0  # seconds between checks of cases that other groups hold
 

@@ -27,7 +27,7 @@ from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
 if TYPE_CHECKING:
     from hpcinv.results.quantities_of_interest import Value
     from hpcinv.results.solution import Solution
-    from hpcinv.solver.problem import Model
+    from hpcinv.solver.equations import Equations
 
 UNRELIABLE = 10.0
 """Ratio of the error to an estimate that is not reliable, up to which its line is decided; larger decides fewer."""
@@ -35,7 +35,7 @@ DISCRETISATION = "discretisation error of the shape, relative to the displacemen
 
 
 def certify(
-    model: Model,
+    equations: Equations,
     solutions: Sequence[Solution],
     computed: Mapping[str, Value],
     known: Estimate | None = None,
@@ -59,15 +59,16 @@ def certify(
         Stopped: on all ranks, before a check or within a long one, if the observer asks to stop.
     """
     solution, found, lines = solutions[0], known, list[Line]()
+    equations.put(solution)
 
     def check(name: str, function: Callable[[], Iterable[Line]]) -> list[Line]:
         """Make a check, and add its lines with its seconds."""
         # Also since the check before may have been cut short, so that its lines say nothing.
-        stop_if_asked(model.body.mesh.comm, observer)
+        stop_if_asked(equations.body.mesh.comm, observer)
         begins(name)
         started = time.perf_counter()
         made = list(function())
-        seconds = model.body.mesh.comm.allreduce(time.perf_counter() - started, op=MPI.MAX)
+        seconds = equations.body.mesh.comm.allreduce(time.perf_counter() - started, op=MPI.MAX)
         made[:1] = [replace(line, seconds=seconds) for line in made[:1]]
         made = [replace(line, state=solution.state) for line in made]
         lines.extend(made)
@@ -75,42 +76,42 @@ def certify(
 
     def discretisation() -> Iterable[Line]:
         nonlocal found
-        if found is None and model.job.certificate.estimate:
-            found = estimate(model, solution, computed, given, observer)
-        yield _discretisation(model, solution, found, uncertain)
+        if found is None and solution.job.certificate.estimate:
+            found = estimate(equations, solution, computed, given, observer)
+        yield _discretisation(equations, solution, found, uncertain)
 
     def way_back() -> Iterable[Line]:
         if len(solutions) == 1:
-            checked = round_trip(model, solution, forward, observer)
+            checked = round_trip(equations, solution, forward, observer)
         else:
-            checked = iter([closure_error(model, solution, solutions[1].u)])
+            checked = iter([closure_error(equations, solution, solutions[1].u)])
         largest = max(uncertain, 0.0 if found is None or not isfinite(found.shape) else found.shape)
-        return (_way_back(line, displacement_scale(model, solution).length, largest) for line in checked)
+        return (_way_back(line, displacement_scale(equations, solution).length, largest) for line in checked)
 
-    forward = ForwardFactors(model, solution)
-    is_checked = model.job.certificate.level != "off"
-    with model.timings.as_one("certificate"):
-        with freeing(forward.destroy, model.free_multigrid):
+    forward = ForwardFactors(equations, solution)
+    is_checked = solution.job.certificate.level != "off"
+    with equations.timings.as_one("certificate"):
+        with freeing(forward.destroy, equations.free_multigrid):
             if is_checked:
-                check("equilibrium", lambda: equilibrium_residual(model, solution))
+                check("equilibrium", lambda: equilibrium_residual(equations, solution))
                 if solution.contacts:
-                    check("contact", lambda: contacts(model, solution))
-                check("volume", lambda: volume(model, solution))
+                    check("contact", lambda: contacts(equations, solution))
+                check("volume", lambda: volume(equations, solution))
             check("discretisation error", discretisation)
             if is_checked:
-                check("cells", lambda: cells(model, solution))
-            check("overlap", lambda: self_overlap(model, solution))
+                check("cells", lambda: cells(equations, solution))
+            check("overlap", lambda: self_overlap(equations, solution))
             check("round trip", way_back)
-            (stable,) = check("stability", lambda: stability(model, forward, observer))
+            (stable,) = check("stability", lambda: stability(equations, forward, observer))
             if (
                 is_checked
-                and model.job.certificate.stability
+                and solution.job.certificate.stability
                 and any(contact.tolerance is not None for contact in solution.contacts)
             ):
-                check("penalty", lambda: penalties(model, solution, forward))
+                check("penalty", lambda: penalties(equations, solution, forward))
         if is_checked:
-            check("limit points", lambda: limit_points(model, solution, stable))
-            check("ineffective loads", lambda: ineffective_loads(model))
+            check("limit points", lambda: limit_points(equations, solution, stable))
+            check("ineffective loads", lambda: ineffective_loads(equations, solution))
     return Certificate(tuple(lines)), found
 
 
@@ -121,18 +122,18 @@ def _way_back(line: Line, scale: float, largest: float) -> Line:
     return replace(line, verdict=Verdict.PASS, note=f"{line.note}; the shape has a larger error of {largest:.3g} m")
 
 
-def _discretisation(model: Model, solution: Solution, found: Estimate | None, uncertain: float) -> Line:
+def _discretisation(equations: Equations, solution: Solution, found: Estimate | None, uncertain: float) -> Line:
     if found is None:
-        forecast = finer_forecast(model)
+        forecast = finer_forecast(equations)
         tried = ", and iterations do not find it" if forecast.operations > MANY else ""
         needed = f"there is no memory for {forecast.least / 1e9:.2g} GB{tried}"
         return skipped(
-            DISCRETISATION, needed if model.job.certificate.estimate else "switched off: certificate.estimate"
+            DISCRETISATION, needed if solution.job.certificate.estimate else "switched off: certificate.estimate"
         )
     if not isfinite(found.shape):
         note = "could not be estimated: at the points of a finer quadrature the solution is not admissible"
         return Line(DISCRETISATION, None, "", "must be finite", Verdict.WARN, note)
-    scale = displacement_scale(model, solution)
+    scale = displacement_scale(equations, solution)
     note = "; ".join(filter(None, [f"{found.shape:.3g} m{found.left_out}", scale.note]))
     line = at_most(DISCRETISATION, found.shape / scale.length if scale.length else 0.0, 0.05, LINEAR, note=note)
     if line.verdict is Verdict.FAIL and not found.is_solved:

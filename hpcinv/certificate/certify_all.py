@@ -7,12 +7,12 @@ from hpcinv.certificate.check import Certificate, Line
 from hpcinv.certificate.estimate import Estimate
 from hpcinv.results.quantities_of_interest import Value
 from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import Observer
-from hpcinv.solver.problem_cache import Models
 
 
 def certify_all(
-    models: Models,
+    equations: Sequence[Equations],
     solutions: Sequence[Solution],
     quantities: Mapping[str, Value],
     estimate: Estimate | None,
@@ -23,19 +23,21 @@ def certify_all(
     """Check the solutions: together if they are those of one analysis, else state by state; collective.
 
     Args:
+        equations: of each solution.
         observer: as for `certify`.
         uncertain: standard deviations (m) of shapes by errors of the given surface, by state, as far as they are known.
     """
     if not solutions[0].state:
-        return certify(models.of(0), solutions, quantities, estimate, detail, observer, None, uncertain.get("", 0.0))
+        return certify(equations[0], solutions, quantities, estimate, detail, observer, None, uncertain.get("", 0.0))
     lines: list[Line] = []
     for number, solution in enumerate(solutions):
-        model = models.of(number, solutions[0].displacement if number else None)
-        of_state = {q.name: quantities[q.name] for q in model.job.quantities}
+        of_state = {q.name: quantities[q.name] for q in solution.job.quantities}
         detail(solution.state)
-        given = estimate.correction if estimate and not model.is_of_given_mesh else None
+        given = estimate.correction if estimate and not solution.is_on_given_mesh else None
         known = uncertain.get(solution.state, 0.0)
-        found, of_solution = certify(model, [solution], of_state, None, observer=observer, given=given, uncertain=known)
+        found, of_solution = certify(
+            equations[number], [solution], of_state, None, observer=observer, given=given, uncertain=known
+        )
         lines += found.lines
         estimate = estimate.joined(of_solution) if estimate and of_solution else estimate or of_solution
     return Certificate(tuple(lines)), estimate

@@ -36,15 +36,15 @@ from petsc4py import PETSc
 from hpcinv.certificate.inertia import inertia
 from hpcinv.job.sections import AXES
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
+from hpcinv.model.discretisation import default_quadrature
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.quantity.spatial_fields import ByFormula, entries
-from hpcinv.solver.problem import default_quadrature
 
 if TYPE_CHECKING:
     from hpcinv.job.job import Job
     from hpcinv.model.scene import Part, Scene
     from hpcinv.results.solution import Solution
-    from hpcinv.solver.problem import Model
+    from hpcinv.solver.equations import Equations
 
 MARGIN = 0.01
 """Share of the linear elastic energy of a direction that is added before it counts as unstable."""
@@ -52,20 +52,20 @@ PENALTY = 10.0  # other values: docs/theory/stability.md
 _OVERLAP = 0.01  # share of α that stays in Λ too: what is left of Λ stays positive definite
 
 
-def second_variation(model: Model, known: fem.Function | None) -> fem.Form:
+def second_variation(equations: Equations, known: fem.Function | None) -> fem.Form:
     """Return the form whose negative eigenvalues, less one for each pressure, are confirmed instabilities; collective.
 
     Args:
-        model: its mesh must be the reference body, and its state the solution, when the form is assembled.
+        equations: its mesh must be the reference body, and its state the solution, when the form is assembled.
         known: as in `Scene`.
     """
-    spaces = model.job.discretisation
-    degree = max(model.quadrature_degree, default_quadrature(model.body.source.kind, spaces.displacement)) + 2
-    scene = model.scene("forward", known, degree)
+    spaces = equations.job.discretisation
+    degree = max(equations.quadrature_degree, default_quadrature(equations.body.source.kind, spaces.displacement)) + 2
+    scene = equations.scene("forward", known, degree)
     scene.parameters.set_load(1.0)
     unknowns, parts = scene.unknowns, scene.kinematics.integration.part
     trial = ufl.TrialFunction(unknowns.space)
-    with model.timings("compile"):
+    with equations.timings("compile"):
         form = ufl.derivative(scene.residual, unknowns.state, trial)
         for number, part in enumerate(scene.parts):
             form += scene.kinematics.dV(_added(scene, part, trial), parts(number))
@@ -80,15 +80,15 @@ class Confirmed:
     asymmetry: float
 
 
-def known_displacement(model: Model) -> fem.Function | None:
+def known_displacement(equations: Equations) -> fem.Function | None:
     """Return the state's displacement if properties of the material are given on the loaded body, else ``None``.
 
     The forward scene needs it, to keep them attached to the material. Where they are given in another state, scenes of
-    the model have its displacement.
+    the equations have its displacement.
     """
-    if model.given is not None:
+    if equations.has_attached:
         return None
-    return model.unknowns.displacement() if _seen_on_the_current_body(model.job) else None
+    return equations.unknowns.displacement() if _seen_on_the_current_body(equations.job) else None
 
 
 def _seen_on_the_current_body(job: Job) -> bool:
@@ -104,24 +104,24 @@ def _seen_on_the_current_body(job: Job) -> bool:
 
 
 @contextmanager
-def assembled(model: Model, solution: Solution) -> Iterator[PETSc.Mat]:
-    """Context with the matrix of `second_variation`, in which mesh and state of the model are the solution's."""
-    with model.at(solution.reference_nodes, *solution.fields):
-        form = second_variation(model, known_displacement(model))
-        with model.timings("tangent"):
-            matrix = fem_petsc.assemble_matrix(form, bcs=model.supports.conditions)
-            matrix.assemble()
-        try:
-            yield matrix
-        finally:
-            matrix.destroy()
+def assembled(equations: Equations, solution: Solution) -> Iterator[PETSc.Mat]:
+    """Context with the matrix of `second_variation`, in which mesh and state of the equations are the solution's."""
+    equations.put(solution.moved_to(solution.reference_nodes))
+    form = second_variation(equations, known_displacement(equations))
+    with equations.timings("tangent"):
+        matrix = fem_petsc.assemble_matrix(form, bcs=equations.supports.conditions)
+        matrix.assemble()
+    try:
+        yield matrix
+    finally:
+        matrix.destroy()
 
 
-def confirm(model: Model, solution: Solution) -> Confirmed | None:
+def confirm(equations: Equations, solution: Solution) -> Confirmed | None:
     """Count the unstable directions of a solution; ``None`` if the form cannot be factorized; collective."""
-    with assembled(model, solution) as matrix, model.timings("factorization"):
+    with assembled(equations, solution) as matrix, equations.timings("factorization"):
         found = inertia(matrix)
-    pressures = model.unknowns.pressure_size
+    pressures = equations.unknowns.pressure_size
     if found is None or found.negative + found.zero < pressures:
         return None
     return Confirmed(max(found.negative - pressures, 0), found.asymmetry)

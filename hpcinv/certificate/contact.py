@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from hpcinv.certificate.multigrid_solver import MultigridSolver
     from hpcinv.model.contacts import ContactReport, PenaltyDirection
     from hpcinv.results.solution import Solution
-    from hpcinv.solver.problem import Model
+    from hpcinv.solver.equations import Equations
 
 _RIGID = 16.0  # tolerated penetrations
 _GIVEN = 1e-2  # of the body's length
@@ -30,13 +30,13 @@ _SETTLED = 0.05  # change of the rate by an update, relative to it
 _PENALTY = 0.05  # of the displacement, as for the error of the discretisation
 
 
-def contacts(model: Model, solution: Solution) -> Iterator[Line]:
+def contacts(equations: Equations, solution: Solution) -> Iterator[Line]:
     """Yield a line for each contact of a solution."""
     for contact in solution.contacts:
-        yield _line(contact, _GIVEN * model.body.length * model.body.length_scale)
+        yield _line(contact, _GIVEN * equations.body.length * equations.body.length_scale)
 
 
-def penalties(model: Model, solution: Solution, forward: ForwardFactors) -> Iterator[Line]:
+def penalties(equations: Equations, solution: Solution, forward: ForwardFactors) -> Iterator[Line]:
     """Yield for each rigid obstacle how much the shape of a forward solution depends on its penalty; collective.
 
     Vertices lie on the obstacle, and the pressure between them is the interpolated one and the penalty of the gap.
@@ -44,7 +44,7 @@ def penalties(model: Model, solution: Solution, forward: ForwardFactors) -> Iter
     if solution.direction != "forward" or not any(contact.largest_pressure for contact in solution.contacts):
         return
     contacts = {contact.where: contact for contact in solution.contacts}
-    size = displacement_scale(model, solution).length
+    size = displacement_scale(equations, solution).length
     solver = forward.factors if forward.affordable else forward.multigrid
     if solver is None:
         return
@@ -58,7 +58,7 @@ def penalties(model: Model, solution: Solution, forward: ForwardFactors) -> Iter
                     note = "the pressures that follow it do not settle: refine the mesh where the body touches"
                     yield Line(name, None, "", "must be known", Verdict.UNDECIDED, note)
                     continue
-                change = log(2) * rate * model.scales.length
+                change = log(2) * rate * equations.scales.length
                 note = f"{change:.3g} m, relative to the displacement"
                 yield at_most(name, change / size if size else 0.0, _PENALTY, inf, note=note)
 

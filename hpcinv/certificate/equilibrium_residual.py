@@ -13,34 +13,34 @@ from hpcinv.results.displacement_scale import FLOOR, nominal_sizes
 
 if TYPE_CHECKING:
     from hpcinv.results.solution import Solution
-    from hpcinv.solver.problem import Model
+    from hpcinv.solver.equations import Equations
 
 NAME = "equilibrium residual, relative to the load"
 WARN = 1e-7
 
 
-def equilibrium_residual(model: Model, solution: Solution) -> Iterator[Line]:
+def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[Line]:
     """Compare ``‖R‖`` at the free displacements with the nodal loads and reactions; collective.
 
     The load is the difference that the load factor makes to ``R``, or the reactions of the supports where those are
     larger (prescribed motion is no force). It has a floor relative to the forces that balance each other.
     """
-    comm = model.body.mesh.comm
-    dofs = model.unknowns.owned_displacement_dofs
-    held = [prescribed.dofs for prescribed in model.supports.prescribed]
+    comm = equations.body.mesh.comm
+    dofs = equations.unknowns.owned_displacement_dofs
+    held = [prescribed.dofs for prescribed in equations.supports.prescribed]
     free = np.setdiff1d(dofs, np.concatenate(held)) if held else dofs
 
     def norm(forces: np.ndarray, where: np.ndarray) -> float:
         return float(np.sqrt(comm.allreduce(float(np.sum(forces[where] ** 2)), op=MPI.SUM)))
 
-    with model.at(solution.mesh_nodes, *solution.fields):
-        equilibrium = model.equilibrium(model.scene(solution.direction))
-        none, full = equilibrium.system.forces(0.0), equilibrium.system.forces(1.0)
-        model.release(equilibrium)
+    equations.put(solution)
+    equilibrium = equations.equilibrium(equations.scene(solution.direction))
+    none, full = equilibrium.system.forces(0.0), equilibrium.system.forces(1.0)
+    equations.release(equilibrium)
     load = max(norm(full - none, dofs), norm(full, dofs))
     left, balanced = norm(full, free), ""
     if left > WARN * load:  # loads may balance each other at each point
-        _, nominal = nominal_sizes(model, solution)
+        _, nominal = nominal_sizes(equations, solution)
         if FLOOR * nominal > load:
             load, text = FLOOR * nominal, "loads and inelastic strains balance at each point: this is relative to"
             balanced = f"{text} {FLOOR:g} of the sum of their forces, without regard to direction"

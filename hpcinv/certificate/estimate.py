@@ -25,8 +25,7 @@ doi:10.1090/S0025-5718-1985-0777265-X; Ainsworth & Oden, *A Posteriori Error Est
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import isfinite
@@ -44,7 +43,6 @@ from hpcinv.certificate.singular_limit import SingularLimit, singular_limit
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.location import locate, position
-from hpcinv.mesh.moved import placed
 from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.methods import DirectMethod
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -52,8 +50,8 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.quantities_of_interest import Value, carried, evaluate
 from hpcinv.results.solution import solution_of
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
-from hpcinv.solver.problem import Model
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
@@ -138,7 +136,7 @@ class Estimate:
 
 
 def estimate(
-    model: Model,
+    equations: Equations,
     solution: Solution,
     computed: Mapping[str, Value],
     given: Correction | None = None,
@@ -147,7 +145,7 @@ def estimate(
     """Estimate the discretisation errors of a solution; collective.
 
     Args:
-        model: the model that the solution was computed with.
+        equations: the equations that the solution was computed with.
         computed: values of the job's quantities of interest.
         given: for a further state, the correction of the rest shape; without it, that shape is taken as computed.
         observer: of the solve of the finer problem, where one Newton step does not suffice; it is also asked whether to
@@ -156,55 +154,56 @@ def estimate(
     Returns:
         ``None`` if iterations do not find the correction and there is no memory to factorize the finer problem.
     """
-    quantities = tuple(q for q in model.job.quantities if not q.is_reaction)
-    if not model.is_of_given_mesh:
-        quantities = carried(quantities, model.body, _nodes(solution, given))
-    edges = singular_edges(model.job, model.body)
-    with in_finer_spaces(model, solution, given) as finer:
-        body, forecast = finer.body, finer_forecast(model)
-        before, _ = finer.solution()
-        state, is_solved = finer.unknowns.state.x.array, False
-        is_affordable = forecast.least <= model.chooser.room
-        if not (forecast.operations > two_level.MANY and two_level.correct(model, solution, finer, observer)):
-            if not is_affordable:
-                return None
-            equilibrium = finer.equilibrium(finer.scene(solution.direction))
-            equilibrium.correct(1.0)
-            equilibrium.destroy()
-        u, at_nodes, moved, largest = _moved(model, solution, finer, given)
-        if is_affordable and not largest <= LINEAR * displacement_scale(model, solution).length:
-            corrected = state.copy()
-            if is_solved := _solve(finer, solution.direction, observer):
-                u, at_nodes, moved, largest = _moved(model, solution, finer, given)
-            else:
-                state[:] = corrected
-        stop_if_asked(body.mesh.comm, observer)
-        has_values = bool(quantities) and isfinite(largest)
-        corrected = _corrected(quantities, model, at_nodes, solution.direction, finer) if has_values else {}
-        displacement, delta = u.copy(), u
-        delta.x.array[:] -= before.x.array
-        indicators = _by_cell(delta, body.length_scale)
-        limit = None if edges is None else singular_limit(model, edges, indicators, delta)
-        # A correction as large as the displacement is not one of edges.
-        missed = limit.factor if limit and not is_solved else 1.0
-        corrected = {n: _extrapolated(computed[n], v, missed) for n, v in corrected.items() if n in computed}
-        return Estimate(
-            quantities={name: _difference(value, computed[name]) for name, value in corrected.items()},
-            corrected=corrected,
-            shape=missed * largest,
-            cells=indicators,
-            limit=limit,
-            segments=edges.segments if edges else None,
-            unknowns=finer.unknowns.size,
-            is_solved=is_solved,
-            without_geometry=_finer_body(model, given)[1],
-            correction=Correction(moved, displacement, _of_further_states(model)) if isfinite(largest) else None,
-        )
+    quantities = tuple(q for q in solution.job.quantities if not q.is_reaction)
+    if not solution.is_on_given_mesh:
+        quantities = carried(quantities, equations.body, _nodes(solution, given))
+    edges = singular_edges(solution.job, equations.body)
+    scale = displacement_scale(equations, solution).length
+    finer = finer_equations(equations, solution, given)
+    body, forecast = finer.body, finer_forecast(equations)
+    before = finer.state().displacement
+    state, is_solved = finer.unknowns.state.x.array, False
+    is_affordable = forecast.least <= equations.chooser.room
+    if not (forecast.operations > two_level.MANY and two_level.correct(equations, solution.direction, finer, observer)):
+        if not is_affordable:
+            return None
+        equilibrium = finer.equilibrium(finer.scene(solution.direction))
+        equilibrium.correct(1.0)
+        equilibrium.destroy()
+    u, at_nodes, moved, largest = _moved(equations, solution, finer, given)
+    if is_affordable and not largest <= LINEAR * scale:
+        corrected = state.copy()
+        if is_solved := _solve(finer, solution.direction, observer):
+            u, at_nodes, moved, largest = _moved(equations, solution, finer, given)
+        else:
+            state[:] = corrected
+    stop_if_asked(body.mesh.comm, observer)
+    has_values = bool(quantities) and isfinite(largest)
+    corrected = _corrected(quantities, equations, at_nodes, solution.direction, finer) if has_values else {}
+    displacement, delta = u.copy(), u
+    delta.x.array[:] -= before.x.array
+    indicators = _by_cell(delta, body.length_scale)
+    limit = None if edges is None else singular_limit(equations, edges, indicators, delta)
+    # A correction as large as the displacement is not one of edges.
+    missed = limit.factor if limit and not is_solved else 1.0
+    corrected = {n: _extrapolated(computed[n], v, missed) for n, v in corrected.items() if n in computed}
+    return Estimate(
+        quantities={name: _difference(value, computed[name]) for name, value in corrected.items()},
+        corrected=corrected,
+        shape=missed * largest,
+        cells=indicators,
+        limit=limit,
+        segments=edges.segments if edges else None,
+        unknowns=finer.unknowns.size,
+        is_solved=is_solved,
+        without_geometry=_finer_body(equations, solution, given)[1],
+        correction=Correction(moved, displacement, _of_further_states(equations)) if isfinite(largest) else None,
+    )
 
 
-def _solve(finer: Model, direction: Direction, observer: Observer) -> bool:
+def _solve(finer: Equations, direction: Direction, observer: Observer) -> bool:
     """Solve the finer problem from the unloaded body; return whether the state is its solution."""
-    finer.unknowns.state.x.array[:] = 0.0
+    finer.unload()
     method = DirectMethod(finer, direction, observer)
     for _ in method.solves():
         pass
@@ -213,17 +212,17 @@ def _solve(finer: Model, direction: Direction, observer: Observer) -> bool:
 
 
 def _moved(
-    model: Model, solution: Solution, finer: Model, given: Correction | None
+    equations: Equations, solution: Solution, finer: Equations, given: Correction | None
 ) -> tuple[fem.Function, Floats, Floats, float]:
     """How far the state of ``finer`` is from the solution; collective.
 
     Returns:
-        Displacement of the finer problem; the same at the geometry nodes of the model's body, (n, 3); correction of
+        Displacement of the finer problem; the same at the geometry nodes of the equations' body, (n, 3); correction of
         these nodes, (n, 3); length of the largest one, infinite if one is not finite. All in m.
     """
-    u, _ = finer.solution()
+    u = finer.state().displacement
     # A finer geometry has the nodes of the given one at the same places of the cells.
-    at_nodes = model.unknowns.at_nodes(u)
+    at_nodes = equations.unknowns.at_nodes(u)
     moved = solution.sign * (at_nodes - solution.u)
     if given is not None:
         moved += given.nodes
@@ -238,69 +237,69 @@ def _nodes(solution: Solution, given: Correction | None) -> Floats:
     return solution.mesh_nodes if given is None else solution.mesh_nodes + given.nodes
 
 
-def _finer_body(model: Model, given: Correction | None) -> tuple[Body, str]:
+def _finer_body(equations: Equations, solution: Solution, given: Correction | None) -> tuple[Body, str]:
     """Return the body with the true geometry, if that is known, and why it is not; collective.
 
     A state that is solved from the rest shape has the cells of the given mesh.
     """
-    if not model.is_of_given_mesh:
-        return model.body, "the rest shape is taken as computed" if given is None else given.without_geometry
-    body, unknown = model.body.with_finer_geometry
-    return body or model.body, unknown
+    if not solution.is_on_given_mesh:
+        return equations.body, "the rest shape is taken as computed" if given is None else given.without_geometry
+    body, unknown = equations.body.with_finer_geometry
+    return body or equations.body, unknown
 
 
-def _of_further_states(model: Model) -> str:
+def _of_further_states(equations: Equations) -> str:
     """Why the error of the geometry is left out in states that are solved from this one; collective."""
-    body, unknown = model.body.with_finer_geometry
-    return unknown if body is None or body is model.body else "it is known for the given mesh only"
+    body, unknown = equations.body.with_finer_geometry
+    return unknown if body is None or body is equations.body else "it is known for the given mesh only"
 
 
-@contextmanager
-def in_finer_spaces(model: Model, solution: Solution, given: Correction | None = None) -> Iterator[Model]:
-    """Context with a model in spaces of one degree more, on the finer geometry if one is known; collective.
+def finer_equations(equations: Equations, solution: Solution, given: Correction | None = None) -> Equations:
+    """Return equations in spaces of one degree more, on the finer geometry if one is known; collective.
 
-    Its state is the solution, and its mesh lies where that was computed, or, with the correction of the rest shape, on
-    the corrected one. Before, the mesh must lie as the job gives it.
+    Their state is the solution on the mesh on which it was computed, or, with the correction of the rest shape, on the
+    corrected one. The state of the given equations is the solution there too.
     """
-    with model.timings("mesh"):
-        body, _ = _finer_body(model, given)
-    finer = Model(one_degree_more(model.job), body, model.timings)
+    with equations.timings("mesh"):
+        body, _ = _finer_body(equations, solution, given)
+    finer = Equations(one_degree_more(solution.job), body, equations.timings)
     contacts = finer.scene(solution.direction).contacts
     contacts.restore(solution.contacts, finer.scales, partial(on_mesh, body.mesh))
-    if (other := model.given_displacement()) is not None:
+    nodes = _nodes(solution, given)
+    equations.put(solution.moved_to(nodes))
+    state = finer.unloaded(nodes=nodes if body is equations.body else None)
+    if (other := solution.given_displacement) is not None:
         u = fem.Function(finer.unknowns.displacement_space)
         interpolate(other if given is None else given.displacement, u)
-        finer.carry(u)
-    with placed(model.body.mesh, _nodes(solution, given) / model.body.length_scale):
-        u, p = finer.solution()
-        extend(solution.displacement, u)
-        if p is not None:
-            assert solution.pressure is not None
-            interpolate(solution.pressure, p)
-        with finer.at(body.mesh.geometry.x * body.length_scale, u, p):
-            finer.unknowns.state.x.scatter_forward()
-            yield finer
+        state = replace(state, given_displacement=u)
+    extend(solution.displacement, state.displacement)
+    if state.pressure is not None:
+        assert solution.pressure is not None
+        interpolate(solution.pressure, state.pressure)
+    finer.put(state)
+    finer.unknowns.state.x.scatter_forward()
+    return finer
 
 
-def finer_forecast(model: Model) -> Forecast:
+def finer_forecast(equations: Equations) -> Forecast:
     """Return the forecast for a factorization in spaces of one degree more."""
-    forecast = model.chooser.forecast
+    forecast = equations.chooser.forecast
     return forecast.of_degree(forecast.degree + 1)
 
 
 def _corrected(
-    quantities: Sequence[QuantityOfInterest], model: Model, u: Floats, direction: Direction, finer: Model
+    quantities: Sequence[QuantityOfInterest], equations: Equations, u: Floats, direction: Direction, finer: Equations
 ) -> dict[str, Value]:
     """Return the quantities of interest of the corrected solution, without reactions, in the order of the job.
 
     Args:
-        u: its displacement (m) at the nodes of the model's body.
+        u: its displacement (m) at the nodes of the equations' body.
     """
     body, better = finer.body, solution_of(finer, direction, finer.scene(direction), ())
-    at_nodes = replace(better, mesh_nodes=model.body.mesh.geometry.x * model.body.length_scale, u=u)
+    at_nodes = replace(better, mesh_nodes=equations.body.nodes, u=u)
     of_nodes = [q for q in quantities if q.on is not None and not q.by_quadrature]
-    others = [_on(q, model.body, body) for q in quantities if q not in of_nodes]
-    found = evaluate(of_nodes, model.body, at_nodes) | evaluate(others, body, better, finer)
+    others = [_on(q, equations.body, body) for q in quantities if q not in of_nodes]
+    found = evaluate(of_nodes, equations.body, at_nodes) | evaluate(others, body, better, finer)
     return {q.name: found[q.name] for q in quantities}
 
 
@@ -310,7 +309,7 @@ def _on(quantity: QuantityOfInterest, given: Body, body: Body) -> QuantityOfInte
         return quantity
     place = locate(given, np.array(quantity.at))
     assert place is not None  # it has a value there
-    point = position(body, place, body.mesh.geometry.x * body.length_scale)
+    point = position(body, place, body.nodes)
     return quantity.model_copy(update={"at": tuple(point.tolist())})
 
 

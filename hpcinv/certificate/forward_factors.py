@@ -17,8 +17,8 @@ from hpcinv.certificate.multigrid_solver import MultigridSolver
 
 if TYPE_CHECKING:
     from hpcinv.results.solution import Solution
+    from hpcinv.solver.equations import Equations
     from hpcinv.solver.equilibrium import Equilibrium
-    from hpcinv.solver.problem import Model
 
 SHARE = 0.5
 """Largest time of the factorization, relative to an iterative solve of the same body."""
@@ -29,37 +29,37 @@ LOW_RANK = 3e10
 class ForwardFactors:
     """Factors L D Lᵀ of the symmetric part of the forward tangent at a solution, made when they are first needed."""
 
-    def __init__(self, model: Model, solution: Solution) -> None:
-        self._model, self.solution = model, solution
+    def __init__(self, equations: Equations, solution: Solution) -> None:
+        self._equations, self.solution = equations, solution
 
     @cached_property
     def factors(self) -> SymmetricFactors | None:
         """The factors; ``None`` if they are not `affordable` or MUMPS fails; collective at the first access."""
-        model = self._model
+        equations = self._equations
         if not self.affordable:
             return None
-        choice = model.chooser.choose(model.job.solver)
-        with self.tangent() as equilibrium, model.timings("factorization"):
+        choice = equations.chooser.choose(equations.job.solver)
+        with self.tangent() as equilibrium, equations.timings("factorization"):
             of_forward = equilibrium.linear.symmetric_factors
             return factorize_symmetric(
                 equilibrium.system.matrix,
-                model.symmetric_factors() if of_forward is None else [of_forward],
+                equations.symmetric_factors() if of_forward is None else [of_forward],
                 rounded=choice.precision == "single",
-                low_rank=model.chooser.forecast.operations >= LOW_RANK,
-                minimum_fill=model.chooser.one_factorization_has_minimum_fill,
-                unknowns=model.unknowns,
+                low_rank=equations.chooser.forecast.operations >= LOW_RANK,
+                minimum_fill=equations.chooser.one_factorization_has_minimum_fill,
+                unknowns=equations.unknowns,
             )
 
     @cached_property
     def multigrid(self) -> MultigridSolver:
         """A solver for the same matrix, where factors are not `affordable`; collective at the first access."""
-        with self.tangent() as equilibrium, self._model.timings("factorization"):
+        with self.tangent() as equilibrium, self._equations.timings("factorization"):
             return MultigridSolver(equilibrium.system.matrix, equilibrium.system.scene)
 
     @property
     def affordable(self) -> bool:
         """True if there is memory for the factors, and they take no longer than a share of an iterative solve."""
-        chooser, solution = self._model.chooser, self.solution
+        chooser, solution = self._equations.chooser, self.solution
         if solution.linear is not None and solution.linear.configuration == "iterative":
             solve = chooser.forecast.multigrid_time(
                 solution.factorizations, sum(one.linear_iterations for one in solution.solves)
@@ -71,15 +71,15 @@ class ForwardFactors:
 
     @contextmanager
     def tangent(self) -> Iterator[Equilibrium]:
-        """Context with the forward tangent assembled, in which mesh and state of the model are the solution's."""
-        model, solution = self._model, self.solution
-        with model.at(solution.reference_nodes, *solution.fields):
-            equilibrium = model.equilibrium(model.scene("forward", known_displacement(model)))
-            equilibrium.system.linearise(1.0)
-            try:
-                yield equilibrium
-            finally:
-                model.release(equilibrium)
+        """Context with the forward tangent assembled, in which mesh and state of the equations are the solution's."""
+        equations, solution = self._equations, self.solution
+        equations.put(solution.moved_to(solution.reference_nodes))
+        equilibrium = equations.equilibrium(equations.scene("forward", known_displacement(equations)))
+        equilibrium.system.linearise(1.0)
+        try:
+            yield equilibrium
+        finally:
+            equations.release(equilibrium)
 
     def destroy(self) -> None:
         """Free the factors; those that are needed again are made again."""

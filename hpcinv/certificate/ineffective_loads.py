@@ -12,19 +12,20 @@ from hpcinv.certificate.check import Line, Verdict
 from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
-    from hpcinv.solver.problem import Model
+    from hpcinv.results.solution import Solution
+    from hpcinv.solver.equations import Equations
 
 NAME = "loads on parts that are held altogether"
 
 
-def ineffective_loads(model: Model) -> Iterator[Line]:
+def ineffective_loads(equations: Equations, solution: Solution) -> Iterator[Line]:
     """Yield a warning if some load acts only where supports prescribe every displacement; collective."""
     found = [
         f"{where} {getattr(effect, 'effect', '')} on '{region}'"
-        for where, effect in model.job.named_effects
+        for where, effect in solution.job.named_effects
         if not effect.holds
         for region in effect.surfaces
-        if _is_held(model, region)
+        if _is_held(equations, region)
     ]
     if found:
         rule = "number; warning above 0"
@@ -32,12 +33,12 @@ def ineffective_loads(model: Model) -> Iterator[Line]:
         yield Line(NAME, float(len(found)), "", rule, Verdict.WARN, note)
 
 
-def _is_held(model: Model, region: str) -> bool:
+def _is_held(equations: Equations, region: str) -> bool:
     """Return whether every displacement on a region of the boundary is prescribed."""
-    facets = model.body.boundary_facets(region)
-    held = np.concatenate([np.zeros(0, dtype=np.int32), *(one.dofs for one in model.supports.prescribed)])
+    facets = equations.body.boundary_facets(region)
+    held = np.concatenate([np.zeros(0, dtype=np.int32), *(one.dofs for one in equations.supports.prescribed)])
     free = 0
     for axis in range(3):
-        component = model.unknowns.displacement_component(axis)
+        component = equations.unknowns.displacement_component(axis)
         free += len(np.setdiff1d(fem.locate_dofs_topological(component, 2, facets), held))
-    return bool(model.body.mesh.comm.allreduce(free, op=MPI.SUM) == 0)
+    return bool(equations.body.mesh.comm.allreduce(free, op=MPI.SUM) == 0)

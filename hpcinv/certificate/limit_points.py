@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from hpcinv.results.solution import Solution
-    from hpcinv.solver.problem import Model
+    from hpcinv.solver.equations import Equations
 
 LIMIT_POINTS = "limit points of the path"
 
 
-def limit_points(model: Model, solution: Solution, stability: Line) -> Iterator[Line]:
+def limit_points(equations: Equations, solution: Solution, stability: Line) -> Iterator[Line]:
     """Yield the line on limit points of the path to a solution.
 
     A spurious mode changes the sign of the determinant too: where the line on ``stability`` did not exclude that, a
@@ -26,8 +26,8 @@ def limit_points(model: Model, solution: Solution, stability: Line) -> Iterator[
     forces that hold the body there are taken away: no load of the job is such forces.
     """
     is_stability_known = stability.verdict not in (Verdict.UNDECIDED, Verdict.SKIPPED)
-    may_be_spurious = model.unknowns.p is not None and not is_stability_known
-    line = _line(solution, model.unknowns.unloaded_sign, may_be_spurious=may_be_spurious)
+    may_be_spurious = equations.unknowns.p is not None and not is_stability_known
+    line = _line(solution, equations.unknowns.unloaded_sign, may_be_spurious=may_be_spurious)
     yield _of_removal(line, solution.start) if solution.start else line
 
 

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from hpcinv.certificate.multigrid_solver import MultigridSolver
     from hpcinv.effects import Direction
     from hpcinv.results.solution import Solution
+    from hpcinv.solver.equations import Equations
     from hpcinv.solver.newton import Solve
-    from hpcinv.solver.problem import Model
 
 type Floats = npt.NDArray[np.float64]
 
@@ -55,7 +55,7 @@ _GROWTH = 1.0  # of a step over the first one, from which the corrections are gi
 
 
 def round_trip(
-    model: Model, solution: Solution, forward: ForwardFactors, observer: Observer = SILENT
+    equations: Equations, solution: Solution, forward: ForwardFactors, observer: Observer = SILENT
 ) -> Iterator[Line]:
     """Solve back from the body that a solution found, and compare the displacements; collective.
 
@@ -65,31 +65,30 @@ def round_trip(
         forward: factors of the forward tangent at the solution.
         observer: of the solve back, where the factors do not suffice; it is also asked whether to stop.
     """
-    start = model.job.certificate.round_trip
+    start = solution.job.certificate.round_trip
     if start == "off":
         yield skipped(ROUND_TRIP, "switched off: certificate.round_trip")
     elif start == "near":
-        yield solved_back(model, solution, forward, observer)
+        yield solved_back(equations, solution, forward, observer)
     else:
-        yield _along_the_path(model, solution, observer)
+        yield _along_the_path(equations, solution, observer)
 
 
-def closure_error(model: Model, solution: Solution, back: np.ndarray) -> Line:
+def closure_error(equations: Equations, solution: Solution, back: np.ndarray) -> Line:
     """Compare a solution's displacements with those (m) of the solve back at the same nodes; collective."""
-    difference, scale = _difference(model, solution, back), displacement_scale(model, solution)
+    difference, scale = _difference(equations, solution, back), displacement_scale(equations, solution)
     note = "; ".join(filter(None, [f"{difference:.3g} m", scale.note]))
     return at_most(ROUND_TRIP, scale.share(difference), WARN, FAIL, note=note)
 
 
-def _closed(model: Model, solution: Solution) -> Line:
-    """Return the line of a way back that ended in the present state of the model."""
-    u, _ = model.solution()
-    return closure_error(model, solution, model.unknowns.at_nodes(u))
+def _closed(equations: Equations, solution: Solution) -> Line:
+    """Return the line of a way back that ended in the present state of the equations."""
+    return closure_error(equations, solution, equations.unknowns.at_nodes(equations.state().displacement))
 
 
-def _difference(model: Model, solution: Solution, back: np.ndarray) -> float:
+def _difference(equations: Equations, solution: Solution, back: np.ndarray) -> float:
     largest = float(np.linalg.norm(back - solution.u, axis=1).max(initial=0.0))
-    return float(model.body.mesh.comm.allreduce(largest, op=MPI.MAX))
+    return float(equations.body.mesh.comm.allreduce(largest, op=MPI.MAX))
 
 
 def way_back(solution: Solution) -> Direction:
@@ -97,20 +96,20 @@ def way_back(solution: Solution) -> Direction:
     return "forward" if solution.direction == "inverse" else "inverse"
 
 
-def solved_back(model: Model, solution: Solution, forward: ForwardFactors, observer: Observer = SILENT) -> Line:
+def solved_back(equations: Equations, solution: Solution, forward: ForwardFactors, observer: Observer = SILENT) -> Line:
     """Return the line of a way back that begins with the solution, and is bounded in effort; collective."""
-    with model.at(solution.other_nodes, *solution.fields):
-        solver = forward.factors if forward.affordable else forward.multigrid
-        if solver is not None and _WayBack(model, solution, solver).settles(observer):
-            return _closed(model, solution)
-        if not forward.affordable:
-            forward.destroy()  # the tangent of multigrid is assembled again
-        model.set_solution(*solution.fields)
-        equilibrium = model.equilibrium(model.scene(way_back(solution)), observer)
-        last = equilibrium.solve(1.0, max(model.job.solver.tolerance, _ACCURACY), begins_near=True)
-        model.release(equilibrium)
-        if last.outcome.accepted:
-            return _closed(model, solution)
+    solver = forward.factors if forward.affordable else forward.multigrid
+    other_body = solution.moved_to(solution.other_nodes)
+    if solver is not None and _WayBack(equations, solution, solver).settles(observer):
+        return _closed(equations, solution)
+    if not forward.affordable:
+        forward.destroy()  # the tangent of multigrid is assembled again
+    equations.put(other_body)
+    equilibrium = equations.equilibrium(equations.scene(way_back(solution)), observer)
+    last = equilibrium.solve(1.0, max(solution.job.solver.tolerance, _ACCURACY), begins_near=True)
+    equations.release(equilibrium)
+    if last.outcome.accepted:
+        return _closed(equations, solution)
     note = (
         f"near the known displacement the solve back did not converge: {last.outcome.text}; 'certificate: {{round_trip:"
         " path}' solves it from the unloaded body"
@@ -118,38 +117,37 @@ def solved_back(model: Model, solution: Solution, forward: ForwardFactors, obser
     return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
 
 
-def _along_the_path(model: Model, solution: Solution, observer: Observer) -> Line:
+def _along_the_path(equations: Equations, solution: Solution, observer: Observer) -> Line:
     """Return the line of a way back that begins with the unloaded body."""
-    with model.at(solution.other_nodes, *solution.fields):
-        equilibrium = model.equilibrium(model.scene(way_back(solution)), observer)
-        model.unknowns.state.x.array[:] = 0.0
-        last: Solve = list(follow(equilibrium, model.steps, model.job.solver.tolerance))[-1]
-        model.release(equilibrium)
-        if last.outcome.accepted and last.load == 1.0:
-            return _closed(model, solution)
+    equations.put(equations.unloaded(solution.job, solution.other_nodes, solution.given_displacement))
+    equilibrium = equations.equilibrium(equations.scene(way_back(solution)), observer)
+    last: Solve = list(follow(equilibrium, equations.steps, solution.job.solver.tolerance))[-1]
+    equations.release(equilibrium)
+    if last.outcome.accepted and last.load == 1.0:
+        return _closed(equations, solution)
     note = f"the solve back from the unloaded body stopped at load factor {last.load:.4g}: {last.outcome.text}"
     return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
 
 
 class _WayBack:
-    """Corrections of the way back with a solver of the forward tangent; the state of the model is the iterate.
+    """Corrections of the way back with a solver of the forward tangent; the state of the equations is the iterate.
 
     Args:
-        model: its mesh must be the body that was found, and its state the solution.
         solver: factors of the forward tangent, or multigrid.
     """
 
-    def __init__(self, model: Model, solution: Solution, solver: SymmetricFactors | MultigridSolver) -> None:
-        self._model, self._solution, self._solver = model, solution, solver
+    def __init__(self, equations: Equations, solution: Solution, solver: SymmetricFactors | MultigridSolver) -> None:
+        self._equations, self._solution, self._solver = equations, solution, solver
+        self._scale = displacement_scale(equations, solution)
+        self._inverse = _Relabelling(equations, solution) if solution.direction == "forward" else None
+        equations.put(solution.moved_to(solution.other_nodes))
         self._share = _KNOWN if isinstance(solver, SymmetricFactors) else _ROUGHLY_KNOWN
-        unknowns = model.unknowns
-        self._system = System(model.scene(way_back(solution)), model.supports, model.timings)
+        unknowns = equations.unknowns
+        self._system = System(equations.scene(way_back(solution)), equations.supports, equations.timings)
         self._system.set_load(1.0)
         self._u = unknowns.owned_displacement_dofs
         self._p = np.zeros(0, dtype=np.int32) if unknowns.p is None else unknowns.owned_pressure_dofs
-        self._scale = displacement_scale(model, solution)
-        self._size = self._scale.length / model.scales.length or 1.0
-        self._inverse = _Relabelling(model, solution) if solution.direction == "forward" else None
+        self._size = self._scale.length / equations.scales.length or 1.0
 
     def settles(self, observer: Observer = SILENT) -> bool:
         """Correct the state until the verdict cannot change; return whether it settled; collective."""
@@ -162,7 +160,7 @@ class _WayBack:
             for _ in range(_CORRECTIONS):
                 stop_if_asked(system.comm, observer)
                 system.residual(system.rhs)
-                with self._model.timings("linear solve"):
+                with self._equations.timings("linear solve"):
                     if not self._solver.solve(system.rhs, y):
                         return False
                 correction = np.array(y.array)
@@ -186,8 +184,8 @@ class _WayBack:
         if len(steps) < 2:
             return steps[-1] <= _ROUND_OFF
         left = remaining(steps)
-        u = self._model.unknowns.at_nodes(self._model.solution()[0])
-        found = self._scale.share(_difference(self._model, self._solution, u))
+        u = self._equations.unknowns.at_nodes(self._equations.state().displacement)
+        found = self._scale.share(_difference(self._equations, self._solution, u))
         same = all(found + left <= bound or found - left > bound for bound in (WARN, FAIL))
         return same and left <= max(self._share * found, _ACCURACY)
 
@@ -218,14 +216,14 @@ def remaining(steps: list[float]) -> float:
 class _Relabelling:
     """Approximate ``F⁻¹`` at the nodes of the displacement, from means over the cells around each of them."""
 
-    def __init__(self, model: Model, solution: Solution) -> None:
-        unknowns, mesh = model.unknowns, model.body.mesh
-        with model.at(solution.reference_nodes, *solution.fields):
-            scene = model.scene("forward")
-            with model.timings("compile"):
-                means = CellMeans([(scene.H, None)], mesh, scene.quadrature_degree)
-            with model.timings("evaluation"):
-                H = means()
+    def __init__(self, equations: Equations, solution: Solution) -> None:
+        unknowns, mesh = equations.unknowns, equations.body.mesh
+        equations.put(solution.moved_to(solution.reference_nodes))
+        scene = equations.scene("forward")
+        with equations.timings("compile"):
+            means = CellMeans([(scene.H, None)], mesh, scene.quadrature_degree)
+        with equations.timings("evaluation"):
+            H = means()
         cells = mesh.topology.index_map(3).size_local
         dofmap = unknowns.displacement_space.dofmap
         sums = la.vector(dofmap.index_map, 10)
@@ -240,7 +238,7 @@ class _Relabelling:
         F[~(np.linalg.det(F) > 0.0)] = np.eye(3)  # means of very different cells
         self._inverse = np.linalg.inv(F)
         self._dofs = unknowns.owned_displacement_dofs
-        self._held = np.concatenate([self._dofs[:0], *(part.dofs for part in model.supports.prescribed)])
+        self._held = np.concatenate([self._dofs[:0], *(part.dofs for part in equations.supports.prescribed)])
 
     def apply(self, correction: Floats) -> None:
         """Multiply the displacements of a correction by ``F⁻¹``, but those that are prescribed."""

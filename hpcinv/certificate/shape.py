@@ -14,21 +14,21 @@ from hpcinv.mesh.regions import BOUNDARY
 
 if TYPE_CHECKING:
     from hpcinv.results.solution import Solution
-    from hpcinv.solver.problem import Model
+    from hpcinv.solver.equations import Equations
 
 OVERLAP = "boundary facets that cross each other"
 
 
-def cells(model: Model, solution: Solution) -> Iterator[Line]:
+def cells(equations: Equations, solution: Solution) -> Iterator[Line]:
     """Check the cells of the body that a solution found, and its planes of symmetry; collective."""
-    body, given, moved = model.body, solution.mesh_nodes, solution.other_nodes
-    before = "given mesh" if model.is_of_given_mesh else "rest shape"
-    for worst in worst_cells(body, given, moved, model.quadrature_degree):
+    body, given, moved = equations.body, solution.mesh_nodes, solution.other_nodes
+    before = "given mesh" if solution.is_on_given_mesh else "rest shape"
+    for worst in worst_cells(body, given, moved, equations.quadrature_degree):
         # The moved mesh need not be better than the given one.
         enough = 0.1 * min(max(worst.before, 0.0), 1.0)
         note = f"{worst.before:.3g} in the {before}; at ({_point(worst.at)}) m of the computed body"
         yield at_least(f"worst cell, by its {worst.measure}", worst.value, warn=enough, fail=0.0, note=note)
-    for plane in symmetry_planes(model.job, body, given, moved):
+    for plane in symmetry_planes(solution.job, body, given, moved):
         name = f"depth beyond the plane of symmetry '{plane.region}', relative to the body"
         note = f"{plane.crossed:.3g} m inside of its mirror image, unless this is a wall beside which the body may pass"
         # A rest that is no larger than the region is held in the same way.
@@ -36,10 +36,10 @@ def cells(model: Model, solution: Solution) -> Iterator[Line]:
         yield at_most(name, depth, warn=1e-9, fail=math.inf, note=note if plane.crossed else "")
 
 
-def self_overlap(model: Model, solution: Solution) -> Iterator[Line]:
+def self_overlap(equations: Equations, solution: Solution) -> Iterator[Line]:
     """Check that the body that a solution found does not pass through itself; collective."""
-    body = model.body
-    if not model.job.certificate.overlap:
+    body = equations.body
+    if not solution.job.certificate.overlap:
         yield skipped(OVERLAP, "switched off: certificate.overlap")
         return
     if (facets := body.regions[BOUNDARY].facet_count) > MOST_FACETS:

@@ -54,8 +54,9 @@ class SingularEdges:
 
 
 def singular_edges(job: Job, body: Body) -> SingularEdges | None:
-    """Find the singular edges of a job's body, whose mesh must lie as the job gives it; collective."""
+    """Find the singular edges of a job's body, and move its mesh to where it was given; collective."""
     mesh = body.mesh
+    body.place(body.given_nodes)
     exterior = dolfinx.mesh.exterior_facet_indices(mesh.topology).astype(np.int32)
     nodes, areas = outer_facets(mesh, exterior)
     held = np.zeros((len(exterior), len(job.supports)), dtype=np.int64)

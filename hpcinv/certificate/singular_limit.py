@@ -30,7 +30,7 @@ from hpcinv.parallel.runtime import MPI
 if TYPE_CHECKING:
     from hpcinv.certificate.singular_edges import SingularEdges
     from hpcinv.mesh.source import Floats
-    from hpcinv.solver.problem import Model
+    from hpcinv.solver.equations import Equations
 
 RAISED = 0.2
 """Presumed ratio of smooth errors of one degree more; a larger one refines more."""
@@ -100,7 +100,7 @@ class SingularLimit:
 
 
 def singular_limit(
-    model: Model, edges: SingularEdges, indicators: Floats, correction: fem.Function
+    equations: Equations, edges: SingularEdges, indicators: Floats, correction: fem.Function
 ) -> SingularLimit | None:
     """Return the effect of singular edges; ``None`` if cells with an error touch none; collective.
 
@@ -108,7 +108,7 @@ def singular_limit(
         indicators: share of the estimate of each owned cell, as in `Estimate.cells`.
         correction: of the displacement.
     """
-    mesh, degree = model.body.mesh, model.job.discretisation.displacement
+    mesh, degree = equations.body.mesh, equations.job.discretisation.displacement
     touching = edges.exponents < SMOOTH
     missed = np.where(touching, 1 / (1 - (degree / (degree + 1)) ** (4 * edges.exponents)), 1.0)
     whole = indicators * missed
@@ -123,13 +123,13 @@ def singular_limit(
     here = np.where(edges.kinds == kind, whole, -1.0)
     best = int(here.argmax()) if len(here) else -1
     nodes = mesh.geometry.dofmaps[0][best][: mesh.ufl_cell().num_vertices] if len(here) else []
-    middle = mesh.geometry.x[nodes].mean(axis=0) * model.body.length_scale if len(here) else np.zeros(3)
+    middle = mesh.geometry.x[nodes].mean(axis=0) * equations.body.length_scale if len(here) else np.zeros(3)
     distances = _distances(edges.segments, middle)
     point = edges.segments[int(distances.argmin())].mean(axis=0)
     _, at = max(mesh.comm.allgather((float(here.max(initial=-1.0)), tuple(point.tolist()))))
     order = -math.log2(totals[3] / totals[2])
     share, factor = float(totals[2] / totals[1]), float(totals[1] / totals[0])
-    may_cancel = model.unknowns.p is not None and share > SHARE
+    may_cancel = equations.unknowns.p is not None and share > SHARE
     is_reliable = not (may_cancel and volume_share(correction, touching) > VOLUME)
     orders = np.where(touching, 2 * edges.exponents, np.inf)
     return SingularLimit(share, order, factor, is_reliable, edges.names[kind], at, missed, orders)

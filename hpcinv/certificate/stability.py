@@ -15,13 +15,13 @@ from hpcinv.solver.observer import SILENT, Observer, freeing
 
 if TYPE_CHECKING:
     from hpcinv.certificate.forward_factors import ForwardFactors
-    from hpcinv.solver.problem import Model
+    from hpcinv.solver.equations import Equations
 
 STABILITY = "stability: unstable directions"
 _RULE = "no negative eigenvalue of the forward tangent; fail if some are confirmed as instabilities of the body"
 
 
-def stability(model: Model, forward: ForwardFactors, observer: Observer = SILENT) -> Iterator[Line]:
+def stability(equations: Equations, forward: ForwardFactors, observer: Observer = SILENT) -> Iterator[Line]:
     """Yield the line on unstable directions of the loaded body; collective.
 
     A discrete state is stable if the tangent of the forward problem is positive definite in the displacements: with the
@@ -33,49 +33,49 @@ def stability(model: Model, forward: ForwardFactors, observer: Observer = SILENT
         forward: factors of the forward tangent at the solution.
         observer: of a solve back; it is also asked whether to stop.
     """
-    if not model.job.certificate.stability:
+    if not forward.solution.job.certificate.stability:
         yield skipped(STABILITY, "switched off: certificate.stability")
         return
-    line = _by_factors(model, forward) if forward.affordable else _by_iteration(model, forward, observer)
-    yield replace(line, note="; ".join([line.note, *_left_out(model, forward)]))
+    line = _by_factors(equations, forward) if forward.affordable else _by_iteration(equations, forward, observer)
+    yield replace(line, note="; ".join([line.note, *_left_out(equations, forward)]))
 
 
-def _left_out(model: Model, forward: ForwardFactors) -> Iterator[str]:
+def _left_out(equations: Equations, forward: ForwardFactors) -> Iterator[str]:
     """Yield what the line on stability leaves out."""
     nodes = forward.solution.mesh_nodes
-    if planes := [f"'{plane.region}'" for plane in symmetry_planes(model.job, model.body, nodes, nodes)]:
+    if planes := [f"'{plane.region}'" for plane in symmetry_planes(forward.solution.job, equations.body, nodes, nodes)]:
         yield f"motions that are not symmetric about {', '.join(planes)} are left out"
 
 
-def _by_factors(model: Model, forward: ForwardFactors) -> Line:
+def _by_factors(equations: Equations, forward: ForwardFactors) -> Line:
     """Return the line by the inertia of the forward tangent."""
     found = None if forward.factors is None else forward.factors.inertia
-    pressures = model.unknowns.pressure_size
+    pressures = equations.unknowns.pressure_size
     # Zeros count: a singular tangent is not stable. Each pressure contributes one that is negative or zero.
     unstable = None if found is None else found.negative + found.zero - pressures
     if found is None or unstable is None or unstable < 0:
         return skipped(STABILITY, "the tangent could not be factorized")
     if unstable == 0:
         return _stable(found.asymmetry)
-    return _unstable(unstable, confirm(model, forward.solution), is_mixed=pressures > 0)
+    return _unstable(unstable, confirm(equations, forward.solution), is_mixed=pressures > 0)
 
 
-def _by_iteration(model: Model, forward: ForwardFactors, observer: Observer) -> Line:
+def _by_iteration(equations: Equations, forward: ForwardFactors, observer: Observer) -> Line:
     """Return the line by the lowest eigenvalue of the forward tangent, which is found without factors."""
-    lowest = lowest_eigenvalue(forward.multigrid, model.supports, model.timings, observer=observer)
+    lowest = lowest_eigenvalue(forward.multigrid, equations.supports, equations.timings, observer=observer)
     if lowest is None:
         note = "the lowest eigenvalue of the forward tangent was not found within the iterations that it may take"
         return Line(STABILITY, None, "", _RULE, Verdict.UNDECIDED, note)
     if not lowest.is_negative:
         how = f"estimated: the reciprocal of the lowest eigenvalue that was found is known to {lowest.error:.0%}"
         return _stable(lowest.asymmetry, how)
-    with assembled(model, forward.solution) as matrix:
-        with model.timings("factorization"):
-            solver = MultigridSolver(matrix, model.scene("forward", known_displacement(model)))
+    with assembled(equations, forward.solution) as matrix:
+        with equations.timings("factorization"):
+            solver = MultigridSolver(matrix, equations.scene("forward", known_displacement(equations)))
         with freeing(solver.destroy):
-            again = lowest_eigenvalue(solver, model.supports, model.timings, lowest.direction, observer)
+            again = lowest_eigenvalue(solver, equations.supports, equations.timings, lowest.direction, observer)
     confirmed = None if again is None else Confirmed(int(again.is_negative), again.asymmetry)
-    line = _unstable(1, confirmed, is_mixed=model.unknowns.p is not None)
+    line = _unstable(1, confirmed, is_mixed=equations.unknowns.p is not None)
     return replace(line, note=f"{line.note}; one direction was sought, there may be more")
 
 

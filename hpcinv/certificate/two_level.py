@@ -40,10 +40,9 @@ from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
-from hpcinv.solver.problem import Model
 
 type Singles = npt.NDArray[np.float32]
 
@@ -59,42 +58,38 @@ _STRAIGHT = 0.03  # offset of a node, relative to its cell, up to which moduli a
 _INCREMENT = 1e-7  # length of the difference by which the residual is differentiated, in scaled unknowns
 
 
-def correct(model: Model, solution: Solution, finer: Model, observer: Observer = SILENT) -> bool:
+def correct(equations: Equations, direction: Direction, finer: Equations, observer: Observer = SILENT) -> bool:
     """Add the correction to the state of ``finer``, the solution in finer spaces; return whether it converged.
 
     Iterations are not made where the body is much stiffer than by its shear modulus, as against stiff fibres, or
     changes of volume in the displacement form: they would end long before they have found the correction, since the
-    diagonal does not tell soft motions from stiff ones there. Collective. The mesh of ``finer`` must lie where the
-    solution was computed.
+    diagonal does not tell soft motions from stiff ones there. Collective.
 
     Args:
-        model: model of the solution, with the factors of its last tangent.
-        finer: model in spaces of one degree more, on the same cells, perhaps with a finer geometry. That changes the
-            tangent by as little as the shape of cells: the factors still serve as a preconditioner.
+        equations: in the state of the solution, with the factors of its last tangent.
+        finer: in the same state, in spaces of one degree more, on the same cells, perhaps with a finer geometry. That
+            changes the tangent by as little as the shape of cells: the factors still serve as a preconditioner.
         observer: asked whether to stop, in each iteration.
     """
-    body, direction = model.body, solution.direction
-    with model.at(body.mesh.geometry.x * body.length_scale, *solution.fields):
-        equilibrium = model.equilibrium(model.scene(direction))
-        if equilibrium.system.tangents == 0:
-            equilibrium.system.linearise(1.0)
-        equilibrium.linear.factorize_if_needed()
-        product = _volume_product(model, finer, direction)
-        with freeing(lambda: model.release(equilibrium), model.free_multigrid), finer.timings("linear solve"):
-            coarse = _Coarse(model, finer.unknowns, equilibrium.linear)
-            with freeing(coarse.destroy):
-                converged = _FinerProblem(finer, direction, coarse, product).solve(observer)
-    return converged
+    equilibrium = equations.equilibrium(equations.scene(direction))
+    if equilibrium.system.tangents == 0:
+        equilibrium.system.linearise(1.0)
+    equilibrium.linear.factorize_if_needed()
+    product = _volume_product(equations, finer, direction)
+    with freeing(lambda: equations.release(equilibrium), equations.free_multigrid), finer.timings("linear solve"):
+        coarse = _Coarse(equations, finer.unknowns, equilibrium.linear)
+        with freeing(coarse.destroy):
+            return _FinerProblem(finer, direction, coarse, product).solve(observer)
 
 
-def _volume_product(model: Model, finer: Model, direction: Direction) -> TangentProduct | None:
+def _volume_product(equations: Equations, finer: Equations, direction: Direction) -> TangentProduct | None:
     """Return the product by the moduli at the solution, ``None`` if the residual has none; collective."""
-    residual, given, degree = model.scene(direction).residual, model.unknowns, finer.quadrature_degree
+    residual, given, degree = equations.scene(direction).residual, equations.unknowns, finer.quadrature_degree
     try:
         with finer.timings("compile"):
             moduli = compiled_moduli(residual, given, JIT_OPTIONS)
             # In strongly curved cells the moduli vary too much to be extended from the points of the solve.
-            curved = _curved_cells(model.body.mesh)
+            curved = _curved_cells(equations.body.mesh)
             if given.mesh.comm.allreduce(bool(curved.any()), op=MPI.LOR):
                 at_all_points = compiled_moduli(residual, given, JIT_OPTIONS, degree)
                 moduli = [*_within(moduli, ~curved), *_within(at_all_points, curved)]
@@ -123,7 +118,7 @@ def _within(moduli: Sequence[CompiledModuli], of: npt.NDArray[np.bool_]) -> Iter
 class _Coarse:
     """Solution in the spaces of the solution, of residuals in the finer ones."""
 
-    def __init__(self, given: Model, finer: Unknowns, linear: LinearSolver) -> None:
+    def __init__(self, given: Equations, finer: Unknowns, linear: LinearSolver) -> None:
         self._linear, self._conditions = linear, given.supports.conditions
         self._transfer = Transfer(given.unknowns, finer)
         self._b, self._x = (fem_petsc.create_vector(given.unknowns.space) for _ in range(2))
@@ -145,10 +140,10 @@ class _Coarse:
 
 
 class _FinerProblem:
-    """``K δ = -R`` of the finer problem, at the present state of its model."""
+    """``K δ = -R`` of the finer problem, at the present state of its equations."""
 
     def __init__(
-        self, finer: Model, direction: Direction, coarse: _Coarse, volume_product: TangentProduct | None
+        self, finer: Equations, direction: Direction, coarse: _Coarse, volume_product: TangentProduct | None
     ) -> None:
         self._coarse, self._comm, self._volume_product = coarse, finer.body.mesh.comm, volume_product
         self._unknowns, self._conditions = finer.unknowns, finer.supports.conditions

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from hpcinv.model.scene import Scene
     from hpcinv.results.solution import Solution
-    from hpcinv.solver.problem import Model
+    from hpcinv.solver.equations import Equations
 
 type Floats = npt.NDArray[np.floating[Any]]
 
@@ -41,20 +41,20 @@ WARN = 0.05  # as the discretisation error of the shape
 STIFF = 10.0  # bulk over shear modulus (Poisson's ratio 0.45) from which linear displacements lock noticeably
 
 
-def volume(model: Model, solution: Solution) -> Iterator[Line]:
+def volume(equations: Equations, solution: Solution) -> Iterator[Line]:
     """Yield the lines on the volume ratio of a solution; collective."""
     smallest, largest = solution.J_range
     yield at_least("smallest volume ratio J", smallest, warn=0.1, fail=0.0)
     yield at_most("largest volume ratio J", largest, warn=10.0, fail=float("inf"))
-    with model.at(solution.mesh_nodes, *solution.fields):
-        found = _unaccounted(model, model.scene(solution.direction))
+    equations.put(solution)
+    found = _unaccounted(equations, equations.scene(solution.direction))
     if found is None:  # compressible: any volume ratio may be right
         return
     rule = f"warning above {WARN:g}"
     if found <= WARN:
         yield Line(UNACCOUNTED, found, "", rule, Verdict.PASS)
     else:
-        mixed = model.unknowns.p is not None
+        mixed = equations.unknowns.p is not None
         remedy = "mesh finer, or raise discretisation.displacement"
         if not mixed:
             remedy += ", or take the mixed form (discretisation.formulation: mixed)"
@@ -62,14 +62,14 @@ def volume(model: Model, solution: Solution) -> Iterator[Line]:
         yield Line(UNACCOUNTED, found, "", rule, Verdict.WARN, f"{what}: {remedy}")
 
 
-def _unaccounted(model: Model, scene: Scene) -> float | None:
+def _unaccounted(equations: Equations, scene: Scene) -> float | None:
     """Return the strain exceeded in `SHARE` of the nearly incompressible volume; ``None`` if there is none."""
-    laws, mesh = list(model.job.laws.values()), model.body.mesh
+    laws, mesh = list(equations.job.laws.values()), equations.body.mesh
     ratios = [law.stiffness_ratio for law in laws]
     if all(ratio is not None and ratio < STIFF for ratio in ratios):
         return None
     scene.parameters.set_load(1.0)
-    p, comm = model.unknowns.p, mesh.comm
+    p, comm = equations.unknowns.p, mesh.comm
     size = abs(ufl.JacobianDeterminant(mesh))
     _, weights = quadrature(mesh.basix_cell().name, scene.quadrature_degree)
     cells = [np.zeros(0, dtype=np.int32)]
@@ -91,13 +91,15 @@ def _unaccounted(model: Model, scene: Scene) -> float | None:
     if comm.allreduce(float(counted.sum())) <= 0.0:
         return None
     if p is None:
-        strains = strains - _smoothed(model, scene, np.concatenate(cells), strains, counted)
+        strains = strains - _smoothed(equations, scene, np.concatenate(cells), strains, counted)
     return _exceeded(comm, np.abs(strains), counted)
 
 
-def _smoothed(model: Model, scene: Scene, cells: npt.NDArray[np.int32], strains: Floats, volumes: Floats) -> Floats:
+def _smoothed(
+    equations: Equations, scene: Scene, cells: npt.NDArray[np.int32], strains: Floats, volumes: Floats
+) -> Floats:
     """Return means of the strains (cells, points) over the volume around each vertex, interpolated to the points."""
-    mesh = model.body.mesh
+    mesh = equations.body.mesh
     dofmap = fem.functionspace(mesh, ("Lagrange", 1)).dofmap
     dofs = dofmap.list[cells]
     sums = la.vector(dofmap.index_map, 2)
@@ -106,7 +108,7 @@ def _smoothed(model: Model, scene: Scene, cells: npt.NDArray[np.int32], strains:
     sums.scatter_reverse(la.InsertMode.add)
     sums.scatter_forward()
     points, _ = quadrature(mesh.basix_cell().name, scene.quadrature_degree)
-    shapes = scalar_element(model.body.source.kind, 1).tabulate(0, points)[0, :, :, 0]
+    shapes = scalar_element(equations.body.source.kind, 1).tabulate(0, points)[0, :, :, 0]
     means = totals[:, 0] / np.where(totals[:, 1] > 0, totals[:, 1], 1.0)
     return np.asarray(means[dofs] @ shapes.T)
 

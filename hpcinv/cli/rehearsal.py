@@ -10,23 +10,26 @@ import numpy as np
 from hpcinv.assembly.tangent import as_for
 from hpcinv.certificate import certify, two_level
 from hpcinv.certificate.confirmation import known_displacement, second_variation
-from hpcinv.certificate.estimate import in_finer_spaces
+from hpcinv.certificate.estimate import finer_equations
 from hpcinv.certificate.round_trip import way_back
-from hpcinv.job.job import Job
+from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.sections import Support
 from hpcinv.mesh.body import read_anywhere, read_finer_geometry
 from hpcinv.mesh.sample_mesh import HELD, sample_body
 from hpcinv.mesh.source import MeshSource
 from hpcinv.methods import method_for
+from hpcinv.methods.method import Start
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.keys import parse_key
 from hpcinv.results.quantities_of_interest import evaluate
-from hpcinv.results.solution import Solution, solution_of
+from hpcinv.results.solution import Solution
+from hpcinv.results.steps import StepObserver, carry_out
 from hpcinv.sensitivity.analysis import Sensitivities, sensitivities
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.iterative import Iterative
-from hpcinv.solver.problem import Model
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.observer import SolvedDirection
+from hpcinv.solver.workspace import Workspace
 
 
 def rehearse(job: Job) -> None:
@@ -49,48 +52,56 @@ def _rehearse(job: Job, source: MeshSource) -> None:
         finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
     points = [np.array(q.at) for q in job.quantities if q.at is not None]
     body = sample_body(source, job.regions, points, finer).of_degree(job.discretisation.displacement)
-    moved = [any(s.displacement for s in solve.job.supports) or solve.start is not None for solve in job.plan]
+    moved = [any(s.displacement for s in step.job.supports) or step.start is not None for step in job.plan]
+
+    def compile_step(
+        number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver
+    ) -> tuple[SolvedDirection, None]:
+        """Compile the kernels of a solve; its solution is the body that does not move."""
+        equilibrium = method_for(equations, step.direction).equilibrium
+        equilibrium.system.scene.parameters.set_load(1.0)
+        equilibrium.system.compile()
+        equilibrium.compile(prescribed_motion=moved[number])
+        equations.release(equilibrium)
+        return SolvedDirection(step.direction, (), 1.0, equilibrium.linear.used, False, False, None), None
+
+    held = _held(job)
     with Workspace(MPI.COMM_SELF) as workspace:
-        models = workspace.models(_held(job), body, Timings())
+        all_equations = workspace.equations(held, body, Timings())
         solutions: list[Solution] = []
         slopes: list[Sensitivities] = []
-        for number, solve in enumerate(models.plan):
-            model = models.of(number, solutions[0].displacement if solutions else None)
-            model.unknowns.state.x.array[:] = 0.0
-            equilibrium = method_for(model, solve.direction).equilibrium
-            equilibrium.system.scene.parameters.set_load(1.0)
-            equilibrium.system.compile()
-            equilibrium.compile(prescribed_motion=moved[number])
-            solutions.append(solution_of(model, solve.direction, model.scene(solve.direction), ()))
-            model.release(equilibrium)
-            if (parameters := job.differentiated) and (number == 0 or solve.job.state):
-                given = (solutions[0], slopes[0]) if solve.mesh is not None else None
-                slopes.append(sensitivities(model, solutions[number], parameters, given))
+        steps = carry_out(held.plan, all_equations, StepObserver(), solve=compile_step)
+        for number, (step, equations, solution) in enumerate(zip(held.plan, all_equations, steps, strict=True)):
+            solutions.append(solution)
+            if (parameters := job.differentiated) and (number == 0 or step.job.state):
+                given = (solutions[0], slopes[0]) if step.mesh is not None else None
+                slopes.append(sensitivities(equations, solution, parameters, given))
         if not job.states:
-            _check(models.of(0), solutions)
+            _check(all_equations[0], solutions)
         known = set[tuple[int, str, bool]]()
-        for number, solution in enumerate(solutions if job.states else ()):
-            model = models.of(number, solutions[0].displacement if number else None)
-            kernels = (id(model), solution.direction, model.given is not None)
+        for equations, solution in zip(all_equations, solutions if job.states else (), strict=False):
+            equations.put(solution)
+            kernels = (id(equations), solution.direction, equations.has_attached)
             if kernels not in known:
                 known.add(kernels)
-                _check(model, [solution])
+                _check(equations, [solution])
 
 
-def _check(model: Model, solutions: list[Solution]) -> None:
+def _check(equations: Equations, solutions: list[Solution]) -> None:
     """Compile what evaluates and checks a solution, or both of an analysis."""
-    job, solution = model.job, solutions[0]
-    certify(model, solutions, evaluate(job.quantities, model.body, solution, model))
+    job, solution = solutions[0].job, solutions[0]
+    certify(equations, solutions, evaluate(job.quantities, equations.body, solution, equations))
     if job.certificate.estimate:
-        with in_finer_spaces(model, solution) as finer_model:
-            two_level.correct(model, solution, finer_model)  # needed for large bodies
+        finer = finer_equations(equations, solution)
+        two_level.correct(equations, solution.direction, finer)  # needed for large bodies
+        equations.put(solution)
     if job.certificate.stability:
-        second_variation(model, known_displacement(model))  # needed where the body is not stable
-        Iterative(model.scene("forward")).pressure_scale()  # needed where factors are not affordable
+        second_variation(equations, known_displacement(equations))  # needed where the body is not stable
+        Iterative(equations.scene("forward")).pressure_scale()  # needed where factors are not affordable
     if job.certificate.round_trip == "near" and len(solutions) == 1:  # needed where corrections do not settle
-        equilibrium = model.equilibrium(model.scene(way_back(solution)))
+        equilibrium = equations.equilibrium(equations.scene(way_back(solution)))
         equilibrium.system.compile()
-        model.release(equilibrium)
+        equations.release(equilibrium)
 
 
 def _held(job: Job) -> Job:

@@ -28,7 +28,7 @@ from hpcinv.model.scene import Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 _ROUNDS = 7  # the fastest counts, since disturbances only lengthen a measurement
 
@@ -92,14 +92,14 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
     """
     body = build_body(job.mesh, job.regions, comm, resolve=job.resolve, degree=job.discretisation.displacement)
     job = job.plan[0].job
-    model = Model(job, body, Timings())
-    model.check_supports()
+    equations = Equations(job, body, Timings())
+    equations.check_supports()
     direction = job.directions[0]
 
     def variant(*effects: Any) -> Scene:
-        return Model(job.model_copy(update={"effects": effects}), body, Timings()).scene(direction)
+        return Equations(job.model_copy(update={"effects": effects}), body, Timings()).scene(direction)
 
-    everything = model.scene(direction)
+    everything = equations.scene(direction)
     scenes = {"the whole scene": everything, "the laws alone": variant()}
     for i, (name, _) in enumerate(job.named_effects):
         others = (*job.effects[:i], *job.effects[i + 1 :])
@@ -108,20 +108,20 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
     for name, scene in scenes.items():
         if scene not in compiled:
             note(f"compiling {name}")
-            compiled[scene] = _Compiled(scene, model.supports.conditions)
+            compiled[scene] = _Compiled(scene, equations.supports.conditions)
     measured = _measured(compiled)
     total, laws, *without_one = (_part(scene, *measured[scene]) for scene in scenes.values())
     rows = [replace(laws, name=_laws(job))]
     for (where, effect), without in zip(job.named_effects, without_one, strict=True):
         rows.append(total.more_than(without, f"{where} {effect.effect}"))  # type: ignore[attr-defined]
-    linear_solver, factorization, solution = _linear_solver(model, everything)
-    displacements = model.unknowns.displacement_space.dofmap
+    linear_solver, factorization, solution = _linear_solver(equations, everything)
+    displacements = equations.unknowns.displacement_space.dofmap
     n = displacements.index_map.size_global * displacements.index_map_bs
     return Explanation(
         direction=direction,
         cells=body.mesh.topology.index_map(3).size_global,
         displacements=n,
-        pressures=model.unknowns.size - n,
+        pressures=equations.unknowns.size - n,
         families=tuple(name.removeprefix("fibres.") for name in job.families),
         rows=tuple(rows),
         total=total,
@@ -167,9 +167,9 @@ def _measured(compiled: Mapping[Scene, _Compiled]) -> dict[Scene, tuple[float, f
     return {scene: (forms.seconds, best[scene][0], best[scene][1]) for scene, forms in compiled.items()}
 
 
-def _linear_solver(model: Model, scene: Scene) -> tuple[str, float, float]:
+def _linear_solver(equations: Equations, scene: Scene) -> tuple[str, float, float]:
     """Return the name of the linear solver, and its seconds for one factorization (preconditioner) and one solution."""
-    equilibrium = model.equilibrium(scene)
+    equilibrium = equations.equilibrium(scene)
     system, linear = equilibrium.system, equilibrium.linear
     comm, b = system.comm, system.rhs
     x = b.duplicate()

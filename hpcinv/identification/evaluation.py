@@ -32,7 +32,7 @@ from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
 from hpcinv.parallel.ranks import MPI, agree, on_root, wait_for_all
 from hpcinv.results.solution import Solution
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.workspace import Workspace
 from hpcinv.version import __version__
 
 _FOLDER = "evaluations"

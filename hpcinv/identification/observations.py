@@ -216,7 +216,7 @@ def check_size(points: Floats, body: Body) -> None:
     Raises:
         MeshError: on all ranks, if not.
     """
-    size = diagonal(body.mesh.comm, body.mesh.geometry.x * body.length_scale)
+    size = diagonal(body.mesh.comm, body.given_nodes)
     found = float(np.linalg.norm(np.ptp(points, axis=0)))
     if found > _SIZE * size or (len(points) > 3 and found < size / _SIZE / 10):
         raise MeshError(

@@ -30,7 +30,7 @@ from hpcinv.job.job import Job
 from hpcinv.mesh.source import Floats
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.workspace import Workspace
 
 _ORIGIN, _FIGURES, _SECTIONS, _RUN = "identification-origin.json", "identification.json", "sections.yaml", "run"
 
@@ -100,7 +100,7 @@ def identify(
         overwrite: whether another identification there may be replaced.
         report: called on rank 0 after each evaluation.
         stop_asked: called on every rank before each Newton iteration; true ends the run.
-        workspace: body and model of earlier runs on ``comm``.
+        workspace: body and equations of earlier runs on ``comm``.
         ranks_per_state: ranks of each team that solves some of the states; by default all ranks solve each state.
 
     Raises:

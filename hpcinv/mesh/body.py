@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,7 @@ class Body:
     Attributes:
         source: the mesh as it was read, whose cells may have fewer nodes than those of ``mesh``.
         source_geometry: nodes of the source's cells in the partition of ``mesh``, where they were read.
+        given_nodes: coordinates of the local geometry nodes of ``mesh`` as it was given, (n, 3) in m; read-only.
     """
 
     mesh: Mesh
@@ -57,6 +58,25 @@ class Body:
     source: MeshSource
     source_geometry: dolfinx.mesh.Geometry
     read_finer_geometry: Callable[[], FinerGeometry] | None = None  # to be called on rank 0
+    given_nodes: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        nodes = self.nodes
+        nodes.flags.writeable = False
+        object.__setattr__(self, "given_nodes", nodes)
+
+    @property
+    def nodes(self) -> Floats:
+        """Present coordinates of the local geometry nodes, (n, 3) in m."""
+        return np.asarray(self.mesh.geometry.x * self.length_scale)
+
+    def place(self, nodes: Floats) -> None:
+        """Move the mesh; nothing else writes its coordinates.
+
+        Args:
+            nodes: coordinates of the local geometry nodes, (n, 3) in m.
+        """
+        self.mesh.geometry.x[:] = nodes / self.length_scale
 
     @cached_property
     def with_finer_geometry(self) -> tuple[Body | None, str]:
@@ -90,8 +110,8 @@ class Body:
 
     @cached_property
     def length(self) -> float:
-        """Length of the body as its mesh lies at the first access, in scaled units; collective then."""
-        return body_length(self.mesh, self.source.kind, self.degree)
+        """Length of the body as it was given, in scaled units; collective at the first access."""
+        return body_length(self.mesh, self.given_nodes / self.length_scale, self.source.kind, self.degree)
 
     @cached_property
     def computed(self) -> dict[str, Any]:

@@ -12,16 +12,17 @@ from hpcinv.parallel.runtime import MPI
 _DEGREE = 2  # of the rule of quadrature, exact on straight tetrahedra
 
 
-def body_length(mesh: Mesh, kind: str, degree: int) -> float:
+def body_length(mesh: Mesh, coordinates: Floats, kind: str, degree: int) -> float:
     """Return ``sqrt(12 ∫|x - c|² dV / V)`` with the centroid c, the diagonal of a cuboid; collective.
 
     Args:
+        coordinates: of the local geometry nodes, (n, 3).
         degree: of the geometry.
     """
     points, weights = quadrature(kind, _DEGREE)
     values, *gradients = scalar_element(kind, degree).tabulate(1, points)[..., 0]
     owned = mesh.topology.index_map(3).size_local
-    nodes = mesh.geometry.x[mesh.geometry.dofmaps[0][:owned]]
+    nodes = coordinates[mesh.geometry.dofmaps[0][:owned]]
     jacobian = np.stack([table @ nodes for table in gradients], axis=-1)
     volumes = np.abs(np.linalg.det(jacobian)) * weights
     x = values @ nodes

@@ -6,29 +6,27 @@ from hpcinv.methods.fixed_point import FixedPointMethod
 from hpcinv.methods.method import Method, Start
 from hpcinv.methods.updates import UPDATES
 from hpcinv.model.outcome import Outcome
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.failing_motion import failing_motion
 from hpcinv.solver.newton import is_given_up
 from hpcinv.solver.observer import SILENT, Observer, SolvedDirection, SolveEvent, is_stop_asked
-from hpcinv.solver.problem import Model
 
 _FAILURES = 4
 """Failed solves after which it is said what moves. Fewer would say it of jobs that only halve a first step."""
 
 
-def method_for(model: Model, direction: Direction, observer: Observer = SILENT) -> Method:
-    """Return the method of the model's job; forward problems are always solved directly."""
-    if direction == "forward" or model.job.method == "direct":
-        return DirectMethod(model, direction, observer)
-    return FixedPointMethod(model, observer)
+def method_for(equations: Equations, direction: Direction, observer: Observer = SILENT) -> Method:
+    """Return the method of the equations' job; forward problems are always solved directly."""
+    if direction == "forward" or equations.job.method == "direct":
+        return DirectMethod(equations, direction, observer)
+    return FixedPointMethod(equations, observer)
 
 
-def solve_direction(model: Model, direction: Direction, start: Start, observer: Observer) -> SolvedDirection:
+def solve_direction(equations: Equations, direction: Direction, start: Start, observer: Observer) -> SolvedDirection:
     """Solve up to the full load, until that fails or the observer asks to stop; collective."""
-    comm = model.body.mesh.comm
-    model.unknowns.state.x.array[:] = 0.0
-    if start.solution is not None:
-        model.set_solution(*start.solution)
-    method = method_for(model, direction, observer)
+    comm = equations.body.mesh.comm
+    equations.put_fields(start.solution)
+    method = method_for(equations, direction, observer)
     observer.begun(direction, method.equilibrium.linear.used)
     solves, stopped = list(start.solves), False
     can_restart = start.load > 0 or any(map(method.can_restart_after, start.solves))
@@ -40,24 +38,24 @@ def solve_direction(model: Model, direction: Direction, start: Start, observer: 
         restartable = method.can_restart_after(solve)
         can_restart |= restartable
         event = SolveEvent(
-            solve, tuple(solves), method.reached, restartable, model.largest_displacement(), method.min_mesh_J()
+            solve, tuple(solves), method.reached, restartable, equations.largest_displacement(), method.min_mesh_J()
         )
         observer.solved(event)
         stopped = is_stop_asked(comm, observer) or interrupted
         if stopped:
             break
         failures += not solve.outcome.accepted
-        ends = not solve.outcome.accepted and is_given_up(solves, model.job.solver.patience)
+        ends = not solve.outcome.accepted and is_given_up(solves, equations.job.solver.patience)
         is_time = failures == _FAILURES and not solve.outcome.accepted
         if (is_time or (ends and failures < _FAILURES)) and isinstance(method, DirectMethod):
-            lines = failing_motion(model.job, model.body, method.equilibrium, method.reached, failures)
+            lines = failing_motion(equations.job, equations.body, method.equilibrium, method.reached, failures)
             observer.failing(lines)
         if ends:
             break
     equilibrium = method.equilibrium
     # If nothing was solved, PETSc has used no options.
     unused = tuple(equilibrium.linear.options.unused()) if start.load != 1.0 else None
-    model.release(equilibrium)
+    equations.release(equilibrium)
     used = equilibrium.linear.used
     found = SolvedDirection(direction, tuple(solves), method.reached, used, stopped, can_restart, unused)
     observer.ended(found)

@@ -7,10 +7,10 @@ from hpcinv.job.rules import NEARLY_INCOMPRESSIBLE
 from hpcinv.materials import MaterialLaw
 from hpcinv.quantity.quantity import quantity_of
 from hpcinv.quantity.spatial_fields import is_uniform
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.load_stepping import AdaptiveSteps, follow
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.problem import Model
 
 
 class BulkModulus:
@@ -25,23 +25,23 @@ class BulkModulus:
     _least = 1.02  # smallest such factor
     _easy = 4  # number of iterations up to which the next step is longer
 
-    def __init__(self, model: Model, equilibrium: Equilibrium) -> None:
-        self.model, self.equilibrium = model, equilibrium
-        self.tolerance, self.path_tolerance = model.job.solver.tolerance, 1e-4
-        self._laws = list(_nearly_incompressible(model))
+    def __init__(self, equations: Equations, equilibrium: Equilibrium) -> None:
+        self.equations, self.equilibrium = equations, equilibrium
+        self.tolerance, self.path_tolerance = equations.job.solver.tolerance, 1e-4
+        self._laws = list(_nearly_incompressible(equations))
         self._ratio = max((ratio for *_, ratio in self._laws), default=1.0)
 
     @property
     def is_applicable(self) -> bool:
         """True in the displacement form if a law has a large bulk modulus that can be lowered."""
-        return self.model.unknowns.p is None and bool(self._laws)
+        return self.equations.unknowns.p is None and bool(self._laws)
 
     def solves(self) -> Generator[Solve, None, None]:
         """Yield every solve; the last one is accepted at the bulk moduli of the job, or has the reason for the end."""
         try:
             self._soften(0.0)
-            self.equilibrium.system.state.x.array[:] = 0.0
-            steps = AdaptiveSteps(cases=self.model.job.case_count)
+            self.equations.unload()
+            steps = AdaptiveSteps(cases=self.equations.job.case_count)
             for solve in follow(self.equilibrium, steps, self.path_tolerance):
                 last = solve
                 yield solve
@@ -85,9 +85,9 @@ class BulkModulus:
                 equilibrium.system.set_state(start)
 
 
-def _nearly_incompressible(model: Model) -> Iterator[tuple[int, str, float]]:
+def _nearly_incompressible(equations: Equations) -> Iterator[tuple[int, str, float]]:
     """Yield number, name of the bulk modulus, and ratio of that to its lowest value, for each law with a large one."""
-    for number, law in enumerate(model.job.laws.values()):
+    for number, law in enumerate(equations.job.laws.values()):
         ratio = law.stiffness_ratio
         name = _bulk_modulus(law)
         if name is not None and ratio is not None and NEARLY_INCOMPRESSIBLE < ratio < math.inf:

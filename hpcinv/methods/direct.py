@@ -8,10 +8,10 @@ from hpcinv.methods.fallbacks import Problem, reach
 from hpcinv.methods.method import UNLOADED, Method, Start
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT, Observer
-from hpcinv.solver.problem import Model
 
 AUGMENTATION = "augmentation"
 """Strategy of the solves in which the pressures of rigid obstacles, or their nearest points, settle."""
@@ -21,16 +21,16 @@ _MOST_UPDATES = 100  # of contacts
 class DirectMethod(Method):
     """Direct method for forward and inverse problems (doi:10.1007/s00366-021-01597-z)."""
 
-    def __init__(self, model: Model, direction: Direction, observer: Observer = SILENT) -> None:
-        self.equilibrium = model.equilibrium(model.scene(direction), observer)
-        self.problem = Problem(model, direction, self.equilibrium, observer)
-        self.steps = model.steps
-        if isinstance(self.steps, ArcLengthSteps) and direction != model.job.directions[0]:
+    def __init__(self, equations: Equations, direction: Direction, observer: Observer = SILENT) -> None:
+        self.equilibrium = equations.equilibrium(equations.scene(direction), observer)
+        self.problem = Problem(equations, direction, self.equilibrium, observer)
+        self.steps = equations.steps
+        if isinstance(self.steps, ArcLengthSteps) and direction != equations.job.directions[0]:
             self.steps = replace(self.steps, limit_points=0)  # the way back from the first solution has none
 
     def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
         self.reached = start.load
-        contacts, tolerance = self.equilibrium.system.scene.contacts, self.problem.model.job.solver.tolerance
+        contacts, tolerance = self.equilibrium.system.scene.contacts, self.problem.equations.job.solver.tolerance
         if start.load == 0.0 and start.solution is None:
             self.equilibrium.system.set_load(0.0 if contacts.is_iterated else 1.0)
             contacts.check_start()
@@ -44,11 +44,11 @@ class DirectMethod(Method):
                     yield from self._augment(tolerance)
                 return
         if start.origin is not None:
-            model = self.problem.model
-            model.set_solution(*start.origin)
+            equations = self.problem.equations
+            equations.put_fields(start.origin)
             self.equilibrium.system.begin_path()
             if start.solution is not None:
-                model.set_solution(*start.solution)
+                equations.put_fields(start.solution)
             self.steps = replace(self.steps, cases=1)
         # The other strategies are chosen for the path that they take, which a guess would skip.
         if (
@@ -58,11 +58,11 @@ class DirectMethod(Method):
             and isinstance(self.steps, AdaptiveSteps)
         ):
             self.equilibrium.depart(0.0)
-            solve = start.guess.solve(self.problem.model, self.equilibrium)
+            solve = start.guess.solve(self.problem.equations, self.equilibrium)
             if solve.outcome.accepted:
                 self.reached = 1.0
             else:
-                self.equilibrium.system.state.x.array[:] = 0.0
+                self.problem.equations.unload()
             yield solve
             if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
                 return

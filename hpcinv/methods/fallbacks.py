@@ -14,7 +14,6 @@ steps. No fallback is tried where none can help: at a limit point of the load, w
 where the discrete equations have a solution that no body can have.
 """
 
-import copy
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -25,11 +24,11 @@ from hpcinv.methods.bulk_modulus import BulkModulus
 from hpcinv.methods.fixed_point import FixedPointMethod
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps, follow
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import Observer
-from hpcinv.solver.problem import Model
 
 EFFORT = {"bulk-modulus": 150, "arc-length": 80, "load steps": 100, "line-search": 50, "anderson": 100}
 
@@ -40,7 +39,7 @@ type Solves = Generator[Solve, None, None]
 class Problem:
     """A direction to solve, and its equations, whose state is a solution at the load reached so far."""
 
-    model: Model
+    equations: Equations
     direction: Direction
     equilibrium: Equilibrium
     observer: Observer
@@ -53,7 +52,7 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
         load: load factor at which the present state is a solution.
         passed: number of limit points between the unloaded body and the present state.
     """
-    solver, last = problem.model.job.solver, None
+    solver, last = problem.equations.job.solver, None
     stop_early = "arc-length" in solver.rescue
     for last in follow(problem.equilibrium, steps, solver.tolerance, load=load, passed=passed, stop_early=stop_early):
         load = last.load if last.outcome.accepted else load
@@ -89,18 +88,18 @@ def _arc_length(problem: Problem, steps: Steps, load: float) -> Solves:
     if isinstance(steps, AdaptiveSteps):
         first, least = min(4 * steps.smallest, 1.0), steps.smallest / 256
         arcs = ArcLengthSteps(first, least, most=100, cases=steps.cases)
-        yield from follow(problem.equilibrium, arcs, problem.model.job.solver.tolerance, load=load)
+        yield from follow(problem.equilibrium, arcs, problem.equations.job.solver.tolerance, load=load)
 
 
 def _load_steps(problem: Problem, steps: Steps, load: float) -> Solves:
     """Load steps of the job, beginning with a small one."""
     if isinstance(steps, AdaptiveSteps):
         small = replace(steps, first=min(16 * steps.smallest, 1.0))
-        yield from follow(problem.equilibrium, small, problem.model.job.solver.tolerance, load=load)
+        yield from follow(problem.equilibrium, small, problem.equations.job.solver.tolerance, load=load)
 
 
 def _line_search(problem: Problem, steps: Steps, load: float) -> Solves:
-    solver = problem.model.job.solver
+    solver = problem.equations.job.solver
     chosen = "basic" if solver.petsc.get("snes_linesearch_type") == "l2" else "l2"
     first, least = min(16 * solver.minimum_step, 1.0), solver.minimum_step / 16
     with problem.equilibrium.newton(chosen):
@@ -109,7 +108,7 @@ def _line_search(problem: Problem, steps: Steps, load: float) -> Solves:
 
 
 def _bulk_modulus(problem: Problem, steps: Steps, load: float) -> Solves:
-    rescue = BulkModulus(problem.model, problem.equilibrium)
+    rescue = BulkModulus(problem.equations, problem.equilibrium)
     if rescue.is_applicable and not problem.equilibrium.system.is_on_path:
         yield from _as_one(problem, rescue.solves(), EFFORT["bulk-modulus"])
 
@@ -121,12 +120,10 @@ def _anderson(problem: Problem, steps: Steps, load: float) -> Solves:
 
 def _fixed_point(problem: Problem) -> Solves:
     """Solves of the fixed-point method to a coarse tolerance, and a last one of the inverse problem from there."""
-    job = problem.model.job
+    job = problem.equations.job
     near = job.fixed_point.model_copy(update={"tolerance": 1e-3, "maximum_iterations": 20})
-    model = copy.copy(problem.model)
-    model.job = job.model_copy(update={"method": "anderson", "fixed_point": near})
-    model.unknowns.state.x.array[:] = 0.0
-    method = FixedPointMethod(model, problem.observer)
+    problem.equations.unload()
+    method = FixedPointMethod(problem.equations, problem.observer, "anderson", near)
     try:
         for solve in method.solves():
             yield solve

@@ -11,8 +11,9 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from hpcinv.job.settings import FixedPoint as FixedPointSettings
+from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import diagonal
-from hpcinv.mesh.moved import placed
 from hpcinv.mesh.source import Floats
 from hpcinv.methods.method import UNLOADED, Method, Start
 from hpcinv.methods.updates import UPDATES
@@ -20,10 +21,10 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.load_stepping import follow
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT, Observer
-from hpcinv.solver.problem import Model
 
 
 class FixedPointMethod(Method):
@@ -40,7 +41,9 @@ class FixedPointMethod(Method):
     forms are assembled.
 
     Args:
-        model: a model on the mesh at the coordinates of the job.
+        equations: on the mesh at the coordinates of the job.
+        rule: name of the update rule, by default the job's.
+        settings: by default the job's.
 
     Attributes:
         equilibrium: equations of the forward problem, at the present coordinates of the mesh.
@@ -50,13 +53,19 @@ class FixedPointMethod(Method):
     _least_volume_ratio = 0.1  # of one step, at any point
     _stagnation = 10  # number of iterations without a smaller position residual after which it has diverged
 
-    def __init__(self, model: Model, observer: Observer = SILENT) -> None:
-        self.model, self.settings = model, model.job.fixed_point
-        self.equilibrium = model.equilibrium(model.scene("forward"), observer)
-        with model.timings("set-up"):
-            self.mesh = MovableMesh(model.unknowns, model.quadrature_degree)
-        rule = UPDATES[model.job.method]
-        self._update = rule(self.settings.relaxation, self.settings.memory, self.mesh.inner)
+    def __init__(
+        self,
+        equations: Equations,
+        observer: Observer = SILENT,
+        rule: str = "",
+        settings: FixedPointSettings | None = None,
+    ) -> None:
+        self.equations, self.settings = equations, settings or equations.job.fixed_point
+        self.equilibrium = equations.equilibrium(equations.scene("forward"), observer)
+        with equations.timings("set-up"):
+            self.mesh = MovableMesh(equations.body, equations.unknowns, equations.quadrature_degree)
+        update = UPDATES[rule or equations.job.method]
+        self._update = update(self.settings.relaxation, self.settings.memory, self.mesh.inner)
         self._X = self.mesh.given
 
     def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
@@ -82,7 +91,7 @@ class FixedPointMethod(Method):
             if not last.outcome.accepted:
                 yield Solve(last.load, Outcome.FORWARD_FAILED, (), 0)
                 return
-            with self.model.timings("fixed-point update"):
+            with self.equations.timings("fixed-point update"):
                 X = self._X
                 r = X + mesh.displacement() - mesh.given
                 residuals.append(mesh.largest(r))
@@ -91,7 +100,9 @@ class FixedPointMethod(Method):
                     end = Outcome.FIXED_POINT_DIVERGED
                 mesh.correct_displacement(X - self._X - r)  # to x - X
             self.reached = 1.0 if end is not None and end.accepted else 0.0
-            yield replace(last, outcome=end or last.outcome, position_residual=residuals[-1] * self.model.scales.length)
+            yield replace(
+                last, outcome=end or last.outcome, position_residual=residuals[-1] * self.equations.scales.length
+            )
             if end is not None:
                 return
 
@@ -106,29 +117,32 @@ class FixedPointMethod(Method):
         X = self.mesh.given - self.mesh.displacement()
         if self.mesh.least_volume_ratio(X) > 0:
             return X
-        self.equilibrium.system.state.x.array[:] = 0.0
+        self.equations.unload()
         return self.mesh.given
 
     def _forward(self, *, warm: bool) -> Iterator[Solve]:
         """Solve the forward problem of the body X; the mesh lies at X only during the solves."""
         solves = self._solves_at_X(warm)
         while True:
-            with placed(self.mesh.mesh, self._X):
+            self.mesh.place(self._X)
+            try:
                 solve = next(solves, None)
+            finally:
+                self.mesh.place(self.mesh.given)
             if solve is None:
                 return
             yield solve
 
     def _solves_at_X(self, warm: bool) -> Iterator[Solve]:
         """Solve at full load from the last displacement if ``warm``, then from the unloaded body."""
-        equilibrium, tolerance = self.equilibrium, self.model.job.solver.tolerance
+        equilibrium, tolerance = self.equilibrium, self.equations.job.solver.tolerance
         if warm:
             solve = equilibrium.solve(1.0, tolerance)
             yield solve
             if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
                 return
-        equilibrium.system.state.x.array[:] = 0.0
-        yield from follow(equilibrium, self.model.steps, tolerance)
+        self.equations.unload()
+        yield from follow(equilibrium, self.equations.steps, tolerance)
 
     def _end(self, solve: Solve, residuals: list[float]) -> Outcome | None:
         """Return the outcome of the search with these position residuals, ``None`` if it continues."""
@@ -160,10 +174,10 @@ class MovableMesh:
         diagonal: of its bounding box, in scaled lengths.
     """
 
-    def __init__(self, unknowns: Unknowns, quadrature_degree: int) -> None:
-        self.unknowns, self.mesh = unknowns, unknowns.mesh
+    def __init__(self, body: Body, unknowns: Unknowns, quadrature_degree: int) -> None:
+        self.body, self.unknowns, self.mesh = body, unknowns, body.mesh
         geometry = self.mesh.geometry
-        self.given: Floats = geometry.x.copy()
+        self.given: Floats = body.nodes / body.length_scale
         self.diagonal = diagonal(self.mesh.comm, self.given)
         self._owned = slice(geometry.index_map().size_local)
         self._nodal = fem.Function(unknowns.nodal_space)
@@ -171,6 +185,10 @@ class MovableMesh:
         self._dof_of_node[geometry.dofmaps[0]] = self._nodal.function_space.dofmap.list
         self._jacobian = QuadratureValues(ufl.JacobianDeterminant(self.mesh), self.mesh, quadrature_degree)
         self._given_jacobian = self._jacobians(self.given)
+
+    def place(self, X: Floats) -> None:
+        """Move the mesh to a body."""
+        self.body.place(X * self.body.length_scale)
 
     def displacement(self) -> Floats:
         """Return the displacement of the present state at the nodes, the same on all ranks that share a node."""
@@ -183,7 +201,7 @@ class MovableMesh:
         u.interpolate(self._nodal)
         u.x.scatter_forward()
         u.x.array[:] += self.unknowns.displacement().x.array
-        self.unknowns.set_displacement(u)
+        self.unknowns.set_displacement(u.x.array)
 
     def least_volume_ratio(self, X: Floats, of: Floats | None = None) -> float:
         """Return the smallest volume of body ``X`` per volume of another (by default the given one) at any point."""
@@ -202,6 +220,7 @@ class MovableMesh:
 
     def _jacobians(self, X: Floats) -> Floats:
         """Return Jacobian determinants of body ``X`` at the quadrature points of the owned cells."""
-        with placed(self.mesh, X):
-            values = [v.ravel() for _, v in self._jacobian]
+        self.place(X)
+        values = [v.ravel() for _, v in self._jacobian]
+        self.place(self.given)
         return np.concatenate([np.empty(0), *values])

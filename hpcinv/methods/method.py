@@ -8,9 +8,9 @@ from dolfinx.fem import Function
 
 from hpcinv.mesh.source import Floats
 from hpcinv.model.outcome import Outcome
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.problem import Model
 
 NESTED = "nested iteration"
 """Strategy of a solve that begins with the solution on coarser cells."""
@@ -32,18 +32,18 @@ class Guess:
     sign: int = 0
     strategy: str = "guess"
 
-    def solve(self, model: Model, equilibrium: Equilibrium) -> Solve:
-        """Solve the equations of a model at full load from the guess.
+    def solve(self, equations: Equations, equilibrium: Equilibrium) -> Solve:
+        """Solve equations at full load from the guess.
 
         The solution is not accepted where the tangent's determinant has another sign than in the similar problem: a
         limit point or a branching point lies between the two, and the path from the unloaded body has another solution.
         """
-        u, p = model.solution()
+        u, p = equations.unloaded().fields
         u.x.array[:] = self.displacement
         if p is not None:
             p.x.array[:] = self.pressure
-        model.set_solution(u, p)
-        solve = equilibrium.solve(1.0, model.job.solver.tolerance, begins_near=True)
+        equations.put_fields((u, p))
+        solve = equilibrium.solve(1.0, equations.job.solver.tolerance, begins_near=True)
         solve = replace(solve, strategy=self.strategy)
         if solve.outcome.accepted and self.sign and solve.signs and solve.signs[-1] != self.sign:
             return replace(solve, outcome=Outcome.ANOTHER_PATH)
@@ -91,8 +91,8 @@ class Method(ABC):
     def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
         """Yield every solve; the last one is accepted, or its outcome is the reason why the method ended.
 
-        Whenever it yields, the mesh is at the coordinates of the job. The model's state must be ``start.solution``, or
-        zero without one.
+        Whenever it yields, the mesh is at the coordinates of the job. The equations must be in ``start.solution``, or
+        unloaded without one.
         """
 
     @abstractmethod

@@ -26,13 +26,13 @@ from hpcinv.methods.method import NESTED, UNLOADED, Guess, Start
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.spaces import Integers
 from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.cost_model import COARSER
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.newton import NewtonIteration, Solve
 from hpcinv.solver.observer import Observer, SolvedDirection
-from hpcinv.solver.problem import Model
-from hpcinv.solver.problem_cache import collect_garbage
+from hpcinv.solver.workspace import collect_garbage
 
 _MOST_CELLS = 0.5  # share of the cells above which the coarser mesh is not worth a solve
 _EFFORT = 40  # factorizations on coarser cells after which a solve there is given up
@@ -70,76 +70,76 @@ class CoarseSolve:
 
 
 def solve_nested(
-    model: Model, direction: Direction, observer: Observer, note: Callable[[str], None]
+    equations: Equations, direction: Direction, observer: Observer, note: Callable[[str], None]
 ) -> tuple[SolvedDirection, CoarseSolve | None]:
     """Solve as `solve_direction` from the unloaded body, or from the solution on coarser cells; collective.
 
     Without that, or if Newton's method rejects it, the path begins with the unloaded body.
 
     Args:
-        model: of the first solve of a job, whose mesh is at its given coordinates.
+        equations: of the first solve of a job, whose mesh is at its given coordinates.
         note: called with lines of text on the coarse solve.
 
     Returns:
         The report, with one on the coarse solve if there was one.
     """
-    if _is_interrupted(model, observer, ()):  # what follows may take as long as the solve
-        return _not_begun(model, direction), None
-    if not _is_wanted(model, direction):
-        return solve_direction(model, direction, UNLOADED, observer), None
-    with as_for(sum(model.body.partition.cells)):  # with the kernels of the given mesh
-        guess, coarse = _coarse_solution(model, direction, observer, note)
-    collect_garbage(model.body.mesh.comm)  # before the first factorization on the given mesh
-    if _is_interrupted(model, observer, coarse.solves):
-        return _not_begun(model, direction), coarse
+    if _is_interrupted(equations, observer, ()):  # what follows may take as long as the solve
+        return _not_begun(equations, direction), None
+    if not _is_wanted(equations, direction):
+        return solve_direction(equations, direction, UNLOADED, observer), None
+    with as_for(sum(equations.body.partition.cells)):  # with the kernels of the given mesh
+        guess, coarse = _coarse_solution(equations, direction, observer, note)
+    collect_garbage(equations.body.mesh.comm)  # before the first factorization on the given mesh
+    if _is_interrupted(equations, observer, coarse.solves):
+        return _not_begun(equations, direction), coarse
     if coarse.unused:
         note(f"  not used: {coarse.unused}")
-    found = solve_direction(model, direction, Start(guess=guess), observer)
+    found = solve_direction(equations, direction, Start(guess=guess), observer)
     first = next((solve for solve in found.solves if solve.strategy == NESTED), None)
     if first is not None and not first.outcome.accepted:
         coarse = replace(coarse, unused=first.outcome.text)
     return found, coarse
 
 
-def _not_begun(model: Model, direction: Direction) -> SolvedDirection:
+def _not_begun(equations: Equations, direction: Direction) -> SolvedDirection:
     """Return the report of a solution that a request to stop has ended before it began; collective."""
-    choice = model.chooser.choose(model.job.solver)
+    choice = equations.chooser.choose(equations.job.solver)
     used = Used(choice.configuration, choice.why, None)
     return SolvedDirection(direction, (), 0.0, used, stopped=True, can_restart=False, unused_options=None)
 
 
-def _is_wanted(model: Model, direction: Direction) -> bool:
-    job = model.job
+def _is_wanted(equations: Equations, direction: Direction) -> bool:
+    job = equations.job
     if job.solver.nested_iteration == "off" or job.unsuited_to_nested_iteration:
         return False
     if job.solver.nested_iteration == "on":
         return True
-    return model.chooser.is_nested_iteration_worth(job.solver, direction) and _has_cell_sizes(model)
+    return equations.chooser.is_nested_iteration_worth(job.solver, direction) and _has_cell_sizes(equations)
 
 
-def _has_cell_sizes(model: Model) -> bool:
+def _has_cell_sizes(equations: Equations) -> bool:
     """Return whether the generator may make larger cells: not if it has numbers of divisions alone; collective."""
-    job = model.job
+    job = equations.job
 
     def on_rank_0() -> bool:
         resolution = resolution_of(job.resolve(job.mesh.file), job.mesh.parameters)
         return bool(resolution.sizes) or not resolution.divisions
 
-    return on_root(model.body.mesh.comm, on_rank_0)
+    return on_root(equations.body.mesh.comm, on_rank_0)
 
 
 def _coarse_solution(
-    model: Model, direction: Direction, observer: Observer, note: Callable[[str], None]
+    equations: Equations, direction: Direction, observer: Observer, note: Callable[[str], None]
 ) -> tuple[Guess | None, CoarseSolve]:
     """Return the solution on coarser cells as a guess, ``None`` if it cannot be one, and a report; collective."""
-    job, timings = model.job, model.timings
+    job, timings = equations.job, equations.timings
     found = CoarseSolve()
     try:
         with timings("coarser mesh"):
             body = coarser_body(
-                model.body, job.mesh, job.regions, resolve=job.resolve, size_factor=COARSER, most=_MOST_CELLS
+                equations.body, job.mesh, job.regions, resolve=job.resolve, size_factor=COARSER, most=_MOST_CELLS
             )
-        coarse = Model(_on_coarser_cells(job), body, timings)
+        coarse = Equations(_on_coarser_cells(job), body, timings)
         found = CoarseSolve(sum(body.partition.cells), coarse.unknowns.size)
         note(f"on cells {COARSER:g} times as large, {found.cells} cells, {found.unknowns} unknowns:")
         method = DirectMethod(coarse, direction, _Forwarding(observer))
@@ -153,10 +153,10 @@ def _coarse_solution(
                 return None, replace(found, unused=Outcome.INTERRUPTED.text)
         if method.reached < 1.0:
             return None, replace(found, unused=f"the load was not reached there: {found.solves[-1].outcome.text}")
-        sign, fault = _sign(found.solves, model, coarse)
+        sign, fault = _sign(found.solves, equations, coarse)
         if not fault:
             with timings("transfer"):
-                guess = _transferred(coarse, model, sign)
+                guess = _transferred(coarse, equations, sign)
             if guess is not None:
                 return guess, found
             fault = "the given mesh has points that are too far outside the coarser one"
@@ -197,10 +197,10 @@ def _limited(solves: Iterator[Solve]) -> Iterator[Solve]:
             return
 
 
-def _is_interrupted(model: Model, observer: Observer, solves: Sequence[Solve]) -> bool:
+def _is_interrupted(equations: Equations, observer: Observer, solves: Sequence[Solve]) -> bool:
     """Return whether a request to stop ended the last solve, or there is one now; collective."""
     here = observer.stop_asked() or any(solve.outcome is Outcome.INTERRUPTED for solve in solves)
-    return bool(model.body.mesh.comm.allreduce(here, op=MPI.LOR))
+    return bool(equations.body.mesh.comm.allreduce(here, op=MPI.LOR))
 
 
 def _line(solve: Solve) -> str:
@@ -210,7 +210,7 @@ def _line(solve: Solve) -> str:
     )
 
 
-def _sign(solves: Sequence[Solve], model: Model, coarse: Model) -> tuple[int, str]:
+def _sign(solves: Sequence[Solve], equations: Equations, coarse: Equations) -> tuple[int, str]:
     """Return the sign that the determinant of the tangent has on the given mesh if no limit point is passed there.
 
     It is 0 where it is not known, neither here nor there; and there is a reason why the solution cannot be used, or
@@ -218,49 +218,48 @@ def _sign(solves: Sequence[Solve], model: Model, coarse: Model) -> tuple[int, st
     """
     accepted = [solve.signs for solve in solves if solve.outcome.accepted and solve.signs]
     if not accepted:
-        may_tell = model.chooser.choose(model.job.solver).configuration == "direct"
+        may_tell = equations.chooser.choose(equations.job.solver).configuration == "direct"
         return 0, "no sign of the tangent's determinant is known there" if may_tell else ""
     unloaded = coarse.unknowns.unloaded_sign
     if any(signs[-1] != unloaded for signs in accepted) or any(s.limit_point for s in solves):
         return 0, "the path has a limit point there"
-    return model.unknowns.unloaded_sign, ""
+    return equations.unknowns.unloaded_sign, ""
 
 
-def _transferred(coarse: Model, model: Model, sign: int) -> Guess | None:
-    """Return the state of ``coarse`` on the mesh of ``model``; ``None`` if that has points far outside; collective."""
+def _transferred(coarse: Equations, equations: Equations, sign: int) -> Guess | None:
+    """Return the state of ``coarse`` on the finer mesh; ``None`` if that has points far outside; collective."""
     cells = GatheredCells(coarse.body.mesh, coarse.body.length_scale)
     farthest = 0.0
-    pairs = zip(model.solution(), coarse.solution(), coarse.unknowns.scalar_elements, strict=False)
+    pairs = zip(equations.state().fields, coarse.state().fields, coarse.unknowns.scalar_elements, strict=False)
     fields = []
     for new, old, element in pairs:
         space, values = new.function_space, cells.values(old)
-        points = space.tabulate_dof_coordinates() * model.body.length_scale
+        points = space.tabulate_dof_coordinates() * equations.body.length_scale
         nodal = new.x.array.reshape(len(points), -1)
-        for dofs, of_layer in _layers(model, coarse, cells, space):
+        for dofs, of_layer in _layers(equations, coarse, cells, space):
             part = cells if of_layer is None else cells.part(of_layer)
             places = part.find(points[dofs])
             nodal[dofs] = part.evaluate(places, element, values if of_layer is None else values[of_layer])
             farthest = max(farthest, float(places.outside.max(initial=0.0)))
         new.x.scatter_forward()  # an extrapolated value may depend on the rank by rounding errors
         fields.append(new)
-    if model.body.mesh.comm.allreduce(farthest, op=MPI.MAX) > FARTHEST:
+    if equations.body.mesh.comm.allreduce(farthest, op=MPI.MAX) > FARTHEST:
         return None
-    state = model.unknowns.state.x.array
-    model.set_solution(fields[0], fields[1] if len(fields) > 1 else None)
-    for one in model.supports.prescribed:
-        state[one.dofs] = one.full[one.nodes]
-    u, p = model.solution()
-    state[:] = 0.0
+    equations.put_fields((fields[0], fields[1] if len(fields) > 1 else None))
+    for one in equations.supports.prescribed:
+        equations.unknowns.state.x.array[one.dofs] = one.full[one.nodes]
+    u, p = equations.state().fields
+    equations.unload()
     return Guess(np.array(u.x.array), None if p is None else np.array(p.x.array), sign, NESTED)
 
 
 def _layers(
-    model: Model, coarse: Model, cells: GatheredCells, space: fem.FunctionSpace
+    equations: Equations, coarse: Equations, cells: GatheredCells, space: fem.FunctionSpace
 ) -> Iterator[tuple[Integers, npt.NDArray[np.bool_] | None]]:
     """Yield owned degrees of freedom, and the cells of ``coarse`` in the same layer: ``None`` for all; collective."""
     owned = space.dofmap.index_map.size_local
-    layers, coarse_layers = model.unknowns.layers, coarse.unknowns.layers
-    if layers is None or coarse_layers is None or space is not model.unknowns.pressure_space:
+    layers, coarse_layers = equations.unknowns.layers, coarse.unknowns.layers
+    if layers is None or coarse_layers is None or space is not equations.unknowns.pressure_space:
         yield np.arange(owned, dtype=np.int32), None
         return
     given = cells.gathered(coarse_layers)

@@ -106,7 +106,7 @@ class BodyFields:
 
     @cached_property
     def _points(self) -> Floats:
-        return _inwards(self.body.mesh.geometry.x[self._nodes]) * self.body.length_scale
+        return _inwards(self.body.given_nodes[self._nodes])
 
     def _by_region(self, value: ByRegion, where: str) -> fem.Function:
         """Return values (SI), constant in each cell."""

@@ -155,9 +155,9 @@ class Unknowns:
         u.x.array[:] = self.state.x.array[self._displacement_dofs]
         return u
 
-    def set_displacement(self, u: fem.Function) -> None:
-        """Set the displacement of the state to ``u``, a function of ``displacement_space``."""
-        self.state.x.array[self._displacement_dofs] = u.x.array
+    def set_displacement(self, values: npt.NDArray[np.float64]) -> None:
+        """Set the displacement of the state, by values at the local degrees of freedom of its space."""
+        self.state.x.array[self._displacement_dofs] = values
 
     def pressure(self) -> fem.Function | None:
         """Return a copy of the pressure, in scaled stresses; ``None`` in the displacement form."""
@@ -167,9 +167,9 @@ class Unknowns:
         p.x.array[:] = self.state.x.array[self._pressure_dofs]
         return p
 
-    def set_pressure(self, p: fem.Function) -> None:
-        """Set the pressure of the state to ``p``, a function of ``pressure_space``."""
-        self.state.x.array[self._pressure_dofs] = p.x.array
+    def set_pressure(self, values: npt.NDArray[np.float64]) -> None:
+        """Set the pressure of the state, by values at the local degrees of freedom of its space."""
+        self.state.x.array[self._pressure_dofs] = values
 
     def at_nodes(self, u: fem.Function) -> npt.NDArray[np.float64]:
         """Return values of the displacement ``u`` at the geometry nodes of the mesh, (local nodes, 3).

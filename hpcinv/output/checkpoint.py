@@ -33,8 +33,8 @@ from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.methods.method import Start
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.newton import NewtonIteration, Solve
-from hpcinv.solver.problem import Model
 
 _FORMAT = 5
 _NAME = re.compile(r"\d{4,}")
@@ -72,11 +72,11 @@ class Restart:
     functions: tuple[str, ...]
     complaints: tuple[str, ...]
 
-    def start(self, number: int, model: Model) -> Start | None:
+    def start(self, number: int, equations: Equations) -> Start | None:
         """Return the start in a direction (from 0), ``None`` if that had not begun; collective."""
         if self.position.direction_index < number:
             return None
-        u, p = model.solution()
+        u, p = equations.unloaded().fields
         for name, function in named(number, u, p).items():
             self.read(name, function)
         load = self.position.load if self.position.direction_index == number else 1.0

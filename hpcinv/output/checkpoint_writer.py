@@ -9,9 +9,9 @@ from hpcinv.errors import OutputError
 from hpcinv.output.checkpoint import Checkpoints, Position, Restart, named
 from hpcinv.output.run_store import RunStore
 from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import Observer, SolvedDirection, SolveEvent
-from hpcinv.solver.problem import Model
 
 
 class CheckpointWriter(Observer):
@@ -22,10 +22,10 @@ class CheckpointWriter(Observer):
     """
 
     def __init__(
-        self, checkpoints: Checkpoints | None, store: RunStore, model: Model, restart: Restart | None = None
+        self, checkpoints: Checkpoints | None, store: RunStore, equations: Equations, restart: Restart | None = None
     ) -> None:
-        self._checkpoints, self._store, self._model = checkpoints, store, model
-        self._settings, self._comm = model.job.checkpoint, model.body.mesh.comm
+        self._checkpoints, self._store, self._equations = checkpoints, store, equations
+        self._settings, self._comm = equations.job.checkpoint, equations.body.mesh.comm
         self._finished: list[Solution] = []
         self._steps, self._last = 0, time.monotonic()  # since the last checkpoint
         self._saved = None if restart is None else restart.position
@@ -59,7 +59,7 @@ class CheckpointWriter(Observer):
         return not least or bool(self._comm.bcast(time.monotonic() - self._last >= least))
 
     def _write(self, load: float, solves: Sequence[Solve]) -> None:
-        self._save(self._finished, load, solves, self._model.solution())
+        self._save(self._finished, load, solves, self._equations.state().fields)
 
     def _save(
         self, earlier: Sequence[Solution], load: float, solves: Sequence[Solve], last: tuple[Function, Function | None]
@@ -72,7 +72,7 @@ class CheckpointWriter(Observer):
         if position == self._saved:
             return
         self._store.check_in_place()
-        with self._model.timings("checkpoint"):
+        with self._equations.timings("checkpoint"):
             solutions = [*((solution.displacement, solution.pressure) for solution in earlier), last]
             parts = [named(number, *solution) for number, solution in enumerate(solutions)]
             try:

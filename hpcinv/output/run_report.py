@@ -24,10 +24,10 @@ from hpcinv.results.quantities_of_interest import NOT_FINITE, Value, fault_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.solver.diagnosis import diagnose
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.newton import is_given_up
 from hpcinv.solver.observer import Observer, SolvedDirection
-from hpcinv.solver.problem import Model
 
 
 @dataclass
@@ -40,7 +40,7 @@ class RunReport(Observer):
     """
 
     job: Job
-    model: Model
+    equations: Equations
     store: RunStore
     progress: Progress
     totals: Totals
@@ -67,7 +67,7 @@ class RunReport(Observer):
             lines += result.surface_spread.lines()
         if self.job.output.unit_warnings and not self.totals.warnings:  # warn of a body that hardly moves
             first = result.solutions[0]
-            self.totals = self.totals.after(first.largest_displacement, lambda: nominal_sizes(self.model, first)[0])
+            self.totals = self.totals.after(first.largest_displacement, lambda: nominal_sizes(self.equations, first)[0])
             for text in self.totals.warnings:
                 self.progress.warn(text)
         return self._finish(replace(result, certificate=Certificate(tuple(lines))), "converged")
@@ -147,21 +147,21 @@ class RunReport(Observer):
         return f"{verb}: mpirun -n {self.store.comm.size} python -m hpcinv resume {os.path.relpath(path)}"
 
     def _unfinished(self, solutions: Sequence[Solution], line: Line) -> Result:
-        return Result(self.job, self.model.body, tuple(solutions), Certificate((line,)))
+        return Result(self.job, self.equations.body, tuple(solutions), Certificate((line,)))
 
     def _write(self, result: Result, status: str, advice: str = "") -> Result:
-        model, store = self.model, self.store
+        equations, store = self.equations, self.store
         result = replace(result, directory=store.path, accuracy=self.record, totals=self.totals)
-        size = model.unknowns.size
-        found = statistics(result, status, size, self.unused_options, model.timings, store.comm, advice=advice)
+        size = equations.unknowns.size
+        found = statistics(result, status, size, self.unused_options, equations.timings, store.comm, advice=advice)
         found["unwritten"] = [error.message for error in store.unwritten]
         if (path := store.path) is not None:
             store.check_in_place()
             if status == "converged" and self.job.output.fields:
-                with model.timings("output"):
+                with equations.timings("output"):
                     result.write_fields(path / "fields")
             if result.solutions and self.job.output.has_surface:
-                with model.timings("output"):
+                with equations.timings("output"):
                     boundary = result.boundary()
 
                     def write() -> None:

@@ -17,7 +17,7 @@ from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.summary import versions
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.results.solution import Solution
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 
 class RunStore:
@@ -70,12 +70,12 @@ class RunStore:
             on_root(self.comm, lambda: take(directory))
 
     def open(
-        self, job: Job, model: Model, progress: Progress, *, overwrite: bool, resume: bool
+        self, job: Job, equations: Equations, progress: Progress, *, overwrite: bool, resume: bool
     ) -> tuple[Checkpoints | None, Restart | None]:
         """Make the directory for a job, or open that of the run to resume.
 
         Args:
-            model: the model of its first solve.
+            equations: the equations of its first solve.
 
         Returns:
             Its checkpoints, and the one to resume from. A search for accuracy has none and starts again.
@@ -83,7 +83,7 @@ class RunStore:
         if (directory := self.directory) is None:
             return None, None
         # Functions are saved cell by cell, so that a generator must make the same cells again, at the same nodes.
-        body = model.body
+        body = equations.body
         problem = on_root(self.comm, lambda: fingerprint(job) | {"inputs": dict(body.source.inputs)})
         problem |= {"cells": cells_digest(body), "nodes": nodes_digest(body)}
         checkpoints = None
@@ -101,7 +101,7 @@ class RunStore:
         elif not on_root(self.comm, lambda: directory.holds(job)):
             on_root(self.comm, lambda: directory.change(job))
         progress.open_log(self.comm, directory.path, ", ".join(f"{name} {v}" for name, v in versions().items()))
-        progress.begin(job, model.body, model.unknowns.size, directory.path, restart)
+        progress.begin(job, equations.body, equations.unknowns.size, directory.path, restart)
         return checkpoints, restart
 
     def check_in_place(self) -> None:
@@ -114,12 +114,12 @@ class RunStore:
         if self.directory is not None:
             self.directory.check_in_place(None)
 
-    def write_shape(self, job: Job, model: Model, solution: Solution, progress: Progress) -> None:
+    def write_shape(self, job: Job, equations: Equations, solution: Solution, progress: Progress) -> None:
         """Write the computed shape of a solution."""
         with progress.phase("writing"):
             if self.directory is not None:
                 self.check_in_place()
-                for error in _write_shape(self.directory.path, job, model, solution, progress):
+                for error in _write_shape(self.directory.path, job, equations, solution, progress):
                     self.unwritten.append(error)
                     progress.warn(error.message)
 
@@ -130,18 +130,18 @@ class RunStore:
 
 
 def _write_shape(
-    path: Path, job: Job, model: Model, solution: Solution, progress: Progress
+    path: Path, job: Job, equations: Equations, solution: Solution, progress: Progress
 ) -> Iterator[UnstorableMesh]:
     """Write the files of a shape; yield the errors of those whose format cannot hold it."""
     shape = "shape"
     if solution.state:  # the inverse solve finds the rest shape
         shape += f"-{job.rest if solution.direction == 'inverse' else solution.state}"
-    with model.timings("output"):
+    with equations.timings("output"):
         pressures = {field.name: field for contact in solution.contacts for field in contact.fields}
-        arrays = {name: at_geometry_nodes(model.body, pressure) for name, pressure in pressures.items()}
+        arrays = {name: at_geometry_nodes(equations.body, pressure) for name, pressure in pressures.items()}
         for suffix in job.shape_formats:
             progress.detail(f"{shape}.{suffix}")
             try:
-                write_mesh(path / f"{shape}.{suffix}", model.body, solution.other_nodes, arrays)
+                write_mesh(path / f"{shape}.{suffix}", equations.body, solution.other_nodes, arrays)
             except UnstorableMesh as error:  # the solution and its other files are kept
                 yield error

@@ -11,24 +11,23 @@ from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.decimation import Decimated, decimated
 from hpcinv.pictures.gathering import cut_of
 from hpcinv.pictures.snapshots import NAME, Snapshot, remove_after, write_snapshot
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import Observer, SolveEvent
-from hpcinv.solver.problem import Model
 
 
 class SnapshotWriter(Observer):
     """Writes the boundary's displacement after each accepted step before the full load, whose fields are kept anyhow.
 
     Args:
-        model: of the first solution.
+        equations: of the first solution.
         restart: of a resumed run, which takes the steps after it again.
     """
 
-    def __init__(self, store: RunStore, model: Model, restart: Restart | None) -> None:
-        self._store, self._model = store, model
-        output = model.job.output
+    def __init__(self, store: RunStore, equations: Equations, restart: Restart | None) -> None:
+        self._store, self._equations = store, equations
+        output = equations.job.output
         self._most = output.snapshots if output.has_surface and store.path is not None else 0
         self._solution, self._sign = 0, 1
-        self._given = model.body.mesh.geometry.x * model.body.length_scale
         self._kept: Decimated | None = None  # on rank 0
         self._is_gathered = False
         self._directory = None if store.path is None else store.path / NAME
@@ -37,22 +36,21 @@ class SnapshotWriter(Observer):
             solves = len(position.solves[position.direction_index])
             on_root(store.comm, lambda: remove_after(directory, position.direction_index, solves))
 
-    def begin(self, solution: int, model: Model, direction: Direction) -> None:
-        """Set the number of the solution whose steps follow, its model and its direction."""
-        self._solution, self._model, self._sign = solution, model, 1 if direction == "forward" else -1
+    def begin(self, solution: int, equations: Equations, direction: Direction) -> None:
+        """Set the number of the solution whose steps follow, its equations and its direction."""
+        self._solution, self._equations, self._sign = solution, equations, 1 if direction == "forward" else -1
 
     def solved(self, event: SolveEvent) -> None:
-        is_drawn = self._solution == 0 or self._model.job.state  # the way back of a round trip is not
+        is_drawn = self._solution == 0 or self._equations.job.state  # the way back of a round trip is not
         if self._most and is_drawn and event.can_restart and event.load < 1.0:
             self._store.check_in_place()
-            with self._model.timings("output"):
+            with self._equations.timings("output"):
                 self._write(event)
 
     def _write(self, event: SolveEvent) -> None:
-        model, body = self._model, self._model.body
-        u, _ = model.solution()
-        displacement = model.unknowns.at_nodes(u)
-        given = None if self._is_gathered else gather_surface(body, self._given)
+        equations, body = self._equations, self._equations.body
+        displacement = equations.unknowns.at_nodes(equations.state().displacement)
+        given = None if self._is_gathered else gather_surface(body, body.given_nodes)
         self._is_gathered = True
         moved = gather_surface(body, displacement * self._sign)
 
@@ -67,7 +65,7 @@ class SnapshotWriter(Observer):
             snapshot = Snapshot(
                 solution=self._solution,
                 solves=len(event.solves),
-                state=model.job.state,
+                state=equations.job.state,
                 load=event.load,
                 residual=math.nan if residual is None else residual,
                 points=rows,

@@ -21,7 +21,6 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.cells import vtk_order
 from hpcinv.mesh.io.vtu import VTK_TYPES
 from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
-from hpcinv.mesh.moved import placed
 from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.gathering import error_in
@@ -70,19 +69,19 @@ def write_fields(
     on_root(comm, prepare)
     undeformed = dict[str, Floats]()
     for number, solution in enumerate(solutions):
-        with placed(body.mesh, solution.mesh_nodes):
-            fields = _Fields(body, solution)
-            if number == 0:
-                undeformed = fibres(body, families, solution, fields.gradients, fields.cells)
-            at_nodes = fields.at_nodes(more[number] if more else ())
-            in_cells = fields.in_cells(estimate if number == 0 else None)
-            for name, points in zip(BODIES, fields.points(), strict=True):
-                along = fields.fibres(undeformed, name)
-                path = partial / _data_file(name, solution.state)
-                failed = write_vtu(path, comm, fields.grid(points), at_nodes, [*in_cells, *along])
-                if failed is not None:
-                    on_root(comm, lambda: shutil.rmtree(partial, ignore_errors=True))
-                    raise OutputError(f"{directory}: cannot be written: {failed.strerror or failed}", advice) from None
+        body.place(solution.mesh_nodes)
+        fields = _Fields(body, solution)
+        if number == 0:
+            undeformed = fibres(body, families, solution, fields.gradients, fields.cells)
+        at_nodes = fields.at_nodes(more[number] if more else ())
+        in_cells = fields.in_cells(estimate if number == 0 else None)
+        for name, points in zip(BODIES, fields.points(), strict=True):
+            along = fields.fibres(undeformed, name)
+            path = partial / _data_file(name, solution.state)
+            failed = write_vtu(path, comm, fields.grid(points), at_nodes, [*in_cells, *along])
+            if failed is not None:
+                on_root(comm, lambda: shutil.rmtree(partial, ignore_errors=True))
+                raise OutputError(f"{directory}: cannot be written: {failed.strerror or failed}", advice) from None
 
     def publish() -> None:
         try:
@@ -151,7 +150,7 @@ class _Fields:
 
     def points(self) -> tuple[Floats, Floats]:
         """Positions of the owned nodes in the undeformed and in the deformed body, (n, 3) m."""
-        mesh = self._spaces[()].tabulate_dof_coordinates()[: self._owned]
+        mesh = self._spaces[()].tabulate_dof_coordinates()[: self._owned] * self._body.length_scale
         found = mesh + self._solution.sign * self._u
         return (mesh, found) if self._solution.direction == "forward" else (found, mesh)
 

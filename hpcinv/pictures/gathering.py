@@ -61,7 +61,7 @@ def boundary_of(
         widths.update({name: values.shape[1] for name, values in found.items()})
         return np.concatenate([np.zeros((len(facets), 0)), *found.values()], axis=1)
 
-    nodes = solutions[0].mesh_nodes if solutions else body.mesh.geometry.x * body.length_scale
+    nodes = solutions[0].mesh_nodes if solutions else body.given_nodes
     given = gather_surface(body, nodes, evaluate)
     others = [gather_surface(body, one.other_nodes) for one in solutions]
     rest = gather_surface(body, solutions[1].mesh_nodes) if len(solutions) > 1 else given

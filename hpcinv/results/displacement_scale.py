@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from hpcinv.results.solution import Solution
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 FLOOR = 1e-6
 """Share of the nominal displacement that is the floor. A larger one hides errors of bodies that are nearly held or
@@ -28,23 +28,24 @@ class DisplacementScale:
         return distance / self.length if self.length else distance
 
 
-def nominal_sizes(model: Model, solution: Solution) -> tuple[float, float]:
+def nominal_sizes(equations: Equations, solution: Solution) -> tuple[float, float]:
     """Return nominal displacement (m) and force (scaled) of a solution (`NominalDisplacement`); collective."""
-    with model.timings("compile"):
-        scene = model.scene(solution.direction)
+    equations.put(solution)
+    with equations.timings("compile"):
+        scene = equations.scene(solution.direction)
         nominal = scene.nominal_displacement
-    with model.at(solution.mesh_nodes, *solution.fields), model.timings("evaluation"):
+    with equations.timings("evaluation"):
         scene.parameters.set_load(solution.load)
         displacement, force = nominal()
-    return displacement * model.scales.length, force
+    return displacement * equations.scales.length, force
 
 
-def displacement_scale(model: Model, solution: Solution) -> DisplacementScale:
+def displacement_scale(equations: Equations, solution: Solution) -> DisplacementScale:
     """Return the scale of a solution; collective."""
     largest = solution.largest_displacement
-    if largest >= FLOOR * _LARGEST * model.scales.length:
+    if largest >= FLOOR * _LARGEST * equations.scales.length:
         return DisplacementScale(largest)
-    nominal, _ = nominal_sizes(model, solution)
+    nominal, _ = nominal_sizes(equations, solution)
     if largest >= FLOOR * nominal:
         return DisplacementScale(largest)
     text = f"the displacement is {largest:.1g} m, so this is relative to {FLOOR:g} of the {nominal:.2g} m"

@@ -19,7 +19,6 @@ from hpcinv.mesh.body import at_source_nodes
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.location import Location, locate, position
-from hpcinv.mesh.moved import placed
 from hpcinv.mesh.regions import find
 from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
@@ -28,7 +27,7 @@ from hpcinv.quantity.nondimensional import Scales
 from hpcinv.results.point_fields import SceneFields
 from hpcinv.results.reactions import of_contacts, reactions
 from hpcinv.results.solution import Solution
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 type Value = float | list[float]
 
@@ -80,8 +79,9 @@ def fault_of(quantity: QuantityOfInterest, value: Value) -> str:
 def carried(quantities: Iterable[QuantityOfInterest], body: Body, nodes: Floats) -> tuple[QuantityOfInterest, ...]:
     """Return the quantities at the same material points of the body with its local nodes at ``nodes`` (m); collective.
 
-    The mesh must lie as the job gives it.
+    The mesh is moved to where it was given.
     """
+    body.place(body.given_nodes)
     found = []
     for quantity in quantities:
         if quantity.at is not None and (place := locate(body, np.array(quantity.at))) is not None:
@@ -91,37 +91,39 @@ def carried(quantities: Iterable[QuantityOfInterest], body: Body, nodes: Floats)
 
 
 def evaluate(
-    quantities: Iterable[QuantityOfInterest], body: Body, solution: Solution, model: Model | None = None
+    quantities: Iterable[QuantityOfInterest], body: Body, solution: Solution, equations: Equations | None = None
 ) -> dict[str, Value]:
     """Evaluate the quantities in SI by name, displacements and reactions as lists of 3; collective.
 
     One whose formula has no finite value somewhere is NaN (`fault_of`): it must not end a run that has its solution.
 
     Args:
-        model: the model of the solution, which must have reached the full load.
+        equations: the equations of the solution, which must have reached the full load.
             Without it there are no quantities of stress, energy and volume ratio, none by quadrature, and no reactions.
 
     Raises:
         MeshError: on every rank, if a point is outside of the body, or there is no such region.
     """
     quantities = tuple(quantities)
-    mesh_moved = placed(body.mesh, solution.mesh_nodes / body.length_scale)
-    with model.at(solution.mesh_nodes, *solution.fields) if model else mesh_moved:
-        check_points(quantities, body)
-        others = [q for q in quantities if not q.is_reaction]
-        found = values_of(others, body, solution, _fields(quantities, body, solution, model))
-        if len(others) < len(quantities):
-            assert model is not None
-            found |= of_contacts([q for q in quantities if q.is_contact], solution)
-            if supported := [q for q in quantities if q.is_reaction and not q.is_contact]:
-                found |= reactions(supported, solution, model)
-        return {q.name: found[q.name] for q in quantities}
+    if equations is None:
+        body.place(solution.mesh_nodes)
+    else:
+        equations.put(solution)
+    check_points(quantities, body)
+    others = [q for q in quantities if not q.is_reaction]
+    found = values_of(others, body, solution, _fields(quantities, body, solution, equations))
+    if len(others) < len(quantities):
+        assert equations is not None
+        found |= of_contacts([q for q in quantities if q.is_contact], solution)
+        if supported := [q for q in quantities if q.is_reaction and not q.is_contact]:
+            found |= reactions(supported, solution, equations)
+    return {q.name: found[q.name] for q in quantities}
 
 
 def values_of(
     quantities: Iterable[QuantityOfInterest], body: Body, solution: Solution, fields: SceneFields | None
 ) -> dict[str, Value]:
-    """Evaluate quantities other than reactions within `Model.at` or `placed` at the solution; collective.
+    """Evaluate quantities other than reactions, with mesh and equations put into the solution; collective.
 
     Args:
         fields: fields of the scene at the solution; ``None`` if no quantity needs them.
@@ -143,15 +145,15 @@ def values_of(
 
 
 def _fields(
-    quantities: tuple[QuantityOfInterest, ...], body: Body, solution: Solution, model: Model | None
+    quantities: tuple[QuantityOfInterest, ...], body: Body, solution: Solution, equations: Equations | None
 ) -> SceneFields | None:
     """Fields of the scene that the quantities need, at the solution and the full load."""
     if not any(q.fields or q.by_quadrature for q in quantities):
         return None
-    assert model is not None
-    scene = model.scene(solution.direction)
+    assert equations is not None
+    scene = equations.scene(solution.direction)
     scene.parameters.set_load(1.0)
-    return fields_for(quantities, body, scene, model.scales)
+    return fields_for(quantities, body, scene, equations.scales)
 
 
 def fields_for(

@@ -12,7 +12,7 @@ import numpy as np
 from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.solution import Solution
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 
 def of_contacts(quantities: Iterable[QuantityOfInterest], solution: Solution) -> dict[str, float | list[float]]:
@@ -30,18 +30,20 @@ def of_contacts(quantities: Iterable[QuantityOfInterest], solution: Solution) ->
     return found
 
 
-def reactions(quantities: Iterable[QuantityOfInterest], solution: Solution, model: Model) -> dict[str, list[float]]:
+def reactions(
+    quantities: Iterable[QuantityOfInterest], solution: Solution, equations: Equations
+) -> dict[str, list[float]]:
     """Reactions by the names of quantities: forces (3 components, N), moments (3 components, N m); collective.
 
-    The model is within `Model.at` a solution that has reached the full load.
+    The equations are in the state of the solution, which has reached the full load.
     """
-    equilibrium = model.equilibrium(model.scene(solution.direction))
+    equilibrium = equations.equilibrium(equations.scene(solution.direction))
     residual = equilibrium.system.forces(1.0)
-    model.release(equilibrium)
+    equations.release(equilibrium)
 
-    unknowns, length = model.unknowns, model.scales.length
+    unknowns, length = equations.unknowns, equations.scales.length
     dofs = unknowns.owned_displacement_dofs
-    forces = residual[dofs].reshape(-1, 3) * model.scales.stress * length**2
+    forces = residual[dofs].reshape(-1, 3) * equations.scales.stress * length**2
     positions = unknowns.owned_displacement_points()
     if solution.direction == "forward":
         positions = positions + unknowns.state.x.array[dofs].reshape(-1, 3)
@@ -50,11 +52,11 @@ def reactions(quantities: Iterable[QuantityOfInterest], solution: Solution, mode
     found: dict[str, list[float]] = {}
     for quantity in quantities:
         # Two supports on one region prescribe different components of the same nodes.
-        held = [one.dofs for one in model.supports.prescribed if one.region == quantity.on]
+        held = [one.dofs for one in equations.supports.prescribed if one.region == quantity.on]
         is_held = np.isin(dofs, np.concatenate(held)).reshape(-1, 3) if held else np.zeros(forces.shape, dtype=bool)
         vectors = np.where(is_held, forces, 0.0)
         if quantity.is_moment:
             vectors = np.cross(positions - np.array(quantity.about or (0.0, 0.0, 0.0)), vectors)
-        comm = model.body.mesh.comm
+        comm = equations.body.mesh.comm
         found[quantity.name] = [float(comm.allreduce(float(component.sum()), op=MPI.SUM)) for component in vectors.T]
     return found

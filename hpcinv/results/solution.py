@@ -1,4 +1,4 @@
-"""The solution in one direction, and its evaluation from the state of the model."""
+"""The solution in one direction, and its evaluation from the present state of the equations."""
 
 from dataclasses import dataclass
 
@@ -10,50 +10,46 @@ from hpcinv.mesh.source import Floats
 from hpcinv.methods.nested_iteration import CoarseSolve
 from hpcinv.model.contacts import ContactReport
 from hpcinv.model.scene import Scene
+from hpcinv.model.state import State
 from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.problem import Model
 
 
-@dataclass(frozen=True)
-class Solution:
-    """Solution of one direction of an analysis.
+@dataclass(frozen=True, kw_only=True)
+class Solution(State):
+    """Solution of one direction of an analysis: a state, its evaluation, and the report of its solves.
 
     Attributes:
-        mesh_nodes: coordinates of the local geometry nodes of the mesh it was solved on, (n, 3) in m.
-        u: displacement ``x - X`` at those nodes, (n, 3) in m.
-        displacement: ``x - X`` as a finite-element function, in m.
-        pressure: pressure of the mixed form in Pa, else ``None``.
+        u: displacement ``x - X`` at the mesh's nodes, (n, 3) in m.
         J: mean volume ratio of each cell, piecewise constant.
         cauchy_stress: mean Cauchy stress of each cell in Pa, piecewise constant, (3, 3).
         prestrain_stress: the same that prestrain alone causes in the body's reference shape, else ``None``.
         J_range: smallest and largest volume ratio at any quadrature point.
         solves: every solve of the method, failed ones included.
-        load: load factor that was reached, 1 at the end.
         contacts: contacts of the job, in its order.
-        state: name of the state of the body; empty in a job without states.
         start: name of the state at which the load path began; empty if that was the unloaded body.
         coarse: report of the solve on coarser cells before it, ``None`` without one.
     """
 
     direction: Direction
-    mesh_nodes: Floats
     u: Floats
-    displacement: Function
-    pressure: Function | None
     J: Function
     cauchy_stress: Function
     J_range: tuple[float, float]
     strain_energy: float
     solves: tuple[Solve, ...]
-    load: float = 1.0
     linear: Used | None = None
     contacts: tuple[ContactReport, ...] = ()
     prestrain_stress: Function | None = None
-    state: str = ""
     start: str = ""
     coarse: CoarseSolve | None = None
+
+    @property
+    def state(self) -> str:
+        """Name of the state of the body; empty in a job without states."""
+        return self.job.state
 
     @property
     def sign(self) -> int:
@@ -64,11 +60,6 @@ class Solution:
     def other_nodes(self) -> Floats:
         """Coordinates of the nodes of the computed body, (n, 3) in m."""
         return self.mesh_nodes + self.sign * self.u
-
-    @property
-    def fields(self) -> tuple[Function, Function | None]:
-        """Displacement (m) and pressure (Pa)."""
-        return self.displacement, self.pressure
 
     @property
     def reference_nodes(self) -> Floats:
@@ -90,38 +81,39 @@ class Solution:
 
 
 def solution_of(
-    model: Model,
+    equations: Equations,
     direction: Direction,
     scene: Scene,
     solves: tuple[Solve, ...],
     load: float = 1.0,
     linear: Used | None = None,
 ) -> Solution:
-    """Evaluate the model's present state, a solution at a load factor, in SI units; collective."""
-    body, length, stress = model.body, model.scales.length, model.scales.stress
-    with model.timings("compile"):
+    """Evaluate the equations' present state, a solution at a load factor, in SI units; collective."""
+    length, stress = equations.scales.length, equations.scales.stress
+    with equations.timings("compile"):
         evaluate = scene.means
-    with model.timings("evaluation"):
+    with equations.timings("evaluation"):
         scene.parameters.set_load(load)
-        u, p = model.solution()
+        state = equations.state(load)
         means = evaluate()
         for one in (means.cauchy_stress, means.prestrain_stress):
             if one is not None:
                 one.x.array[:] *= stress
         return Solution(
             direction=direction,
-            mesh_nodes=body.mesh.geometry.x * length,
-            u=model.unknowns.at_nodes(u),
-            displacement=u,
-            pressure=p,
+            job=state.job,
+            mesh_nodes=state.mesh_nodes,
+            displacement=state.displacement,
+            pressure=state.pressure,
+            load=load,
+            given_displacement=state.given_displacement,
+            u=equations.unknowns.at_nodes(state.displacement),
             J=means.J,
             cauchy_stress=means.cauchy_stress,
             J_range=means.J_range,
             strain_energy=means.strain_energy * stress * length**3,
             solves=solves,
-            load=load,
             linear=linear,
-            contacts=scene.contacts.reports(model.scales),
+            contacts=scene.contacts.reports(equations.scales),
             prestrain_stress=means.prestrain_stress,
-            state=model.job.state,
         )

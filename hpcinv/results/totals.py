@@ -23,7 +23,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.model.field_checks import young_moduli
 from hpcinv.quantity.quantity import quantities_of
 from hpcinv.quantity.units import Dimension, length_symbol, readable
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 LENGTHS = 1e-3, 10.0
 """Plausible lengths (m) of specimens, organs and parts; a file in mm that is read in m is outside, and vice versa."""
@@ -87,17 +87,18 @@ class Totals:
         return replace(self, warnings=(*self.warnings, text))
 
 
-def totals_of(model: Model, direction: Direction) -> Totals:
-    """Return the totals of an unloaded model in one direction; collective; the state is unloaded afterwards."""
-    job, body = model.job, model.body
+def totals_of(equations: Equations, direction: Direction) -> Totals:
+    """Return the totals of the unloaded body in one direction, and leave the equations unloaded; collective."""
+    job, body = equations.job, equations.body
+    body.place(body.given_nodes)
     comm, length = body.mesh.comm, body.length_scale
     low, high = extent(comm, body.mesh.geometry.x)
     volumes = _cell_volumes(body)
     volume = float(comm.allreduce(float(volumes.sum())))
     heavy = [(where, effect) for where, effect in job.named_effects if _has(effect, "density", DENSITY)]
-    masses = [_mass(model, where, effect, volumes) for where, effect in heavy]
+    masses = [_mass(equations, where, effect, volumes) for where, effect in heavy]
     weights = [(e, m) for (_, e), m in zip(heavy, masses, strict=True) if _has(e, "acceleration", ACCELERATION)]
-    load, scaled = _resultant(model, direction)
+    load, scaled = _resultant(equations, direction)
     found = Totals(
         size=_triple((high - low) * length),
         volume=volume,
@@ -105,8 +106,8 @@ def totals_of(model: Model, direction: Direction) -> Totals:
         load=load,
         weight_strain=None,
     )
-    softest, stiffest = young_moduli(job, model.fields)
-    pressure = max((_pressure(model, effect, mass / volume) for effect, mass in weights), default=None)
+    softest, stiffest = young_moduli(job, equations.fields)
+    pressure = max((_pressure(equations, effect, mass / volume) for effect, mass in weights), default=None)
     if pressure is not None:
         found = replace(found, weight_strain=pressure / softest)
     if not job.output.unit_warnings:
@@ -114,7 +115,7 @@ def totals_of(model: Model, direction: Direction) -> Totals:
     seen = list(_warnings(found, job.mesh.unit, masses, pressure, stiffest))
     moduli = list(doubtful_moduli(job))
     if not seen and not moduli:
-        moduli += _compressions(job, found.size, scaled * model.scales.stress * model.scales.length**2)
+        moduli += _compressions(job, found.size, scaled * equations.scales.stress * equations.scales.length**2)
     return replace(found, warnings=(*_vanishing(scaled), *seen, *moduli, *_regions_without_bounds(job, body)))
 
 
@@ -177,21 +178,21 @@ def _has(effect: Effect, name: str, dimension: Dimension) -> bool:
     return quantities_of(type(effect)).get(name) == dimension
 
 
-def _pressure(model: Model, effect: Any, density: float) -> float:
+def _pressure(equations: Equations, effect: Any, density: float) -> float:
     """Return the weight (Pa) of a column as high as the body, along an effect's acceleration."""
     g = np.array(effect.acceleration, dtype=float)
     size = float(np.linalg.norm(g))
     if not size:
         return 0.0
-    heights = model.body.mesh.geometry.x @ (g / size)
-    low, high = extent(model.body.mesh.comm, np.repeat(heights[:, None], 3, axis=1))
-    return abs(density) * size * float(high[0] - low[0]) * model.body.length_scale
+    heights = equations.body.mesh.geometry.x @ (g / size)
+    low, high = extent(equations.body.mesh.comm, np.repeat(heights[:, None], 3, axis=1))
+    return abs(density) * size * float(high[0] - low[0]) * equations.body.length_scale
 
 
-def _mass(model: Model, where: str, effect: Any, volumes: Floats) -> float:
-    density = model.fields.samples(effect.density, f"{where}.density").mean(axis=1)
+def _mass(equations: Equations, where: str, effect: Any, volumes: Floats) -> float:
+    density = equations.fields.samples(effect.density, f"{where}.density").mean(axis=1)
     each = np.broadcast_to(density, (len(volumes),)) if len(density) == 1 else density[: len(volumes)]
-    return float(model.body.mesh.comm.allreduce(float(each @ volumes)))
+    return float(equations.body.mesh.comm.allreduce(float(each @ volumes)))
 
 
 def _cell_volumes(body: Body) -> Floats:
@@ -206,36 +207,33 @@ def _cell_volumes(body: Body) -> Floats:
     return found * body.length_scale**3
 
 
-def _resultant(model: Model, direction: Direction) -> tuple[tuple[float, float, float] | None, float]:
+def _resultant(equations: Equations, direction: Direction) -> tuple[tuple[float, float, float] | None, float]:
     """Return the resultant (N) of all loads: their virtual work along translations of the unloaded body; collective.
 
     Also return the largest sum of their nodal forces along an axis, whatever their signs are, scaled.
     """
-    unknowns, comm = model.unknowns, model.body.mesh.comm
-    state = unknowns.state.x.array
-    before = state.copy()
-    equilibrium = model.equilibrium(model.scene(direction))
-    state[:] = 0.0
+    unknowns, comm = equations.unknowns, equations.body.mesh.comm
+    equations.unload()
+    equilibrium = equations.equilibrium(equations.scene(direction))
     system, contacts = equilibrium.system, equilibrium.system.scene.contacts
     forces, response = system.forces(0.0), contacts.response()
     forces -= system.forces(1.0)
     response -= contacts.response()
     found, total = np.zeros(3), np.zeros(3)
     for axis in range(3):
-        state[:] = 0.0
         translation = fem.Function(unknowns.displacement_space)
         translation.x.array.reshape(-1, 3)[:, axis] = 1.0
-        unknowns.set_displacement(translation)
-        along = forces * state[: len(forces)]
+        unknowns.set_displacement(translation.x.array)
+        along = forces * unknowns.state.x.array[: len(forces)]
         found[axis], total[axis] = comm.allreduce(along.sum()), comm.allreduce(np.abs(along).sum())
     found += response  # that of an obstacle which has travelled on is no load
-    state[:] = before
+    equations.unload()
     system.set_load(0.0)
-    model.release(equilibrium)
+    equations.release(equilibrium)
     if not np.isfinite(total).all():
         return None, math.inf
     found[np.abs(found) <= _ROUNDING * total.max()] = 0.0
-    return _triple(found * model.scales.stress * model.scales.length**2), float(total.max())
+    return _triple(found * equations.scales.stress * equations.scales.length**2), float(total.max())
 
 
 def _triple(values: Floats) -> tuple[float, float, float]:

@@ -40,7 +40,7 @@ from hpcinv.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.results.quantities_of_interest import Value
 from hpcinv.results.solution import Solution
 from hpcinv.sensitivity.slopes import SHORT, STEP, Change, ReferenceChange, change_limit, has_kinks, slopes
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 
 @dataclass(frozen=True)
@@ -107,15 +107,13 @@ class Sensitivities:
 
 
 def sensitivities(
-    model: Model,
+    equations: Equations,
     solution: Solution,
     parameters: Sequence[Parameter],
     given: tuple[Solution, Sensitivities] | None = None,
     mesh: Mapping[str, Floats] = MappingProxyType({}),
 ) -> Sensitivities:
     """Differentiate a solution at full load by parameters of the job; collective.
-
-    The mesh must lie as the job gives it.
 
     Args:
         given: for a further state, what was found in the given one, from which its reference shape comes.
@@ -124,18 +122,22 @@ def sensitivities(
     Raises:
         SolveError: on all ranks, if the tangent at the solution is singular.
     """
-    body, changes, numbers = model.body, dict[str, Change](), with_ties(parameters)
-    with model.timings("sensitivities"):
+    body, changes, numbers = equations.body, dict[str, Change](), with_ties(parameters)
+    equations.put(solution)
+    body.place(body.given_nodes)
+    with equations.timings("sensitivities"):
         if given:
-            references = {p.key: _reference(model, p, *given) for p in numbers}
+            references = {p.key: _reference(equations, p, *given) for p in numbers}
         else:
-            references = {key: ReferenceChange(moved, None, _cell_limit(model, moved)) for key, moved in mesh.items()}
-        prescribed = {p.key: _prescribed(model, p) for p in numbers if isinstance(p.owner, Support)}
-        with model.at(solution.mesh_nodes, *solution.fields):
-            changes = _changes(model, solution, numbers, references, prescribed)
+            references = {
+                key: ReferenceChange(moved, None, _cell_limit(equations, moved)) for key, moved in mesh.items()
+            }
+        prescribed = {p.key: _prescribed(equations, p) for p in numbers if isinstance(p.owner, Support)}
+        equations.put(solution)
+        changes = _changes(equations, solution, numbers, references, prescribed)
         by_quantity = {
             name: _summed(parameters, by_key)
-            for name, by_key in slopes(model, solution, [(p, changes[p.key]) for p in numbers]).items()
+            for name, by_key in slopes(equations, solution, [(p, changes[p.key]) for p in numbers]).items()
         }
     nodes: dict[str, Floats] = {}
     for p in parameters:
@@ -192,54 +194,54 @@ def _displacement(changes: Sequence[Change]) -> fem.Function:
     return whole
 
 
-def _cell_limit(model: Model, moved: Floats) -> float:
+def _cell_limit(equations: Equations, moved: Floats) -> float:
     """Change of a parameter by which a node would move by the smallest cell's size, collective."""
-    mesh = model.body.mesh
+    mesh = equations.body.mesh
     sizes = mesh.h(3, np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32))
-    smallest = mesh.comm.allreduce(float(sizes.min(initial=math.inf)), op=MPI.MIN) * model.body.length_scale
+    smallest = mesh.comm.allreduce(float(sizes.min(initial=math.inf)), op=MPI.MIN) * equations.body.length_scale
     largest = mesh.comm.allreduce(float(np.abs(moved).max(initial=0.0)), op=MPI.MAX)
     return smallest / largest if largest else math.inf
 
 
-def _prescribed(model: Model, parameter: Parameter) -> list[Floats]:
+def _prescribed(equations: Equations, parameter: Parameter) -> list[Floats]:
     """Rates of the prescribed displacements, whose formulas are of positions in the given mesh."""
-    if parameter.where not in model.job.owners:
+    if parameter.where not in equations.job.owners:
         return []
     owner = parameter.owner
     assert isinstance(owner, Support)
-    number = model.job.supports.index(owner)
-    return model.supports.rates(number, partial(owner.with_number, parameter.place), parameter.value)
+    number = equations.job.supports.index(owner)
+    return equations.supports.rates(number, partial(owner.with_number, parameter.place), parameter.value)
 
 
-def _reference(model: Model, parameter: Parameter, solution: Solution, found: Sensitivities) -> ReferenceChange:
+def _reference(equations: Equations, parameter: Parameter, solution: Solution, found: Sensitivities) -> ReferenceChange:
     """Derivatives of what a further state takes from the given one, whose solution and derivatives are known."""
     key = parameter.key
     if key not in found.nodes:  # a tie, whose effect is part of its parameter's
         nothing = fem.Function(solution.displacement.function_space)
         return ReferenceChange(np.zeros_like(solution.mesh_nodes), nothing, math.inf)
     given, nodes = found.displacement[key], found.nodes[key]
-    return ReferenceChange(nodes, given, change_limit(model, solution, given))
+    return ReferenceChange(nodes, given, change_limit(equations, solution, given))
 
 
 def _changes(
-    model: Model,
+    equations: Equations,
     solution: Solution,
     parameters: Sequence[Parameter],
     references: Mapping[str, ReferenceChange],
     prescribed: Mapping[str, Sequence[Floats]],
 ) -> dict[str, Change]:
     """Return the derivatives of the solution and of the scene's parameters, by the key of the job's parameter."""
-    scene = model.scene(solution.direction)
-    equilibrium = model.equilibrium(scene)
+    scene = equations.scene(solution.direction)
+    equilibrium = equations.equilibrium(scene)
     system = equilibrium.system
     system.linearise(1.0)
     position, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
     found: dict[str, Change] = {}
     for parameter in parameters:
-        along = _explicit(model, system, parameter, prescribed, b)
+        along = _explicit(equations, system, parameter, prescribed, b)
         if (reference := references.get(parameter.key)) is not None:
-            x.array[:] = _rate_of_forces(model, system, solution, reference)
-            fem_petsc.set_bc(x, model.supports.conditions, alpha=0.0)
+            x.array[:] = _rate_of_forces(equations, system, solution, reference)
+            fem_petsc.set_bc(x, equations.supports.conditions, alpha=0.0)
             b.axpy(-1.0, x)
         if not equilibrium.linear.solve(b, x):
             raise SolveError(
@@ -247,52 +249,54 @@ def _changes(
                 "Leave the section 'sensitivities' out, or take a load at which the solution is not at a limit point.",
             )
         system.set_state(x)
-        u, p = model.solution()
-        found[parameter.key] = Change(along, u, model.unknowns.at_nodes(u), p, reference)
+        u, p = equations.state().fields
+        found[parameter.key] = Change(along, u, equations.unknowns.at_nodes(u), p, reference)
         system.set_state(position)
     for vector in (position, b, x):
         vector.destroy()
-    model.release(equilibrium)
+    equations.release(equilibrium)
     return found
 
 
 def _explicit(
-    model: Model, system: System, parameter: Parameter, prescribed: Mapping[str, Sequence[Floats]], b: PETSc.Vec
+    equations: Equations, system: System, parameter: Parameter, prescribed: Mapping[str, Sequence[Floats]], b: PETSc.Vec
 ) -> Direction:
     """Set ``b`` to the right-hand side for a parameter; return the direction in which it moves the scene's."""
-    owner, place, job, scene = parameter.owner, parameter.place, model.job, system.scene
+    owner, place, job, scene = parameter.owner, parameter.place, equations.job, system.scene
     unchanged = scene.parameters.direction({})
     if parameter.where not in job.owners:  # of another state
         b.set(0.0)
         return unchanged
     if not isinstance(owner, Ingredient):
-        model.supports.prescribe(prescribed[parameter.key])
+        equations.supports.prescribe(prescribed[parameter.key])
         system.lift(b)
-        model.supports.scale(1.0)
+        equations.supports.scale(1.0)
         return unchanged
-    with model.timings("compile"):
+    with equations.timings("compile"):
         derivative = scene.parameter_derivative
     local = parameter.where.removeprefix(job.place("effects").removesuffix("effects"))
     along = scene.parameters.direction({local: owner.rates(place)})
-    with model.timings("residual"):
+    with equations.timings("residual"):
         derivative.assemble(along, b)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        fem_petsc.set_bc(b, model.supports.conditions, alpha=0.0)
+        fem_petsc.set_bc(b, equations.supports.conditions, alpha=0.0)
         b.scale(-1.0)
     return along
 
 
-def _rate_of_forces(model: Model, system: System, solution: Solution, reference: ReferenceChange) -> Floats:
+def _rate_of_forces(equations: Equations, system: System, solution: Solution, reference: ReferenceChange) -> Floats:
     """Change of the nodal forces (scaled) of the owned unknowns with the reference shape, per unit of the parameter."""
     if not math.isfinite(reference.limit):
         return np.zeros(system.rhs.local_size)
-    step = reference.limit * (STEP * SHORT if has_kinks(model.job) else STEP)
+    step = reference.limit * (STEP * SHORT if has_kinks(equations.job) else STEP)
 
     def forces(number: int) -> Floats:
-        with reference.at(model, solution.mesh_nodes, number * step):
-            return system.forces(1.0)
+        equations.put(reference.moved(solution, number * step))
+        return system.forces(1.0)
 
-    return np.asarray(central_difference(map(forces, POINTS), step))
+    rate = np.asarray(central_difference(map(forces, POINTS), step))
+    equations.put(solution)
+    return rate
 
 
 def _deviations(parameters: Sequence[Parameter], vectors: Mapping[str, Floats]) -> Floats:

@@ -15,23 +15,23 @@ which fibres and fields are attached, change too: ``Q(u, p, θ, X, u₀)``.
 
 import math
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from dolfinx import fem
 
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter
-from hpcinv.mesh.moved import placed
 from hpcinv.mesh.source import Floats
 from hpcinv.model.parameters import Direction
+from hpcinv.model.state import State
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.results.quantities_of_interest import Value, carried, fields_for, values_of
 from hpcinv.results.solution import Solution
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 STEP = 2.0**-10
 """Length of differences, as part of what would change a solution by its own size."""
@@ -58,12 +58,12 @@ class ReferenceChange:
     given: fem.Function | None
     limit: float
 
-    @contextmanager
-    def at(self, model: Model, nodes: Floats, step: float) -> Iterator[None]:
-        """Context with the reference shape a step away from ``nodes`` (m), and the given state likewise."""
-        moved = (nodes + step * self.nodes) / model.body.length_scale
-        with placed(model.body.mesh, moved), model.given_moved(self.given, step):
-            yield
+    def moved(self, state: State, step: float) -> State:
+        """Return a state with the reference shape a step further, and the given state likewise."""
+        return replace(
+            state.moved_to(state.mesh_nodes + step * self.nodes),
+            given_displacement=_moved(state.given_displacement, self.given, step),
+        )
 
 
 @dataclass(frozen=True)
@@ -81,37 +81,37 @@ class Change:
 
 
 def slopes(
-    model: Model, solution: Solution, changes: Sequence[tuple[Parameter, Change]]
+    equations: Equations, solution: Solution, changes: Sequence[tuple[Parameter, Change]]
 ) -> dict[str, dict[str, Value]]:
     """Return derivatives (SI) of each quantity of interest, without reactions, by the parameters' keys.
 
-    Collective; the mesh must lie as the job gives it.
+    Collective.
     """
-    scene, body = model.scene(solution.direction), model.body
-    quantities = [quantity for quantity in model.job.quantities if not quantity.is_reaction]
+    equations.put(solution)
+    scene, body = equations.scene(solution.direction), equations.body
+    quantities = [quantity for quantity in equations.job.quantities if not quantity.is_reaction]
     scene.parameters.set_load(1.0)
-    with model.at(solution.mesh_nodes, *solution.fields):
-        fields = fields_for(quantities, body, scene, model.scales)
+    fields = fields_for(quantities, body, scene, equations.scales)
 
     def at(change: Change, shift: float) -> dict[str, Floats]:
-        u, p = solution.displacement.copy(), solution.pressure and solution.pressure.copy()
-        u.x.array[:] += shift * change.displacement.x.array
-        if p is not None and change.pressure is not None:
-            p.x.array[:] += shift * change.pressure.x.array
-        nodes, wanted = solution.mesh_nodes, quantities
-        if change.reference is not None:
-            nodes = nodes + shift * change.reference.nodes
-            wanted = list(carried(quantities, body, nodes))
-        moved = replace(solution, mesh_nodes=nodes, u=solution.u + shift * change.u, displacement=u, pressure=p)
-        given = change.reference and change.reference.given
-        with (
-            model.at(nodes, u, p),
-            model.given_moved(given, shift),
-            scene.parameters.moved(change.along, shift),
-        ):
+        moved, wanted = replace(solution, u=solution.u + shift * change.u), quantities
+        moved = replace(
+            moved,
+            displacement=_moved(solution.displacement, change.displacement, shift),
+            pressure=_moved(solution.pressure, change.pressure, shift),
+        )
+        if (reference := change.reference) is not None:
+            moved = replace(
+                moved,
+                mesh_nodes=solution.mesh_nodes + shift * reference.nodes,
+                given_displacement=_moved(solution.given_displacement, reference.given, shift),
+            )
+            wanted = list(carried(quantities, body, moved.mesh_nodes))
+        equations.put(moved)
+        with scene.parameters.moved(change.along, shift):
             return {name: np.array(v) for name, v in values_of(wanted, body, moved, fields).items()}
 
-    of_law = has_kinks(model.job)
+    of_law = has_kinks(equations.job)
     with_kinks = {
         quantity.name
         for quantity in quantities
@@ -119,7 +119,7 @@ def slopes(
     }
     found: dict[str, dict[str, Value]] = {quantity.name: {} for quantity in quantities}
     for parameter, change in changes if found else ():
-        step = _step(model, solution, parameter, change)
+        step = _step(equations, solution, parameter, change)
         values = [at(change, k * step) for k in POINTS]
         near = [at(change, k * SHORT * step) for k in POINTS] if with_kinks else []
         for name, by_key in found.items():
@@ -133,16 +133,25 @@ def slopes(
     return found
 
 
+def _moved(function: fem.Function | None, rate: fem.Function | None, step: float) -> Any:
+    """Return a function a step along its rate; the function itself where there is no rate."""
+    if function is None or rate is None:
+        return function
+    moved = function.copy()
+    moved.x.array[:] += step * rate.x.array
+    return moved
+
+
 def has_kinks(job: Job) -> bool:
     """Return whether the energy of a law of the job has a discontinuous second derivative by its formula."""
     return any(_KINKS.search(getattr(law, "formula", "")) for law in job.laws.values())
 
 
-def _step(model: Model, solution: Solution, parameter: Parameter, change: Change) -> float:
+def _step(equations: Equations, solution: Solution, parameter: Parameter, change: Change) -> float:
     """Length of the differences by the parameter (SI)."""
-    comm = model.body.mesh.comm
+    comm = equations.body.mesh.comm
     limits = [abs(parameter.value)] if parameter.value else []
-    limits.append(change_limit(model, solution, change.displacement))
+    limits.append(change_limit(equations, solution, change.displacement))
     if solution.pressure is not None and change.pressure is not None:
         p, dp = _largest(comm, solution.pressure), _largest(comm, change.pressure)
         limits += [p / dp] if p and dp else []
@@ -152,11 +161,11 @@ def _step(model: Model, solution: Solution, parameter: Parameter, change: Change
     return STEP * (least if math.isfinite(least) else 1.0)
 
 
-def change_limit(model: Model, solution: Solution, rate: fem.Function) -> float:
+def change_limit(equations: Equations, solution: Solution, rate: fem.Function) -> float:
     """Return the change (SI) of a parameter by which the displacement (m), with that rate, would double; collective."""
-    comm = model.body.mesh.comm
+    comm = equations.body.mesh.comm
     u, du = _largest(comm, solution.displacement), _largest(comm, rate)
-    return (u or _SMALL * model.body.length_scale) / du if du else math.inf
+    return (u or _SMALL * equations.body.length_scale) / du if du else math.inf
 
 
 def _largest(comm: MPI.Intracomm, function: fem.Function) -> float:

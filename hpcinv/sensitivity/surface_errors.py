@@ -32,7 +32,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.quantity.units import Dimension, readable
 from hpcinv.results.solution import Solution
 from hpcinv.sensitivity.analysis import Sensitivities, of_all_shapes, sensitivities
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 SPREAD = "standard deviation of the shape by errors of the given surface"
 
@@ -69,7 +69,7 @@ class SurfaceErrors:
         """Return the samples, displacements (n, 3) m of the local geometry nodes, by key; collective."""
         normals = surface_normals(job, body)
         on_surface = np.flatnonzero(normals.any(axis=1))
-        points, random = body.mesh.geometry.x[on_surface] * body.length_scale, np.random.default_rng(_SEED)
+        points, random = body.given_nodes[on_surface], np.random.default_rng(_SEED)
         found = {}
         for parameter in self.parameters:
             waves = random.standard_normal((_WAVES, 3)) / self.correlation
@@ -156,7 +156,7 @@ class SurfaceSpreads:
         self._seconds = 0.0
         self._failure = "" if job.has_derivatives else "there are no derivatives of contact with a rigid obstacle"
 
-    def add(self, shape: str, model: Model, solution: Solution) -> None:
+    def add(self, shape: str, equations: Equations, solution: Solution) -> None:
         """Follow the errors to the shape that a solve has found."""
         if self._errors is None or self._failure:
             return
@@ -165,12 +165,12 @@ class SurfaceSpreads:
         parameters = self._errors.parameters
         try:
             if self._given is None:
-                moved = self._errors.displacements(model.job, model.body)
-                self._found[shape] = sensitivities(model, solution, parameters, mesh=moved)
+                moved = self._errors.displacements(equations.job, equations.body)
+                self._found[shape] = sensitivities(equations, solution, parameters, mesh=moved)
                 self._given = solution
             else:
                 given = self._given, next(iter(self._found.values()))
-                self._found[shape] = sensitivities(model, solution, parameters, given)
+                self._found[shape] = sensitivities(equations, solution, parameters, given)
         except SolveError as error:
             self._failure = error.message
         self._seconds += time.perf_counter() - begun
@@ -205,8 +205,8 @@ def surface_normals(job: Job, body: Body) -> Floats:
     A node's normal is the mean of those of its facets, by their area. The region `CUT` does not count, nor do planes of
     symmetry, in which nodes stay.
     """
-    mesh = body.mesh
-    given = mesh.geometry.x * body.length_scale
+    mesh, given = body.mesh, body.given_nodes
+    body.place(given)
     planes = symmetry_planes(job, body, given, given)
     facets = exterior_facet_indices(mesh.topology)
     facets = facets[facets < mesh.topology.index_map(2).size_local]

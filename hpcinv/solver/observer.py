@@ -63,7 +63,7 @@ class Observer:
         """Called after each iteration of Newton's method."""
 
     def solved(self, event: SolveEvent) -> None:
-        """Called after each solve, when the model's state is that of the last accepted one; collective."""
+        """Called after each solve, when the equations are in the last accepted state; collective."""
 
     def failing(self, lines: Sequence[str]) -> None:
         """Called with an explanation when load steps keep failing."""

@@ -26,7 +26,7 @@ def forces_of(system: System) -> Iterator[tuple[Callable[[Floats], Floats], Call
         u = fem.Function(unknowns.displacement_space)
         u.x.array[:] = field.ravel()
         state.x.array[:] = 0.0
-        unknowns.set_displacement(u)
+        unknowns.set_displacement(u.x.array)
         return np.array(state.x.array[:owned])
 
     def forces(field: Floats) -> Floats:

@@ -17,7 +17,7 @@ from hpcinv.mesh import build_body
 from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.jit import NOT_FOUND
 from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.problem_cache import collect_garbage
+from hpcinv.solver.workspace import collect_garbage
 from hpcinv.study.directory import STORE
 from hpcinv.study.executions import RETRY, Executions
 from hpcinv.study.plan import StudyPlan

@@ -1,4 +1,4 @@
-"""Runner of a sweep's cases, which reuses mesh, model and solutions of earlier cases, and resumes from checkpoints."""
+"""Runner of the cases of a sweep: reuses mesh, equations and solutions of earlier cases, and resumes them."""
 
 import contextlib
 import shutil
@@ -18,7 +18,7 @@ from hpcinv.methods.method import Guess
 from hpcinv.output.progress import SilentProgress
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.workspace import Workspace
 from hpcinv.sweep.neighbours import Neighbour, Neighbours
 from hpcinv.sweep.queue import SweepTask
 

@@ -26,7 +26,7 @@ from hpcinv.materials import laws
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.units import Dimension
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.workspace import Workspace
 
 MODULUS = 30e3  # Pa: of the body for which the examples of effects are meant
 LOAD = 0.5  # of these examples, so that soft laws carry them

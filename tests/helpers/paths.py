@@ -13,8 +13,8 @@ from hpcinv.mesh import build_body
 from hpcinv.methods import DirectMethod
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.problem import Model
 
 # An octant of a thick sphere.
 
@@ -55,7 +55,7 @@ def cube(share: float, analysis: str = "inverse", **solver: Any) -> Job:
 def tried(job: Job, comm: MPI.Intracomm) -> list[Solve]:
     """Every solve of a job's first solution, whether it reaches the full load or not."""
     body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
-    method = DirectMethod(Model(job, body, Timings()), job.directions[0])
+    method = DirectMethod(Equations(job, body, Timings()), job.directions[0])
     solves = list(method.solves())
     method.equilibrium.destroy()
     return solves

@@ -14,7 +14,7 @@ from hpcinv.mesh import build_body
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 
 def wave(points: np.ndarray) -> np.ndarray:
@@ -40,7 +40,7 @@ class Loaded:
         self.body = build_body(job.mesh, job.regions, MPI.COMM_SELF, resolve=job.resolve)
         length, nodes = self.body.length_scale, self.body.mesh.geometry.x
         nodes[:] += bend(nodes * length) / length
-        self.model = Model(job, self.body, Timings())
+        self.model = Equations(job, self.body, Timings())
         self.scene = self.model.scene(direction)
         self.scene.parameters.set_load(1.0)
         unknowns = self.scene.unknowns

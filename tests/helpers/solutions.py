@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,12 +27,13 @@ def made_up(
     body: Body, direction: Any, u: Field, *, degree: int = 2, pressure: Field | None = None, **other: Any
 ) -> Solution:
     """A solution on the body's mesh with these fields; the values in cells are those of `in_cells`."""
-    nodes = body.mesh.geometry.x * body.length_scale
+    nodes = body.given_nodes
     cells = {name: fem.Function(fem.functionspace(body.mesh, ("DG", 0, shape))) for name, shape in CELLS.items()}
     for name, function in cells.items():
         values = in_cells(name, corners(body).mean(axis=1))
         function.x.array.reshape(values.shape)[function.function_space.dofmap.list[:, 0]] = values
     made: dict[str, Any] = {
+        "job": SimpleNamespace(state=other.pop("state", "")),
         "direction": direction,
         "mesh_nodes": nodes,
         "u": u(nodes),

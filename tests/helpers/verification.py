@@ -17,9 +17,9 @@ from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.load_stepping import follow
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.problem import Model
 
 HERE = Path(__file__).parents[1] / "job.yaml"  # files of jobs are as if it lay there
 BOX = "../meshes/box.py"
@@ -47,7 +47,7 @@ class Solved:
         self.job = job
         degree = job.discretisation.displacement
         self.body: Body = build_body(job.mesh, job.regions, comm, resolve=job.resolve, degree=degree)
-        self.model = Model(job, self.body, Timings())
+        self.model = Equations(job, self.body, Timings())
         self.solves = self._solve(0)
         self.kinematics = self.scene.kinematics
         self.x = ufl.SpatialCoordinate(self.body.mesh) * self.body.length_scale
@@ -64,7 +64,7 @@ class Solved:
         """Displacement (scaled) at the nodes after the second direction, solved on the body that the first found."""
         u = self.model.unknowns.at_nodes(self.model.unknowns.displacement())
         self.body.mesh.geometry.x[:] += self.kinematics.sign * u
-        self.model.unknowns.state.x.array[:] = 0.0
+        self.model.unload()
         self._solve(1)
         return self.model.unknowns.at_nodes(self.model.unknowns.displacement())
 

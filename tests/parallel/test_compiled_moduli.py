@@ -24,7 +24,7 @@ from hpcinv.mesh.cells import quadrature
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 MIXED: dict[str, Any] = {
     "analysis": "inverse",
@@ -48,9 +48,9 @@ CUBES: dict[str, Any] = MIXED | {
 CUBIC: dict[str, Any] = MIXED | {"mesh": box((2, 1, 1)), "discretisation": {"displacement": 3, "pressure": 2}}
 
 
-def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Model:
+def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Equations:
     given = job(**data)
-    model = Model(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
+    model = Equations(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
     deform(model.unknowns)
     model.scene(given.directions[0]).parameters.set_load(0.7)
     return model
@@ -92,7 +92,7 @@ def test_moduli_of_straight_cells_at_rest_serve_finer_spaces(
     """They are constant in a cell: products are those of the matrix in these spaces, to digits of single precision."""
     monkeypatch.setattr(tangent_product, "_FEW", few)
     model = model_of(data, comm)
-    finer = Model(one_degree_more(model.job), model.body, Timings())
+    finer = Equations(one_degree_more(model.job), model.body, Timings())
     direction = model.job.directions[0]
     for one in (model, finer):
         one.unknowns.state.x.array[:] = 0.0

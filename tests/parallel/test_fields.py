@@ -90,11 +90,9 @@ def test_fields_read_back_from_files_are_those_of_the_solution(
         field, is_linear = (bending, False) if displacement == 2 else (stretching, True)
         solution = made_up(body, "forward", field, degree=displacement, pressure=pressure)
         # The mesh has moved since, as for the second solution of a round trip.
-        body.mesh.geometry.x[:] *= 1.7
-        before = body.mesh.geometry.x.copy()
+        body.place(1.7 * body.given_nodes)
         target = run_directory / "fields"
         write_fields(target, body, [solution])
-        assert comm.allreduce(np.array_equal(body.mesh.geometry.x, before), op=MPI.LAND)
         on_root(comm, lambda: check(target, body.source, field, is_linear=is_linear, region=region))  # noqa: B023
 
 
@@ -104,7 +102,7 @@ def test_fields_that_cannot_be_written_are_an_error_on_all_ranks_and_leave_the_o
 ) -> None:
     body = build_body(spec(meshes / "box.py", parameters={"nx": 2}), {}, comm)
     solution = made_up(body, "inverse", bending)
-    target, before = run_directory / "fields", body.mesh.geometry.x.copy()
+    target = run_directory / "fields"
     write_fields(target, body, [solution])
     old = {p.name: p.read_bytes() for p in target.iterdir()}
     assert not any(b'"pressure"' in content for content in old.values())  # the displacement form has none
@@ -115,7 +113,6 @@ def test_fields_that_cannot_be_written_are_an_error_on_all_ranks_and_leave_the_o
     monkeypatch.setattr(hpcinv.mesh.io.vtu_writer._Stream, "_write", fail)
     with pytest.raises(OutputError, match="cannot be written: No space left"):
         write_fields(target, body, [solution])
-    assert np.array_equal(body.mesh.geometry.x, before)
     assert {p.name: p.read_bytes() for p in target.iterdir()} == old
     assert [p.name for p in run_directory.iterdir()] == ["fields"]
     comm.Barrier()

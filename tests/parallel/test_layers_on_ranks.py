@@ -17,7 +17,7 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import splu
 
 import hpcinv
-from hpcinv.accuracy.trial import begin_with
+from hpcinv.accuracy.trial import guess_from
 from hpcinv.mesh import build_body
 from hpcinv.methods.nested_iteration import _transferred
 from hpcinv.model.layers import layers_of_cells
@@ -26,8 +26,8 @@ from hpcinv.output.checkpoint import Checkpoints, Position
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import solution_of
-from hpcinv.solver.problem import Model
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.equations import Equations
+from hpcinv.solver.workspace import Workspace
 
 CELLS = pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron], ids=lambda cell: cell.name)
 LAYERED = {
@@ -68,7 +68,7 @@ def test_each_layer_has_its_own_pressure_at_each_node(cell: CellType, ghosts: Gh
         expected = p.x.array.copy()
         p.x.scatter_forward()
         assert np.abs(p.x.array - expected).max() < 1e-12  # the owner has the same
-        unknowns.set_pressure(p)
+        unknowns.set_pressure(p.x.array)
         unknowns.state.x.scatter_forward()
         assert np.abs(unknowns.state.x.array[unknowns.dofs_of_cells()[1][:, :, 0]] - expected[dofs]).max() < 1e-12
         assert comm.allreduce(len(unknowns.owned_pressure_dofs)) == unknowns.pressure_size
@@ -173,25 +173,22 @@ def test_a_pressure_comes_from_the_same_layer_of_another_mesh(way: str, comm: MP
     for pieces in (2, 4):
         one = lying(pieces, comm, hexahedra=False)
         body = build_body(one.mesh, one.regions, comm, resolve=one.resolve)
-        models.append(Model(one, body, Timings()))
+        models.append(Equations(one, body, Timings()))
     coarse, model = models
     expected = []
     for one in models:
         layers = one.unknowns.layers
         assert layers is not None
         expected.append(filled(one.unknowns.pressure_space, layers))
-    coarse.set_solution(coarse.solution()[0], expected[0])
+    coarse.put_fields((coarse.state().displacement, expected[0]))
     if way == "accuracy":
-        begin_with(model, solution_of(coarse, "forward", coarse.scene("forward"), ()), coarse.body)
-        p = model.solution()[1]
-        assert p is not None
-        values = p.x.array
+        guess = guess_from(solution_of(coarse, "forward", coarse.scene("forward"), ()), coarse.body, model)
     else:
-        guess = _transferred(coarse, model, 0)
-        assert guess is not None
-        assert guess.pressure is not None
-        values = guess.pressure
-    np.testing.assert_allclose(values, expected[1].x.array, rtol=0, atol=1e-9)
+        transferred = _transferred(coarse, model, 0)
+        assert transferred is not None
+        guess = transferred
+    assert guess.pressure is not None
+    np.testing.assert_allclose(guess.pressure, expected[1].x.array, rtol=0, atol=1e-9)
     for one in models:
         one.destroy()
 

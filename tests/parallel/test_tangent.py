@@ -23,7 +23,7 @@ from hpcinv.mesh import build_body
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 MIXED: dict[str, Any] = {
     "analysis": "inverse",
@@ -54,7 +54,7 @@ CUBIC: dict[str, Any] = MIXED | {
 def test_matrix_is_that_of_the_derivative(case: dict[str, Any], comm: MPI.Intracomm) -> None:
     given = job(**case)
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
-    model = Model(given, body, Timings())
+    model = Equations(given, body, Timings())
     scene, supports = model.scene(given.directions[0]), model.supports
     state = model.unknowns.state
     deform(model.unknowns)
@@ -102,7 +102,7 @@ def test_unknowns_of_a_node_that_are_apart_on_one_rank_are_no_matrix_to_fill(
 
     def chosen() -> type:
         with as_for(cells=1_000_000):
-            return type(tangent_of(Model(given, body, Timings()).scene("inverse")))
+            return type(tangent_of(Equations(given, body, Timings()).scene("inverse")))
 
     assert chosen() is FilledTangent
     dofs: Any = fem.DofMap.list
@@ -164,7 +164,7 @@ def test_a_rank_with_other_flags_takes_kernels_of_its_own(comm: MPI.Intracomm, t
     """As on a node whose processor has not the instructions of that of rank 0."""
     given = job(**MIXED)
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
-    scene = Model(given, body, Timings()).scene("inverse")
+    scene = Equations(given, body, Timings()).scene("inverse")
     deform(scene.unknowns)
     flags = ["-O1", "-g0", f"-DRANK={comm.rank}"]
     options = JIT_OPTIONS | {"cffi_extra_compile_args": flags, "cache_dir": Path(comm.bcast(str(tmp_path)))}

@@ -27,7 +27,7 @@ from hpcinv.output.progress import Progress
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 HERE = Path(__file__).parents[1]
 UNOPTIMIZED = JIT_OPTIONS | {"cffi_extra_compile_args": [*JIT_OPTIONS["cffi_extra_compile_args"], "-O0"]}
@@ -89,8 +89,8 @@ def common(direction: str, formulation: str) -> dict[str, Any]:
     }
 
 
-def model_of(given: Job, comm: MPI.Intracomm) -> Model:
-    return Model(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
+def model_of(given: Job, comm: MPI.Intracomm) -> Equations:
+    return Equations(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
 
 
 @pytest.mark.everyday("scene_of_effects-inverse-mixed")

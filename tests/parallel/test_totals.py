@@ -17,7 +17,7 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.units import readable
 from hpcinv.results.totals import Totals, totals_of
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 GRAVITY = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000}
 
@@ -33,7 +33,7 @@ def block(side: float, **changes: Any) -> dict[str, Any]:
 def totals(comm: MPI.Intracomm, **job: Any) -> Totals:
     case = parse(job, Path("job.yaml"))
     body = build_body(case.mesh, case.regions, comm, resolve=case.resolve)
-    return totals_of(Model(case, body, Timings()), case.directions[0])
+    return totals_of(Equations(case, body, Timings()), case.directions[0])
 
 
 @pytest.mark.parallel([1, 2])

@@ -20,7 +20,7 @@ from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body import read_source
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.workspace import Workspace
 from hpcinv.sweep.interface import sweep
 
 BLOCK = """

@@ -22,17 +22,17 @@ ON_RANK_1 = """
 import sys
 from hpcinv.parallel import runtime
 from hpcinv.errors import MeshError
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 from hpcinv.__main__ main
 
-steps = Model.steps
+steps = Equations.steps
 
 def fail(self):
     if runtime.MPI.COMM_WORLD.rank == 1:
         {action}
     return steps.fget(self)
 
-Model.steps = property(fail)
+Equations.steps = property(fail)
 sys.exit(main())
 """.replace("hpcinv.__main__ main", "hpcinv.__main__ import main")
 

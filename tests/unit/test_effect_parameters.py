@@ -16,7 +16,7 @@ from hpcinv.job.job import Job, parse
 from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 MATERIAL = {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"}
 HELD = [{"region": "z0", "fix": ["x", "y", "z"]}]
@@ -139,7 +139,7 @@ def test_springs_hold_a_body_that_nothing_else_holds() -> None:
 def refused(case: Job) -> str:
     """Why there is no scene of a job that can be read."""
     with pytest.raises(MeshError) as caught:
-        Model(case, build_body(case.mesh, case.regions, MPI.COMM_SELF, resolve=case.resolve), Timings()).scene(
+        Equations(case, build_body(case.mesh, case.regions, MPI.COMM_SELF, resolve=case.resolve), Timings()).scene(
             "inverse"
         )
     return str(caught.value)

@@ -12,8 +12,8 @@ from hpcinv import load, run
 from hpcinv.errors import JobError
 from hpcinv.mesh.cells import quadrature as rule
 from hpcinv.mesh.cells import scalar_element
+from hpcinv.model.discretisation import default_quadrature
 from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.problem import default_quadrature
 
 CELLS = ("tetrahedron", "hexahedron")
 

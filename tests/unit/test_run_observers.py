@@ -65,7 +65,7 @@ def writer(written: Written | None, *, every: int, seconds: float = 0.0, here: b
         job=SimpleNamespace(checkpoint=SimpleNamespace(every=every, seconds=seconds)),
         body=SimpleNamespace(mesh=SimpleNamespace(comm=MPI.COMM_SELF)),
         timings=lambda phase: nullcontext(),
-        solution=lambda: ("u", None),
+        state=lambda: SimpleNamespace(fields=("u", None)),
     )
     checkpoints: Any = written
     return CheckpointWriter(checkpoints, store, model)
@@ -192,7 +192,7 @@ def test_a_converged_run_is_written_printed_and_warned_about(report: MakeReport)
     one.check_not_stopped([], ended(1.0, solve(1.0), stopped=True), "")  # the request came after the last solve
     one.ended(ended(1.0, solve(1.0)))
     certificate: Any = SimpleNamespace(lines=())
-    result = Result(one.job, one.model.body, (solution(1.0, solve(1.0)),), certificate, {"tip": 0.5})
+    result = Result(one.job, one.equations.body, (solution(1.0, solve(1.0)),), certificate, {"tip": 0.5})
     found = one.conclude(result)
     assert (given["status"], given["printed"], given["written"]) == ("converged", "converged", found.statistics)
     assert given["warnings"] == ["moves 1e-09 m"]
@@ -204,7 +204,7 @@ def test_a_converged_run_is_written_printed_and_warned_about(report: MakeReport)
 def test_the_summary_that_marks_completion_is_the_last_file(report_fails: bool, report: MakeReport) -> None:
     one, given = report(report_fails=report_fails)
     certificate: Any = SimpleNamespace(lines=())
-    result = Result(one.job, one.model.body, (solution(1.0, solve(1.0)),), certificate)
+    result = Result(one.job, one.equations.body, (solution(1.0, solve(1.0)),), certificate)
     with pytest.raises(OutputError, match="report") if report_fails else nullcontext():
         one.conclude(result)
     assert given["files"] == ["h5", "report", "json"]

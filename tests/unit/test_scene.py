@@ -22,7 +22,7 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.schema import at
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 GRAVITY = {"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 1000}
 
@@ -35,7 +35,7 @@ def scene(comm: MPI.Intracomm, c1: str = "10 kPa", **data: Any) -> Scene:
         **data,
     )
     body = build_body(case.mesh, case.regions, comm, resolve=case.resolve)
-    return Model(case, body, Timings()).scene("inverse")
+    return Equations(case, body, Timings()).scene("inverse")
 
 
 def signatures(scene: Scene) -> tuple[str, str]:
@@ -109,5 +109,5 @@ def test_jobs_of_a_reuse_group_have_the_same_forms(name: str, comm: MPI.Intracom
 
 
 def form_of(case: Job, body: Body) -> str:
-    model = Model(case, body, Timings())
+    model = Equations(case, body, Timings())
     return str(model.scene(case.directions[0]).residual.signature())

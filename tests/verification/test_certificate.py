@@ -30,9 +30,9 @@ from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import solution_of
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.load_stepping import follow
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.problem import Model
 
 ESTIMATE = NO_CERTIFICATE | {"estimate": True}
 
@@ -217,7 +217,7 @@ def test_factors_of_a_forward_solve_tell_its_inertia(comm: MPI.Intracomm) -> Non
         solver={"linear": "direct"},
         certificate=NO_CERTIFICATE,
     )
-    model = Model(one, build_body(one.mesh, one.regions, comm, resolve=one.resolve), Timings())
+    model = Equations(one, build_body(one.mesh, one.regions, comm, resolve=one.resolve), Timings())
     equilibrium = model.equilibrium(model.scene("forward"))
     assert list(follow(equilibrium, model.steps, 1e-8))[-1].outcome.accepted
     equilibrium.system.linearise(1.0)
@@ -312,7 +312,7 @@ def test_a_column_beyond_its_euler_load_is_unstable(
 
 def test_balance_is_that_of_the_forces(comm: MPI.Intracomm) -> None:
     one = column(4)
-    model = Model(one, build_body(one.mesh, one.regions, comm, resolve=one.resolve), Timings())
+    model = Equations(one, build_body(one.mesh, one.regions, comm, resolve=one.resolve), Timings())
     equilibrium = model.equilibrium(model.scene("inverse"))
     (unloaded,) = equilibrium_residual(model, solution_of(model, "inverse", model.scene("inverse"), ()))
     # Undeformed, all of the weight is unbalanced but what the supports carry at once.
@@ -380,8 +380,9 @@ def test_a_body_that_hangs_beside_its_rest_does_not_fail(comm: MPI.Intracomm) ->
     )
     body = build_body(one.mesh, {}, comm, resolve=one.resolve)
     given = body.mesh.geometry.x * body.length_scale
-    solution: Any = SimpleNamespace(mesh_nodes=given, other_nodes=given - [0.0, 0.0, 0.3])
-    (depth,) = (one for one in cells(Model(one, body, Timings()), solution) if one.name.startswith("depth beyond"))
+    moved = given - [0.0, 0.0, 0.3]
+    solution: Any = SimpleNamespace(job=one, is_on_given_mesh=True, mesh_nodes=given, other_nodes=moved)
+    (depth,) = (one for one in cells(Equations(one, body, Timings()), solution) if one.name.startswith("depth beyond"))
     assert depth.verdict is Verdict.WARN
     assert "unless this is a wall" in depth.note
     assert "fail" not in depth.rule

@@ -24,7 +24,7 @@ from hpcinv.mesh import build_body
 from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 MATERIAL = {"law": "neo-hookean", "mu": "30 kPa", "lam": "120 kPa"}
 DIRECTIONS = ("forward", "inverse")
@@ -55,8 +55,8 @@ def names_with_a_load(name: str) -> tuple[str, ...]:
     return (name, "gravity") if EXAMPLES[name].holds else (name,)
 
 
-def model(case: Job, comm: MPI.Intracomm) -> Model:
-    return Model(case, build_body(case.mesh, case.regions, comm, resolve=case.resolve), Timings())
+def model(case: Job, comm: MPI.Intracomm) -> Equations:
+    return Equations(case, build_body(case.mesh, case.regions, comm, resolve=case.resolve), Timings())
 
 
 @pytest.mark.everyday("inverse")

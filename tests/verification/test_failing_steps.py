@@ -13,8 +13,8 @@ from hpcinv.mesh import build_body
 from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.failing_motion import failing_motion
-from hpcinv.solver.problem import Model
 
 SOFT = {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"}
 PATIENCE = 10
@@ -36,7 +36,7 @@ def test_nearly_free_motion_is_named(direction: Any, comm: MPI.Intracomm) -> Non
         supports=rails,
     )
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
-    model = Model(given, body, Timings())
+    model = Equations(given, body, Timings())
     equilibrium = model.equilibrium(model.scene(direction))
     motion, supports = failing_motion(given, body, equilibrium, 0.0, 4)
     print(motion, supports, sep="\n")

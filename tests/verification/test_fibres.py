@@ -25,7 +25,7 @@ from hpcinv.errors import JobError, MeshError
 from hpcinv.mesh import build_body, read_source
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 ARTERY = {"law": "holzapfel-gasser-ogden", "mu": 3e3, "k1": 2.4e3, "k2": 0.84, "dispersion": 0.05, "kappa": 2e4}
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(40)
@@ -116,7 +116,7 @@ def test_directions_without_a_length_somewhere_are_refused_before_anything_is_so
         )
         body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
         with pytest.raises(MeshError) as caught:
-            Model(given, body, Timings())
+            Equations(given, body, Timings())
         assert caught.value.message == f"{given.resolve(BOX)}: {text} in some cell"
 
 

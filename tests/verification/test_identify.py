@@ -21,7 +21,7 @@ from hpcinv.job.job import Job, parse
 from hpcinv.mesh import read_source
 from hpcinv.mesh.export import save
 from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.workspace import Workspace
 
 TRUE = {"material.mu": 9e3, "material.lam": 30e3}
 MARKS = [(1.0, 1.0, 1.0), (0.0, 1.0, 1.0), (0.5, 1.0, 0.5)]

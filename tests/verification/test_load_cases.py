@@ -22,10 +22,10 @@ from hpcinv.mesh import build_body, read_source
 from hpcinv.output.progress import Progress
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.load_stepping import follow
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SolveEvent
-from hpcinv.solver.problem import Model
 
 WEIGHT = {"effect": "gravity", "acceleration": [0, -2, -1], "density": "1 g/cm^3"}
 PUSH = {"effect": "pressure", "region": "z1", "pressure": "1 kPa"}
@@ -50,7 +50,7 @@ class LoadPath:
     def of(cls, comm: MPI.Intracomm, **data: Any) -> LoadPath:
         given = job(**BODY | {"analysis": "forward"} | data)
         body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
-        model = Model(given, body, Timings())
+        model = Equations(given, body, Timings())
         equilibrium = model.equilibrium(model.scene(given.directions[0]))
         path = cls({}, [])
         for solve in follow(equilibrium, model.steps, given.solver.tolerance):

@@ -25,7 +25,7 @@ from hpcinv.mesh.distributed.parts import partitioned
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 C1, C2, D1 = 4e3, 1e3, 15e3
 MU, LAM = 10e3, 40e3
@@ -361,7 +361,7 @@ def test_what_the_mesh_does_not_bear_out_is_refused_before_anything_is_solved(co
         given = job(mesh=box((1, 1, 4)), **data | changes)
         body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
         with pytest.raises(MeshError) as caught:
-            Model(given, body, Timings())
+            Equations(given, body, Timings())
         assert text.format(path=given.resolve(BOX)) in caught.value.message, caught.value.message
         assert caught.value.advice
         assert len(set(comm.allgather(str(caught.value)))) == 1

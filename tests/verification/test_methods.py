@@ -26,7 +26,7 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 type Map = Callable[[np.ndarray], np.ndarray]
 
@@ -349,7 +349,7 @@ def test_a_given_body_that_cannot_carry_its_load_once_more(comm: MPI.Intracomm) 
 def test_a_step_that_would_turn_the_body_inside_out_is_shortened(comm: MPI.Intracomm) -> None:
     given = job(method="sellier", **tetrahedron())
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
-    search = FixedPointMethod(Model(given, body, Timings()))
+    search = FixedPointMethod(Equations(given, body, Timings()))
     apex = np.flatnonzero(body.mesh.geometry.x[:, 1] > 0.5 / body.length_scale)
     step = np.zeros_like(body.mesh.geometry.x)
     step[apex, 1] = -1.5 / body.length_scale  # 1 - 1.5 < 0, but 1 - 0.75 > 0

@@ -132,7 +132,7 @@ def test_prescribed_displacements_are_those_of_the_given_mesh(
     state = unknowns.state.x.array
     u, _ = unknowns.displacement(), None
     u.x.array[:] = guess.displacement / length
-    unknowns.set_displacement(u)
+    unknowns.set_displacement(u.x.array)
     assert len(prescribed) == 6
     for one in prescribed:
         assert np.abs(state[one.dofs] - one.full[one.nodes]).max(initial=0.0) < 1e-15

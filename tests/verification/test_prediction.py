@@ -13,9 +13,9 @@ from hpcinv.assembly.tangent import FilledTangent, as_for
 from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.predictor import Increment
-from hpcinv.solver.problem import Model
 
 FORMS = {
     "displacement": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
@@ -24,7 +24,9 @@ FORMS = {
 SPIN = np.array([0.03, -0.04, 0.12])  # of length 0.13
 
 
-def equations(comm: MPI.Intracomm, direction: str = "forward", form: str = "displacement") -> tuple[Model, Equilibrium]:
+def equations(
+    comm: MPI.Intracomm, direction: str = "forward", form: str = "displacement"
+) -> tuple[Equations, Equilibrium]:
     """A block that hangs from its bottom."""
     given = job(
         analysis=direction,
@@ -33,17 +35,17 @@ def equations(comm: MPI.Intracomm, direction: str = "forward", form: str = "disp
         effects=[{"effect": "gravity", "acceleration": [9.81, 0, -9.81], "density": 200}],
         supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
     )
-    model = Model(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
+    model = Equations(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
     return model, model.equilibrium(model.scene(direction))
 
 
-def field(model: Model, of: Any) -> PETSc.Vec:
+def field(model: Equations, of: Any) -> PETSc.Vec:
     """A displacement by its values at positions (3, n), and no pressure, as a vector of unknowns."""
     u = model.unknowns.displacement()
     u.interpolate(of)
     kept = model.unknowns.state.x.array.copy()
-    model.unknowns.state.x.array[:] = 0.0
-    model.unknowns.set_displacement(u)
+    model.unload()
+    model.unknowns.set_displacement(u.x.array)
     vector = model.unknowns.state.x.petsc_vec.copy()
     model.unknowns.state.x.array[:] = kept
     return vector

@@ -19,8 +19,8 @@ from hpcinv.job.job import Job
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.solver.problem import Model
 
 GRAVITY = {"effect": "gravity", "acceleration": [0, 0, -0.15], "density": 1000}
 FOLLOWER = {"effect": "pressure", "region": "z1", "pressure": 100.0}
@@ -50,17 +50,16 @@ class Case:
     def __init__(self, one: Job, comm: MPI.Intracomm) -> None:
         without = one.model_copy(update={"certificate": type(one.certificate).model_validate("off")})
         result = hpcinv.run(without, comm)
-        self.model, self.solution = Model(one, result.body, Timings()), result.solutions[0]
+        self.job, self.solution = one, result.solutions[0]
+        self.model = Equations(one, result.body, Timings())
 
     def line(self, solution: Solution | None = None, start: str = "near") -> Line:
-        solution, job = solution or self.solution, self.model.job
-        self.model.job = job.model_copy(
-            update={"certificate": job.certificate.model_copy(update={"round_trip": start})}
-        )
+        certificate = self.job.certificate.model_copy(update={"round_trip": start})
+        job = self.job.model_copy(update={"certificate": certificate})
+        solution = replace(solution or self.solution, job=job)
         forward = ForwardFactors(self.model, solution)
         (line,) = round_trip(self.model, solution, forward)
         forward.destroy()
-        self.model.job = job
         print(f"{start}: {line.verdict.value} {line.value} {line.note[:70]}")
         return line
 

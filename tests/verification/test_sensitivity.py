@@ -24,7 +24,7 @@ from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.keys import assigned
 from hpcinv.sensitivity.analysis import Sensitivities
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.workspace import Workspace
 
 MU, LAM, SQUEEZE = 10e3, 40e3, 3e3
 STEP = 1e-3  # relative

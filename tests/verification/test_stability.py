@@ -27,7 +27,7 @@ from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 STABILITY = NO_CERTIFICATE | {"stability": True}
 NEO_HOOKEAN = {"law": "isochoric-neo-hookean", "mu": 1.0, "kappa": "incompressible"}
@@ -203,8 +203,8 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
         certificate=STABILITY,
     )
     body = build_body(one.mesh, one.regions, comm, resolve=one.resolve)
-    model = Model(one, body, Timings())
-    u, p = model.solution()
+    model = Equations(one, body, Timings())
+    u, p = model.state().fields
     length = body.length_scale
 
     def exact(x: np.ndarray) -> np.ndarray:
@@ -213,21 +213,23 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
         return moved
 
     u.interpolate(exact)
-    model.set_solution(u, p)
+    model.put_fields((u, p))
     equilibrium = model.equilibrium(model.scene("forward"))
     assert equilibrium.solve(1.0, 1e-10).outcome.accepted
     model.release(equilibrium)
-    found, p = model.solution()
+    found, p = model.state().fields
     moved = np.abs(found.x.array - u.x.array).max() / np.abs(u.x.array).max()
     assert moved < 0.08  # it is that equilibrium, and not the one beyond the limit point, about 0.2 away
     nodes = body.mesh.geometry.x * length
     solution: Any = SimpleNamespace(
+        job=one,
         direction="forward",
         fields=(found, p),
         displacement=found,
         pressure=p,
         mesh_nodes=nodes,
         reference_nodes=nodes,
+        moved_to=lambda _: model.state(),
         solves=(),
         linear=None,
     )

@@ -19,7 +19,7 @@ from hpcinv.errors import Interrupted, JobError, MeshError
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.keys import assigned
 from hpcinv.results.solution import Solution
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.workspace import Workspace
 
 ROOT = Path(__file__).parents[2]
 MU, LAM = 1e4, 4e4
@@ -338,11 +338,11 @@ def test_states_that_differ_in_numbers_share_equations(comm: MPI.Intracomm) -> N
     states = [{"name": f"s{i}", "given": i == 0, "effects": [gravity(1 - i / 2)]} for i in range(4)]
     with Workspace(comm) as workspace:
         hpcinv.run(job(**BLOCK, supports=BASE, states=states), comm, workspace=workspace)
-        (model,) = workspace._models.values()
+        (model,) = workspace._equations.values()
         assert len(model._idle) == 2  # one matrix for each direction
         states[3] |= {"supports": [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]}
         hpcinv.run(job(**BLOCK, supports=BASE, states=states), comm, workspace=workspace)
-        one, other = workspace._models.values()
+        one, other = workspace._equations.values()
         assert one.unknowns is other.unknowns
 
 

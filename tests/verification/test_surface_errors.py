@@ -24,7 +24,7 @@ from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.units import Dimension
 from hpcinv.sensitivity.analysis import sensitivities
 from hpcinv.sensitivity.surface_errors import SPREAD, SurfaceErrors, SurfaceSpreads, surface_normals
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.workspace import Workspace
 
 WEIGHT = {"effect": "gravity", "density": 150, "density_in": "current"}
 
@@ -77,7 +77,7 @@ def test_a_sphere_whose_surfaces_are_off(comm: MPI.Intracomm) -> None:
     )
     with Workspace(comm) as workspace:
         result = hpcinv.run(sphere, comm, workspace=workspace)
-        model = workspace.models(sphere, result.body, Timings()).of(0)
+        model = workspace.equations(sphere, result.body, Timings())[0]
         moved = surface_normals(sphere, result.body)
         outward = Parameter("w", "mesh", None, (), 0.0, Dimension(), 1.0)
         found = sensitivities(model, result.solutions[0], [outward], mesh={"w": moved}).slopes["inner"]["w"]
@@ -96,11 +96,10 @@ def test_shapes_and_quantities_follow_the_nodes_of_the_surface(comm: MPI.Intraco
         result = hpcinv.run(plain, comm, workspace=workspace)
         body = result.body
         moved = errors.displacements(plain, body)["surface 0"]
-        nodes = body.mesh.geometry.x * body.length_scale
+        nodes = body.given_nodes
         at = Parameter("w", "mesh", None, (), 0.0, Dimension(), 1.0)
-        models = workspace.models(plain, body, Timings())
-        first = sensitivities(models.of(0), result.solutions[0], [at], mesh={"w": moved})
-        further = models.of(1, result.solutions[0].displacement)
+        given, further = workspace.equations(plain, body, Timings())
+        first = sensitivities(given, result.solutions[0], [at], mesh={"w": moved})
         second = sensitivities(further, result.solutions[1], [at], (result.solutions[0], first))
     source = read_source(plain.mesh, plain.resolve(plain.mesh.file))
     ends = []

@@ -17,16 +17,16 @@ from hpcinv.mesh import build_body
 from hpcinv.model.rigid_motions import Frame
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 type Floats = np.ndarray[Any, np.dtype[np.float64]]
 
 
-def free(material: dict[str, Any], analysis: str, comm: MPI.Intracomm) -> tuple[Model, System]:
+def free(material: dict[str, Any], analysis: str, comm: MPI.Intracomm) -> tuple[Equations, System]:
     """The equations of an unloaded block without its supports, far from equilibrium."""
     supports = [{"region": "x0", "fix": ["x", "y", "z"]}]
     given = job(mesh=box((2, 2, 2)), material=material, supports=supports, analysis=analysis)
-    model = Model(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
+    model = Equations(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
     model.supports.conditions = []
     assembly = System(model.scene(given.directions[0]), model.supports, Timings())
     x = model.unknowns.state.x.array
@@ -78,7 +78,7 @@ def test_scaled_pressure_mass_is_equivalent_to_the_schur_complement(
         discretisation={"formulation": "mixed"},
         analysis="forward",
     )
-    model = Model(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
+    model = Equations(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
     scene, unknowns = model.scene("forward"), model.unknowns
     assembly = System(scene, model.supports, Timings())
     assembly.tangent()

@@ -14,8 +14,8 @@ from hpcinv.mesh import build_body
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear import ordering
-from hpcinv.solver.problem import Model
 
 MIXED: dict[str, Any] = {
     "analysis": "forward",
@@ -31,9 +31,9 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 
-def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Model:
+def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Equations:
     given = job(**data)
-    return Model(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
+    return Equations(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
 
 
 def places_of(unknowns: Unknowns) -> np.ndarray:

@@ -19,7 +19,7 @@ from hpcinv.job.reuse_key import numbers_of, reuse_group_of
 from hpcinv.methods.method import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.problem_cache import Workspace, _mesh_of
+from hpcinv.solver.workspace import Workspace, _mesh_of
 from hpcinv.sweep.interface import sweep
 
 CLAMPED = [{"region": "x0", "fix": ["x", "y", "z"]}]
@@ -154,16 +154,16 @@ def test_a_run_after_another_finds_what_it_finds_alone(pair: str, comm: MPI.Intr
 def test_what_two_runs_share_is_made_once(comm: MPI.Intracomm) -> None:
     with Workspace(comm) as workspace:
         run(block(), comm, workspace=workspace)
-        body, (model,) = workspace._body, workspace._models.values()
+        body, (model,) = workspace._body, workspace._equations.values()
         assert body is not None
         matrix = next(iter(model._idle.values())).system.matrix
         run(block(2e4), comm, workspace=workspace)
-        assert list(workspace._models.values()) == [model]
+        assert list(workspace._equations.values()) == [model]
         assert next(iter(model._idle.values())).system.matrix is matrix
         run(PAIRS["law"][1], comm, workspace=workspace)
         assert workspace._body is not None
         assert workspace._body[1] is body[1]
-        assert model not in workspace._models.values()
+        assert model not in workspace._equations.values()
 
 
 def test_a_job_that_is_refused_leaves_nothing_behind(comm: MPI.Intracomm) -> None:

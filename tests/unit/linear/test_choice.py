@@ -14,9 +14,9 @@ from hpcinv.mesh import build_body
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.cost_model import Forecast, Shape, shape_of
 from hpcinv.solver.linear.selection import Chooser
-from hpcinv.solver.problem import Model
 
 pytestmark = pytest.mark.slow
 
@@ -27,9 +27,9 @@ SOFT: dict[str, Any] = {
 }
 
 
-def model(mesh: dict[str, Any], comm: MPI.Intracomm) -> Model:
+def model(mesh: dict[str, Any], comm: MPI.Intracomm) -> Equations:
     given = job(**SOFT, mesh=mesh)
-    return Model(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
+    return Equations(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.mesh.topology import unique_rows
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
+from hpcinv.solver.equations import Equations
 
 type Cube = tuple[int, int, int]
 CORNERS = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)])
@@ -64,7 +64,7 @@ REGIONS = {
 }
 
 
-def model(comm: MPI.Intracomm, source: MeshSource, held: Mapping[str, str], **changes: Any) -> Model:
+def model(comm: MPI.Intracomm, source: MeshSource, held: Mapping[str, str], **changes: Any) -> Equations:
     """The model of a body that is held on some regions, as far as it is made before a solve."""
     supports = [{"region": region, "fix": list(axes)} for region, axes in held.items()]
     used = {*held, *(effect["region"] for effect in changes.get("effects", []) if "region" in effect)}
@@ -72,7 +72,7 @@ def model(comm: MPI.Intracomm, source: MeshSource, held: Mapping[str, str], **ch
     case = job("free-to-turn", regions=regions, supports=supports, **changes)
     given = source if comm.rank == 0 else source.header()
     body = build_body(case.mesh, case.regions, comm, given=given)
-    found = Model(case, body, Timings())
+    found = Equations(case, body, Timings())
     found.equilibrium(found.scene("inverse")).destroy()
     return found
 

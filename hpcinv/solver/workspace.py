@@ -1,58 +1,38 @@
-"""Cache of the body and the models, with their equations and factorization, for successive runs in one process.
+"""Cache of the body and its equations, with their factors, for successive runs in one process.
 
-A workspace keeps the last body and the last models. Jobs that differ only in numbers use all again; jobs on the same
-mesh use the body again. States of one job that differ only in numbers have one model.
+A workspace keeps the last body and the last equations. Jobs that differ only in numbers use all again; jobs on the same
+mesh use the body again. States of one job that differ only in numbers have the same equations.
 """
 
 from __future__ import annotations
 
 import gc
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from typing import cast
 
-from dolfinx.fem import Function
 from petsc4py import PETSc
 
 from hpcinv.errors import HpcinvError
 from hpcinv.files.inputs import changed_inputs
 from hpcinv.job.fingerprint import file_digest
-from hpcinv.job.job import Job, PlannedSolve
+from hpcinv.job.job import Job
 from hpcinv.job.reuse_key import reuse_group_of, structure_of
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cell_count import no_report
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.problem import Model
-
-
-class Models:
-    """Models of the solves of a job, some of which may be one model, with the numbers of one state at a time."""
-
-    def __init__(self, plan: Sequence[PlannedSolve], models: Sequence[Model]) -> None:
-        self.plan, self._models = plan, models
-
-    def of(self, number: int, given: Function | None = None) -> Model:
-        """Return the model of a solve with the numbers of its state; the mesh must lie as the job gives it; collective.
-
-        Args:
-            given: displacement (m) of the given state, for all solves but its own.
-        """
-        model, solve = self._models[number], self.plan[number]
-        if model.job is not solve.job:
-            model.update_parameters(solve.job, model.timings)
-        model.carry(given if solve.mesh is not None and solve.job.state else None)
-        return model
+from hpcinv.solver.equations import Equations
 
 
 class Workspace:
-    """The last body and models of the runs on one communicator, freed at the end of a context; collective."""
+    """The last body and equations of the runs on one communicator, freed at the end of a context; collective."""
 
     def __init__(self, comm: MPI.Intracomm) -> None:
         self.comm = comm
         self._body: tuple[str, Body] | None = None
-        self._models: dict[str, Model] = {}
+        self._equations: dict[str, Equations] = {}
 
     def __enter__(self) -> Workspace:
         return self
@@ -68,7 +48,9 @@ class Workspace:
         """
         key, is_kept = on_root(self.comm, lambda: self._key(job))  # other ranks may not see the file
         if self._body is not None and is_kept:
-            return self._body[1]
+            body = self._body[1]
+            body.place(body.given_nodes)
+            return body
         self.clear()
         degree = job.discretisation.displacement
         body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve, degree=degree, report=report)
@@ -83,8 +65,8 @@ class Workspace:
         home = job.resolve(job.mesh.file).absolute().parent
         return key, not changed_inputs(self._body[1].source.inputs, home)
 
-    def models(self, job: Job, body: Body, timings: Timings) -> Models:
-        """Return the models of the solves of a job on its body.
+    def equations(self, job: Job, body: Body, timings: Timings) -> list[Equations]:
+        """Return the equations of each solve of a job on its body; several solves may have the same.
 
         Raises:
             MeshError: on all ranks, if the mesh lacks what the job names, or a field is not admissible on it.
@@ -96,32 +78,32 @@ class Workspace:
             return [f"{group} {structure_of(solve.job, digest) if job.states else ''}" for solve in plan]
 
         keys = on_root(self.comm, structures)
-        for key in [key for key in self._models if key not in keys]:
-            self._models.pop(key).destroy()
-        done: list[Job] = []
+        for key in [key for key in self._equations if key not in keys]:
+            self._equations.pop(key).destroy()
+        jobs: list[Job] = []
         try:
             for key, solve in zip(keys, plan, strict=True):
-                if key not in self._models:
-                    like = next(iter(self._models.values()), None)
-                    self._models[key] = Model(solve.job, body, timings, like)
-                    self._models[key].check_supports()
-                elif not any(solve.job is one for one in done):
-                    self._models[key].update_parameters(solve.job, timings)
-                done.append(solve.job)
+                if key not in self._equations:
+                    like = next(iter(self._equations.values()), None)
+                    self._equations[key] = Equations(solve.job, body, timings, like)
+                    self._equations[key].check_supports()
+                elif not any(solve.job is job for job in jobs):  # the numbers of all states are checked beforehand
+                    self._equations[key].renew(solve.job, timings)
+                jobs.append(solve.job)
         except HpcinvError:
-            self._forget_models()
+            self._forget_equations()
             raise
-        return Models(plan, [self._models[key] for key in keys])
+        return [self._equations[key] for key in keys]
 
     def clear(self) -> None:
-        """Drop body and models, and free their PETSc objects."""
-        self._forget_models()
+        """Drop body and equations, and free their PETSc objects."""
+        self._forget_equations()
         self._body = None
 
-    def _forget_models(self) -> None:
-        for model in self._models.values():
-            model.destroy()
-        self._models.clear()
+    def _forget_equations(self) -> None:
+        for equations in self._equations.values():
+            equations.destroy()
+        self._equations.clear()
 
 
 def collect_garbage(comm: MPI.Intracomm) -> None:

@@ -1,0 +1,219 @@
+"""The discrete model of a job on one body: spaces, supports, scales and scenes."""
+
+from __future__ import annotations
+
+from dolfinx.fem import Function
+
+from hpcinv.effects import Direction
+from hpcinv.errors import JobError
+from hpcinv.job.job import UNNAMED, Job
+from hpcinv.job.states import given_on_current
+from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
+from hpcinv.mesh import Body
+from hpcinv.mesh.source import Floats
+from hpcinv.model.field_checks import check_fields, shear_modulus
+from hpcinv.model.fields import BodyFields
+from hpcinv.model.layers import layers_of_cells
+from hpcinv.model.scene import Scene
+from hpcinv.model.spaces import Unknowns
+from hpcinv.model.state import State
+from hpcinv.model.supports import Supports
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.quantity.nondimensional import Scales, power_of_two
+
+KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinematics)}
+
+
+class Discretisation:
+    """Spaces, supports, scales and scenes of a reuse group of jobs (`reuse_group_of`) on one body.
+
+    They are made once, with their compiled kernels. `put` is the only writer of the mesh's coordinates, the unknowns,
+    the parameters and the supports, apart from a solver that looks for a solution.
+
+    Args:
+        like: the same of another state of the body, whose spaces are used.
+
+    Attributes:
+        job: of the present state.
+
+    Raises:
+        JobError: on all ranks, if the quadrature is not enough for the cells of the mesh.
+        MeshError: on all ranks, if the mesh lacks what the job names, or a field is not admissible on it.
+    """
+
+    def __init__(self, job: Job, body: Body, timings: Timings, like: Discretisation | None = None) -> None:
+        self.job, self.body, self.timings = job, body, timings
+        self._scenes: dict[tuple[Direction, bool], Scene] = {}
+        self._given: Function | None = None  # displacement of the given state, if something is given there (scaled)
+        self._kept: Function | None = None  # for the next use, since scenes refer to it
+        self._given_displacement: Function | None = None
+        self.quadrature_degree = _quadrature(job, body.source.kind)
+        body.place(body.given_nodes)
+        with timings("set-up"):
+            self.fields: BodyFields = BodyFields(body) if like is None else like.fields
+            check_fields(job, self.fields)
+            self.scales = self._scales()
+            self.unknowns: Unknowns = (
+                Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree, layers_of_cells(job, body))
+                if like is None
+                else like.unknowns
+            )
+            self.supports = Supports(job, body, self.unknowns)
+
+    def put(self, state: State) -> None:
+        """Put the mesh, the unknowns and the numbers of the job into a state; collective.
+
+        Raises:
+            MeshError: on all ranks, if a field of the state's job is not admissible, or its supports contradict each
+                other; nothing can be solved afterwards.
+        """
+        if state.job is not self.job:
+            self.body.place(self.body.given_nodes)  # on which supports and fields are given
+            self._update_parameters(state.job)
+        self._attach(state.given_displacement)
+        self.body.place(state.mesh_nodes)
+        self.put_fields(state.fields)
+
+    def renew(self, job: Job, timings: Timings) -> None:
+        """Begin another run, with the numbers of its job, on the given mesh and without displacement; collective.
+
+        Raises:
+            MeshError: as `put`.
+        """
+        self.timings = timings
+        self.body.place(self.body.given_nodes)
+        self._update_parameters(job)
+        self._attach(None)
+        self.unload()
+
+    def put_fields(self, fields: tuple[Function, Function | None] | None) -> None:
+        """Set the unknowns alone, from which the next solve begins.
+
+        Args:
+            fields: displacement (m) and pressure (Pa; ``None`` in the displacement form); ``None`` for zero.
+        """
+        if fields is None:
+            self.unload()
+            return
+        u, p = fields
+        self.unknowns.set_displacement(u.x.array / self.scales.length)
+        if p is not None:
+            self.unknowns.set_pressure(p.x.array / self.scales.stress)
+
+    def unload(self) -> None:
+        """Set displacement and pressure to zero."""
+        self.unknowns.state.x.array[:] = 0.0
+
+    def state(self, load: float = 1.0) -> State:
+        """Return the present state, with copies of its fields."""
+        u, p = self.unknowns.displacement(), self.unknowns.pressure()
+        u.x.array[:] *= self.scales.length
+        if p is not None:
+            p.x.array[:] *= self.scales.stress
+        return self._state(self.body.nodes, u, p, self.job, self._given_displacement, load)
+
+    def unloaded(
+        self, job: Job | None = None, nodes: Floats | None = None, given_displacement: Function | None = None
+    ) -> State:
+        """Return the state without displacement and pressure.
+
+        Args:
+            job: of the state, by default the present one.
+            nodes: where the mesh lies, (n, 3) in m, by default as it was given.
+            given_displacement: as in `State`.
+        """
+        p = None if self.unknowns.p is None else Function(self.unknowns.pressure_space, name="pressure")
+        u = Function(self.unknowns.displacement_space, name="displacement")
+        nodes = self.body.given_nodes if nodes is None else nodes
+        return self._state(nodes, u, p, job or self.job, given_displacement, 0.0)
+
+    @staticmethod
+    def _state(
+        nodes: Floats, u: Function, p: Function | None, job: Job, given_displacement: Function | None, load: float
+    ) -> State:
+        return State(
+            job=job, mesh_nodes=nodes, displacement=u, pressure=p, load=load, given_displacement=given_displacement
+        )
+
+    def _update_parameters(self, job: Job) -> None:
+        """Change to the numbers of another job of the same reuse group, on the mesh as it was given."""
+        self.job = job
+        with self.timings("set-up"):
+            check_fields(job, self.fields)
+            self.scales = self._scales()
+            self.supports.update_parameters(job)
+            for scene in self._scenes.values():
+                scene.update_parameters(job, self.scales)
+                scene.contacts.reset()
+
+    def _attach(self, given_displacement: Function | None) -> None:
+        """Attach to the material what is given on the current body of the given state."""
+        self._given_displacement, self._given = given_displacement, None
+        if given_displacement is None:
+            return
+        parts = (*self.job.laws.values(), *self.job.effects, *self.job.families.values())
+        if any(True for part in parts for _ in given_on_current(part)):
+            self._given = self._kept = self._kept or Function(self.unknowns.displacement_space)
+            self._given.x.array[:] = given_displacement.x.array / self.scales.length
+
+    @property
+    def has_attached(self) -> bool:
+        """True if the present state is not the given one, and something is given on the current body of that."""
+        return self._given is not None
+
+    def scene(self, direction: Direction, known: Function | None = None, quadrature: int | None = None) -> Scene:
+        """Return the scene in one direction; it is evaluated at the coordinates of the mesh at that time.
+
+        Args:
+            known: as for `Scene`.
+            quadrature: quadrature degree, by default the degree of the job.
+        """
+        is_kept = known is None and quadrature is None
+        key = direction, self._given is not None
+        if is_kept and key in self._scenes:
+            return self._scenes[key]
+        known = self._given if known is None else known
+        kinematics, degree = KINEMATICS[direction], quadrature or self.quadrature_degree
+        with self.timings("compile"):
+            scene = Scene(self.job, self.fields, self.unknowns, kinematics, degree, self.scales, known)
+        if is_kept:
+            self._scenes[key] = scene
+        return scene
+
+    def largest_displacement(self) -> float:
+        """Return the largest displacement of the present state at any degree of freedom, in m; collective."""
+        u = self.unknowns.displacement().x.array.reshape(-1, 3)
+        largest = float((u**2).sum(axis=1).max(initial=0.0)) ** 0.5 * self.scales.length
+        return float(self.body.mesh.comm.allreduce(largest, op=MPI.MAX))
+
+    def _scales(self) -> Scales:
+        return Scales(self.body.length_scale, power_of_two(shear_modulus(self.job, self.fields)))
+
+
+def _quadrature(job: Job, kind: str) -> int:
+    """Return the quadrature degree of a job on cells of one kind.
+
+    Raises:
+        JobError: it leaves motions of the cells without energy.
+    """
+    given, displacement = job.discretisation.quadrature, job.discretisation.displacement
+    least = default_quadrature(kind, displacement)
+    if given is not None and given < least:
+        cells = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}[kind]
+        raise JobError(
+            f"{job.path or UNNAMED}: discretisation.quadrature: must be at least {least} on {cells} with displacements"
+            f" of degree {displacement}, not {given}: with fewer points, cells have spurious motions without energy,"
+            " which make the tangent singular or nearly so; raise it, or leave it out"
+        )
+    return given or least
+
+
+def default_quadrature(kind: str, displacement: int) -> int:
+    """Return the least degree that leaves no motion of a cell without energy, and keeps the order of convergence.
+
+    It is ``2k - 2`` on simplices, and ``k + 1`` Gauss points in each direction on hexahedra.
+
+    Source: Ciarlet, *The Finite Element Method for Elliptic Problems*, 2002, ch. 4, doi:10.1137/1.9780898719208.
+    """
+    return 2 * displacement if kind == "hexahedron" else max(2 * displacement - 2, 1)

@@ -1,0 +1,100 @@
+"""The one flow of solves: the steps of a plan in order, each on the body and from the state that earlier ones found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+
+from hpcinv.job.job import PlannedSolve
+from hpcinv.methods import solve_direction
+from hpcinv.methods.method import UNLOADED, Start
+from hpcinv.methods.nested_iteration import CoarseSolve, solve_nested
+from hpcinv.results.solution import Solution, solution_of
+from hpcinv.solver.equations import Equations
+from hpcinv.solver.observer import SILENT, Observer, SolvedDirection
+
+type Solver = Callable[[int, PlannedSolve, Equations, Start, StepObserver], tuple[SolvedDirection, CoarseSolve | None]]
+
+
+class StepObserver(Observer):
+    """Observer of the steps of a plan, and of their solves, which it forwards.
+
+    Args:
+        solves: observer of the solves.
+    """
+
+    def __init__(self, solves: Observer = SILENT) -> None:
+        self.solves = solves
+
+    def start(self, number: int, equations: Equations) -> Start:
+        """Return the start of a step, which begins now; the equations are unloaded; collective."""
+        return UNLOADED
+
+    def solving(self) -> AbstractContextManager[None]:
+        """Return the context of the solve of a step and its evaluation."""
+        return nullcontext()
+
+    def note(self, text: str) -> None:
+        """Called with lines of text on a solve on coarser cells."""
+
+    def check(self, earlier: Sequence[Solution], solved: SolvedDirection, step: PlannedSolve) -> None:
+        """Called after the solve of a step, before its solution is evaluated; may raise an error on all ranks."""
+
+
+def carry_out(
+    plan: Sequence[PlannedSolve],
+    equations: Sequence[Equations],
+    observer: StepObserver,
+    known: Sequence[Solution] = (),
+    solve: Solver | None = None,
+) -> Iterator[Solution]:
+    """Yield the solutions of a plan in order; collective.
+
+    Args:
+        equations: of each step; those of several steps may be the same.
+        known: solutions of the first steps, which are yielded without a solve.
+        solve: solver of a step, by default `solve_step`.
+    """
+    solutions: list[Solution] = []
+    for number, step in enumerate(plan):
+        if number < len(known):
+            solutions.append(known[number])
+        else:
+            solutions.append(_solution(number, step, equations[number], solutions, observer, solve or solve_step))
+        yield solutions[-1]
+
+
+def _solution(
+    number: int,
+    step: PlannedSolve,
+    equations: Equations,
+    earlier: Sequence[Solution],
+    observer: StepObserver,
+    solve: Solver,
+) -> Solution:
+    """Solve one step, on the body and from the state that earlier ones found."""
+    nodes, given = None, None
+    if step.mesh is not None:
+        body = earlier[step.mesh]
+        nodes, given = body.other_nodes, body.displacement if step.job.state else None
+    equations.put(equations.unloaded(step.job, nodes, given))
+    start = observer.start(number, equations)
+    if step.start is not None:
+        start = replace(start, origin=earlier[step.start].fields)
+    with observer.solving():
+        solved, coarse = solve(number, step, equations, start, observer)
+        observer.check(earlier, solved, step)
+        scene = equations.scene(step.direction)
+        solution = solution_of(equations, step.direction, scene, solved.solves, solved.load, solved.linear)
+    before = "" if step.start is None else earlier[step.start].state
+    return replace(solution, start=before, coarse=coarse)
+
+
+def solve_step(
+    number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver
+) -> tuple[SolvedDirection, CoarseSolve | None]:
+    """Solve a step from its start; the first one from the solution on coarser cells where that saves time."""
+    if number == 0 and start.is_unloaded:
+        return solve_nested(equations, step.direction, observer.solves, observer.note)
+    return solve_direction(equations, step.direction, start, observer.solves), None

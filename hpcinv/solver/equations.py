@@ -1,0 +1,157 @@
+"""The equations of a job on one body, with their solvers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+
+from petsc4py import PETSc
+
+from hpcinv.assembly.system import System
+from hpcinv.errors import MeshError
+from hpcinv.job.job import UNNAMED, Job
+from hpcinv.mesh import Body
+from hpcinv.model.discretisation import Discretisation
+from hpcinv.model.scene import Scene
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.arc_length import ArcLengthSteps
+from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.hinge_checks import check_hinges
+from hpcinv.solver.linear.selection import Chooser
+from hpcinv.solver.linear_solver import LinearSolver
+from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps
+from hpcinv.solver.observer import SILENT, Observer
+from hpcinv.solver.predictor import Predictor
+from hpcinv.solver.support_checks import check_agreement, check_held, check_not_enclosed
+
+
+class Equations(Discretisation):
+    """Equations of a reuse group of jobs on one body, and their solvers.
+
+    A solver is made once for each scene and used again, with the pattern of its matrix and its symbolic factorization.
+
+    Args:
+        like: equations of another state of the body, whose spaces are used.
+    """
+
+    def __init__(self, job: Job, body: Body, timings: Timings, like: Equations | None = None) -> None:
+        super().__init__(job, body, timings, like)
+        self._like = like
+        self._idle: dict[int, Equilibrium] = {}  # by the scene
+        self._are_supports_checked = False
+
+    def _update_parameters(self, job: Job) -> None:
+        super()._update_parameters(job)
+        with self.timings("set-up"), self._naming_job():
+            check_agreement(job, self.body, self.supports)
+        self._are_supports_checked &= not self._has_springs
+
+    def check_supports(self, system: System | None = None) -> None:
+        """Check that supports agree, hold the body and all its parts, and leave it its volume; collective.
+
+        Args:
+            system: equations of a scene, without which it is left open whether springs hold the body.
+
+        Raises:
+            MeshError: on all ranks, if they do not.
+        """
+        with self.timings("set-up"), self._naming_job():
+            check_agreement(self.job, self.body, self.supports)
+            if system is not None or not self._has_springs:
+                springs = system if self._has_springs else None
+                check_held(self.body, self.supports, springs)
+                check_hinges(self.body, self.supports, self.unknowns.displacement_space, springs)
+            check_not_enclosed(self.job, self.body)
+        self._are_supports_checked = system is not None or not self._has_springs
+
+    @contextmanager
+    def _naming_job(self) -> Iterator[None]:
+        """Add the file of the job, and its state if there are several, to a ``MeshError`` about supports."""
+        file = "" if self.job.path is None else f"{self.job.path}: "
+        state = f"in state '{self.job.state}': " if self.job.state else ""
+        try:
+            yield
+        except MeshError as error:
+            raise MeshError(f"{file}{state}{error.message}", error.advice) from None
+
+    @property
+    def _has_springs(self) -> bool:
+        return any(effect.holds for effect in self.job.effects)
+
+    @cached_property
+    def chooser(self) -> Chooser:
+        """The rule by which the linear solver is chosen; collective at the first access."""
+        if self._like is not None:
+            return self._like.chooser
+        return Chooser(self.unknowns, self.job.discretisation.displacement)
+
+    def equilibrium(self, scene: Scene, observer: Observer = SILENT) -> Equilibrium:
+        """Return the equations of a scene with the solver of the job."""
+        equilibrium = self._idle.pop(id(scene), None)
+        if equilibrium is None:
+            solver = self.job.solver
+            like = next((idle.system for idle in self._idle.values()), None)
+            system = System(scene, self.supports, self.timings, like)
+            linear = LinearSolver(
+                system, solver.petsc, self.chooser.choose(solver), f"{self.job.path or UNNAMED}: solver.petsc"
+            )
+            equilibrium = Equilibrium(
+                system,
+                linear,
+                Predictor(system, linear),
+                limit=solver.maximum_iterations,
+                reuse=0.3 if solver.reuse_tangent else 0.0,
+            )
+        equilibrium.linear.options.restore()
+        scene.contacts.locate()
+        scene.passages.forget()
+        equilibrium.system.timings, equilibrium.observer = self.timings, observer
+        if not self._are_supports_checked:
+            try:
+                self.check_supports(equilibrium.system)
+            except MeshError:
+                equilibrium.destroy()
+                raise
+        return equilibrium
+
+    def release(self, equilibrium: Equilibrium) -> None:
+        """Keep a solver for the next use, or destroy it if its scene is not kept.
+
+        Factors stay, and so does multigrid where it takes a small part of the memory; see `free_multigrid`.
+        """
+        scene = equilibrium.system.scene
+        if any(scene is kept for kept in self._scenes.values()) and id(scene) not in self._idle:
+            equilibrium.system.end_path()
+            equilibrium.linear.release_preconditioner()
+            self._idle[id(scene)] = equilibrium
+            if not self.chooser.can_keep_multigrid:
+                self.free_multigrid()
+        else:
+            equilibrium.destroy()
+
+    def symmetric_factors(self) -> list[PETSc.PC]:
+        """Return the factors L D Lᵀ of solvers that are not in use, with their inertia."""
+        factors = (equilibrium.linear.symmetric_factors for equilibrium in self._idle.values())
+        return [pc for pc in factors if pc is not None]
+
+    def free_multigrid(self) -> None:
+        """Free the memory of the multigrid hierarchies of solvers that are not in use."""
+        for equilibrium in self._idle.values():
+            equilibrium.linear.free_preconditioner()
+
+    def destroy(self) -> None:
+        for equilibrium in self._idle.values():
+            equilibrium.destroy()
+        self._idle.clear()
+
+    @property
+    def steps(self) -> Steps:
+        """The steps of the job's strategy."""
+        solver, cases = self.job.solver, self.job.case_count
+        if solver.strategy == "fixed":
+            return FixedSteps(solver.steps, solver.tolerance, cases=cases)
+        first, least = solver.initial_step, solver.minimum_step
+        if solver.strategy == "arc-length":
+            return ArcLengthSteps(first, least, solver.limit_points, solver.maximum_steps, cases=cases)
+        return AdaptiveSteps(first, least, cases=cases)
