@@ -12,7 +12,7 @@ from hpcinv.errors import Interrupted
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.sections import CUT
-from hpcinv.job.states import State
+from hpcinv.job.states import StateSpec
 from hpcinv.mesh import Body
 from hpcinv.output.progress import Progress
 from hpcinv.parallel.runtime import MPI
@@ -86,7 +86,7 @@ def is_cut_held_or_loaded(job: Job, body: Body) -> bool:
     """Return whether something acts on some facet where the image ends, or it ends nowhere in the body; collective."""
     if CUT not in body.regions:
         return True
-    holders: list[Job | State] = [job, *job.states]
+    holders: list[Job | StateSpec] = [job, *job.states]
     names = {support.region for holder in holders for support in holder.supports or ()}
     names |= {name for holder in holders for effect in holder.effects for name in effect.surfaces}
     cut = body.facets(CUT)

@@ -36,7 +36,7 @@ from petsc4py import PETSc
 from hpcinv.certificate.inertia import inertia
 from hpcinv.job.sections import AXES
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
-from hpcinv.model.discretisation import default_quadrature
+from hpcinv.model.discrete_model import default_quadrature
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.quantity.spatial_fields import ByFormula, entries
 

@@ -44,14 +44,15 @@ from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.location import locate, position
 from hpcinv.mesh.refine.finer_geometry import on_mesh
-from hpcinv.methods import DirectMethod
+from hpcinv.methods import solve_direction
+from hpcinv.methods.method import UNLOADED
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.quantities_of_interest import Value, carried, evaluate
 from hpcinv.results.solution import solution_of
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
+from hpcinv.solver.observer import SILENT, IterationObserver, Observer, stop_if_asked
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
@@ -203,12 +204,9 @@ def estimate(
 
 def _solve(finer: Equations, direction: Direction, observer: Observer) -> bool:
     """Solve the finer problem from the unloaded body; return whether the state is its solution."""
-    finer.unload()
-    method = DirectMethod(finer, direction, observer)
-    for _ in method.solves():
-        pass
-    method.equilibrium.destroy()
-    return method.reached == 1.0
+    solved = solve_direction(finer, direction, UNLOADED, IterationObserver(observer))
+    finer.destroy()
+    return solved.load == 1.0
 
 
 def _moved(

@@ -26,12 +26,13 @@ from dolfinx import la
 from hpcinv.assembly.system import System
 from hpcinv.certificate.check import Line, Verdict, at_most, skipped
 from hpcinv.certificate.inertia import SymmetricFactors
+from hpcinv.methods import solve_direction
+from hpcinv.methods.method import UNLOADED
 from hpcinv.methods.updates import Anderson
 from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.displacement_scale import displacement_scale
-from hpcinv.solver.load_stepping import follow
-from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
+from hpcinv.solver.observer import SILENT, IterationObserver, Observer, stop_if_asked
 
 if TYPE_CHECKING:
     from hpcinv.certificate.forward_factors import ForwardFactors
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     from hpcinv.effects import Direction
     from hpcinv.results.solution import Solution
     from hpcinv.solver.equations import Equations
-    from hpcinv.solver.newton import Solve
 
 type Floats = npt.NDArray[np.float64]
 
@@ -120,12 +120,11 @@ def solved_back(equations: Equations, solution: Solution, forward: ForwardFactor
 def _along_the_path(equations: Equations, solution: Solution, observer: Observer) -> Line:
     """Return the line of a way back that begins with the unloaded body."""
     equations.put(equations.unloaded(solution.job, solution.other_nodes, solution.given_displacement))
-    equilibrium = equations.equilibrium(equations.scene(way_back(solution)), observer)
-    last: Solve = list(follow(equilibrium, equations.steps, solution.job.solver.tolerance))[-1]
-    equations.release(equilibrium)
-    if last.outcome.accepted and last.load == 1.0:
+    solved = solve_direction(equations, way_back(solution), UNLOADED, IterationObserver(observer))
+    if solved.load == 1.0:
         return _closed(equations, solution)
-    note = f"the solve back from the unloaded body stopped at load factor {last.load:.4g}: {last.outcome.text}"
+    reason = solved.solves[-1].outcome.text if solved.solves else "it was stopped"
+    note = f"the solve back from the unloaded body stopped at load factor {solved.load:.4g}: {reason}"
     return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
 
 

@@ -13,7 +13,7 @@ from hpcinv.errors import OutputError
 from hpcinv.job.identification import Observation
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter
-from hpcinv.job.states import State
+from hpcinv.job.states import StateSpec
 
 _OF_STATE = re.compile(r"states\[(\d+)\](.*)")
 
@@ -100,11 +100,11 @@ def shares_of(job: Job, teams: int) -> list[Share]:
     return [Share(job, tuple(sorted([*common, *part]))) for part in found]
 
 
-def _is_common(state: State) -> bool:
+def _is_common(state: StateSpec) -> bool:
     return state.given or state.is_rest
 
 
-def _chains(states: Sequence[State]) -> list[list[int]]:
+def _chains(states: Sequence[StateSpec]) -> list[list[int]]:
     """Return the numbers of the further states, those together that begin at one another."""
     names = {state.name: i for i, state in enumerate(states)}
 

@@ -34,7 +34,7 @@ from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest,
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
-from hpcinv.job.states import State, faults_of_states, given_on_current, in_order, rest_of
+from hpcinv.job.states import StateSpec, faults_of_states, given_on_current, in_order, rest_of
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import Material, MaterialLaw
 from hpcinv.materials.formula_law.invariants import fault_of_name
@@ -116,7 +116,7 @@ class Job(Spec):
     """the material law and its parameters, or one for each region of cells: {core: {law: …}, skin: {law: …}}"""
     load_cases: ListOf[Name] = ()
     """names of successive load cases; by default there is one"""
-    states: ListOf[State] = ()
+    states: ListOf[StateSpec] = ()
     """states of one body, in place of 'analysis' and 'effects': the given one, the rest shape, and others"""
     effects: ListOf[AnyEffect] = ()
     """loads and inelastic strains of the body"""
@@ -434,7 +434,7 @@ class Job(Spec):
 
     @field_validator("states")
     @classmethod
-    def _check_states(cls, states: tuple[State, ...], info: ValidationInfo) -> tuple[State, ...]:
+    def _check_states(cls, states: tuple[StateSpec, ...], info: ValidationInfo) -> tuple[StateSpec, ...]:
         if not states:
             return states
         raise_if_any(faults_of_states(states))
@@ -698,13 +698,13 @@ def _check_differentiable(data: Mapping[str, Any], verb: str) -> None:
         )
 
 
-def _have_derivatives(effects: Iterable[Effect], states: Iterable[State]) -> bool:
+def _have_derivatives(effects: Iterable[Effect], states: Iterable[StateSpec]) -> bool:
     """Return whether solutions have derivatives."""
     everywhere = [*effects, *(effect for state in states for effect in state.effects)]
     return not any("multiplier" in effect.functions(1) for effect in everywhere)
 
 
-def _places_of(number: int, state: State) -> dict[str, str]:
+def _places_of(number: int, state: StateSpec) -> dict[str, str]:
     """Places of a state's sections in the job, by their names."""
     own = ["effects"] if state.supports is None else ["effects", "supports"]
     return {section: f"states[{number}].{section}" for section in own}

@@ -16,7 +16,7 @@ REST = "rest"
 """Name of the rest shape where no state is it."""
 
 
-class State(Spec):
+class StateSpec(Spec):
     """A state of the body. Without effects and supports it is the rest shape, which is free of stress."""
 
     name: Name
@@ -42,7 +42,7 @@ class State(Spec):
             yield ("start",), "is not valid for the given state, from which the rest shape is found"
 
 
-def faults_of_states(states: Sequence[State]) -> Faults:
+def faults_of_states(states: Sequence[StateSpec]) -> Faults:
     """Faults of the list of states, with their places in it."""
     names = [state.name for state in states]
     for i in repeated(names):
@@ -70,7 +70,7 @@ def faults_of_states(states: Sequence[State]) -> Faults:
         yield (names.index(cycle[0]), "start"), f"leads back to the state itself: {' -> '.join(cycle)}"
 
 
-def in_order(states: Sequence[State]) -> list[int]:
+def in_order(states: Sequence[StateSpec]) -> list[int]:
     """Indices of the loaded states in the order in which they are solved: the given one, then each after its start."""
     loaded = [i for i, state in enumerate(states) if not state.is_rest]
     number = {states[i].name: i for i in loaded}
@@ -82,7 +82,7 @@ def in_order(states: Sequence[State]) -> list[int]:
     return found
 
 
-def rest_of(states: Sequence[State]) -> str:
+def rest_of(states: Sequence[StateSpec]) -> str:
     """Name of the rest shape."""
     return next((state.name for state in states if state.is_rest), REST)
 

@@ -30,8 +30,8 @@ from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.cost_model import COARSER
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.load_stepping import AdaptiveSteps
-from hpcinv.solver.newton import NewtonIteration, Solve
-from hpcinv.solver.observer import Observer, SolvedDirection
+from hpcinv.solver.newton import Solve
+from hpcinv.solver.observer import IterationObserver, Observer, SolvedDirection
 from hpcinv.solver.workspace import collect_garbage
 
 _MOST_CELLS = 0.5  # share of the cells above which the coarser mesh is not worth a solve
@@ -142,7 +142,7 @@ def _coarse_solution(
         coarse = Equations(_on_coarser_cells(job), body, timings)
         found = CoarseSolve(sum(body.partition.cells), coarse.unknowns.size)
         note(f"on cells {COARSER:g} times as large, {found.cells} cells, {found.unknowns} unknowns:")
-        method = DirectMethod(coarse, direction, _Forwarding(observer))
+        method = DirectMethod(coarse, direction, IterationObserver(observer))
     except MeshError as error:  # such a mesh may lack regions, or be inverted at a curved surface
         return None, replace(found, unused=error.message)
     try:
@@ -172,19 +172,6 @@ def _on_coarser_cells(job: Job) -> Job:
     """Return the job with a solver that ends soon: the error of coarser cells is larger than its tolerance."""
     tolerance = max(job.solver.tolerance, AdaptiveSteps.path_tolerance)
     return job.model_copy(update={"solver": job.solver.model_copy(update={"tolerance": tolerance, "rescue": ()})})
-
-
-class _Forwarding(Observer):
-    """Observer that forwards iterations and requests to stop: nothing else of a coarse solve concerns the others."""
-
-    def __init__(self, observer: Observer) -> None:
-        self._observer = observer
-
-    def iteration(self, iteration: NewtonIteration) -> None:
-        self._observer.iteration(iteration)
-
-    def stop_asked(self) -> bool:
-        return self._observer.stop_asked()
 
 
 def _limited(solves: Iterator[Solve]) -> Iterator[Solve]:

@@ -14,7 +14,8 @@ from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, SolvedDirection
 
-type Solver = Callable[[int, PlannedSolve, Equations, Start, StepObserver], tuple[SolvedDirection, CoarseSolve | None]]
+type _Solved = tuple[SolvedDirection, CoarseSolve | None]
+type StepSolver = Callable[[int, PlannedSolve, Equations, Start, StepObserver], _Solved]
 
 
 class StepObserver(Observer):
@@ -47,7 +48,7 @@ def carry_out(
     equations: Sequence[Equations],
     observer: StepObserver,
     known: Sequence[Solution] = (),
-    solve: Solver | None = None,
+    solve: StepSolver | None = None,
 ) -> Iterator[Solution]:
     """Yield the solutions of a plan in order; collective.
 
@@ -71,7 +72,7 @@ def _solution(
     equations: Equations,
     earlier: Sequence[Solution],
     observer: StepObserver,
-    solve: Solver,
+    solve: StepSolver,
 ) -> Solution:
     """Solve one step, on the body and from the state that earlier ones found."""
     nodes, given = None, None
@@ -91,9 +92,7 @@ def _solution(
     return replace(solution, start=before, coarse=coarse)
 
 
-def solve_step(
-    number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver
-) -> tuple[SolvedDirection, CoarseSolve | None]:
+def solve_step(number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver) -> _Solved:
     """Solve a step from its start; the first one from the solution on coarser cells where that saves time."""
     if number == 0 and start.is_unloaded:
         return solve_nested(equations, step.direction, observer.solves, observer.note)

@@ -12,7 +12,7 @@ from hpcinv.assembly.system import System
 from hpcinv.errors import MeshError
 from hpcinv.job.job import UNNAMED, Job
 from hpcinv.mesh import Body
-from hpcinv.model.discretisation import Discretisation
+from hpcinv.model.discrete_model import DiscreteModel
 from hpcinv.model.scene import Scene
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.arc_length import ArcLengthSteps
@@ -26,7 +26,7 @@ from hpcinv.solver.predictor import Predictor
 from hpcinv.solver.support_checks import check_agreement, check_held, check_not_enclosed
 
 
-class Equations(Discretisation):
+class Equations(DiscreteModel):
     """Equations of a reuse group of jobs on one body, and their solvers.
 
     A solver is made once for each scene and used again, with the pattern of its matrix and its symbolic factorization.

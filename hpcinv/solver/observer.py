@@ -125,6 +125,19 @@ class StopSignal(Observer):
         return self.asked()
 
 
+class IterationObserver(Observer):
+    """Observer that forwards iterations and requests to stop alone, of a solve that is not a step of the run."""
+
+    def __init__(self, observer: Observer) -> None:
+        self._observer = observer
+
+    def iteration(self, iteration: NewtonIteration) -> None:
+        self._observer.iteration(iteration)
+
+    def stop_asked(self) -> bool:
+        return self._observer.stop_asked()
+
+
 class Observers(Observer):
     """Several observers, called one after the other."""
 

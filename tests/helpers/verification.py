@@ -13,13 +13,15 @@ from dolfinx import fem
 from helpers.command_line import NO_CERTIFICATE
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import Body, build_body
+from hpcinv.methods import solve_direction
+from hpcinv.methods.method import UNLOADED
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.load_stepping import follow
 from hpcinv.solver.newton import Solve
+from hpcinv.solver.observer import SILENT
 
 HERE = Path(__file__).parents[1] / "job.yaml"  # files of jobs are as if it lay there
 BOX = "../meshes/box.py"
@@ -54,17 +56,14 @@ class Solved:
 
     def _solve(self, direction_index: int) -> list[Solve]:
         self.scene: Scene = self.model.scene(self.job.directions[direction_index])
-        equilibrium = self.model.equilibrium(self.scene)
-        solves = list(follow(equilibrium, self.model.steps, self.job.solver.tolerance))
-        equilibrium.destroy()
+        solves = solve_direction(self.model, self.job.directions[direction_index], UNLOADED, SILENT).solves
         assert solves[-1].outcome.accepted, solves[-1].outcome
-        return solves
+        return list(solves)
 
     def again(self) -> np.ndarray:
         """Displacement (scaled) at the nodes after the second direction, solved on the body that the first found."""
         u = self.model.unknowns.at_nodes(self.model.unknowns.displacement())
         self.body.mesh.geometry.x[:] += self.kinematics.sign * u
-        self.model.unload()
         self._solve(1)
         return self.model.unknowns.at_nodes(self.model.unknowns.displacement())
 

@@ -12,7 +12,7 @@ from hpcinv import load, run
 from hpcinv.errors import JobError
 from hpcinv.mesh.cells import quadrature as rule
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.model.discretisation import default_quadrature
+from hpcinv.model.discrete_model import default_quadrature
 from hpcinv.parallel.runtime import MPI
 
 CELLS = ("tetrahedron", "hexahedron")

@@ -25,7 +25,7 @@ from hpcinv.quantity.nondimensional import Scales, power_of_two
 KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinematics)}
 
 
-class Discretisation:
+class DiscreteModel:
     """Spaces, supports, scales and scenes of a reuse group of jobs (`reuse_group_of`) on one body.
 
     They are made once, with their compiled kernels. `put` is the only writer of the mesh's coordinates, the unknowns,
@@ -42,7 +42,7 @@ class Discretisation:
         MeshError: on all ranks, if the mesh lacks what the job names, or a field is not admissible on it.
     """
 
-    def __init__(self, job: Job, body: Body, timings: Timings, like: Discretisation | None = None) -> None:
+    def __init__(self, job: Job, body: Body, timings: Timings, like: DiscreteModel | None = None) -> None:
         self.job, self.body, self.timings = job, body, timings
         self._scenes: dict[tuple[Direction, bool], Scene] = {}
         self._given: Function | None = None  # displacement of the given state, if something is given there (scaled)
