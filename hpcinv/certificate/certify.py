@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
-from typing import TYPE_CHECKING
 
 from hpcinv.certificate.check import Certificate, Line, Verdict, at_most, skipped
 from hpcinv.certificate.contact import contacts, penalties
@@ -22,12 +21,10 @@ from hpcinv.certificate.two_level import MANY
 from hpcinv.certificate.volume import volume
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.displacement_scale import displacement_scale
+from hpcinv.results.quantities_of_interest import Value
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
-
-if TYPE_CHECKING:
-    from hpcinv.results.quantities_of_interest import Value
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.equations import Equations
 
 UNRELIABLE = 10.0
 """Ratio of the error to an estimate that is not reliable, up to which its line is decided; larger decides fewer."""

@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
 import ufl
@@ -34,17 +34,15 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.certificate.inertia import inertia
+from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
 from hpcinv.model.discrete_model import default_quadrature
+from hpcinv.model.scene import Part, Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.quantity.spatial_fields import ByFormula, entries
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
-    from hpcinv.model.scene import Part, Scene
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.equations import Equations
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 
 MARGIN = 0.01
 """Share of the linear elastic energy of a direction that is added before it counts as unstable."""

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import inf, log
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hpcinv.assembly.system import System
 from hpcinv.certificate.check import Line, Verdict, at_most
+from hpcinv.certificate.forward_factors import ForwardFactors
+from hpcinv.certificate.inertia import SymmetricFactors
+from hpcinv.certificate.multigrid_solver import MultigridSolver
 from hpcinv.methods.updates import Anderson
+from hpcinv.model.contacts import ContactReport, PenaltyDirection
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.displacement_scale import displacement_scale
-
-if TYPE_CHECKING:
-    from hpcinv.assembly.system import System
-    from hpcinv.certificate.forward_factors import ForwardFactors
-    from hpcinv.certificate.inertia import SymmetricFactors
-    from hpcinv.certificate.multigrid_solver import MultigridSolver
-    from hpcinv.model.contacts import ContactReport, PenaltyDirection
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.equations import Equations
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 
 _RIGID = 16.0  # tolerated penetrations
 _GIVEN = 1e-2  # of the body's length

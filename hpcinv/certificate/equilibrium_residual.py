@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hpcinv.certificate.check import Line, Verdict, at_most
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.displacement_scale import FLOOR, nominal_sizes
-
-if TYPE_CHECKING:
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.equations import Equations
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 
 NAME = "equilibrium residual, relative to the load"
 WARN = 1e-7

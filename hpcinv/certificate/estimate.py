@@ -29,7 +29,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -40,29 +40,25 @@ from hpcinv.certificate import two_level
 from hpcinv.certificate.extension import extend
 from hpcinv.certificate.singular_edges import singular_edges
 from hpcinv.certificate.singular_limit import SingularLimit, singular_limit
+from hpcinv.effects import Direction
+from hpcinv.job.job import Job
+from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.mesh import Body
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.location import locate, position
 from hpcinv.mesh.refine.finer_geometry import on_mesh
+from hpcinv.mesh.source import Floats
 from hpcinv.methods import solve_direction
 from hpcinv.methods.method import UNLOADED
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.quantities_of_interest import Value, carried, evaluate
-from hpcinv.results.solution import solution_of
+from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.linear.cost_model import Forecast
 from hpcinv.solver.observer import SILENT, IterationObserver, Observer, stop_if_asked
-
-if TYPE_CHECKING:
-    from hpcinv.effects import Direction
-    from hpcinv.job.job import Job
-    from hpcinv.job.sections import QuantityOfInterest
-    from hpcinv.mesh import Body
-    from hpcinv.mesh.source import Floats
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.linear.cost_model import Forecast
-
 
 LINEAR = 0.5
 """Correction of the shape, relative to the displacement, from which one Newton step does not suffice."""

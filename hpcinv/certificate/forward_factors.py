@@ -9,16 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 from hpcinv.certificate.confirmation import known_displacement
 from hpcinv.certificate.inertia import SymmetricFactors, factorize_symmetric
 from hpcinv.certificate.multigrid_solver import MultigridSolver
-
-if TYPE_CHECKING:
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.equations import Equations
-    from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
+from hpcinv.solver.equilibrium import Equilibrium
 
 SHARE = 0.5
 """Largest time of the factorization, relative to an iterative solve of the same body."""

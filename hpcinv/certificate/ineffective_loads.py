@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx import fem
 
 from hpcinv.certificate.check import Line, Verdict
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.equations import Equations
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 
 NAME = "loads on parts that are held altogether"
 

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 from hpcinv.certificate.check import Line, Verdict, skipped
 from hpcinv.methods.method import NESTED
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.equations import Equations
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 
 LIMIT_POINTS = "limit points of the path"
 

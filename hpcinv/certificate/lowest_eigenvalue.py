@@ -23,19 +23,17 @@ Sources: Parlett, *The Symmetric Eigenvalue Problem*, 1998, ch. 4 and 11, doi:10
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
+from hpcinv.certificate.multigrid_solver import MultigridSolver
+from hpcinv.model.supports import Supports
 from hpcinv.parallel.petsc_vectors import dot
+from hpcinv.parallel.timings import Timings
 from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
-
-if TYPE_CHECKING:
-    from hpcinv.certificate.multigrid_solver import MultigridSolver
-    from hpcinv.model.supports import Supports
-    from hpcinv.parallel.timings import Timings
 
 type Floats = npt.NDArray[np.float64]
 

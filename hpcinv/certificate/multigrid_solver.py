@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.certificate.inertia import asymmetry_of, symmetric_part
+from hpcinv.model.scene import Scene
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.petsc_options import SolverOptions
-
-if TYPE_CHECKING:
-    from hpcinv.model.scene import Scene
 
 
 class MultigridSolver:

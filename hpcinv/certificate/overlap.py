@@ -9,15 +9,11 @@ doi:10.1017/S030821050002014X.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from hpcinv.mesh import Body
 from hpcinv.mesh.overlap import Overlap, find_overlap
+from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import gather_surface
 from hpcinv.parallel.runtime import on_root
-
-if TYPE_CHECKING:
-    from hpcinv.mesh import Body
-    from hpcinv.mesh.source import Floats
 
 MOST_FACETS = 500_000  # that are gathered on one rank: about 2 GB
 

@@ -19,16 +19,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hpcinv.mesh import Body
 from hpcinv.mesh.cells import jacobians, quadrature, scalar_element
 from hpcinv.mesh.checks import CHUNK, det
-
-if TYPE_CHECKING:
-    from hpcinv.mesh import Body
-    from hpcinv.mesh.source import Floats
+from hpcinv.mesh.source import Floats
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -25,21 +24,19 @@ from dolfinx import la
 
 from hpcinv.assembly.system import System
 from hpcinv.certificate.check import Line, Verdict, at_most, skipped
+from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.inertia import SymmetricFactors
+from hpcinv.certificate.multigrid_solver import MultigridSolver
+from hpcinv.effects import Direction
 from hpcinv.methods import solve_direction
 from hpcinv.methods.method import UNLOADED
 from hpcinv.methods.updates import Anderson
 from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.displacement_scale import displacement_scale
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, IterationObserver, Observer, stop_if_asked
-
-if TYPE_CHECKING:
-    from hpcinv.certificate.forward_factors import ForwardFactors
-    from hpcinv.certificate.multigrid_solver import MultigridSolver
-    from hpcinv.effects import Direction
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.equations import Equations
 
 type Floats = npt.NDArray[np.float64]
 

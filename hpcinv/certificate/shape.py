@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from hpcinv.certificate.check import Line, Verdict, at_least, at_most, skipped
 from hpcinv.certificate.overlap import MOST_FACETS, overlap
 from hpcinv.certificate.quality import worst_cells
 from hpcinv.certificate.symmetry import symmetry_planes
 from hpcinv.mesh.regions import BOUNDARY
-
-if TYPE_CHECKING:
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.equations import Equations
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 
 OVERLAP = "boundary facets that cross each other"
 

@@ -10,22 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import dolfinx
 import numpy as np
 
 from hpcinv.certificate.wedge_exponents import SMOOTH, Hold, along_exponent, in_plane_exponent
+from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES
+from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.cells import FACET_KIND, kind_and_degree, sub_entities
+from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import unique_rows
 from hpcinv.parallel.runtime import on_root
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
-    from hpcinv.mesh import Body
-    from hpcinv.mesh.source import Floats, Ints
 
 CURVED = math.radians(60)  # rad: a re-entrant edge up to which facets may be those of a curved surface
 LEAST = math.radians(30)  # rad: below it they always are

@@ -16,21 +16,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from hpcinv.certificate.singular_edges import SingularEdges
 from hpcinv.certificate.wedge_exponents import SMOOTH
+from hpcinv.mesh.source import Floats
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from hpcinv.certificate.singular_edges import SingularEdges
-    from hpcinv.mesh.source import Floats
-    from hpcinv.solver.equations import Equations
+from hpcinv.solver.equations import Equations
 
 RAISED = 0.2
 """Presumed ratio of smooth errors of one degree more; a larger one refines more."""

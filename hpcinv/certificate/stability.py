@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from hpcinv.certificate.check import Line, Verdict, skipped
 from hpcinv.certificate.confirmation import MARGIN, Confirmed, assembled, confirm, known_displacement
+from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.lowest_eigenvalue import lowest_eigenvalue
 from hpcinv.certificate.multigrid_solver import MultigridSolver
 from hpcinv.certificate.symmetry import symmetry_planes
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, freeing
-
-if TYPE_CHECKING:
-    from hpcinv.certificate.forward_factors import ForwardFactors
-    from hpcinv.solver.equations import Equations
 
 STABILITY = "stability: unstable directions"
 _RULE = "no negative eigenvalue of the forward tangent; fail if some are confirmed as instabilities of the body"

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import dolfinx
 import numpy as np
 
-from hpcinv.job.sections import AXES
+from hpcinv.job.job import Job
+from hpcinv.job.sections import AXES, Axis
+from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
+from hpcinv.mesh.regions import LocalIndices
+from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
-    from hpcinv.job.sections import Axis
-    from hpcinv.mesh import Body
-    from hpcinv.mesh.regions import LocalIndices
-    from hpcinv.mesh.source import Floats
 
 _ROUND_OFF = 1e-9  # of the body's diagonal
 

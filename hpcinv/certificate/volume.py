@@ -14,7 +14,8 @@ Source: Hughes, *The Finite Element Method*, 1987, ch. 4 (locking, and pressures
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,14 +25,10 @@ from dolfinx import fem, la
 from hpcinv.certificate.check import Line, Verdict, at_least, at_most
 from hpcinv.mesh.cells import quadrature, scalar_element
 from hpcinv.model.quadrature_values import QuadratureValues
+from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from hpcinv.model.scene import Scene
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.equations import Equations
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
 
 type Floats = npt.NDArray[np.floating[Any]]
 
