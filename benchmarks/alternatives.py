@@ -21,13 +21,13 @@ import hpcinv.parallel.runtime  # its import order first
 import basix.ufl
 import numpy as np
 import ufl
+from bench_runs import WITHOUT_CERTIFICATE
 from dolfinx import fem
 from petsc4py import PETSc
 from scipy import sparse
 
 import hpcinv.assembly.tangent
 from hpcinv.assembly.tangent import CompiledTangent
-from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job, parse
 from hpcinv.model.spaces import Unknowns

@@ -1,4 +1,4 @@
-"""The sections of ``hpcinv bench`` on the paper's beam and on a block, and the phases of a whole run.
+"""The sections of ``benchmarks/machine.py`` on the paper's beam and on a block, and the phases of a whole run.
 
 Command: python benchmarks/beam_and_block.py linear|ranks|phases [--sizes N …] [--repeat 3]
 """
@@ -9,10 +9,10 @@ import argparse
 from collections.abc import Callable, Mapping
 from functools import partial
 
+from bench_runs import Bench, Findings, JobData, MeasuredRun, median
 from bodies import beam, block, measure, sagging_beam
+from machine import linear, ranks
 
-from hpcinv.cli.bench import linear, ranks
-from hpcinv.cli.bench_runs import Bench, Findings, JobData, MeasuredRun, median
 from hpcinv.parallel.timings import SOLVER, WORK
 
 SIZES = {"linear": [5_000, 15_000, 50_000], "ranks": [41_000, 250_000], "phases": [41_000]}

@@ -11,7 +11,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData
+from bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData
+
 from hpcinv.errors import HpcinvError
 
 MESHES = Path(__file__).resolve().parents[1] / "meshes"

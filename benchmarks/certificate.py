@@ -7,9 +7,8 @@ import argparse
 from functools import partial
 from typing import Any
 
+from bench_runs import Bench, Findings, JobData, MeasuredRun, median
 from bodies import beam, block, measure, sagging_beam, sphere
-
-from hpcinv.cli.bench_runs import Bench, Findings, JobData, MeasuredRun, median
 
 BODIES = {"beam": beam, "block": block, "sphere": sphere}
 CHECKS = {

@@ -14,9 +14,9 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
+from bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData, median
 from bodies import beam, block, measure
 
-from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData, median
 from hpcinv.parallel.timings import NESTED
 
 SOLVERS: Mapping[str, Mapping[str, Any]] = {

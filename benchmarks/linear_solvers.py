@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench_runs import WITHOUT_CERTIFICATE
 
 import hpcinv
-from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE
 from hpcinv.job.job import parse
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI

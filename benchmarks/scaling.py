@@ -33,9 +33,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData
 from bodies import block, measure
-
-from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData
 
 # isort: split
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)

@@ -29,6 +29,7 @@ import numpy.typing as npt
 import scipy.linalg
 import scipy.sparse
 import ufl
+from bench_runs import Findings
 from bodies import beam
 from bodies import block as block_of
 from dolfinx import fem
@@ -36,7 +37,6 @@ from dolfinx import fem
 import hpcinv
 from hpcinv.certificate import confirmation
 from hpcinv.certificate.inertia import inertia
-from hpcinv.cli.bench_runs import Findings
 from hpcinv.job.job import Job, load, parse
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI

@@ -1,4 +1,4 @@
-"""What a further state of a body costs beside its solve, on the bodies of ``hpcinv bench``.
+"""What a further state of a body costs beside its solve, on the bodies of ``benchmarks/machine.py``.
 
 Command: python benchmarks/states.py [--sizes N …] [--repeat 3]
 """
@@ -9,13 +9,12 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData, median
 from bodies import measure
-
-from hpcinv.cli.bench import bodies
-from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData, median
+from machine import bodies
 
 if TYPE_CHECKING:
-    from hpcinv.cli.bench import Bodies
+    from machine import Bodies
 
 _STATES = (1, 2, 5)
 

@@ -12,9 +12,8 @@ import argparse
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from bench_runs import Bench, Findings, JobData, MeasuredRun, median
 from bodies import beam, measure, sagging_beam
-
-from hpcinv.cli.bench_runs import Bench, Findings, JobData, MeasuredRun, median
 
 NEWTON = 2.0**19 * 0.125**2  # N in one scaled unit of the residual: stress times length squared
 PAPER = {

@@ -1,4 +1,4 @@
-"""Command line: ``python -m hpcinv run | resume | study | sweep | mesh | bench | …``; ``--help`` lists them all."""
+"""Command line: ``python -m hpcinv run | resume | study | sweep | mesh | …``; ``--help`` lists them all."""
 
 from hpcinv.parallel.signals import end_if_noted, note_while_starting
 
@@ -18,7 +18,6 @@ from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
 from hpcinv.version import __version__
 
 with imports_at_start():
-    from hpcinv.cli.bench import add_bench
     from hpcinv.cli.compare import add_compare
     from hpcinv.cli.compile import add_compile
     from hpcinv.cli.explain import add_explain
@@ -108,7 +107,6 @@ def _parser() -> argparse.ArgumentParser:
         add_mesh,
         add_compare,
         add_compile,
-        add_bench,
     ):
         add(commands)
     return parser

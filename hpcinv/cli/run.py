@@ -1,6 +1,7 @@
 """Commands ``run`` and ``resume``; under mpirun for more than one rank."""
 
 import argparse
+import gc
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +14,6 @@ from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
 from hpcinv.job.settings import LEVELS
 from hpcinv.output.run_directory import RunDirectory, choose
-from hpcinv.parallel.garbage import imports_spared
 from hpcinv.parallel.signals import end_on_interrupt
 
 
@@ -135,9 +135,9 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
                     progress.warn("settings that differ from those of its job.yaml were not used; 'run' uses them")
                 return verdict.exit_code(strict=options.strict)
 
-            with imports_spared():
-                from hpcinv.driver import run
+            from hpcinv.driver import run
 
+            gc.freeze()  # imported modules are not searched for garbage again
             result = run(
                 job,
                 comm,

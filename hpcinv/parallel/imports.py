@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from hpcinv.errors import SystemPartMissing
-from hpcinv.parallel.garbage import imports_spared
 
 
 @contextmanager
@@ -32,7 +31,7 @@ def imports_explained() -> Iterator[None]:
 def imports_at_start() -> Iterator[None]:
     """Context of imports at the start of the program, in which a missing package ends it with one message."""
     try:
-        with imports_explained(), imports_spared():
+        with imports_explained():
             yield
     except SystemPartMissing as missing:
         if not is_other_rank():

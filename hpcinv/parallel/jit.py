@@ -37,7 +37,6 @@ from dolfinx import cpp, fem
 from dolfinx.jit import get_options
 
 from hpcinv.errors import OutputError
-from hpcinv.parallel.garbage import paused
 from hpcinv.parallel.kernel_compiler import DECLARATIONS, NotCompiled, compile_kernel, interface_code
 from hpcinv.parallel.kernel_files import (
     NotWritten,
@@ -224,10 +223,9 @@ def _compile_objects(
     """Compile a kernel unless another process has done so."""
 
     def code() -> str:
-        with paused():  # searches take an eighth of the time
-            (_, code), _suffixes = ffcx.compiler.compile_ufl_objects(
-                forms, namespace=name, options=options, visualise=visualise
-            )
+        (_, code), _suffixes = ffcx.compiler.compile_ufl_objects(
+            forms, namespace=name, options=options, visualise=visualise
+        )
         return str(code)
 
     return _publish(code, name, flags, Path(directory))

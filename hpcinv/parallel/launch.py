@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, NoReturn
 
 from hpcinv.errors import Interrupted
-from hpcinv.parallel.garbage import imports_spared
 from hpcinv.parallel.signals import STOPPED, StopRequest, end_on_interrupt, exit_code_of
 
 if TYPE_CHECKING:
@@ -52,8 +51,7 @@ def launched(ranks: int | None, *, stack: bool = True) -> Iterator[tuple[Intraco
         end_on_interrupt(lambda: abort(world, 130))
         end_if_asked()
         if stack:
-            with imports_spared():
-                import hpcinv.parallel.runtime  # noqa: F401
+            import hpcinv.parallel.runtime  # noqa: F401
         stop.install()
         stop.set_end_in_library(end_in_library)
         require_ranks(world, ranks)

@@ -1,4 +1,4 @@
-"""``hpcinv bench`` and the benchmarks: their arithmetic on runs whose figures are known, and the command itself."""
+"""The benchmarks: their arithmetic on runs whose figures are known, and one of them from the command line."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import ROOT, environment, hpcinv
+from bench_runs import MeasuredRun
+from helpers.command_line import ROOT, environment
+from machine import bodies, crossover, linear, ranks, setup
 
-from hpcinv.cli.bench import bodies, crossover, linear, ranks, setup
-from hpcinv.cli.bench_runs import MeasuredRun
 from hpcinv.errors import SolveError
 from hpcinv.job.job import parse
 
@@ -135,7 +135,7 @@ def test_ranks_that_do_not_find_each_other_are_named(tmp_path: Path) -> None:
 def test_from_the_command_line(tmp_path: Path) -> None:
     # Not under mpirun: it starts that itself.
     arguments = ["linear", "--sizes", "80", "--repeat", "1", "--out", "found.json"]
-    command = [sys.executable, "-m", "hpcinv", "bench", *arguments]
+    command = [sys.executable, str(ROOT / "benchmarks/machine.py"), *arguments]
     done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "found.json").read_text())["linear"]["series"]
@@ -144,13 +144,10 @@ def test_from_the_command_line(tmp_path: Path) -> None:
     assert found["cube"][0]["direct seconds"] > 0
     assert found["cube"][0]["iterative Krylov iterations"] >= found["cube"][0]["iterative Newton iterations"]
     assert done.stdout.startswith("linear: inverse, 1 rank, medians of 1\n")
-    command = [sys.executable, "-m", "hpcinv", "bench", "setup", "--ranks", "1", "--out", "/dev/full"]
+    command = [sys.executable, str(ROOT / "benchmarks/machine.py"), "setup", "--ranks", "1", "--out", "/dev/full"]
     full = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
     assert full.returncode == 2
     assert "/dev/full: cannot be written: No space left on device" in full.stderr
-    refused = hpcinv(2, "bench", "linear", cwd=tmp_path)
-    assert refused.returncode == 2
-    assert "bench starts the ranks itself" in refused.stderr
 
 
 def test_jobs_are_valid(tmp_path: Path, benchmark_script: Any) -> None:

@@ -1,4 +1,4 @@
-"""``hpcinv bench``: measure the set-up of a machine, linear solvers, and the gain of more ranks.
+"""Measure the set-up of a machine, linear solvers, and the gain of more ranks: ``python benchmarks/machine.py``.
 
 Two bodies of silicone are solved: a cube on its clamped bottom face, and a rod 20 times as long as wide, clamped at one
 end; both under their own weight, inverse, in the mixed form.
@@ -16,17 +16,16 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from hpcinv.cli.help import add_command
+import bench_runs
+from bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData, MeasuredRun, median
+
 from hpcinv.cli.options import positive
-from hpcinv.errors import OutputError, SolveError
+from hpcinv.errors import HpcinvError, SolveError
 from hpcinv.files.atomic import output_errors
 
-if TYPE_CHECKING:
-    from hpcinv.cli.bench_runs import Bench, Findings, JobData, MeasuredRun
-
-    type Bodies = Mapping[str, Callable[[int], JobData]]
+type Bodies = Mapping[str, Callable[[int], JobData]]
 
 SECTIONS = ("setup", "linear", "ranks")
 LINEAR_SOLVERS = ("direct", "iterative")
@@ -43,37 +42,26 @@ Physical Surface("clamp") = {{1}};
 """
 
 
-def add_bench(commands: Any) -> None:
-    bench = add_command(
-        commands,
-        "bench",
-        "Measure this machine: set-up, linear solvers, ranks (without mpirun).",
-        examples=("hpcinv bench\nhpcinv bench linear ranks --sizes 20000 --ranks 1 2 4 --out bench.json"),
-        page="performance/index.md",
-    )
-    bench.add_argument("sections", nargs="*", metavar="section", help=f"{', '.join(SECTIONS)} (default: all)")
-    bench.add_argument(
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sections", nargs="*", metavar="section", help=f"{', '.join(SECTIONS)} (default: all)")
+    parser.add_argument(
         "--sizes",
         type=positive,
         nargs="+",
         metavar="N",
         help="unknowns, about (linear: 5000 15000 50000; ranks: 40000)",
     )
-    bench.add_argument(
+    parser.add_argument(
         "--ranks", type=positive, nargs="+", metavar="N", help="ranks that are compared (1, 2, 4 … up to the cores)"
     )
-    bench.add_argument("--repeat", type=positive, default=3, metavar="N", help="rounds, for medians (3)")
-    bench.add_argument("--out", type=Path, metavar="FILE", help="write all figures as JSON")
-    bench.set_defaults(command=_bench)
-
-
-def _bench(options: argparse.Namespace) -> int:
+    parser.add_argument("--repeat", type=positive, default=3, metavar="N", help="rounds, for medians (3)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write all figures as JSON")
+    options = parser.parse_args()
     if unknown := [name for name in options.sections if name not in SECTIONS]:
-        raise OutputError(f"bench: unknown section '{unknown[0]}'", f"There are {', '.join(SECTIONS)}.")
+        parser.error(f"unknown section '{unknown[0]}': there are {', '.join(SECTIONS)}")
     if options.out is not None and not options.out.parent.is_dir():
-        raise OutputError(f"--out {options.out}: no such directory")
-    from hpcinv.cli.bench_runs import Bench
-
+        parser.error(f"--out {options.out}: no such directory")
     up_to_the_cores = [2**k for k in range(len(os.sched_getaffinity(0)).bit_length())]
     counts = sorted(set(options.ranks or up_to_the_cores))
     found: dict[str, Any] = {"machine": {"processor": platform.processor() or platform.machine()}}
@@ -131,14 +119,13 @@ def _body(bench: Bench, unknowns: int, width: float, slenderness: int, accelerat
 
 def setup(bench: Bench, counts: Sequence[int]) -> Findings:
     """Check that the launcher's ranks form one communicator; measure the time of imports and the memory bandwidth."""
-    from hpcinv.cli.bench_runs import Findings
 
     bench.note("set-up: warming up")
-    bench.output("hpcinv.cli.bench_runs")
+    bench.output(bench_runs.__file__)
     found = {}
     for count in counts:
         bench.note(f"set-up, on {count}")
-        text = bench.output("hpcinv.cli.bench_runs", ranks=count)
+        text = bench.output(bench_runs.__file__, ranks=count)
         try:
             found[count] = json.loads(text)
         except ValueError:  # every process prints
@@ -170,7 +157,6 @@ def setup(bench: Bench, counts: Sequence[int]) -> Findings:
 
 def linear(bench: Bench, measured: Bodies, sizes: Sequence[int], repeat: int) -> Findings:
     """Compare direct and iterative linear solver over size on one rank: seconds, memory, and the crossover."""
-    from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Findings
 
     rows: list[tuple[str, ...]] = []
     notes: list[str] = []
@@ -201,7 +187,6 @@ def linear(bench: Bench, measured: Bodies, sizes: Sequence[int], repeat: int) ->
 
 def _figures(runs: Mapping[str, Sequence[MeasuredRun]]) -> dict[str, float]:
     """Return medians over the runs of each linear solver that solved all of them."""
-    from hpcinv.cli.bench_runs import median
 
     found = dict[str, float]()
     for kind, of in runs.items():
@@ -250,7 +235,6 @@ def _cells(found: Mapping[str, float]) -> list[str]:
 
 def ranks(bench: Bench, measured: Bodies, sizes: Sequence[int], counts: Sequence[int], repeat: int) -> Findings:
     """Measure the speed-up of more ranks, with the linear solver that hpcinv selects."""
-    from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Findings, median
 
     bodies = {
         f"{name}, {size}": {**body(size), "certificate": WITHOUT_CERTIFICATE}
@@ -286,3 +270,11 @@ def ranks(bench: Bench, measured: Bodies, sizes: Sequence[int], counts: Sequence
         notes,
         {"repeat": repeat, "unknowns": {name: of[0].unknowns for name, of in runs.items()}, "seconds": seconds},
     )
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except HpcinvError as failure:
+        print(failure, file=sys.stderr)
+        sys.exit(2)

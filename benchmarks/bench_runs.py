@@ -1,6 +1,6 @@
 """Measured runs of jobs, each started from the command line, with times and memory.
 
-``mpirun -n 2 python -m hpcinv.cli.bench_runs`` prints the number of ranks, the seconds until they were ready, and the
+``mpirun -n 2 python benchmarks/bench_runs.py`` prints the number of ranks, the seconds until they were ready, and the
 bytes per second that all ranks together read and write.
 """
 
@@ -127,15 +127,17 @@ class Bench:
         file.write_text(yaml.safe_dump(dict(job), sort_keys=False), encoding="utf-8")
         self.output("hpcinv", "compile", file)
 
-    def output(self, module: str, *arguments: object, ranks: int = 1) -> str:
-        """Return the standard output of ``python -m module``; raises ``SolveError`` if it fails."""
-        done = self._start((module, *arguments), ranks)
+    def output(self, program: str, *arguments: object, ranks: int = 1) -> str:
+        """Return the standard output of a Python file, or of a module; raises ``SolveError`` if it fails."""
+        module = (program, *arguments)
+        done = self._start(module, ranks)
         if done.returncode:
-            raise SolveError(f"{' '.join(map(str, (module, *arguments)))}: {done.stderr[-1000:]}")
+            raise SolveError(f"{' '.join(map(str, module))}: {done.stderr[-1000:]}")
         return done.stdout
 
     def _start(self, arguments: Sequence[object], ranks: int) -> subprocess.CompletedProcess[str]:
-        command = [*self._launcher, "-n", str(ranks), sys.executable, "-m", *map(str, arguments)]
+        program = [] if str(arguments[0]).endswith(".py") else ["-m"]
+        command = [*self._launcher, "-n", str(ranks), sys.executable, *program, *map(str, arguments)]
         return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
