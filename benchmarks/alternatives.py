@@ -34,7 +34,7 @@ from hpcinv.model.spaces import Unknowns
 from hpcinv.output.result import Result
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.timings import SOLVER
-from hpcinv.solver.linear.direct import Direct
+from hpcinv.solver.linear.factorization import Direct
 
 JOB = Path(__file__).parents[1] / "jobs" / "thick-sphere.yaml"
 DIVISIONS = (4, 6, 8)

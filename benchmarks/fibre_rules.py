@@ -15,7 +15,7 @@ from hpcinv.parallel.runtime import MPI  # its import order first
 import hpcinv
 from hpcinv.job.job import parse
 from hpcinv.mesh import build_body
-from hpcinv.model.fibre_rules import rule_directions
+from hpcinv.model.fibre_directions import rule_directions
 
 HERE = Path(__file__)
 SIZES = ("8 mm", "6 mm", "4 mm")

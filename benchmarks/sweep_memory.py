@@ -19,8 +19,8 @@ import yaml
 
 from hpcinv.batch.worker import work
 from hpcinv.parallel.runtime import MPI
-from hpcinv.sweep.execution import sweep_batch
-from hpcinv.sweep.plan import load_sweep
+from hpcinv.sweep.sweep_batch import sweep_batch
+from hpcinv.sweep.sweep_plan import load_sweep
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

@@ -24,7 +24,7 @@ from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.workspace import Workspace
 from hpcinv.sweep.neighbours import Neighbour, Neighbours, ParameterSpace
-from hpcinv.sweep.plan import Case, load_sweep
+from hpcinv.sweep.sweep_plan import Case, load_sweep
 
 ROOT = Path(__file__).parents[1]
 COMM = MPI.COMM_WORLD

@@ -17,7 +17,8 @@ import hpcinv.parallel.runtime  # its import order first
 from bodies import beam, block, sphere
 
 import hpcinv
-from hpcinv.certificate import estimate, two_level
+from hpcinv.certificate import discretisation_error as estimate
+from hpcinv.certificate import two_level
 
 BODIES = {"beam": beam, "block": block, "sphere": sphere}
 

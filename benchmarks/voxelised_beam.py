@@ -28,7 +28,7 @@ import SimpleITK
 
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import read_source
-from hpcinv.mesh.export import save
+from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.readers import read_msh
 from hpcinv.mesh.surface import surface_of
 

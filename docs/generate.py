@@ -77,7 +77,7 @@ INTERFACE = {
     "hpcinv.job.job": ("Job",),
     "hpcinv.output.result": ("Result",),
     "hpcinv.results.solution": ("Solution",),
-    "hpcinv.sweep.interface": ("Table",),
+    "hpcinv.sweep.sweep_interface": ("Table",),
 }
 
 
@@ -467,7 +467,7 @@ def _api() -> Iterator[str]:
                 member = (
                     member
                     if isinstance(member, FunctionType)
-                    else importlib.import_module("hpcinv.sweep.interface").sweep
+                    else importlib.import_module("hpcinv.sweep.sweep_interface").sweep
                 )
                 yield from _signature(member, name)
                 yield from _docstring(member)

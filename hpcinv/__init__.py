@@ -10,7 +10,7 @@ from hpcinv.version import __version__
 if TYPE_CHECKING:
     from hpcinv.interface import run
     from hpcinv.job.job import Job, load
-    from hpcinv.sweep.interface import sweep
+    from hpcinv.sweep.sweep_interface import sweep
 
 __all__ = ["Job", "__version__", "load", "run", "sweep"]
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from hpcinv.accuracy.forecast import TARGET, RefinementChoice, RefinementForecast, cautious, choose
 from hpcinv.accuracy.marking import CellErrors, MarkingPlan, plan, remaining
 from hpcinv.accuracy.meshes import Meshes, Variant
+from hpcinv.accuracy.refinement_forecast import TARGET, RefinementChoice, RefinementForecast, cautious, choose
 from hpcinv.accuracy.trial import Trial
 from hpcinv.parallel.runtime import on_root
 

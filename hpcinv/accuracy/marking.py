@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.accuracy.forecast import Places
+from hpcinv.accuracy.refinement_forecast import Places
 from hpcinv.mesh.source import Floats, Ints
 
 # Factor on the number of added cells, for those that are bisected to keep the mesh conforming.

@@ -5,14 +5,14 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 
+from hpcinv.accuracy.accuracy_record import AccuracyRecord, AccuracyStep, Ending
 from hpcinv.accuracy.assessment import UNTESTED, Assessment, Finding, assess, distance, hindsight
 from hpcinv.accuracy.decision import decide
-from hpcinv.accuracy.forecast import HIGHEST_DEGREE, RefinementForecast, Step
 from hpcinv.accuracy.meshes import Meshes, Variant
 from hpcinv.accuracy.moving_regions import cut_regions, facet_shares, moved
-from hpcinv.accuracy.record import AccuracyRecord, AccuracyStep, Ending
+from hpcinv.accuracy.refinement_forecast import HIGHEST_DEGREE, RefinementForecast, Step
 from hpcinv.accuracy.trial import Trial, attempt
-from hpcinv.certificate.estimate import one_degree_more
+from hpcinv.certificate.discretisation_error import one_degree_more
 from hpcinv.certificate.singular_edges import singular_edges
 from hpcinv.errors import Interrupted, MeshError
 from hpcinv.job.job import Job

@@ -8,16 +8,16 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import create_submesh
 
-from hpcinv.accuracy.forecast import Step, Work
 from hpcinv.accuracy.meshes import Variant
-from hpcinv.certificate.estimate import Estimate, estimate
+from hpcinv.accuracy.refinement_forecast import Step, Work
+from hpcinv.certificate.discretisation_error import Estimate, estimate
 from hpcinv.errors import JobError
 from hpcinv.job.job import UNNAMED, Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Ints
 from hpcinv.methods.method import UNLOADED, Guess, Start
-from hpcinv.model.layers import layers_of_cells, layers_on
+from hpcinv.model.cell_layers import layers_of_cells, layers_on
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.spaces import Integers
 from hpcinv.parallel.runtime import MPI

@@ -22,8 +22,8 @@ from ffcx.codegeneration import get_signature
 from ufl.algorithms import extract_coefficients
 from ufl.algorithms.analysis import extract_constants
 
-from hpcinv.assembly import moduli as derivation
-from hpcinv.assembly.moduli import Slot, Term, moduli_of, volume_parts
+from hpcinv.assembly import tangent_moduli as derivation
+from hpcinv.assembly.tangent_moduli import Slot, Term, moduli_of, volume_parts
 from hpcinv.kinematics import staged_derivatives
 from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.source import Floats

@@ -20,8 +20,8 @@ from ufl.algorithms import expand_derivatives
 
 from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.element_matrices import Block, ElementMatrices
-from hpcinv.assembly.moduli import Term, UnsupportedForm
 from hpcinv.assembly.pattern import pattern_of
+from hpcinv.assembly.tangent_moduli import Term, UnsupportedForm
 from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Integers, Unknowns

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.assembly.compiled_moduli import CompiledModuli
-from hpcinv.assembly.moduli import Slot
+from hpcinv.assembly.tangent_moduli import Slot
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Integers, Unknowns
 

@@ -12,8 +12,8 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.assembly.admissibility import Admissibility
-from hpcinv.assembly.moduli import Term
 from hpcinv.assembly.tangent import Tangent, tangent_of
+from hpcinv.assembly.tangent_moduli import Term
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.scene import Scene
 from hpcinv.model.supports import Supports

@@ -18,7 +18,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.assembly.csr_tangent import FilledTangent
-from hpcinv.assembly.moduli import Term, UnsupportedForm
+from hpcinv.assembly.tangent_moduli import Term, UnsupportedForm
 from hpcinv.model.scene import Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
 

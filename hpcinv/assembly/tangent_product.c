@@ -2,7 +2,7 @@
    processor's vector instructions.
 
    Slots, and the numbers of points, unknowns and moduli, are constants that are defined before this text. Moduli are
-   ordered as the entries of slots (hpcinv/assembly/moduli.py), unknowns of a cell by part, component and node. */
+   ordered as the entries of slots (hpcinv/assembly/tangent_moduli.py), unknowns of a cell by part, component and node. */
 
 #include <stddef.h>
 #include <stdint.h>

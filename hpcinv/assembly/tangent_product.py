@@ -18,7 +18,7 @@ from dolfinx import la
 
 from hpcinv.assembly.compiled_moduli import CompiledModuli
 from hpcinv.assembly.element_matrices import directions_of, tabulated
-from hpcinv.assembly.moduli import Slot
+from hpcinv.assembly.tangent_moduli import Slot
 from hpcinv.mesh.cells import quadrature, scalar_element
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Integers, Unknowns

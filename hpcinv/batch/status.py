@@ -10,13 +10,13 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from hpcinv.batch.forecast import in_words, remaining_seconds
+from hpcinv.batch.time_forecast import in_words, remaining_seconds
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
+    from hpcinv.batch.ledger.case_record import CaseRecord
     from hpcinv.batch.ledger.ledger import Ledger
-    from hpcinv.batch.ledger.record import CaseRecord
 
 MOST_SHOWN = 5
 """lines of each kind"""

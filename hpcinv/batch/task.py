@@ -15,8 +15,8 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
-from hpcinv.batch.forecast import in_words
-from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.ledger.case_record import CaseRecord
+from hpcinv.batch.time_forecast import in_words
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm

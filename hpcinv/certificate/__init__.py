@@ -8,6 +8,6 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 from hpcinv.certificate.certify import certify
 from hpcinv.certificate.certify_all import certify_all
 from hpcinv.certificate.check import Certificate, Line, Verdict, at_least, at_most, skipped
-from hpcinv.certificate.estimate import Estimate
+from hpcinv.certificate.discretisation_error import Estimate
 
 __all__ = ["Certificate", "Estimate", "Line", "Verdict", "at_least", "at_most", "certify", "certify_all", "skipped"]

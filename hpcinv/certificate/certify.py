@@ -8,15 +8,15 @@ from dataclasses import replace
 from math import isfinite
 
 from hpcinv.certificate.check import Certificate, Line, Verdict, at_most, skipped
-from hpcinv.certificate.contact import contacts, penalties
+from hpcinv.certificate.contact_check import contacts, penalties
+from hpcinv.certificate.discretisation_error import LINEAR, Correction, Estimate, estimate, finer_forecast
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
-from hpcinv.certificate.estimate import LINEAR, Correction, Estimate, estimate, finer_forecast
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.ineffective_loads import ineffective_loads
-from hpcinv.certificate.limit_points import limit_points
+from hpcinv.certificate.limit_point_check import limit_points
 from hpcinv.certificate.round_trip import closure_error, round_trip
 from hpcinv.certificate.shape import cells, self_overlap
-from hpcinv.certificate.stability import stability
+from hpcinv.certificate.stability_check import stability
 from hpcinv.certificate.two_level import MANY
 from hpcinv.certificate.volume import volume
 from hpcinv.parallel.runtime import MPI

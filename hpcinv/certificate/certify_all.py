@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from hpcinv.certificate.certify import certify
 from hpcinv.certificate.check import Certificate, Line
-from hpcinv.certificate.estimate import Estimate
+from hpcinv.certificate.discretisation_error import Estimate
 from hpcinv.results.quantities_of_interest import Value
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations

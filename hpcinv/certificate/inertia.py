@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.solver.linear.direct import WORKSPACE, larger_workspace
+from hpcinv.solver.linear.factorization import WORKSPACE, larger_workspace
 from hpcinv.solver.linear.ordering import order_by_nodes
 from hpcinv.solver.petsc_options import Value
 

@@ -10,7 +10,7 @@ doi:10.1017/S030821050002014X.
 from __future__ import annotations
 
 from hpcinv.mesh import Body
-from hpcinv.mesh.overlap import Overlap, find_overlap
+from hpcinv.mesh.crossing_facets import Overlap, find_overlap
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import gather_surface
 from hpcinv.parallel.runtime import on_root

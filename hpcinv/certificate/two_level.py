@@ -28,7 +28,7 @@ from petsc4py import PETSc
 
 from hpcinv.assembly.compiled_moduli import CompiledModuli, compiled_moduli
 from hpcinv.assembly.csr_tangent import surface_tangent
-from hpcinv.assembly.moduli import UnsupportedForm
+from hpcinv.assembly.tangent_moduli import UnsupportedForm
 from hpcinv.assembly.tangent_product import TangentProduct
 from hpcinv.certificate.tangent_scale import diagonals_of_cells, tangent_scale
 from hpcinv.certificate.transfer import Transfer

@@ -11,7 +11,7 @@ from pydantic_core import PydanticUndefined
 from rich.table import Table
 
 from hpcinv.errors import JobError
-from hpcinv.materials.base import MaterialLaw
+from hpcinv.materials.material_law import MaterialLaw
 from hpcinv.materials.moduli import Moduli
 from hpcinv.output.console import Console
 from hpcinv.quantity.component import Ingredient, Refers

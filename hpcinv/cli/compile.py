@@ -12,8 +12,8 @@ from hpcinv.files.untrusted import add_option
 from hpcinv.job.fingerprint import WITH_DEFINITIONS
 from hpcinv.job.job import Job, load
 from hpcinv.job.reuse_key import reuse_group_of
-from hpcinv.study.plan import is_study, load_study
-from hpcinv.sweep.plan import is_sweep, load_sweep
+from hpcinv.study.study_plan import is_study, load_study
+from hpcinv.sweep.sweep_plan import is_sweep, load_sweep
 
 _COMPUTED = {"method", "certificate", "quantities", "sensitivities"}
 """Sections of a job that need kernels, besides its reuse group."""

@@ -14,8 +14,8 @@ from hpcinv.errors import JobError, OutputError
 
 if TYPE_CHECKING:
     from hpcinv.fitting.candidate import Candidate
+    from hpcinv.fitting.fit_report import CheckedFit
     from hpcinv.fitting.measurements import Test
-    from hpcinv.fitting.report import CheckedFit
 
 _EXAMPLES = """hpcinv fit uniaxial.csv planar.csv --law mooney-rivlin --plot fit.png
 hpcinv fit tests.csv --law mooney-rivlin --law yeoh --law ogden:2 --output fit.json --material material.yaml
@@ -59,9 +59,9 @@ def add_fit(commands: Any) -> None:
 
 
 def _fit(options: argparse.Namespace) -> int:
+    from hpcinv.fitting.fit_plot import check_format, plot
+    from hpcinv.fitting.fit_report import CheckedFit, describe
     from hpcinv.fitting.least_squares import FitError, fit
-    from hpcinv.fitting.plot import check_format, plot
-    from hpcinv.fitting.report import CheckedFit, describe
 
     if options.plot is not None:
         check_format(options.plot)
@@ -161,7 +161,7 @@ def _tests(options: argparse.Namespace) -> list[Test]:
 def _show_ranking(outcomes: list[CheckedFit]) -> None:
     from rich.table import Table
 
-    from hpcinv.fitting.report import ranking
+    from hpcinv.fitting.fit_report import ranking
     from hpcinv.output.console import table_console
 
     scatter = "residual / its sd" if outcomes[0].fit.deviations_known else "residual"

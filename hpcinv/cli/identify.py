@@ -14,7 +14,7 @@ from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
 
 if TYPE_CHECKING:
-    from hpcinv.identification.evaluation import Evaluation
+    from hpcinv.identification.job_evaluation import Evaluation
     from hpcinv.mesh.source import Floats
 
 
@@ -48,8 +48,8 @@ def _identify(options: argparse.Namespace) -> int:
     from hpcinv.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):
-        from hpcinv.identification.report import describe, value_text, warnings
-        from hpcinv.identification.run import identify
+        from hpcinv.identification.identification_report import describe, value_text, warnings
+        from hpcinv.identification.identification_run import identify
         from hpcinv.parallel.runtime import on_root
 
         job = on_root(comm, lambda: _read(options.job))

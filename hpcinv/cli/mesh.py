@@ -179,7 +179,7 @@ def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, gi
     on_one_process("mesh")
     from hpcinv.mesh.body import read_source
     from hpcinv.mesh.checks import check
-    from hpcinv.mesh.export import SAVERS, save
+    from hpcinv.mesh.mesh_files import SAVERS, save
 
     if options.output.suffix not in SAVERS:
         raise OutputError(f"{options.output}: cannot be written; the endings are {', '.join(SAVERS)}")
@@ -237,7 +237,7 @@ def _gather(options: argparse.Namespace) -> int:
     if is_asked() and (fault := mesh_fault(options.input.parent, options.input.name)):
         raise JobError(f"{options.input}: {fault}")
     on_one_process("mesh")
-    from hpcinv.mesh.export import SAVERS, save
+    from hpcinv.mesh.mesh_files import SAVERS, save
     from hpcinv.mesh.readers import FILES
 
     if options.output.suffix not in SAVERS:

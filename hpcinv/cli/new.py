@@ -189,7 +189,6 @@ def _labels(options: argparse.Namespace, example: str) -> dict[str, list[int]]:
 def _of_wall(options: argparse.Namespace) -> _Source:
     """The wall around a cavity, meshed now: only with the cavity is it known which of its surfaces is which."""
     from hpcinv.mesh.checks import check
-    from hpcinv.mesh.export import save
     from hpcinv.mesh.imaging.hollow_wall import (
         CAVITY,
         WALL,
@@ -198,6 +197,7 @@ def _of_wall(options: argparse.Namespace) -> _Source:
         opening_error,
         wall_size,
     )
+    from hpcinv.mesh.mesh_files import save
 
     path, unit, example = options.image, length_unit(options.unit or "mm"), f"{WALL}=1 --label {CAVITY}=2"
     labels = _labels(options, example)

@@ -10,7 +10,7 @@ import numpy as np
 from hpcinv.assembly.tangent import as_for
 from hpcinv.certificate import certify, two_level
 from hpcinv.certificate.confirmation import known_displacement, second_variation
-from hpcinv.certificate.estimate import finer_equations
+from hpcinv.certificate.discretisation_error import finer_equations
 from hpcinv.certificate.round_trip import way_back
 from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.sections import Support

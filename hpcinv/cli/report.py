@@ -60,8 +60,8 @@ def _of_run(directory: Path, output: Path | None) -> Path:
 
 
 def _of_sweep(path: Path, output: Path | None, *, each: bool) -> Path:
-    from hpcinv.sweep.page import write_sweep_report
-    from hpcinv.sweep.plan import load_sweep
+    from hpcinv.sweep.sweep_page import write_sweep_report
+    from hpcinv.sweep.sweep_plan import load_sweep
 
     plan = load_sweep(path)
     page = output or plan.results / "report.html"
@@ -70,8 +70,8 @@ def _of_sweep(path: Path, output: Path | None, *, each: bool) -> Path:
 
 def _of_study(path: Path, output: Path | None, results: Path | None) -> Path:
     from hpcinv.study.executions import executions_in
-    from hpcinv.study.page import write_study_report
-    from hpcinv.study.plan import load_study
+    from hpcinv.study.study_page import write_study_report
+    from hpcinv.study.study_plan import load_study
 
     plan = load_study(path)
     directory = results or plan.results

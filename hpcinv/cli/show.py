@@ -74,7 +74,7 @@ def show(options: argparse.Namespace) -> int:
 
 def _of_run(directory: Path, colour: Colour) -> Picture:
     from hpcinv.output.run_directory import RunDirectory
-    from hpcinv.pictures.boundary import NAME, read_boundary
+    from hpcinv.pictures.boundary_surface import NAME, read_boundary
     from hpcinv.pictures.result_picture import draw_result
 
     summary = RunDirectory(directory).summary()

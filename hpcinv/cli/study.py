@@ -7,7 +7,7 @@ from typing import Any
 from hpcinv.cli.help import add_command
 from hpcinv.cli.options import add_ranks
 from hpcinv.files.untrusted import add_option
-from hpcinv.study.plan import load_study
+from hpcinv.study.study_plan import load_study
 
 _ACTIONS = ("run", "status")
 
@@ -63,7 +63,7 @@ def _run(options: argparse.Namespace) -> int:
 
     with launched(options.ranks) as (comm, stop):
         from hpcinv.parallel.runtime import on_root
-        from hpcinv.study.run import run_study
+        from hpcinv.study.study_run import run_study
 
         plan = on_root(comm, lambda: load_study(options.study))
         run_study(plan, comm, directory=options.output or plan.results, retry_failed=options.retry_failed, stop=stop)

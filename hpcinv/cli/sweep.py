@@ -14,9 +14,9 @@ from hpcinv.cli.sweep_results import add_results
 from hpcinv.cli.sweep_submit import add_submit
 from hpcinv.errors import Interrupted
 from hpcinv.files.untrusted import add_option
-from hpcinv.sweep.execution import open_damaged, sweep_batch
-from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.results import results, status_of
+from hpcinv.sweep.sweep_batch import open_damaged, sweep_batch
+from hpcinv.sweep.sweep_plan import load_sweep
 
 
 def add_sweep(commands: Any) -> None:

@@ -8,15 +8,15 @@ from collections.abc import Callable
 from dataclasses import replace as replace_fields
 from pathlib import Path
 
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.ledger import Ledger
-from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import DAMAGED, Status, show
 from hpcinv.cli.options import file_ending, positive
 from hpcinv.errors import JobError
 from hpcinv.files.atomic import output_errors, replace
 from hpcinv.files.json_data import json_data
-from hpcinv.sweep.plan import SweepPlan, load_sweep
 from hpcinv.sweep.results import provenance, results, status_of
+from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
 
 
 def add_results(action: Callable[..., argparse.ArgumentParser]) -> None:
@@ -150,7 +150,7 @@ def _plot(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
     stem = options.output or _stem(plan, options.quantity, options.over)
 
-    from hpcinv.sweep.plot import plot
+    from hpcinv.sweep.sweep_plot import plot
 
     files, left_out = plot(plan, _read(plan, plan.ledger), options.quantity, options.over)
     for form, content in files.items():

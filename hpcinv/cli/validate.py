@@ -12,10 +12,10 @@ from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, json_schema, load
 from hpcinv.job.plausibility import doubtful_moduli
 from hpcinv.quantity.schema import Spec
-from hpcinv.study.plan import is_study, load_study
-from hpcinv.study.spec import Study
-from hpcinv.sweep.plan import is_sweep, load_sweep
-from hpcinv.sweep.spec import Sweep
+from hpcinv.study.study_plan import is_study, load_study
+from hpcinv.study.study_spec import Study
+from hpcinv.sweep.sweep_plan import is_sweep, load_sweep
+from hpcinv.sweep.sweep_spec import Sweep
 
 
 def add_validate(commands: Any) -> None:

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from hpcinv.effects.base import Direction, Effect
+from hpcinv.effects.effect import Direction, Effect
 from hpcinv.quantity.plugins import load_installed
 from hpcinv.quantity.schema import OneOf, import_modules, members_of
 

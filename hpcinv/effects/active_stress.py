@@ -2,7 +2,7 @@
 
 from typing import Any, ClassVar, Literal
 
-from hpcinv.effects.base import Deformation, Effect
+from hpcinv.effects.effect import Deformation, Effect
 from hpcinv.quantity import Family, StressField
 
 

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ValidationInfo
 
-from hpcinv.effects.base import Direction, Effect, Kinematics
+from hpcinv.effects.effect import Direction, Effect, Kinematics
 from hpcinv.effects.obstacles import AnyObstacle
 from hpcinv.kinematics.stable_functions import positive_part, rounded_positive_part
 from hpcinv.quantity import Faults, Length, StiffnessField, StressField, Surface, Triple

@@ -4,7 +4,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ValidationInfo
 
-from hpcinv.effects.base import Configuration, Effect, Kinematics
+from hpcinv.effects.effect import Configuration, Effect, Kinematics
 from hpcinv.quantity import Faults, StiffnessField, Surface
 
 

@@ -4,7 +4,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ValidationInfo
 
-from hpcinv.effects.base import Deformation, Effect
+from hpcinv.effects.effect import Deformation, Effect
 from hpcinv.quantity import Family, Faults, PositiveField
 
 

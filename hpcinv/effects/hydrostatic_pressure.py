@@ -4,7 +4,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ValidationInfo
 
-from hpcinv.effects.base import Effect, Kinematics
+from hpcinv.effects.effect import Effect, Kinematics
 from hpcinv.kinematics.stable_functions import positive_part
 from hpcinv.quantity import Acceleration, Density, Faults, Length, Surface, Triple
 

@@ -2,7 +2,7 @@
 
 from typing import Any, ClassVar, Literal
 
-from hpcinv.effects.base import Effect, Kinematics
+from hpcinv.effects.effect import Effect, Kinematics
 from hpcinv.quantity import StressField, Surface
 
 

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ValidationInfo
 
-from hpcinv.effects.base import Configuration, Deformation, Effect
+from hpcinv.effects.effect import Configuration, Deformation, Effect
 from hpcinv.quantity import Family, Faults, ListOf, Location, PositiveField, TensorField
 from hpcinv.quantity.schema import repeated
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, is_uniform

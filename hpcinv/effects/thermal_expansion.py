@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ConfigDict, ValidationInfo, model_validator
 
-from hpcinv.effects.base import Deformation, Effect
+from hpcinv.effects.effect import Deformation, Effect
 from hpcinv.quantity import ExpansionField, Faults, Location, TemperatureField, raise_if_any
 from hpcinv.quantity.schema import shown
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, is_uniform

@@ -2,7 +2,7 @@
 
 from typing import Any, ClassVar, Literal
 
-from hpcinv.effects.base import Configuration, Effect, Kinematics
+from hpcinv.effects.effect import Configuration, Effect, Kinematics
 from hpcinv.quantity import StressField, Surface, Triple
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.fitting.taylor import FUNCTIONS, Taylor
-from hpcinv.materials.base import MaterialLaw
+from hpcinv.materials.material_law import MaterialLaw
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.schema import Location

@@ -16,10 +16,10 @@ import numpy as np
 from hpcinv.errors import JobError
 from hpcinv.fitting.homogeneous import MODES, Mode
 from hpcinv.quantity.arrays import Floats
+from hpcinv.quantity.csv_rows import Row, rows_of, text_of
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import shown
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.tables import Row, rows_of, text_of
 from hpcinv.quantity.units import Dimension, as_float, parse_quantity, parse_unit
 
 _PURE, _STRESS = Dimension(), parse_unit("Pa")[1]

@@ -25,8 +25,8 @@ from hpcinv.mesh.surface import gather_surface
 from hpcinv.model.surface_distance import barycentric
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import on_root
+from hpcinv.quantity.csv_rows import Row, rows_of, text_of
 from hpcinv.quantity.quantity import Measured
-from hpcinv.quantity.tables import Row, rows_of, text_of
 from hpcinv.results.shape_distance import read_same_cells
 
 _REMEDY = "What is observed is on the surface of the body: name a region of the boundary."

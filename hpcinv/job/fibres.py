@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 from pydantic import ValidationInfo
 
-from hpcinv.effects.base import Configuration
+from hpcinv.effects.effect import Configuration
 from hpcinv.job.fibre_rules import AnyRule
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.expressions import Expression, faults_with_constants

@@ -7,7 +7,7 @@ from pydantic import GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
-from hpcinv.materials.base import MaterialLaw
+from hpcinv.materials.material_law import MaterialLaw
 from hpcinv.quantity.plugins import load_installed
 from hpcinv.quantity.schema import Location, OneOf, collected, import_modules, members_of, raise_if_any
 

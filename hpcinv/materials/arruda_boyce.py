@@ -4,8 +4,8 @@ from fractions import Fraction
 from typing import Annotated, Any, ClassVar, Literal
 
 from hpcinv.kinematics.stable_functions import polynomial
-from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.materials.material_law import StartingValues
 from hpcinv.quantity import ModulusField, VaryingQuantity
 
 # Coefficients of the integrated series of the inverse Langevin function; the first is 1/2.

@@ -7,13 +7,13 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ValidationInfo, field_validator
 
-from hpcinv.materials.base import Deformation
 from hpcinv.materials.formula_law.algebras import FLOATS, ufl_functions
 from hpcinv.materials.formula_law.coefficients import Coefficient, recorded_decisions
 from hpcinv.materials.formula_law.evaluation import evaluate
 from hpcinv.materials.formula_law.invariants import ISOTROPIC, PrincipalStretches, families_in, fault_of_name
 from hpcinv.materials.formula_law.jet import Jet, Strains
 from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.materials.material_law import Deformation
 from hpcinv.quantity import BulkModulusField, Faults, Location, Name, raise_if_any
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS

@@ -2,8 +2,8 @@
 
 from typing import Any, ClassVar, Literal
 
-from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.materials.material_law import StartingValues
 from hpcinv.quantity import Family, ModulusField, PositiveField
 
 

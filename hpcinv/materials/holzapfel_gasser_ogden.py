@@ -4,8 +4,8 @@ from typing import ClassVar, Literal
 
 from pydantic import field_validator
 
-from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.materials.material_law import StartingValues
 from hpcinv.quantity import DispersionField, Family, ListOf, ModulusField, PositiveField, raise_if_any
 
 _GROUND = "mu/2*(I1_bar - 3)"

@@ -4,8 +4,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ValidationInfo, field_validator
 
-from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.materials.material_law import StartingValues
 from hpcinv.quantity import Family, ModulusField, PositiveField, VaryingQuantity
 
 _StiffnessOfFibres = Annotated[Any, VaryingQuantity("Pa", at_least=0)]  # zero leaves out a term

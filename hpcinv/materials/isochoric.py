@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, Literal
 
 from hpcinv.kinematics.stable_functions import log1p_remainder_ratio, sqrt
-from hpcinv.materials.base import Deformation, MaterialLaw
+from hpcinv.materials.material_law import Deformation, MaterialLaw
 from hpcinv.quantity import BulkModulusField
 
 type Volumetric = Literal["quadratic", "logarithmic", "simo-taylor", "liu"]

@@ -2,8 +2,8 @@
 
 from typing import ClassVar, Literal
 
-from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.materials.material_law import StartingValues
 from hpcinv.quantity import ModulusField
 
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from hpcinv.materials.base import MaterialLaw
+from hpcinv.materials.material_law import MaterialLaw
 
 
 class LameLaw(MaterialLaw):

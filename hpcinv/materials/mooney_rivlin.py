@@ -2,8 +2,8 @@
 
 from typing import Any, ClassVar, Literal
 
-from hpcinv.materials.base import Deformation, MaterialLaw, StartingValues
 from hpcinv.materials.isochoric import DILATATIONS, Volumetric
+from hpcinv.materials.material_law import Deformation, MaterialLaw, StartingValues
 from hpcinv.quantity import BulkModulusField, StressField
 
 

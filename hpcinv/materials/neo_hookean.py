@@ -3,10 +3,10 @@
 from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
-from hpcinv.materials.base import Deformation
 from hpcinv.materials.isochoric import DILATATIONS
 from hpcinv.materials.isochoric_neo_hookean import IsochoricNeoHookean
 from hpcinv.materials.lame import LameLaw
+from hpcinv.materials.material_law import Deformation
 from hpcinv.quantity import LameField, StressField
 
 

@@ -5,8 +5,8 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ValidationInfo, field_validator
 
-from hpcinv.materials.base import Deformation, StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.materials.material_law import Deformation, StartingValues
 from hpcinv.quantity import Dimensionless, ListOf, Location, StressField, raise_if_any
 
 

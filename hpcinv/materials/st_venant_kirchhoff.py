@@ -4,8 +4,8 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import field_validator
 
-from hpcinv.materials.base import Deformation
 from hpcinv.materials.lame import LameLaw
+from hpcinv.materials.material_law import Deformation
 from hpcinv.quantity import ModulusField, StressField
 
 

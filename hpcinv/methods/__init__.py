@@ -1,7 +1,7 @@
 """Solution methods: the direct method, and for inverse problems fixed-point methods with forward solves."""
 
 from hpcinv.effects import Direction
-from hpcinv.methods.direct import DirectMethod
+from hpcinv.methods.direct_method import DirectMethod
 from hpcinv.methods.fixed_point import FixedPointMethod
 from hpcinv.methods.method import Method, Start
 from hpcinv.methods.updates import UPDATES

@@ -11,9 +11,9 @@ from hpcinv.job.states import given_on_current
 from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
+from hpcinv.model.cell_layers import layers_of_cells
 from hpcinv.model.field_checks import check_fields, shear_modulus
 from hpcinv.model.fields import BodyFields
-from hpcinv.model.layers import layers_of_cells
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.state import State

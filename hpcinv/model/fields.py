@@ -12,7 +12,7 @@ from hpcinv.errors import MeshError, naming_field
 from hpcinv.mesh import Body
 from hpcinv.mesh.data import as_function, distribute
 from hpcinv.mesh.source import DataArray, Floats
-from hpcinv.model.fibre_rules import in_cells, rule_directions
+from hpcinv.model.fibre_directions import in_cells, rule_directions
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRegion, ByRule, Varying
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from hpcinv.errors import HpcinvError
 from hpcinv.job.sections import REACTIONS, is_of_nodes
-from hpcinv.model.fibre_rules import notes_on_rules
+from hpcinv.model.fibre_directions import notes_on_rules
 from hpcinv.output.run_log import RunLog
 from hpcinv.quantity.units import readable
 from hpcinv.reports.shape_error import shape_error

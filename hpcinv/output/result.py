@@ -17,7 +17,7 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
 from hpcinv.output.vtk import write_fields
 from hpcinv.parallel.runtime import on_root
-from hpcinv.pictures.boundary import Boundary
+from hpcinv.pictures.boundary_surface import Boundary
 from hpcinv.pictures.gathering import boundary_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals

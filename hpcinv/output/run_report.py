@@ -17,8 +17,8 @@ from hpcinv.output.result import Result
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.summary import statistics, write_summary
 from hpcinv.parallel.runtime import on_root
-from hpcinv.pictures.boundary import NAME as BOUNDARY
-from hpcinv.pictures.boundary import write_boundary
+from hpcinv.pictures.boundary_surface import NAME as BOUNDARY
+from hpcinv.pictures.boundary_surface import write_boundary
 from hpcinv.results.displacement_scale import nominal_sizes
 from hpcinv.results.quantities_of_interest import NOT_FINITE, Value, fault_of
 from hpcinv.results.solution import Solution

@@ -10,7 +10,7 @@ from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
 from hpcinv.mesh import write_mesh
 from hpcinv.mesh.data import at_geometry_nodes
-from hpcinv.mesh.export import UnstorableMesh
+from hpcinv.mesh.mesh_files import UnstorableMesh
 from hpcinv.output.checkpoint import Checkpoints, Restart, cells_digest, nodes_digest
 from hpcinv.output.progress import Progress
 from hpcinv.output.run_directory import RunDirectory

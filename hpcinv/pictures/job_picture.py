@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 
 from hpcinv.job.job import Job
-from hpcinv.pictures.boundary import Boundary
+from hpcinv.pictures.boundary_surface import Boundary
 from hpcinv.pictures.drawing import DrawnBody, Glyphs, Picture, View, directions, extent, figure
 from hpcinv.quantity.arrays import Floats
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.errors import OutputError
-from hpcinv.pictures.boundary import Boundary, BoundaryResult
+from hpcinv.pictures.boundary_surface import Boundary, BoundaryResult
 from hpcinv.pictures.colours import Colour
 from hpcinv.pictures.drawing import DrawnBody, Picture, View, directions, figure
 from hpcinv.quantity.arrays import Floats

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.errors import OutputError
-from hpcinv.pictures.boundary import DAMAGE, write_arrays
+from hpcinv.pictures.boundary_surface import DAMAGE, write_arrays
 from hpcinv.quantity.arrays import Floats, Ints
 
 NAME = "snapshots"

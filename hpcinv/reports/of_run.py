@@ -12,15 +12,15 @@ from pydantic import ValidationError
 
 from hpcinv.errors import HpcinvError, OutputError, SystemPartMissing
 from hpcinv.job.sections import REACTIONS, QuantityOfInterest, is_of_nodes
-from hpcinv.pictures import boundary as surface
+from hpcinv.pictures import boundary_surface as surface
 from hpcinv.pictures import snapshots
-from hpcinv.pictures.boundary import Boundary, read_boundary
+from hpcinv.pictures.boundary_surface import Boundary, read_boundary
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots
-from hpcinv.reports.arrays import Arrays
 from hpcinv.reports.charts import convergence_chart, load_chart
 from hpcinv.reports.of_cases import as_url
+from hpcinv.reports.packed_arrays import Arrays
 from hpcinv.reports.page import NAME, render, write_page
-from hpcinv.reports.scene import scene
+from hpcinv.reports.viewer_scene import scene
 from hpcinv.reports.wording import meaning, words
 
 _STRAINED = 1.001  # stretch, or its inverse, that is worth a word

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from hpcinv.errors import SystemPartMissing
-from hpcinv.pictures.boundary import Boundary, BoundaryResult
-from hpcinv.reports.arrays import Arrays
-from hpcinv.reports.scene import scene
+from hpcinv.pictures.boundary_surface import Boundary, BoundaryResult
+from hpcinv.reports.packed_arrays import Arrays
+from hpcinv.reports.viewer_scene import scene
 
 _CASES = 8  # that the viewer offers beside the mean
 _PICTURES = 12

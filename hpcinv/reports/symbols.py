@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.pictures.boundary import Boundary
+from hpcinv.pictures.boundary_surface import Boundary
 
 _EACH = 60  # symbols of one support or load
 _HIDDEN = ("effect", "region", "case", "constants", "fix")

@@ -11,7 +11,7 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.cells import jacobians, scalar_element
 from hpcinv.mesh.data import distribute
 from hpcinv.mesh.source import Floats
-from hpcinv.model.fibre_rules import in_middles, rule_directions
+from hpcinv.model.fibre_directions import in_middles, rule_directions
 from hpcinv.quantity.spatial_fields import ByData, ByRule
 from hpcinv.results.solution import Solution
 

@@ -10,7 +10,7 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.solver.bordering import Bordering, Corrected, Tangent, tangent_along
 from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.solver.limit_points import Sample, locate
+from hpcinv.solver.limit_point_search import Sample, locate
 from hpcinv.solver.newton import NewtonMonitor, Solve
 
 type Moves = Generator[Solve, None, _Point | None]

@@ -11,7 +11,7 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.malloc import release_freed_memory
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.configuration import Configuration
-from hpcinv.solver.linear.direct import Direct, is_mumps
+from hpcinv.solver.linear.factorization import Direct, is_mumps
 from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.linear.refined import Refined
 from hpcinv.solver.linear.selection import Choice, Used

@@ -28,8 +28,8 @@ from dolfinx import fem
 from petsc4py import PETSc
 from ufl.classes import Zero
 
-from hpcinv.assembly.moduli import Term
 from hpcinv.assembly.system import System
+from hpcinv.assembly.tangent_moduli import Term
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
 from hpcinv.solver.predictor import Increment
 

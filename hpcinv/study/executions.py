@@ -8,15 +8,15 @@ import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
-from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import BatchCase, Status, status
 from hpcinv.errors import JobError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import Job
 from hpcinv.quantity.keys import look_up
 from hpcinv.study.directory import STORE, check_content, ranks_in
-from hpcinv.study.plan import StudyPlan
+from hpcinv.study.study_plan import StudyPlan
 
 RETRY = "study --retry-failed"
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 from hpcinv.batch.tables import unit_of
 from hpcinv.study.convergence import fitted_order, orders
-from hpcinv.study.plan import StudyPlan
 from hpcinv.study.references import ReferenceValue, find_reference
-from hpcinv.study.rows import StudyRow
+from hpcinv.study.result_rows import StudyRow
+from hpcinv.study.study_plan import StudyPlan
 
 
 @dataclass(frozen=True)

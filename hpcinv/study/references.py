@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hpcinv.study.convergence import richardson
-from hpcinv.study.rows import StudyRow
-from hpcinv.study.spec import LEAST_MESHES, Reference
+from hpcinv.study.result_rows import StudyRow
+from hpcinv.study.study_spec import LEAST_MESHES, Reference
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Sweeps: many cases of one job, in one allocation or many, each solved once.
 
-The package is callable, ``hpcinv.sweep("sweep.yaml")``: see `hpcinv.sweep.interface.sweep`.
+The package is callable, ``hpcinv.sweep("sweep.yaml")``: see `hpcinv.sweep.sweep_interface.sweep`.
 """
 
 import sys
@@ -10,7 +10,7 @@ from typing import Any
 
 class _Callable(ModuleType):
     def __call__(self, *arguments: Any, **options: Any) -> Any:
-        from hpcinv.sweep.interface import sweep
+        from hpcinv.sweep.sweep_interface import sweep
 
         return sweep(*arguments, **options)
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from hpcinv.batch.axes import SAMPLES, Axis
-from hpcinv.batch.forecast import in_words
-from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.sampling import Distribution
+from hpcinv.batch.time_forecast import in_words
 from hpcinv.errors import JobError
 from hpcinv.mesh.source import Floats
 from hpcinv.sweep.chaos import GOOD, Bounded, Indices, Regression, cases_needed, mean, sobol_indices, terms
-from hpcinv.sweep.plan import Case, SweepPlan
+from hpcinv.sweep.sweep_plan import Case, SweepPlan
 from hpcinv.sweep.table import columns, quantity_columns, units
 
 _CONSTANT = 1e-12  # standard deviation, relative to the largest value, that is rounding

@@ -5,18 +5,18 @@ from collections import Counter
 from collections.abc import Mapping
 from itertools import islice
 
-from hpcinv.batch.forecast import in_words, remaining_seconds
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.ledger import Ledger
-from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.time_forecast import in_words, remaining_seconds
 from hpcinv.errors import MeshError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.model.layers import layers_of_cells
+from hpcinv.model.cell_layers import layers_of_cells
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
-from hpcinv.sweep.plan import SweepPlan
 from hpcinv.sweep.results import results
+from hpcinv.sweep.sweep_plan import SweepPlan
 
 MOST_MEASURED = 32
 """largest number of reuse groups whose mesh is made"""

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.ledger import Claim, Ledger
-from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.task import BatchTask, Pause
 from hpcinv.mesh.source import Floats
 from hpcinv.output.run_directory import RunDirectory, as_yaml
 from hpcinv.sweep.neighbours import ParameterSpace
-from hpcinv.sweep.plan import SweepPlan
+from hpcinv.sweep.sweep_plan import SweepPlan
 
 _REFUSALS = 20  # failed claims after which all states are read again, since other groups work on these cases
 

@@ -5,10 +5,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.ledger import Ledger
-from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import BatchCase, Status, status
-from hpcinv.sweep.plan import SweepPlan
+from hpcinv.sweep.sweep_plan import SweepPlan
 
 RETRY = "sweep retry --failed"
 _PROVENANCE = ("job", "fingerprint", "versions", "machine")

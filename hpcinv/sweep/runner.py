@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.store import as_output_error
 from hpcinv.batch.task import Runner
 from hpcinv.certificate import Verdict

@@ -9,8 +9,8 @@ import numpy as np
 
 from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.errors import JobError
-from hpcinv.mesh.export import save
 from hpcinv.mesh.io.vtu import read_vtu
+from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
 from hpcinv.sweep.chaos import GOOD, Indices, Surrogate, sobol_indices
 from hpcinv.sweep.indices import ConvergedSample, accuracy, advice, regression_of, table_of

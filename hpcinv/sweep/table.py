@@ -7,10 +7,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.tables import Columns, fill, unit_of
-from hpcinv.sweep.parameters import parameter_columns, parameter_units
-from hpcinv.sweep.plan import SweepPlan
+from hpcinv.sweep.parameter_columns import parameter_columns, parameter_units
+from hpcinv.sweep.sweep_plan import SweepPlan
 
 OUTCOME: Mapping[str, Callable[[CaseRecord], Any]] = {
     "status": lambda record: record.status,

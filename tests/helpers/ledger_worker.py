@@ -16,9 +16,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Claim, Ledger
-from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.parallel import processes
 
 OPERATIONS = {"open", "os.link", "os.remove", "os.rename", "os.mkdir", "os.scandir"}

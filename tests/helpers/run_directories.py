@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.pictures.boundary import NAME, Boundary, BoundaryResult, write_boundary
+from hpcinv.pictures.boundary_surface import NAME, Boundary, BoundaryResult, write_boundary
 from hpcinv.pictures.snapshots import NAME as SNAPSHOTS
 from hpcinv.pictures.snapshots import Snapshot, write_snapshot
 

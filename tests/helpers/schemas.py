@@ -10,8 +10,8 @@ from jsonschema import Draft202012Validator
 
 from hpcinv.job.job import Job, json_schema
 from hpcinv.quantity.schema import Spec
-from hpcinv.study.spec import Study
-from hpcinv.sweep.spec import Sweep
+from hpcinv.study.study_spec import Study
+from hpcinv.sweep.sweep_spec import Sweep
 
 
 @cache

@@ -14,7 +14,7 @@ import hpcinv
 from hpcinv.errors import Interrupted, OutputError
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.pictures.boundary import NAME, Boundary, read_boundary
+from hpcinv.pictures.boundary_surface import NAME, Boundary, read_boundary
 from hpcinv.pictures.gathering import boundary_of
 from hpcinv.pictures.result_picture import measure
 from hpcinv.pictures.snapshots import NAME as SNAPSHOTS

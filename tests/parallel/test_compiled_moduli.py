@@ -15,10 +15,10 @@ from petsc4py import PETSc
 from hpcinv.assembly import compiled_moduli as module
 from hpcinv.assembly import tangent_product
 from hpcinv.assembly.compiled_moduli import compiled_moduli
-from hpcinv.assembly.moduli import UnsupportedForm
 from hpcinv.assembly.system import System
+from hpcinv.assembly.tangent_moduli import UnsupportedForm
 from hpcinv.assembly.tangent_product import TangentProduct, extension
-from hpcinv.certificate.estimate import one_degree_more
+from hpcinv.certificate.discretisation_error import one_degree_more
 from hpcinv.mesh import build_body
 from hpcinv.mesh.cells import quadrature
 from hpcinv.parallel.jit import JIT_OPTIONS

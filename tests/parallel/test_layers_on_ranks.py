@@ -20,7 +20,7 @@ import hpcinv
 from hpcinv.accuracy.trial import guess_from
 from hpcinv.mesh import build_body
 from hpcinv.methods.nested_iteration import _transferred
-from hpcinv.model.layers import layers_of_cells
+from hpcinv.model.cell_layers import layers_of_cells
 from hpcinv.model.spaces import Unknowns
 from hpcinv.output.checkpoint import Checkpoints, Position
 from hpcinv.parallel.runtime import MPI

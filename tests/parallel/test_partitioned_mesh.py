@@ -27,8 +27,8 @@ from hpcinv.mesh.data import distribute
 from hpcinv.mesh.distributed.partitioned import read_partitioned, write_partitioned
 from hpcinv.mesh.distributed.parts import partitioned
 from hpcinv.mesh.distributed.rows import Rows
-from hpcinv.mesh.export import save
 from hpcinv.mesh.io.gmsh_model import metis
+from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import DataArray, Group
 from hpcinv.output.checkpoint import Checkpoints, Position
 from hpcinv.parallel.runtime import MPI, on_root

@@ -16,7 +16,7 @@ import hpcinv
 from hpcinv.errors import CheckpointError
 from hpcinv.job.fingerprint import check_same_problem, fingerprint
 from hpcinv.mesh.body import at_local_nodes, build_body, in_source_order, read_source
-from hpcinv.mesh.export import save
+from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
 

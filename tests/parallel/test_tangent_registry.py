@@ -16,8 +16,8 @@ from helpers.command_line import NO_CERTIFICATE
 from helpers.verification import BOX, box, job
 from petsc4py import PETSc
 
-from hpcinv.assembly.moduli import moduli_of
 from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, as_for, tangent_of
+from hpcinv.assembly.tangent_moduli import moduli_of
 from hpcinv.driver import run
 from hpcinv.effects import effects
 from hpcinv.job.job import Job, parse

@@ -9,9 +9,9 @@ from dolfinx.mesh import CellType, create_unit_cube
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.assembly.moduli import UnsupportedForm
+from hpcinv.assembly.tangent_moduli import UnsupportedForm
 from hpcinv.certificate import two_level
-from hpcinv.certificate.estimate import Estimate
+from hpcinv.certificate.discretisation_error import Estimate
 from hpcinv.certificate.transfer import Transfer
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI

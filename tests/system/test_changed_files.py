@@ -21,7 +21,7 @@ from hpcinv.mesh.body import read_source
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.workspace import Workspace
-from hpcinv.sweep.interface import sweep
+from hpcinv.sweep.sweep_interface import sweep
 
 BLOCK = """
 {head}

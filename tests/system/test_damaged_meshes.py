@@ -17,9 +17,9 @@ from hpcinv.errors import MeshError
 from hpcinv.job.fingerprint import file_digest
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.checks import check
-from hpcinv.mesh.export import save
 from hpcinv.mesh.io import isolated
 from hpcinv.mesh.io.isolated import run_isolated
+from hpcinv.mesh.mesh_files import save
 from hpcinv.parallel import jit
 
 VTU = """<?xml version="1.0"?>

@@ -87,7 +87,7 @@ def test_whatever_a_plugin_raises_is_reported_with_its_line(job: Path, code: str
 def test_what_a_law_of_a_plugin_raises_where_it_is_checked_is_reported_with_its_line(job: Path) -> None:
     (job.parent / "plugin.py").write_text(
         "from typing import ClassVar, Literal\n"
-        "from hpcinv.effects.base import Effect\n"
+        "from hpcinv.effects.effect import Effect\n"
         "class Wrong(Effect):\n"
         "    example: ClassVar = {'effect': 'raises-key-error'}\n"
         "    effect: Literal['raises-key-error'] = 'raises-key-error'\n"

@@ -16,7 +16,7 @@ from hpcinv import load, run
 from hpcinv.errors import JobError, MeshError
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.linear.direct import Direct
+from hpcinv.solver.linear.factorization import Direct
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"petsc": {"ksp_type": "nonsense"}}, "PETSc refuses 'ksp_type: nonsense': Unable to find requested KSP type"),

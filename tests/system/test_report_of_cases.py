@@ -14,14 +14,14 @@ from helpers.sweeps import finish
 from test_study_plan import plan as study_plan
 
 from hpcinv.__main__ import main
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
-from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.study.directory import STORE, StudyDirectory
-from hpcinv.study.execution import StudySchedule, StudyTask
-from hpcinv.study.page import write_study_report
-from hpcinv.sweep.page import write_sweep_report
-from hpcinv.sweep.plan import SweepPlan, load_sweep
+from hpcinv.study.study_batch import StudySchedule, StudyTask
+from hpcinv.study.study_page import write_study_report
+from hpcinv.sweep.sweep_page import write_sweep_report
+from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
 
 COUNT = 200
 JOB: dict[str, Any] = {

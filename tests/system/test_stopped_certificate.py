@@ -54,13 +54,13 @@ runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 NEVER_SOLVING = """
 import runpy
 import hpcinv.parallel.runtime
-import hpcinv.methods.direct
+import hpcinv.methods.direct_method
 
 def reach(*_, load, **__):
     assert load == 1.0
     return []
 
-hpcinv.methods.direct.reach = reach
+hpcinv.methods.direct_method.reach = reach
 runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 """
 CERTIFIED: dict[str, Any] = {"certificate": {}, "checkpoint": {"every": 100}}

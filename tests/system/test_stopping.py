@@ -15,7 +15,7 @@ from helpers.mesh_cases import spec
 from helpers.sweeps import records_of, write_sweep
 
 from hpcinv.mesh import read_source
-from hpcinv.mesh.export import SAVERS
+from hpcinv.mesh.mesh_files import SAVERS
 
 MESHING = """
 def build(gmsh):

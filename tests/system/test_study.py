@@ -25,9 +25,9 @@ from test_study_plan import STUDY, plan
 
 import hpcinv as api
 from hpcinv.__main__ import main
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger
-from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.task import Pause
 from hpcinv.errors import JobError, OutputError, SolveError
 from hpcinv.job.fingerprint import content_key
@@ -36,14 +36,14 @@ from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.study.convergence import fitted_order, orders, richardson
-from hpcinv.study.diagram import work_precision
 from hpcinv.study.directory import STORE, StudyDirectory
-from hpcinv.study.execution import StudyRunner, StudySchedule, StudyTask
 from hpcinv.study.findings import accuracy, front
-from hpcinv.study.plan import StudyPlan
-from hpcinv.study.report import not_refined
-from hpcinv.study.rows import rows_of
-from hpcinv.study.run import conclude
+from hpcinv.study.result_rows import rows_of
+from hpcinv.study.study_batch import StudyRunner, StudySchedule, StudyTask
+from hpcinv.study.study_plan import StudyPlan
+from hpcinv.study.study_report import not_refined
+from hpcinv.study.study_run import conclude
+from hpcinv.study.work_precision import work_precision
 
 # Numbers
 

@@ -15,8 +15,8 @@ from pydantic import ValidationError
 
 from hpcinv.errors import JobError
 from hpcinv.quantity.keys import assigned, look_up, parse_key
-from hpcinv.study.plan import StudyPlan, load_study
-from hpcinv.study.spec import Study
+from hpcinv.study.study_plan import StudyPlan, load_study
+from hpcinv.study.study_spec import Study
 
 STUDY: dict[str, Any] = {
     "job": "column.yaml",

@@ -11,7 +11,7 @@ import pytest
 from helpers.command_line import BLOCK, write_job
 
 from hpcinv.__main__ import main
-from hpcinv.mesh import export
+from hpcinv.mesh import mesh_files as export
 from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.io.vtu import read_vtu, save_vtu
 from hpcinv.mesh.readers import read_msh

@@ -23,8 +23,8 @@ from hpcinv.mesh import read_source
 from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.readers import FILES
 from hpcinv.quantity.keys import assigned
-from hpcinv.study.plan import load_study
-from hpcinv.sweep.plan import load_sweep
+from hpcinv.study.study_plan import load_study
+from hpcinv.sweep.sweep_plan import load_sweep
 
 
 @pytest.fixture

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 from helpers.verification import box, job
 
+from hpcinv.accuracy.accuracy_record import AccuracyRecord, AccuracyStep, Ending
 from hpcinv.accuracy.assessment import Assessment, Finding, assess, hindsight
-from hpcinv.accuracy.forecast import (
+from hpcinv.accuracy.marking import CLOSURE, plan
+from hpcinv.accuracy.refinement_forecast import (
     BOLD,
     CAREFUL,
     TARGET,
@@ -25,8 +27,6 @@ from hpcinv.accuracy.forecast import (
     choose,
     nodes,
 )
-from hpcinv.accuracy.marking import CLOSURE, plan
-from hpcinv.accuracy.record import AccuracyRecord, AccuracyStep, Ending
 from hpcinv.certificate import Verdict
 from hpcinv.errors import JobError
 

@@ -147,7 +147,7 @@ def test_principal_axes_of_an_ellipsoid() -> None:
 
 def test_alignment_by_regions(meshes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A block that has grown at its top is laid on its base, not on its middle."""
-    from hpcinv.mesh.export import save
+    from hpcinv.mesh.mesh_files import save
 
     source = read_source(MeshSpec.model_validate({"file": str(meshes / "box.py")}), meshes / "box.py")
     grown = source.points * [1, 1, 1.2] + [0.3, 0, 0.1]

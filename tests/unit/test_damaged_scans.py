@@ -23,7 +23,7 @@ from hpcinv.mesh.imaging.closed_surface import read_closed, signed_volume
 from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.io import isolated
 from hpcinv.mesh.io.surface_files import read_triangles
-from hpcinv.sweep.plan import load_sweep
+from hpcinv.sweep.sweep_plan import load_sweep
 
 SimpleITK = pytest.importorskip("SimpleITK")
 

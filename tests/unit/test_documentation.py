@@ -18,8 +18,8 @@ from hpcinv.__main__ import _parser
 from hpcinv.cli.study import with_action
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.study.plan import load_study
-from hpcinv.sweep.plan import load_sweep
+from hpcinv.study.study_plan import load_study
+from hpcinv.sweep.sweep_plan import load_sweep
 
 ROOT = Path(__file__).parents[2]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("**/*.md")]

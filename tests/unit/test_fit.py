@@ -16,12 +16,12 @@ from hpcinv.__main__ import main
 from hpcinv.errors import JobError
 from hpcinv.fitting.candidate import candidate
 from hpcinv.fitting.ellipticity import is_elliptic
+from hpcinv.fitting.fit_report import CheckedFit
 from hpcinv.fitting.homogeneous import MODES, Response
 from hpcinv.fitting.least_squares import Fit, FitError, fit
 from hpcinv.fitting.linearised import Linearised
+from hpcinv.fitting.material_stability import smallest_stiffness
 from hpcinv.fitting.measurements import Test, read_tests, with_deviations
-from hpcinv.fitting.report import CheckedFit
-from hpcinv.fitting.stability import smallest_stiffness
 from hpcinv.job.job import load
 from hpcinv.materials import laws
 

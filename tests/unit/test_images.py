@@ -23,12 +23,12 @@ from hpcinv.job.job import parse
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.checks import check, determinants
+from hpcinv.mesh.crossing_facets import find_overlap
 from hpcinv.mesh.imaging.clean_surfaces import _parts, _without_touching_edges
 from hpcinv.mesh.imaging.curved_cells import curved
 from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.imaging.wall_sizes import wall_sizes
 from hpcinv.mesh.io import isolated
-from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.surface import surface_of
 

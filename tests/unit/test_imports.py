@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-MODULES = "hpcinv.job.job, hpcinv.materials, hpcinv.effects, hpcinv.study.plan, hpcinv.sweep.plan"
+MODULES = "hpcinv.job.job, hpcinv.materials, hpcinv.effects, hpcinv.study.study_plan, hpcinv.sweep.sweep_plan"
 MODULES += ", hpcinv.batch.ledger.ledger"
 HEAVY = {
     "dolfinx",

@@ -21,8 +21,8 @@ from hpcinv.job.sections import FORMATS
 from hpcinv.mesh import MeshSource, read_source
 from hpcinv.mesh.cells import FACET_KIND, coordinate_element, scalar_element, vtk_order
 from hpcinv.mesh.checks import check
-from hpcinv.mesh.export import SAVERS, save
 from hpcinv.mesh.io.gmsh_model import ElementType, save_msh, session
+from hpcinv.mesh.mesh_files import SAVERS, save
 from hpcinv.mesh.readers import FILES, GENERATORS
 from hpcinv.mesh.source import DataArray
 

@@ -16,7 +16,7 @@ from hpcinv.files.names import yaml_text
 from hpcinv.job.yaml_reader import read_text, read_yaml
 from hpcinv.mesh import build_body, read_source
 from hpcinv.mesh.imaging import hollow_wall
-from hpcinv.model.fibre_rules import rule_directions
+from hpcinv.model.fibre_directions import rule_directions
 from hpcinv.parallel.runtime import MPI
 
 KINDS = ("artery", "breast", "liver", "part", "ventricle")

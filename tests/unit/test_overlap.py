@@ -13,7 +13,7 @@ from helpers.mesh_cases import spec
 
 from hpcinv.certificate.overlap import overlap
 from hpcinv.mesh import Body, build_body, read_source
-from hpcinv.mesh.overlap import Overlap, find_overlap
+from hpcinv.mesh.crossing_facets import Overlap, find_overlap
 from hpcinv.mesh.surface import Surface, gather_surface
 from hpcinv.mesh.triangles import crossing, meeting
 from hpcinv.parallel.runtime import MPI

@@ -19,7 +19,7 @@ from hpcinv.errors import JobError
 from hpcinv.mesh import MeshSource, read_source
 from hpcinv.mesh.distributed.partitioned import write_partitioned
 from hpcinv.mesh.distributed.parts import partitioned
-from hpcinv.mesh.export import save
+from hpcinv.mesh.mesh_files import save
 from hpcinv.parallel.runtime import MPI
 
 JOB: dict[str, Any] = {

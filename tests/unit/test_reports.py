@@ -16,13 +16,13 @@ from helpers.run_directories import SIZE, boundary, cube, run_directory, summary
 
 from hpcinv.errors import OutputError
 from hpcinv.job.sections import is_of_nodes
-from hpcinv.pictures.boundary import NAME, read_boundary
+from hpcinv.pictures.boundary_surface import NAME, read_boundary
 from hpcinv.pictures.decimation import decimated
 from hpcinv.pictures.snapshots import NAME as SNAPSHOTS
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots, write_snapshot
-from hpcinv.reports.arrays import Arrays
 from hpcinv.reports.charts import convergence_chart, load_chart
 from hpcinv.reports.of_run import run_page, write_run_report
+from hpcinv.reports.packed_arrays import Arrays
 from hpcinv.reports.wording import meaning, words
 
 

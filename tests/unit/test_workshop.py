@@ -214,7 +214,7 @@ def test_undercuts_hold_a_mould_back() -> None:
 
 def finished(directory: Path, *, direction: str = "inverse", status: str = "converged", **job: Any) -> Path:
     """A run directory with a shape 1.1 times as large as the mesh that was given."""
-    from hpcinv.mesh.export import save
+    from hpcinv.mesh.mesh_files import save
 
     content = {
         "job": "block",

@@ -22,7 +22,7 @@ from hpcinv.accuracy.marking import plan
 from hpcinv.accuracy.meshes import Meshes, is_straight
 from hpcinv.accuracy.trial import attempt, guess_from
 from hpcinv.certificate import Verdict
-from hpcinv.certificate.estimate import estimate
+from hpcinv.certificate.discretisation_error import estimate
 from hpcinv.errors import Interrupted, JobError, SolveError
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body, read_source

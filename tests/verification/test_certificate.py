@@ -22,7 +22,7 @@ from hpcinv.certificate.certify import DISCRETISATION
 from hpcinv.certificate.check import Certificate, skipped
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
 from hpcinv.certificate.inertia import factorize_symmetric
-from hpcinv.certificate.limit_points import LIMIT_POINTS, limit_points
+from hpcinv.certificate.limit_point_check import LIMIT_POINTS, limit_points
 from hpcinv.certificate.shape import cells
 from hpcinv.mesh import build_body
 from hpcinv.model.outcome import Outcome
@@ -147,7 +147,7 @@ def test_a_failure_is_an_error_that_was_found(comm: MPI.Intracomm, monkeypatch: 
     assert line(coarse, DISCRETISATION).verdict is Verdict.FAIL
     exact = locked(comm, NO_CERTIFICATE, degree=2).quantities["tip"]
     assert coarse.estimate.corrected["tip"] == pytest.approx(exact, rel=1e-6)
-    monkeypatch.setattr("hpcinv.certificate.estimate._solve", lambda *_: False)
+    monkeypatch.setattr("hpcinv.certificate.discretisation_error._solve", lambda *_: False)
     coarse = locked(comm)
     assert coarse.estimate is not None
     assert not coarse.estimate.is_solved

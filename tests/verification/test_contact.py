@@ -14,7 +14,7 @@ from helpers.verification import box, job
 import hpcinv
 from hpcinv.errors import Interrupted, MeshError, SolveError
 from hpcinv.job.job import load
-from hpcinv.methods.direct import DirectMethod
+from hpcinv.methods.direct_method import DirectMethod
 from hpcinv.methods.method import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI

@@ -20,7 +20,7 @@ from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.model.fibre_rules import in_cells, rule_directions
+from hpcinv.model.fibre_directions import in_cells, rule_directions
 from hpcinv.parallel.runtime import MPI
 
 TUBE = {"kind": "tube", "inner": "inner", "outer": "outer", "inlet": "z0", "outlet": "z1"}

@@ -14,12 +14,12 @@ from helpers.verification import box
 
 import hpcinv
 from hpcinv.errors import JobError, MeshError, OutputError
-from hpcinv.identification.report import identifiability, warnings
-from hpcinv.identification.run import Identified, identify
+from hpcinv.identification.identification_report import identifiability, warnings
+from hpcinv.identification.identification_run import Identified, identify
 from hpcinv.identification.shares import Share, shares_of, teams_of
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import read_source
-from hpcinv.mesh.export import save
+from hpcinv.mesh.mesh_files import save
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.workspace import Workspace
 
@@ -244,7 +244,7 @@ def check_scans(identified: Identified, scans: int) -> None:
 
 def test_derivatives_of_all_kinds_of_observations(comm: MPI.Intracomm, tmp_path: Path) -> None:
     """What is predicted for landmarks, nodes and points of surfaces moves as its derivatives say."""
-    from hpcinv.identification.evaluation import Evaluations
+    from hpcinv.identification.job_evaluation import Evaluations
 
     given = read_source(job().mesh, job().resolve(job().mesh.file))
     rng = np.random.default_rng(1)

@@ -13,7 +13,7 @@ import pytest
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.certificate.limit_points import LIMIT_POINTS
+from hpcinv.certificate.limit_point_check import LIMIT_POINTS
 from hpcinv.errors import Interrupted
 from hpcinv.job.job import Job
 from hpcinv.methods import nested_iteration

@@ -15,7 +15,7 @@ from helpers.verification import job
 
 import hpcinv
 from hpcinv.mesh.body import read_source
-from hpcinv.mesh.export import save
+from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import MeshSource
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI

@@ -22,7 +22,7 @@ from hpcinv.certificate import Line, Verdict
 from hpcinv.certificate.confirmation import Confirmed
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.inertia import inertia
-from hpcinv.certificate.stability import _unstable, stability
+from hpcinv.certificate.stability_check import _unstable, stability
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI

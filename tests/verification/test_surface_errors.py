@@ -17,7 +17,7 @@ from hpcinv.certificate.check import Line, Verdict
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh import in_source_order, read_source
-from hpcinv.mesh.export import save
+from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import Timings

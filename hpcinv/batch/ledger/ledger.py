@@ -37,10 +37,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
+from hpcinv.batch.ledger.case_record import CaseRecord, OtherVersionError
 from hpcinv.batch.ledger.history import Histories, History
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.liveness import LEASE, Watch
-from hpcinv.batch.ledger.record import CaseRecord, OtherVersionError
 from hpcinv.batch.ledger.store import RUNS, as_output_error, check_format
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import create, make_directory, publish

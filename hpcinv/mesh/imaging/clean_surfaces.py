@@ -13,7 +13,7 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 
 from hpcinv.mesh.cells import sub_entities
-from hpcinv.mesh.imaging.boundary import Memberships, between_two, within
+from hpcinv.mesh.imaging.label_boundary import Memberships, between_two, within
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of
 from hpcinv.mesh.imaging.packages import package
 from hpcinv.mesh.imaging.wall_sizes import WallSizes

@@ -11,9 +11,9 @@ import numpy as np
 
 from hpcinv.mesh.cells import jacobians, scalar_element, sub_entities
 from hpcinv.mesh.checks import det
-from hpcinv.mesh.imaging.boundary import between_two, growth, held_back, shift, within
+from hpcinv.mesh.crossing_facets import find_overlap
+from hpcinv.mesh.imaging.label_boundary import between_two, growth, held_back, shift, within
 from hpcinv.mesh.imaging.lattice import Lattice
-from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.refine.degree import inner_dofs, raised
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.mesh.surface import surface_of

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyvista
 
-from hpcinv.mesh.imaging.boundary import Memberships, within
+from hpcinv.mesh.imaging.label_boundary import Memberships, within
 from hpcinv.mesh.source import Floats, Ints
 
 

@@ -11,11 +11,12 @@ from scipy import ndimage
 
 from hpcinv.errors import MeshError
 from hpcinv.job.sections import CUT, MeshSpec
-from hpcinv.mesh.imaging.boundary import GOOD, ROUGH, Memberships, smoothed
+from hpcinv.mesh.crossing_facets import find_overlap
 from hpcinv.mesh.imaging.clean_surfaces import MMG, cells_between_surfaces
 from hpcinv.mesh.imaging.closed_surface import fill
 from hpcinv.mesh.imaging.curved_cells import SmoothBoundary, curved, mirrored
 from hpcinv.mesh.imaging.given_surface import GivenSurface
+from hpcinv.mesh.imaging.label_boundary import GOOD, ROUGH, Memberships, smoothed
 from hpcinv.mesh.imaging.label_image import Bools, LabelImage, read_labels
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of, without_outside
 from hpcinv.mesh.imaging.mesh_report import report_mesh, report_sizes
@@ -23,7 +24,6 @@ from hpcinv.mesh.imaging.packages import package
 from hpcinv.mesh.imaging.specks import check_extent, check_thickness, without_lost_parts, without_specks
 from hpcinv.mesh.imaging.surroundings import OUTSIDE, Names, surroundings
 from hpcinv.mesh.imaging.wall_sizes import WallSizes, wall_sizes
-from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.mesh.surface import Surface
 from hpcinv.parallel.signals import handlers_restored

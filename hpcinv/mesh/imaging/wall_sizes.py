@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from hpcinv.mesh.imaging.boundary import Memberships
+from hpcinv.mesh.imaging.label_boundary import Memberships
 from hpcinv.mesh.source import Floats, Ints
 
 _MOST_SAMPLES = 30_000

@@ -21,7 +21,7 @@ from petsc4py import PETSc
 
 from hpcinv.model.spaces import Unknowns
 from hpcinv.solver.linear.convergence_test import Refinement
-from hpcinv.solver.linear.direct import Direct, is_mumps
+from hpcinv.solver.linear.factorization import Direct, is_mumps
 from hpcinv.solver.petsc_options import Value
 
 _LOW_RANK: Mapping[str, Value] = {

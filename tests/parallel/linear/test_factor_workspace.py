@@ -59,7 +59,7 @@ def failed(comm: MPI.Intracomm, message: str, **solver: Any) -> list[dict[str, A
 def test_without_memory_a_named_direct_solver_ends_with_the_reason(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hpcinv.solver.linear.direct.available", lambda comm: 1e5)
+    monkeypatch.setattr("hpcinv.solver.linear.factorization.available", lambda comm: 1e5)
     (solve,) = failed(comm, "there is not enough memory for the factors", petsc=LITTLE)
     assert solve["outcome"] == "NO_MEMORY"
 

@@ -101,7 +101,7 @@ def meshes(directory: Path) -> list[Path]:
 
     from hpcinv.mesh.distributed.partitioned import write_partitioned
     from hpcinv.mesh.distributed.parts import partitioned
-    from hpcinv.mesh.export import save
+    from hpcinv.mesh.mesh_files import save
     from hpcinv.parallel.runtime import MPI
 
     mesh = block(MESHES, hexahedra=False, degree=1)

@@ -16,7 +16,7 @@ from helpers.sweeps import records_of, write_sweep
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import DEADLY, Ledger
 from hpcinv.errors import JobError
-from hpcinv.sweep.plan import load_sweep
+from hpcinv.sweep.sweep_plan import load_sweep
 
 GENERATOR = f"""
 import ctypes, os, runpy, time

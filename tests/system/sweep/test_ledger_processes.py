@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 from helpers.command_line import MPIRUN, PATIENCE, environment
 
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import CaseState, Ledger
-from hpcinv.batch.ledger.record import CaseRecord
 
 WORKER = Path(__file__).parents[2] / "helpers" / "ledger_worker.py"
 KEY = "ab" + 18 * "0"

@@ -12,7 +12,7 @@ from helpers.sweeps import write_sweep
 import hpcinv
 from hpcinv.errors import JobError, OutputError
 from hpcinv.parallel.runtime import MPI
-from hpcinv.sweep.interface import Table
+from hpcinv.sweep.sweep_interface import Table
 
 AXES = [{"grid": {"material.mu": ["10 kPa", "20 kPa"]}}]
 

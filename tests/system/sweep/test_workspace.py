@@ -20,7 +20,7 @@ from hpcinv.methods.method import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.workspace import Workspace, _mesh_of
-from hpcinv.sweep.interface import sweep
+from hpcinv.sweep.sweep_interface import sweep
 
 CLAMPED = [{"region": "x0", "fix": ["x", "y", "z"]}]
 

@@ -8,7 +8,7 @@ import pytest
 from petsc4py import PETSc
 
 from hpcinv.model.outcome import Outcome
-from hpcinv.solver.linear.direct import Direct
+from hpcinv.solver.linear.factorization import Direct
 
 
 def test_entries_that_are_not_numbers_are_no_lack_of_memory() -> None:
@@ -58,11 +58,11 @@ def test_codes_of_mumps_are_told_apart(code: int, failure: Outcome, monkeypatch:
         def getMumpsIcntl(self, number: int) -> int:
             return {14: 60}[number]
 
-    monkeypatch.setattr("hpcinv.solver.linear.direct.is_mumps", lambda pc: True)
+    monkeypatch.setattr("hpcinv.solver.linear.factorization.is_mumps", lambda pc: True)
     pc = SimpleNamespace(getFactorMatrix=Factors, getOperators=lambda: (identity, identity))
     ksp: Any = SimpleNamespace(pc=pc, getOperators=pc.getOperators)
     solver = Direct(symmetric=False)
     assert solver.failure(ksp) is failure
     assert solver.larger_workspace(ksp) == ({"mat_mumps_icntl_14": 120} if code in (-9, -17) else {})
-    monkeypatch.setattr("hpcinv.solver.linear.direct.available", lambda comm: 1e6)
+    monkeypatch.setattr("hpcinv.solver.linear.factorization.available", lambda comm: 1e6)
     assert not solver.larger_workspace(ksp)

@@ -17,9 +17,9 @@ from typing import Any
 import pytest
 
 from hpcinv.batch.ledger import liveness
+from hpcinv.batch.ledger.case_record import CaseRecord, _sealed
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import CaseState, Ledger, ledger_of
-from hpcinv.batch.ledger.record import CaseRecord, _sealed
 from hpcinv.batch.ledger.store import as_output_error, open_store
 from hpcinv.errors import OutputError
 from hpcinv.files import atomic

@@ -17,9 +17,9 @@ from typing import Any
 
 import pytest
 
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.ledger import Claim, Ledger
 from hpcinv.batch.ledger.liveness import Watch
-from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.ledger.store import open_store
 from hpcinv.parallel.processes import Identity
 

@@ -17,11 +17,11 @@ import pytest
 import yaml
 from helpers.command_line import COLUMN, ROOT, environment
 
-from hpcinv.batch.forecast import in_words, remaining_seconds
-from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.sampling import Method, read_distribution, unit_points
+from hpcinv.batch.time_forecast import in_words, remaining_seconds
 from hpcinv.errors import JobError
-from hpcinv.sweep.plan import SweepPlan, load_sweep
+from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
 
 YEOH = {"law": "yeoh", "c1": "5 kPa", "c2": 0, "c3": 0, "kappa": "50 kPa"}
 MU = "material.mu"

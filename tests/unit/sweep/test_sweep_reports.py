@@ -19,17 +19,17 @@ from helpers.sweeps import BLOCK, finish, write_sweep
 from rich.console import Console
 
 from hpcinv.__main__ import main
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
-from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import Status, follow, lines
 from hpcinv.batch.tables import as_csv
 from hpcinv.errors import JobError, OutputError
-from hpcinv.sweep.execution import open_damaged
 from hpcinv.sweep.outlook import outlook
-from hpcinv.sweep.plan import Case, SweepPlan, load_sweep
-from hpcinv.sweep.plot import is_even_in_log, plot
 from hpcinv.sweep.results import provenance, results, status_of
+from hpcinv.sweep.sweep_batch import open_damaged
+from hpcinv.sweep.sweep_plan import Case, SweepPlan, load_sweep
+from hpcinv.sweep.sweep_plot import is_even_in_log, plot
 from hpcinv.sweep.table import as_hdf5, columns, units
 
 MU, DENSITY = "material.mu", "effects[0].density"

@@ -14,7 +14,7 @@ from helpers.hard_case import job
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body
-from hpcinv.mesh.export import SAVERS
+from hpcinv.mesh.mesh_files import SAVERS
 from hpcinv.mesh.refine.degree import of_degree
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.mesh.topology import unique_rows

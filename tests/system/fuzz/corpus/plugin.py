@@ -2,7 +2,7 @@
 
 from typing import Any, ClassVar, Literal
 
-from hpcinv.effects.base import Effect
+from hpcinv.effects.effect import Effect
 from hpcinv.quantity import Force
 
 

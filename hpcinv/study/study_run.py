@@ -10,15 +10,15 @@ from hpcinv.batch.tables import as_csv
 from hpcinv.errors import Interrupted, JobError, SolveError
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.signals import StopRequest
-from hpcinv.study.diagram import over_cases, work_precision
 from hpcinv.study.directory import StudyDirectory
-from hpcinv.study.execution import study_batch
 from hpcinv.study.executions import Executions
 from hpcinv.study.findings import Accuracy, findings
-from hpcinv.study.plan import StudyPlan
-from hpcinv.study.report import show
-from hpcinv.study.rows import StudyRow, rows_of
-from hpcinv.study.tables import as_hdf5, point_columns, point_units, run_columns, run_units
+from hpcinv.study.result_rows import StudyRow, rows_of
+from hpcinv.study.study_batch import study_batch
+from hpcinv.study.study_plan import StudyPlan
+from hpcinv.study.study_report import show
+from hpcinv.study.study_tables import as_hdf5, point_columns, point_units, run_columns, run_units
+from hpcinv.study.work_precision import over_cases, work_precision
 
 SECONDS = {
     "run": "whole run without compilation and certificate",

@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.ledger import Ledger
-from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.task import Batch, BatchTask, Pause, Runner
 from hpcinv.driver import run
 from hpcinv.errors import HpcinvError
@@ -20,7 +20,7 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.workspace import collect_garbage
 from hpcinv.study.directory import STORE
 from hpcinv.study.executions import RETRY, Executions
-from hpcinv.study.plan import StudyPlan
+from hpcinv.study.study_plan import StudyPlan
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from hpcinv.job.fingerprint import content_key, file_digest
 from hpcinv.job.job import UNNAMED, Job, parse
 from hpcinv.job.reuse_key import numbers_of, reuse_group_of
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.sweep.spec import Sweep
+from hpcinv.sweep.sweep_spec import Sweep
 
 _STORE = Path("results/store")
 # For thousands of cases summaries are enough, and most cases take less time than a checkpoint.

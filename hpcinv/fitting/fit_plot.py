@@ -9,9 +9,9 @@ import numpy as np
 
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import write_output
+from hpcinv.fitting.fit_report import CheckedFit
 from hpcinv.fitting.homogeneous import Mode
 from hpcinv.fitting.measurements import Test
-from hpcinv.fitting.report import CheckedFit
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.units import readable
 

@@ -11,7 +11,7 @@ from hpcinv.files.names import in_one_line
 from hpcinv.fitting.candidate import quantity, short
 from hpcinv.fitting.least_squares import Fit
 from hpcinv.fitting.linearised import correlations
-from hpcinv.fitting.stability import Range, stability
+from hpcinv.fitting.material_stability import Range, stability
 from hpcinv.quantity.units import Dimension, readable
 
 _POOR = 2.0  # scatter in standard deviations above which the law does not describe the tests

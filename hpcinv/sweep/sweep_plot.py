@@ -6,15 +6,15 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from hpcinv.batch.diagram import Scale, Series, draw_lines, draw_maps, draw_outcomes
-from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.diagram_drawing import Scale, Series, draw_lines, draw_maps, draw_outcomes
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.specification import text_of
 from hpcinv.batch.tables import Columns
 from hpcinv.errors import JobError
 from hpcinv.pictures.figures import as_files, new_figure
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.sweep.parameters import log_uniform, sampled
-from hpcinv.sweep.plan import SweepPlan
+from hpcinv.sweep.parameter_columns import log_uniform, sampled
+from hpcinv.sweep.sweep_plan import SweepPlan
 from hpcinv.sweep.table import TEXT, columns, parameter_name, parameter_names, units
 
 FAILURES = "failures"

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.pictures.boundary import Boundary, BoundaryResult
+from hpcinv.pictures.boundary_surface import Boundary, BoundaryResult
 from hpcinv.pictures.decimation import MOST, Decimated, decimated
 from hpcinv.pictures.result_picture import upwards
 from hpcinv.pictures.snapshots import Snapshot
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.stress_measures import COMPONENTS
-from hpcinv.reports.arrays import Arrays
+from hpcinv.reports.packed_arrays import Arrays
 from hpcinv.reports.symbols import symbols
 
 _STATES = 3  # of the largest surface; more states have fewer points

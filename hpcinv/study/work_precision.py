@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from hpcinv.batch.diagram import Scale, Series, draw_lines
+from hpcinv.batch.diagram_drawing import Scale, Series, draw_lines
 from hpcinv.pictures.figures import as_files, new_figure, style
 from hpcinv.study.findings import Accuracy, StepStatistics
-from hpcinv.study.rows import StudyRow
-from hpcinv.study.spec import Study
+from hpcinv.study.result_rows import StudyRow
+from hpcinv.study.study_spec import Study
 
 
 def work_precision(study: Study, accuracy: Accuracy, seconds: str, varied: Mapping[str, str]) -> dict[str, bytes]:

@@ -8,9 +8,9 @@ from hpcinv.reports.page import write_page
 from hpcinv.study.executions import Executions
 from hpcinv.study.findings import findings
 from hpcinv.study.references import ReferenceValue
-from hpcinv.study.rows import rows_of
-from hpcinv.study.run import diagrams
-from hpcinv.study.tables import run_columns, run_units
+from hpcinv.study.result_rows import rows_of
+from hpcinv.study.study_run import diagrams
+from hpcinv.study.study_tables import run_columns, run_units
 
 
 def write_study_report(executions: Executions, path: Path) -> Path:

@@ -6,8 +6,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from hpcinv.batch.task import Batch
-from hpcinv.sweep.plan import SweepPlan
 from hpcinv.sweep.results import RETRY
+from hpcinv.sweep.sweep_plan import SweepPlan
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm

@@ -17,7 +17,7 @@ import scipy.stats
 
 from hpcinv.errors import JobError, SolveError
 from hpcinv.fitting.linearised import Combination, Linearised, correlation_of
-from hpcinv.identification.evaluation import Evaluation, Evaluations
+from hpcinv.identification.job_evaluation import Evaluation, Evaluations
 from hpcinv.job.identification import bounds_of, prior_of, start_of
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats

@@ -5,7 +5,7 @@ import statistics
 from collections.abc import Mapping
 from functools import cache
 
-from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.ledger.case_record import CaseRecord
 
 
 def remaining_seconds(

@@ -6,9 +6,9 @@ from typing import Any
 
 from hpcinv.batch.conduct import conduct
 from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.sweep.execution import open_damaged, sweep_batch
-from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.results import results
+from hpcinv.sweep.sweep_batch import open_damaged, sweep_batch
+from hpcinv.sweep.sweep_plan import load_sweep
 from hpcinv.sweep.table import columns, units
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from hpcinv.batch.specification import text_of
 from hpcinv.batch.tables import Columns, fill
 from hpcinv.study.findings import Accuracy
-from hpcinv.study.plan import StudyPlan
 from hpcinv.study.references import ReferenceValue
-from hpcinv.study.rows import StudyRow
-from hpcinv.study.spec import COSTS, STATISTICS
+from hpcinv.study.result_rows import StudyRow
+from hpcinv.study.study_plan import StudyPlan
+from hpcinv.study.study_spec import COSTS, STATISTICS
 
 
 def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> Columns:

@@ -5,18 +5,18 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.ledger import Ledger
-from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.pictures.boundary import NAME, Boundary, read_boundary
-from hpcinv.reports.arrays import Arrays
+from hpcinv.pictures.boundary_surface import NAME, Boundary, read_boundary
 from hpcinv.reports.of_cases import cases_page, outcome_of
 from hpcinv.reports.of_run import write_run_report
+from hpcinv.reports.packed_arrays import Arrays
 from hpcinv.reports.page import NAME as PAGE
 from hpcinv.reports.page import write_page
 from hpcinv.reports.shapes import mean_and_cases, pictures
-from hpcinv.sweep.plan import SweepPlan
 from hpcinv.sweep.results import results
 from hpcinv.sweep.shape_spread import kept_file
+from hpcinv.sweep.sweep_plan import SweepPlan
 from hpcinv.sweep.table import columns, parameter_names, quantity_columns, units
 
 _MOST = 400  # shapes that are read

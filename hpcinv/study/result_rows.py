@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.job.mesh_generators import resolution_of
 from hpcinv.parallel.timings import SOLVER
 from hpcinv.quantity.keys import look_up
 from hpcinv.study.executions import Executions
-from hpcinv.study.plan import Place, Run, StudyPlan
-from hpcinv.study.spec import refines
+from hpcinv.study.study_plan import Place, Run, StudyPlan
+from hpcinv.study.study_spec import refines
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,9 @@ from hpcinv.files.atomic import create, output_errors, replace
 from hpcinv.files.directory_lock import DirectoryLock
 from hpcinv.files.json_data import json_data
 from hpcinv.files.names import check_output
-from hpcinv.identification.estimate import ParameterEstimate, Report, estimate
-from hpcinv.identification.evaluation import Evaluation, Evaluations, SolveTimer
-from hpcinv.identification.report import as_data, changes, sections, sensitivities
+from hpcinv.identification.gauss_newton import ParameterEstimate, Report, estimate
+from hpcinv.identification.identification_report import as_data, changes, sections, sensitivities
+from hpcinv.identification.job_evaluation import Evaluation, Evaluations, SolveTimer
 from hpcinv.identification.shares import shares_of, teams_of
 from hpcinv.job.job import Job
 from hpcinv.mesh.source import Floats

@@ -11,7 +11,7 @@ from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.study.spec import Study, measured_key
+from hpcinv.study.study_spec import Study, measured_key
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from rich.table import Table
 
 from hpcinv.output.console import table_console, table_of_numbers
 from hpcinv.study.findings import Accuracy
-from hpcinv.study.plan import StudyPlan
 from hpcinv.study.references import ReferenceValue
-from hpcinv.study.rows import StudyRow
-from hpcinv.study.spec import STATISTICS
-from hpcinv.study.tables import relative
+from hpcinv.study.result_rows import StudyRow
+from hpcinv.study.study_plan import StudyPlan
+from hpcinv.study.study_spec import STATISTICS
+from hpcinv.study.study_tables import relative
 
 
 def show(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> None:

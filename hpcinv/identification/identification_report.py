@@ -6,9 +6,9 @@ import numpy as np
 import yaml
 
 from hpcinv.fitting.candidate import quantity, short
+from hpcinv.fitting.fit_report import commented, rounded
 from hpcinv.fitting.linearised import Combination, correlations
-from hpcinv.fitting.report import commented, rounded
-from hpcinv.identification.estimate import ParameterEstimate
+from hpcinv.identification.gauss_newton import ParameterEstimate
 from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter

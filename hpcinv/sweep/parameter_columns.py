@@ -8,7 +8,7 @@ from hpcinv.batch.axes import Axis
 from hpcinv.batch.specification import text_of
 from hpcinv.quantity.constants import constant
 from hpcinv.quantity.units import Dimension, as_float
-from hpcinv.sweep.plan import SweepPlan
+from hpcinv.sweep.sweep_plan import SweepPlan
 
 
 def parameter_columns(plan: SweepPlan) -> dict[str, list[Any]]:
