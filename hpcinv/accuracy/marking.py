@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.accuracy.refinement_forecast import Places
+from hpcinv.accuracy.refinement_forecast import RefinementPlaces
 from hpcinv.mesh.source import Floats, Ints
 
 # Factor on the number of added cells, for those that are bisected to keep the mesh conforming.
@@ -42,7 +42,7 @@ class MarkingPlan:
     """Number of halvings of each cell (n,), and the predicted effect."""
 
     levels: Ints
-    places: Places
+    places: RefinementPlaces
 
 
 def plan(indicators: Floats, reduction: float, order: float, limits: Floats | None = None) -> MarkingPlan:
@@ -71,7 +71,9 @@ def plan(indicators: Floats, reduction: float, order: float, limits: Floats | No
             low = middle
     chosen = levels(np.exp(low))
     pieces = np.where(graded, 7 * (TOUCHING**chosen - 1), 8.0**chosen - 1)
-    return MarkingPlan(chosen, Places(1 + CLOSURE * float(np.mean(pieces)), remaining(shares, orders, chosen)))
+    return MarkingPlan(
+        chosen, RefinementPlaces(1 + CLOSURE * float(np.mean(pieces)), remaining(shares, orders, chosen))
+    )
 
 
 def remaining(shares: Floats, orders: Floats, levels: Ints) -> float:

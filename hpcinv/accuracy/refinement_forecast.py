@@ -24,7 +24,7 @@ COMPILATION = 10.0  # smallest presumed time (s) to compile kernels of a degree 
 POWER, SHORTEST = 1.5, 0.01  # ``q`` until a factorization has taken so many seconds
 SHAMANSKII = 1.5  # number of factorizations of a solve from the solution on a coarser mesh
 
-type Kind = Literal["everywhere", "in places"]
+type RefinementKind = Literal["everywhere", "in places"]
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class RefinementChoice:
     ``excess`` is the predicted ratio of the error to the demand.
     """
 
-    kind: Kind
+    kind: RefinementKind
     factor: float
     degree: int
     unknowns: int
@@ -81,7 +81,7 @@ class RefinementChoice:
 
 
 @dataclass(frozen=True)
-class Places:
+class RefinementPlaces:
     """Local refinement: factors on the number of cells and on the error."""
 
     cells: float
@@ -152,7 +152,7 @@ class RefinementForecast:
         gain = self.gain(self.last.degree) if degree > self.last.degree else 1.0
         return float(self.excess * gain * factor ** -self.order(degree))
 
-    def in_places(self, places: Places) -> RefinementChoice:
+    def in_places(self, places: RefinementPlaces) -> RefinementChoice:
         """Return the choice of refining marked cells."""
         return self._choice("in places", 1.0, self.last.degree, places.cells, self.excess * places.error)
 
@@ -161,7 +161,9 @@ class RefinementForecast:
         assembly = self._assembly * cells * nodes(self.last.cell, degree) ** 3
         return float(assembly + self._factorization * unknowns**self.power)
 
-    def _choice(self, kind: Kind, factor: float, degree: int, growth: float, excess: float) -> RefinementChoice:
+    def _choice(
+        self, kind: RefinementKind, factor: float, degree: int, growth: float, excess: float
+    ) -> RefinementChoice:
         cells, unknowns = self.last.cells * growth, self.last.unknowns * growth * (degree / self.last.degree) ** 3
         finer = unknowns * ((degree + 1) / degree) ** 3
         seconds = SHAMANSKII * self.seconds(degree, cells, unknowns) + self.seconds(degree + 1, cells, finer)
@@ -198,7 +200,7 @@ def _fit(points: Iterable[tuple[float, float]]) -> tuple[float, float]:
 
 
 def choose(
-    forecast: RefinementForecast, factors: Sequence[float], places: Places | None, *, limit: int, highest: int
+    forecast: RefinementForecast, factors: Sequence[float], places: RefinementPlaces | None, *, limit: int, highest: int
 ) -> RefinementChoice | None:
     """Return the cheapest discretisation that meets the demand, else the most accurate one.
 

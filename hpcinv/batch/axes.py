@@ -9,12 +9,12 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field, PlainValidator, ValidationInfo
 
-from hpcinv.batch.sampling import Distribution, Method, read_distribution, unit_points
+from hpcinv.batch.sampling import Distribution, SamplingMethod, read_distribution, unit_points
 from hpcinv.quantity.keys import JobKey, parse_key
 from hpcinv.quantity.schema import Faults, ListOf, Name, Spec
 
 LISTS = ("grid", "zip")
-SAMPLES: tuple[Method, ...] = ("random", "latin_hypercube", "sobol")
+SAMPLES: tuple[SamplingMethod, ...] = ("random", "latin_hypercube", "sobol")
 KINDS = (*LISTS, *SAMPLES, "branches")
 
 type Sample = Mapping[JobKey, Annotated[Distribution, PlainValidator(read_distribution)]]

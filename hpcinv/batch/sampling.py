@@ -12,8 +12,8 @@ from hpcinv.quantity.schema import shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension, as_float
 
-type Kind = Literal["uniform", "log-uniform", "normal"]
-type Method = Literal["random", "latin_hypercube", "sobol"]
+type DistributionKind = Literal["uniform", "log-uniform", "normal"]
+type SamplingMethod = Literal["random", "latin_hypercube", "sobol"]
 
 _EXAMPLES: Mapping[str, str] = {
     "uniform": "[2 kPa, 200 kPa]",
@@ -30,7 +30,7 @@ class Distribution:
     ``dimension`` is ``None`` where the file has plain numbers.
     """
 
-    kind: Kind
+    kind: DistributionKind
     first: float
     second: float
     dimension: Dimension | None = None
@@ -102,7 +102,7 @@ def _same_dimension(values: Sequence[object]) -> tuple[float, float, Dimension |
     return first, second, one
 
 
-def unit_points(method: Method, dimensions: int, count: int, seed: int) -> Sequence[Sequence[float]]:
+def unit_points(method: SamplingMethod, dimensions: int, count: int, seed: int) -> Sequence[Sequence[float]]:
     """Return points in ``[0, 1)^dimensions``, the same on any machine.
 
     A larger random or Sobol sample begins with the points of a smaller one; a Latin hypercube has other points.

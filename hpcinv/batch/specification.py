@@ -52,7 +52,7 @@ def with_settings(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[
         raise JobError(str(error)) from None
 
 
-class Faults:
+class SpecificationFaults:
     """Faults of the cases of a file, each listed once, with the number of cases that have it."""
 
     def __init__(self, path: Path, noun: str) -> None:

@@ -14,7 +14,7 @@ from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.factorization import WORKSPACE, larger_workspace
 from hpcinv.solver.linear.ordering import order_by_nodes
-from hpcinv.solver.petsc_options import Value
+from hpcinv.solver.petsc_options import OptionValue
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,14 @@ class Inertia:
     asymmetry: float
 
 
-_OPTIONS: Mapping[str, Value] = {
+_OPTIONS: Mapping[str, OptionValue] = {
     "mat_mumps_icntl_13": 1,  # no ScaLAPACK on the root, where negative pivots are not counted
     "mat_mumps_icntl_24": 1,  # detect null pivots
     "mat_mumps_icntl_14": WORKSPACE,
 }
-_ROUNDED: Mapping[str, Value] = {"pc_precision": "single"}
-_LOW_RANK: Mapping[str, Value] = {"mat_mumps_icntl_35": 2, "mat_mumps_cntl_7": 1e-4}
-_MINIMUM_FILL: Mapping[str, Value] = {"mat_mumps_icntl_7": 2}
+_ROUNDED: Mapping[str, OptionValue] = {"pc_precision": "single"}
+_LOW_RANK: Mapping[str, OptionValue] = {"mat_mumps_icntl_35": 2, "mat_mumps_cntl_7": 1e-4}
+_MINIMUM_FILL: Mapping[str, OptionValue] = {"mat_mumps_icntl_7": 2}
 _ITERATIONS = 30  # of GMRES, by which rounded and kept factors are tested
 _SOLVED = 1e-5  # relative preconditioned residual there
 _LEAST = 0.1  # real part of an eigenvalue there
@@ -161,7 +161,7 @@ def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
     return symmetric
 
 
-def _factorized(matrix: PETSc.Mat, options: Mapping[str, Value], unknowns: Unknowns | None) -> PETSc.PC | None:
+def _factorized(matrix: PETSc.Mat, options: Mapping[str, OptionValue], unknowns: Unknowns | None) -> PETSc.PC | None:
     """Return factors of a symmetric matrix, ``None`` if MUMPS fails also with more workspace; collective."""
     database, prefix = PETSc.Options("inertia_"), "inertia_"
     for name, value in options.items():

@@ -26,16 +26,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
 from hpcinv.certificate.multigrid_solver import MultigridSolver
+from hpcinv.mesh.source import Floats
 from hpcinv.model.supports import Supports
 from hpcinv.parallel.petsc_vectors import dot
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
-
-type Floats = npt.NDArray[np.float64]
 
 ACCURACY = 0.1  # of the reciprocal of an eigenvalue that is taken for the lowest one
 

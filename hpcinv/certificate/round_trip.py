@@ -28,6 +28,7 @@ from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.inertia import SymmetricFactors
 from hpcinv.certificate.multigrid_solver import MultigridSolver
 from hpcinv.effects import Direction
+from hpcinv.mesh.source import Floats
 from hpcinv.methods import solve_direction
 from hpcinv.methods.method import UNLOADED
 from hpcinv.methods.updates import Anderson
@@ -37,8 +38,6 @@ from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, IterationObserver, Observer, stop_if_asked
-
-type Floats = npt.NDArray[np.float64]
 
 ROUND_TRIP = "round trip, relative to the displacement"
 WARN, FAIL = 1e-3, 0.1

@@ -8,7 +8,7 @@ import dolfinx
 import numpy as np
 
 from hpcinv.job.job import Job
-from hpcinv.job.sections import AXES, Axis
+from hpcinv.job.sections import AXES, AxisName
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.regions import LocalIndices
@@ -26,7 +26,7 @@ class SymmetryPlane:
     """
 
     region: str
-    axis: Axis
+    axis: AxisName
     position: float
     crossed: float
 
@@ -41,7 +41,7 @@ def symmetry_planes(job: Job, body: Body, given: Floats, moved: Floats) -> list[
     Args:
         given, moved: local geometry nodes (n, 3) m of the body that the job gives, and of the one to check.
     """
-    held: dict[str, set[Axis]] = {}
+    held: dict[str, set[AxisName]] = {}
     for support in job.supports:
         held[support.region] = held.get(support.region, set()) | support.held
     alone = [s for s in job.supports if s.fix is not None and len(held[s.region]) == 1]
@@ -49,7 +49,7 @@ def symmetry_planes(job: Job, body: Body, given: Floats, moved: Floats) -> list[
     return [plane for plane in planes if plane is not None]
 
 
-def _plane(body: Body, region: str, axis: Axis, given: Floats, moved: Floats) -> SymmetryPlane | None:
+def _plane(body: Body, region: str, axis: AxisName, given: Floats, moved: Floats) -> SymmetryPlane | None:
     comm, i = body.mesh.comm, AXES.index(axis)
     low, high = extent(comm, given)
     near = _ROUND_OFF * float(np.linalg.norm(high - low))

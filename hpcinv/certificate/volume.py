@@ -30,7 +30,7 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
-type Floats = npt.NDArray[np.floating[Any]]
+type Reals = npt.NDArray[np.floating[Any]]
 
 UNACCOUNTED = "volume ratio not explained by the pressure, exceeded in 1 % of the volume"
 SHARE = 0.01
@@ -93,8 +93,8 @@ def _unaccounted(equations: Equations, scene: Scene) -> float | None:
 
 
 def _smoothed(
-    equations: Equations, scene: Scene, cells: npt.NDArray[np.int32], strains: Floats, volumes: Floats
-) -> Floats:
+    equations: Equations, scene: Scene, cells: npt.NDArray[np.int32], strains: Reals, volumes: Reals
+) -> Reals:
     """Return means of the strains (cells, points) over the volume around each vertex, interpolated to the points."""
     mesh = equations.body.mesh
     dofmap = fem.functionspace(mesh, ("Lagrange", 1)).dofmap
@@ -110,7 +110,7 @@ def _smoothed(
     return np.asarray(means[dofs] @ shapes.T)
 
 
-def _exceeded(comm: MPI.Intracomm, values: Floats, volumes: Floats) -> float:
+def _exceeded(comm: MPI.Intracomm, values: Reals, volumes: Reals) -> float:
     """Return the value exceeded in `SHARE` of the volume; not finite if any value is not; collective."""
     if not comm.allreduce(bool(np.isfinite(values).all()), op=MPI.LAND):
         return float("inf")

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import ValidationInfo
 
 from hpcinv.effects.effect import Configuration, Deformation, Effect
-from hpcinv.quantity import Family, Faults, ListOf, Location, PositiveField, TensorField
+from hpcinv.quantity import Family, Faults, KeyPath, ListOf, PositiveField, TensorField
 from hpcinv.quantity.schema import repeated
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, is_uniform
 from hpcinv.quantity.tensor_fields import components, least_determinant
@@ -87,7 +87,7 @@ class Prestrain(Effect):
             F0 = components(
                 tuple(tuple(x.at(region) if isinstance(x, ByRegion) else x for x in row) for row in self.tensor)
             )
-            where: Location = ("tensor", region) if by_region else ("tensor",)
+            where: KeyPath = ("tensor", region) if by_region else ("tensor",)
             if (determinant := float(_determinant(F0))) <= 0:
                 yield where, f"inverts the material: det F0 must be above 0, not {determinant:g}"
             elif (least := float(least_determinant(F0))) <= 0:

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import ConfigDict, ValidationInfo, model_validator
 
 from hpcinv.effects.effect import Deformation, Effect
-from hpcinv.quantity import ExpansionField, Faults, Location, TemperatureField, raise_if_any
+from hpcinv.quantity import ExpansionField, Faults, KeyPath, TemperatureField, raise_if_any
 from hpcinv.quantity.schema import shown
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, is_uniform
 from hpcinv.quantity.units import as_float, parse_temperature
@@ -89,7 +89,7 @@ class ThermalExpansion(Effect):
         return load * par.coefficient * par.temperature_change * k.I
 
 
-def _misfits(data: Mapping[str, Any]) -> list[tuple[Location, str]]:
+def _misfits(data: Mapping[str, Any]) -> list[tuple[KeyPath, str]]:
     """Return problems: one temperature is missing, or their difference is given too."""
     if "temperature_change" in data:
         return [((key,), "is not valid with 'temperature_change'; remove one of them") for key in _KEYS if key in data]

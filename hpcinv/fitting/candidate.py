@@ -17,7 +17,7 @@ from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.keys import assigned, parse_key
 from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.quantity import quantity_of
-from hpcinv.quantity.schema import Location, at, job_error, problems_in
+from hpcinv.quantity.schema import KeyPath, at, job_error, problems_in
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension, parse_unit
 
@@ -38,7 +38,7 @@ class FreeParameter:
         lower, upper: bounds (SI) that the law sets.
     """
 
-    place: Location
+    place: KeyPath
     dimension: Dimension
     lower: float = -math.inf
     upper: float = math.inf
@@ -71,7 +71,7 @@ class Candidate:
     parameters: tuple[FreeParameter, ...]
 
     @property
-    def places(self) -> list[Location]:
+    def places(self) -> list[KeyPath]:
         return [parameter.place for parameter in self.parameters]
 
     @property
@@ -207,7 +207,7 @@ def _parameters(law: MaterialLaw, kept: set[tuple[Any, ...]]) -> Iterator[FreePa
         yield FreeParameter(place, number.dimension, max(lowest, bounds.at_least), bounds.at_most)
 
 
-def _values(law: MaterialLaw, places: Sequence[Location]) -> Floats:
+def _values(law: MaterialLaw, places: Sequence[KeyPath]) -> Floats:
     numbers = law.numbers()
     found = [numbers[place] for place in places]
     if not all(isinstance(number, Number) for number in found):

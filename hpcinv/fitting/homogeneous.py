@@ -15,7 +15,7 @@ from hpcinv.fitting.taylor import FUNCTIONS, Taylor
 from hpcinv.materials.material_law import MaterialLaw
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.schema import Location
+from hpcinv.quantity.schema import KeyPath
 
 _MOST_ITERATIONS = 100  # of Newton's method for the lateral stretch
 _LARGEST_STEP = 0.3  # of its logarithm
@@ -65,7 +65,7 @@ MODES: dict[str, Mode] = {
 """Kinds of tests by name; ``planar`` is also called pure shear."""
 
 
-def name_in_formula(place: Location) -> str:
+def name_in_formula(place: KeyPath) -> str:
     """Return the name in a law's formula of the number at a place, such as ``mu1`` of ``("mu", 0)``."""
     name, *rest = place
     if name == "parameters":
@@ -81,7 +81,7 @@ class Response:
         places: of the parameters, in the order in which values of them are given.
     """
 
-    def __init__(self, law: MaterialLaw, places: Sequence[Location]) -> None:
+    def __init__(self, law: MaterialLaw, places: Sequence[KeyPath]) -> None:
         self.is_incompressible = law.is_incompressible
         self._energy = Expression(law.own_formula if law.is_incompressible else law.energy_formula)
         self._names = [name_in_formula(place) for place in places]

@@ -87,10 +87,10 @@ class Taylor:
     __rmul__ = __mul__
 
 
-type Number = Taylor | float
+type TaylorOrFloat = Taylor | float
 
 
-def _function(derivatives: Callable[[Any], tuple[Any, Any, Any]]) -> Callable[[Number], Any]:
+def _function(derivatives: Callable[[Any], tuple[Any, Any, Any]]) -> Callable[[TaylorOrFloat], Any]:
     """Return a function of Taylor numbers and floats from its value and derivatives."""
     return lambda x: x.mapped(*derivatives(x.value)) if isinstance(x, Taylor) else derivatives(np.float64(x))[0]
 
@@ -106,13 +106,13 @@ _abs = _function(lambda v: (np.abs(v), np.sign(v), np.zeros_like(v)))
 _atan = _function(lambda v: (np.arctan(v), 1 / (1 + v**2), -2 * v / (1 + v**2) ** 2))
 
 
-def _larger(a: Number, b: Number) -> Number:
-    larger: Number = (a + b + _abs(a - b)) * 0.5
+def _larger(a: TaylorOrFloat, b: TaylorOrFloat) -> TaylorOrFloat:
+    larger: TaylorOrFloat = (a + b + _abs(a - b)) * 0.5
     return larger
 
 
-def _norm(*terms: Number) -> Number:
-    found: Number = sqrt(sum(t * t for t in terms))
+def _norm(*terms: TaylorOrFloat) -> TaylorOrFloat:
+    found: TaylorOrFloat = sqrt(sum(t * t for t in terms))
     return found
 
 

@@ -18,7 +18,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import Body, in_source_order
 from hpcinv.mesh.bounding_box import diagonal
-from hpcinv.mesh.location import Location, locate, position
+from hpcinv.mesh.location import PointLocation, locate, position
 from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import gather_surface
@@ -121,7 +121,7 @@ class ObservedLandmarks(Observed):
             rows = np.array([[*one.at, *one.observed] for one in spec.landmarks or ()])
         self._observed = rows[:, 3:]
         self.count = self._observed.size
-        self._places: list[Location] = []
+        self._places: list[PointLocation] = []
         for number, at in enumerate(rows[:, :3]):
             if (place := locate(body, at)) is None:
                 point = ", ".join(f"{c:g}" for c in at)

@@ -11,7 +11,7 @@ from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.expressions import Expression, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.quantity import AnyQuantity
-from hpcinv.quantity.schema import Faults, Location, Name, Triple
+from hpcinv.quantity.schema import Faults, KeyPath, Name, Triple
 from hpcinv.quantity.spatial_fields import POSITIONS, ByData, ByFormula, ByRule
 from hpcinv.quantity.units import Dimension
 
@@ -46,7 +46,7 @@ class FibreFamily(Ingredient):
         formulas = (ByFormula(f, {n: c for n, c in self.constants.items() if n in f.names}) for f in self.direction)
         return {"direction": (tuple(formulas), Dimension())}
 
-    def numbers(self) -> dict[Location, Number | str]:
+    def numbers(self) -> dict[KeyPath, Number | str]:
         return {("constants", name): Number(value, None) for name, value in self.constants.items()}
 
     def _contradictions(self, info: ValidationInfo) -> Faults:

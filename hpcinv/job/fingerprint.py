@@ -14,7 +14,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.mesh_header import SUFFIX, read_header
 from hpcinv.quantity.expressions import LET
 from hpcinv.quantity.plugins import inputs_of
-from hpcinv.quantity.schema import Location, at
+from hpcinv.quantity.schema import KeyPath, at
 
 _PHYSICS = {"analysis", "regions", "fibres", "material", "load_cases", "effects", "supports"}
 WITH_DEFINITIONS = {LET: True}
@@ -160,7 +160,7 @@ def check_same_problem(path: Path, old: Mapping[str, Any], new: Mapping[str, Any
 _ABSENT = object()
 
 
-def _leaves(data: Any, where: Location) -> Iterator[tuple[Location, Any]]:
+def _leaves(data: Any, where: KeyPath) -> Iterator[tuple[KeyPath, Any]]:
     if isinstance(data, Mapping):
         for key, value in data.items():
             yield from _leaves(value, (*where, key))

@@ -12,7 +12,7 @@ from hpcinv.job.sections import LENGTH, QuantityOfInterest, directory_of
 from hpcinv.job.sensitivities import Owner, Parameter, fault_of_tie, parameter
 from hpcinv.quantity.keys import JobKey
 from hpcinv.quantity.quantity import AnyMeasured, Length, LengthUnit, Measured, Size
-from hpcinv.quantity.schema import Faults, ListOf, Location, Name, Spec, Triple, repeated, shown
+from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Spec, Triple, repeated, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
@@ -197,7 +197,7 @@ def faults_of_identification(
 
 
 def _faults_of_parameter(number: Parameter, sought: Sought) -> Faults:
-    given: list[tuple[Location, Measured | None]] = [
+    given: list[tuple[KeyPath, Measured | None]] = [
         (("start",), sought.start),
         (("bounds", 0), sought.bounds[0]),
         (("bounds", 1), sought.bounds[1]),

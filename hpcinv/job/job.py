@@ -46,8 +46,8 @@ from hpcinv.quantity.quantity import AnyQuantity
 from hpcinv.quantity.schema import (
     Faults,
     FileName,
+    KeyPath,
     ListOf,
-    Location,
     Name,
     Problems,
     Spec,
@@ -367,7 +367,7 @@ class Job(Spec):
         if applies(info):
             text = f"is a Python file that a run executes, and is {REFUSED}"
             raise_if_any(((i,), f"{shown(plugin)} {text}") for i, plugin in enumerate(plugins))
-        problems: list[tuple[Location, str]] = []
+        problems: list[tuple[KeyPath, str]] = []
         for i, plugin in enumerate(plugins):
             with collected(problems, i):
                 load_file(directory_of(info) / plugin)
@@ -449,7 +449,7 @@ class Job(Spec):
                 raise_if_any(((i, "supports", *place), text) for place, text in faults)
         if any(state.given and state.is_rest for state in states):
             rest = rest_of(states)
-            parts: list[tuple[Location, Ingredient]] = [
+            parts: list[tuple[KeyPath, Ingredient]] = [
                 (("states", i, "effects", j), e) for i, s in enumerate(states) for j, e in enumerate(s.effects)
             ]
             parts += [(("fibres", name), family) for name, family in (fibres or {}).items()]
@@ -589,7 +589,7 @@ class Job(Spec):
             ((numbered[i][0], "name"), f"'{names[i]}' is the name of another quantity in a state")
             for i in repeated(names)
         )
-        problems: list[tuple[Location, str]] = []
+        problems: list[tuple[KeyPath, str]] = []
         for i, quantity in numbered:
             supports = loaded[quantity.state].supports if quantity.state else None
             regions = list(dict.fromkeys(s.region for s in (info.data["supports"] if supports is None else supports)))
@@ -634,7 +634,7 @@ def _by_state(quantity: QuantityOfInterest, loaded: Sequence[str]) -> list[Quant
 
 def _without_contact(
     number: int, quantity: QuantityOfInterest, loads: Mapping[str, Iterable[Effect]]
-) -> Iterator[tuple[Location, str]]:
+) -> Iterator[tuple[KeyPath, str]]:
     """Fault of a result of contact on a region without one, with the effects of each loaded state."""
     state = quantity.state or ""
     regions = {name: [e.region for e in effects if isinstance(e, Contact)] for name, effects in loads.items()}
@@ -767,9 +767,9 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
     return job
 
 
-def _named_regions(job: Job) -> Iterator[tuple[Location, str]]:
+def _named_regions(job: Job) -> Iterator[tuple[KeyPath, str]]:
     """Names of all regions to which a job refers, with their places."""
-    sections: list[tuple[Location, Sequence[Support], Sequence[Effect]]] = [((), job.supports, job.effects)]
+    sections: list[tuple[KeyPath, Sequence[Support], Sequence[Effect]]] = [((), job.supports, job.effects)]
     sections += [(("states", i), state.supports or (), state.effects) for i, state in enumerate(job.states)]
     for place, supports, effects in sections:
         for i, support in enumerate(supports):
@@ -792,7 +792,7 @@ def _named_regions(job: Job) -> Iterator[tuple[Location, str]]:
             yield ("quantities", i, "on"), quantity.on
 
 
-def _in_values(value: object, where: Location) -> Iterator[tuple[Location, str]]:
+def _in_values(value: object, where: KeyPath) -> Iterator[tuple[KeyPath, str]]:
     names = dict.fromkeys(name for entry in entries(value) if isinstance(entry, ByRegion) for name in entry.values)
     for name in names:
         if name != ELSEWHERE:

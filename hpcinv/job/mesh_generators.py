@@ -12,11 +12,11 @@ from pathlib import Path
 
 from hpcinv.quantity.constants import constant, is_pure
 from hpcinv.quantity.quantity import QUANTITIES
-from hpcinv.quantity.schema import Location, collected, shown
+from hpcinv.quantity.schema import KeyPath, collected, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
-type Value = float | int | bool | str
+type ParameterValue = float | int | bool | str
 
 MOST_DIVISIONS = 1_000_000
 """cells along one edge; more would be a mistake, and numbers beyond the integers of gmsh end it with a traceback"""
@@ -34,9 +34,9 @@ class GeneratorParameter:
 
     kind: str
     required: bool
-    default: Value | None = None
+    default: ParameterValue | None = None
 
-    def read(self, value: object) -> Value:
+    def read(self, value: object) -> ParameterValue:
         """The value, checked and converted to SI; raises ``ValueError`` if it is invalid."""
         return _READERS[self.kind or "float"](value)
 
@@ -60,7 +60,7 @@ class GeneratorParameter:
         )
 
 
-def _expect[V: Value](kind: type[V], name: str) -> Callable[[object], V]:
+def _expect[V: ParameterValue](kind: type[V], name: str) -> Callable[[object], V]:
     def read(value: object) -> V:
         if type(value) is not kind:  # True is an int in Python, but not here
             raise ValueError(f"must be {name}, not {shown(value)}")
@@ -90,7 +90,7 @@ def _divisions(value: object) -> int:
     return number
 
 
-_READERS: Mapping[str, Callable[[object], Value]] = {
+_READERS: Mapping[str, Callable[[object], ParameterValue]] = {
     **{name: quantity.parse for name, quantity in QUANTITIES.items()},
     "Divisions": _divisions,
     "float": QUANTITIES["AnyQuantity"].parse,
@@ -105,7 +105,7 @@ _OF_ANY_DIMENSION = ("", "float", "AnyQuantity")
 
 def read_parameters(
     path: Path, given: Mapping[str, object], unit: float = 1.0
-) -> tuple[dict[str, Value], list[tuple[Location, str]]]:
+) -> tuple[dict[str, ParameterValue], list[tuple[KeyPath, str]]]:
     """Parameters (SI) for the generator at ``path``, and faults of the ``given`` ones with their places.
 
     Args:
@@ -114,8 +114,8 @@ def read_parameters(
     Raises:
         ValueError: the file is not a valid generator.
     """
-    values: dict[str, Value] = {}
-    problems: list[tuple[Location, str]] = []
+    values: dict[str, ParameterValue] = {}
+    problems: list[tuple[KeyPath, str]] = []
     known = parameters_of(path)
     for name, value in given.items():
         with collected(problems, name):
@@ -127,7 +127,7 @@ def read_parameters(
     return values, problems
 
 
-def in_unit(path: Path, given: Mapping[str, Value], unit: float) -> dict[str, Value]:
+def in_unit(path: Path, given: Mapping[str, ParameterValue], unit: float) -> dict[str, ParameterValue]:
     """Parameters for a generator that works in a length ``unit`` (m), converted from SI, with defaults of others.
 
     Parameters annotated as lengths, areas or volumes are converted, and rounded to 13 digits: a mesh may change
@@ -167,7 +167,7 @@ class Resolution:
         )
 
 
-def resolution_of(path: Path, given: Mapping[str, Value]) -> Resolution:
+def resolution_of(path: Path, given: Mapping[str, ParameterValue]) -> Resolution:
     """Resolution of the generator at ``path`` with ``given`` parameters (SI)."""
     found: dict[str, dict[str, float]] = {"Size": {}, "Divisions": {}}
     for name, parameter in parameters_of(path).items():
@@ -211,7 +211,7 @@ def _of_python(text: str) -> dict[str, GeneratorParameter]:
     }
 
 
-def _literal(default: ast.expr | None) -> Value | None:
+def _literal(default: ast.expr | None) -> ParameterValue | None:
     try:
         value = None if default is None else ast.literal_eval(default)
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):  # a name or a call

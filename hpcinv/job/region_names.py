@@ -16,7 +16,7 @@ from xml.parsers import expat
 
 from hpcinv.errors import MeshError
 from hpcinv.job.mesh_header import SUFFIX, read_header
-from hpcinv.quantity.schema import Location
+from hpcinv.quantity.schema import KeyPath
 from hpcinv.quantity.suggestions import did_you_mean
 
 _BOUNDARY = "boundary"
@@ -36,8 +36,8 @@ class Groups:
 
 
 def unknown_regions(
-    path: Path, defined: Iterable[str], named: Iterable[tuple[Location, str]]
-) -> Iterator[tuple[Location, str]]:
+    path: Path, defined: Iterable[str], named: Iterable[tuple[KeyPath, str]]
+) -> Iterator[tuple[KeyPath, str]]:
     """Places in a job with the name of an unknown region, and messages.
 
     Args:

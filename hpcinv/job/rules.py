@@ -8,7 +8,7 @@ from hpcinv.job.settings import Discretisation
 from hpcinv.materials import MaterialLaw
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.quantity import positive
-from hpcinv.quantity.schema import Faults, Location, collected, raise_if_any, shown
+from hpcinv.quantity.schema import Faults, KeyPath, collected, raise_if_any, shown
 from hpcinv.quantity.suggestions import did_you_mean
 
 NEARLY_INCOMPRESSIBLE = 10.0  # bulk-to-shear ratio above which the displacement form locks
@@ -114,7 +114,7 @@ def read_demands(given: object, quantities: Sequence[QuantityOfInterest]) -> dic
         raise ValueError(f"must be a mapping of names of quantities to their largest errors, not {shown(given)}")
     known = {q.name: q for q in quantities}
     demands: dict[str, float] = {}
-    problems: list[tuple[Location, str]] = []
+    problems: list[tuple[KeyPath, str]] = []
     for name, value in given.items():
         with collected(problems, str(name)):
             if name not in known:

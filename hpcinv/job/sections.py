@@ -21,18 +21,18 @@ from pydantic_core import core_schema
 from hpcinv.files.names import exists, is_file
 from hpcinv.files.untrusted import applies, mesh_fault
 from hpcinv.job import msh_format
-from hpcinv.job.mesh_generators import Value, in_unit, is_generator, read_parameters
+from hpcinv.job.mesh_generators import ParameterValue, in_unit, is_generator, read_parameters
 from hpcinv.job.mesh_header import HEADER, SUFFIX
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number, with_scalar
 from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Size
-from hpcinv.quantity.schema import Faults, ListOf, Location, Name, Problems, Spec, Triple, raise_if_any, shown
+from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Problems, Spec, Triple, raise_if_any, shown
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
-type Axis = Literal["x", "y", "z"]
-AXES: tuple[Axis, ...] = ("x", "y", "z")
+type AxisName = Literal["x", "y", "z"]
+AXES: tuple[AxisName, ...] = ("x", "y", "z")
 LENGTH = Dimension(length=1)
 COORDINATES: dict[str, Dimension | None] = dict.fromkeys(AXES, LENGTH)
 POSITIONS = COORDINATES | dict.fromkeys(("X", "Y", "Z", "ux", "uy", "uz"), LENGTH)
@@ -117,7 +117,7 @@ class MeshFile(Spec):
     """length unit of the coordinates in a mesh file, or of a Python generator, such as mm: lengths are passed to it in
     that unit, for bodies too small or too large for gmsh's absolute tolerances in metres"""
     parameters: Annotated[
-        Mapping[str, Value],
+        Mapping[str, ParameterValue],
         WithJsonSchema({"type": "object", "additionalProperties": {"type": ["number", "string", "boolean"]}}),
     ] = {}
     """parameters of the generator, as numbers in SI or quantities"""
@@ -193,7 +193,7 @@ class MeshFile(Spec):
 
     @field_validator("parameters", mode="plain")
     @classmethod
-    def _check_parameters(cls, given: object, info: ValidationInfo) -> Mapping[str, Value]:
+    def _check_parameters(cls, given: object, info: ValidationInfo) -> Mapping[str, ParameterValue]:
         if not isinstance(given, Mapping):
             raise ValueError(f"must be a mapping of names to values, not {shown(given)}")
         if "file" not in info.data:  # already reported
@@ -381,17 +381,17 @@ class Support(Spec):
     """load case (a name from 'load_cases') of the displacement; by default the first"""
 
     @property
-    def held(self) -> frozenset[Axis]:
+    def held(self) -> frozenset[AxisName]:
         """The components that the support prescribes."""
         if self.displacement is None:
             return frozenset(self.fix or ())
         return frozenset(a for a, formula in zip(AXES, self.displacement, strict=True) if formula is not None)
 
-    def numbers(self) -> dict[Location, Number | str]:
+    def numbers(self) -> dict[KeyPath, Number | str]:
         """The constants of the formulas by place."""
         return {("constants", name): Number(value, None) for name, value in self.constants.items()}
 
-    def with_number(self, place: Location, number: float) -> Self:
+    def with_number(self, place: KeyPath, number: float) -> Self:
         """A copy with another constant (SI) at one of the places of `numbers`."""
         return self.model_copy(update={"constants": with_scalar(self.constants, place[1:], number)})
 

@@ -7,7 +7,7 @@ from hpcinv.job.sections import Support
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.keys import JobKey, parse_key
 from hpcinv.quantity.quantity import AnyQuantity, positive
-from hpcinv.quantity.schema import ListOf, Location, Spec, at, collected, shown
+from hpcinv.quantity.schema import KeyPath, ListOf, Spec, at, collected, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
@@ -39,7 +39,7 @@ class Parameter:
     key: str
     where: str
     owner: Owner | None
-    place: Location
+    place: KeyPath
     value: float
     dimension: Dimension | None
     deviation: float | None = None
@@ -48,7 +48,7 @@ class Parameter:
 
 def read_sensitivities(
     given: object, owners: Mapping[str, Owner]
-) -> tuple[dict[str, Uncertain], list[tuple[Location, str]]]:
+) -> tuple[dict[str, Uncertain], list[tuple[KeyPath, str]]]:
     """Standard deviations (SI) and ties by key, and faults of the ``given`` section with their places.
 
     Args:
@@ -63,7 +63,7 @@ def read_sensitivities(
     else:
         entries = [(i, key, None) for i, key in enumerate(given)]
     found: dict[str, Uncertain] = {}
-    problems: list[tuple[Location, str]] = []
+    problems: list[tuple[KeyPath, str]] = []
     for place, key, value in entries:
         known = {name for first, entry in found.items() for name in (first, *entry.also)}
         with collected(problems, place):
@@ -115,7 +115,7 @@ def with_ties(parameters: Sequence[Parameter]) -> list[Parameter]:
 
 def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) -> Parameter:
     """The parameter of a key; ``ValueError`` if the key is not a number of one of the owners."""
-    location, known = tuple(parse_key(key)), dict[Location, str]()
+    location, known = tuple(parse_key(key)), dict[KeyPath, str]()
     for where, owner in owners.items():
         begin = _location(where)
         for place, number in owner.numbers().items():
@@ -133,7 +133,7 @@ def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) ->
     raise ValueError(f"{key} is not a number of a law, an effect, fibres or a support in this job.{hint}")
 
 
-def _location(where: str) -> Location:
+def _location(where: str) -> KeyPath:
     """``effects[0]``, ``states[1].effects[0]``, ``material.REGION`` and ``fibres.NAME`` as places in a job."""
     state, _, rest = where.rpartition("].")
     before = _location(f"{state}]") if state else ()

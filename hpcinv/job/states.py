@@ -8,7 +8,7 @@ from pydantic import Field, ValidationInfo
 from hpcinv.effects import AnyEffect
 from hpcinv.job.sections import AXES, Support
 from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.schema import Faults, ListOf, Location, Name, Spec, repeated
+from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Spec, repeated
 from hpcinv.quantity.spatial_fields import ByFormula, entries
 from hpcinv.quantity.suggestions import did_you_mean
 
@@ -87,7 +87,7 @@ def rest_of(states: Sequence[StateSpec]) -> str:
     return next((state.name for state in states if state.is_rest), REST)
 
 
-def given_on_current(ingredient: Ingredient) -> Iterator[Location]:
+def given_on_current(ingredient: Ingredient) -> Iterator[KeyPath]:
     """Yield places of what an ingredient attaches to the material, but gives on the current body."""
     for field in ("given_on", "density_in"):
         if getattr(ingredient, field, None) == "current":

@@ -9,7 +9,7 @@ from pydantic_core import core_schema
 
 from hpcinv.materials.material_law import MaterialLaw
 from hpcinv.quantity.plugins import load_installed
-from hpcinv.quantity.schema import Location, OneOf, collected, import_modules, members_of, raise_if_any
+from hpcinv.quantity.schema import KeyPath, OneOf, collected, import_modules, members_of, raise_if_any
 
 import_modules(__name__, __path__)
 
@@ -21,7 +21,7 @@ class OneOrByRegion(OneOf):
         entries = data.values() if isinstance(data, Mapping) else ()
         if not entries or not all(isinstance(entry, Mapping | self.family) for entry in entries):
             return super().choose(data, info)
-        chosen, problems = {}, list[tuple[Location, str]]()
+        chosen, problems = {}, list[tuple[KeyPath, str]]()
         for region, entry in data.items():
             with collected(problems, region):
                 chosen[region] = super().choose(entry, info)

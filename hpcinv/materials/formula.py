@@ -14,7 +14,7 @@ from hpcinv.materials.formula_law.invariants import ISOTROPIC, PrincipalStretche
 from hpcinv.materials.formula_law.jet import Jet, Strains
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.materials.material_law import Deformation
-from hpcinv.quantity import BulkModulusField, Faults, Location, Name, raise_if_any
+from hpcinv.quantity import BulkModulusField, Faults, KeyPath, Name, raise_if_any
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.parameter_paths import Number
@@ -133,7 +133,7 @@ class Formula(IsochoricLaw):
             _in_floats(self.energy, self.parameters, _SMALL, 0.3 * _SMALL, -0.7 * _SMALL)
         return decisions
 
-    def numbers(self) -> dict[Location, Number | str]:
+    def numbers(self) -> dict[KeyPath, Number | str]:
         absent = "is 0, so that its term is no part of the law; give it a small value"  # by Coefficient.parameter
         return super().numbers() | {
             ("parameters", name): Number(p.value, p.dimension) if p.value else absent

@@ -15,7 +15,7 @@ from hpcinv.materials.formula_law.evaluation import evaluate_of_any_parameters
 from hpcinv.materials.moduli import NAMES, Moduli, moduli_schema, shear_and_bulk, young_and_poisson
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.parameter_paths import Number
-from hpcinv.quantity.schema import Faults, Location, Problems
+from hpcinv.quantity.schema import Faults, KeyPath, Problems
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, is_uniform
 from hpcinv.quantity.units import Dimension, parse_unit
 
@@ -156,7 +156,7 @@ class MaterialLaw(Ingredient):
             if all(e.at(region) is not None for e in by_region):
                 yield SimpleNamespace(**{name: _at(value, region) for name, value in values.items()})
 
-    def numbers(self) -> dict[Location, Number | str]:
+    def numbers(self) -> dict[KeyPath, Number | str]:
         """Return all numbers, including Young's modulus and Poisson's ratio, whichever moduli the job gives."""
         found = super().numbers()
         if self.replaceable is not None and self.replaceable[0] is not None and self._is_uniform:
@@ -165,7 +165,7 @@ class MaterialLaw(Ingredient):
             found["poisson",] = "is 0.5, the end of its range" if poisson == 0.5 else Number(poisson, Dimension())
         return found
 
-    def rates(self, place: Location) -> dict[str, tuple[Any, Dimension]]:
+    def rates(self, place: KeyPath) -> dict[str, tuple[Any, Dimension]]:
         if place not in (("young",), ("poisson",)):
             return super().rates(place)
         assert self.replaceable is not None
@@ -197,7 +197,7 @@ class MaterialLaw(Ingredient):
         """Return the data of a job with a value of a `replaceable` parameter added."""
         return {**data, parameter: value}
 
-    def place_of(self, parameter: str) -> Location:
+    def place_of(self, parameter: str) -> KeyPath:
         """Return the place of the number of a `replaceable` parameter."""
         return (parameter,)
 
@@ -215,14 +215,14 @@ class MaterialLaw(Ingredient):
     def _young_and_poisson(self) -> tuple[float, float]:
         return young_and_poisson(self.shear_modulus(self._parameters()), self._bulk())
 
-    def _slope(self, modulus: Callable[[Any], Any], place: Location) -> float:
+    def _slope(self, modulus: Callable[[Any], Any], place: KeyPath) -> float:
         """Return the derivative of a modulus by a number in which it is linear."""
         # A step of the size of the moduli loses no digits.
         step = float(self.shear_modulus(self._parameters()))
         off, on = (self.with_number(place, x)._parameters() for x in (0.0, step))
         return float(modulus(on) - modulus(off)) / step
 
-    def _solved(self, modulus: Callable[[Any], Any], value: float, place: Location) -> float:
+    def _solved(self, modulus: Callable[[Any], Any], value: float, place: KeyPath) -> float:
         """Return the number at a place for which a modulus has a given value."""
         return (value - float(modulus(self.with_number(place, 0.0)._parameters()))) / self._slope(modulus, place)
 

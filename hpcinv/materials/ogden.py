@@ -7,7 +7,7 @@ from pydantic import ValidationInfo, field_validator
 
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.materials.material_law import Deformation, StartingValues
-from hpcinv.quantity import Dimensionless, ListOf, Location, StressField, raise_if_any
+from hpcinv.quantity import Dimensionless, KeyPath, ListOf, StressField, raise_if_any
 
 
 class Ogden(IsochoricLaw):
@@ -64,7 +64,7 @@ class Ogden(IsochoricLaw):
     def put(cls, parameter: str, value: Any, data: Mapping[str, Any]) -> dict[str, Any]:
         return super().put(parameter, [*data.get("mu", ()), value] if parameter == "mu" else value, data)
 
-    def place_of(self, parameter: str) -> Location:
+    def place_of(self, parameter: str) -> KeyPath:
         return (parameter, len(self.mu) - 1) if parameter == "mu" else (parameter,)
 
     @property

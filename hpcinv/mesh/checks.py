@@ -40,7 +40,7 @@ def check(source: MeshSource) -> None:
         )
 
 
-type Problems = Iterator[tuple[str, str]]
+type MeshProblems = Iterator[tuple[str, str]]
 
 
 def check_nodes(source: MeshSource) -> None:
@@ -56,7 +56,7 @@ def check_nodes(source: MeshSource) -> None:
             )
 
 
-def _duplicate_cells(source: MeshSource) -> Problems:
+def _duplicate_cells(source: MeshSource) -> MeshProblems:
     vertices = np.sort(source.cells[:, : vertex_count(source.kind)], axis=1)
     _, place = unique_rows(vertices)
     twice = np.bincount(place)[place] > 1
@@ -67,7 +67,7 @@ def _duplicate_cells(source: MeshSource) -> Problems:
         )
 
 
-def _duplicate_nodes(source: MeshSource) -> Problems:
+def _duplicate_nodes(source: MeshSource) -> MeshProblems:
     order = np.lexsort(source.points.T)
     same = (source.points[order[1:]] == source.points[order[:-1]]).all(axis=1)
     if same.any():
@@ -79,7 +79,7 @@ def _duplicate_nodes(source: MeshSource) -> Problems:
         )
 
 
-def _overlaps(source: MeshSource, table: FacetTable) -> Problems:
+def _overlaps(source: MeshSource, table: FacetTable) -> MeshProblems:
     crowded = table.sharing > 2
     if crowded.any():
         cells = np.flatnonzero(crowded[table.of_cell].any(axis=1))
@@ -89,7 +89,7 @@ def _overlaps(source: MeshSource, table: FacetTable) -> Problems:
         )
 
 
-def _bad_cells(source: MeshSource) -> Problems:
+def _bad_cells(source: MeshSource) -> MeshProblems:
     least, most = determinants(source)
     flat = np.minimum(np.abs(least), np.abs(most)) < FLAT
     if flat.any():
@@ -130,7 +130,7 @@ def det(matrices: Floats) -> Floats:
     return np.asarray(a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g))
 
 
-def _bad_groups(source: MeshSource, table: FacetTable) -> Problems:
+def _bad_groups(source: MeshSource, table: FacetTable) -> MeshProblems:
     found = table.find(source.facets[:, : table.vertices.shape[1]])
     for group in source.groups:
         if not len(group.members):
@@ -155,7 +155,7 @@ def _bad_groups(source: MeshSource, table: FacetTable) -> Problems:
         )
 
 
-def _shared(source: MeshSource, dim: int, place: Ints) -> Problems:
+def _shared(source: MeshSource, dim: int, place: Ints) -> MeshProblems:
     groups = [g for g in source.groups if g.dim == dim]
     rows = [np.stack([place[g.members], np.full(len(g.members), i)], axis=1) for i, g in enumerate(groups)]
     if not rows:

@@ -19,7 +19,7 @@ _DIGITS = (
 
 
 @dataclass(frozen=True)
-class Location:
+class PointLocation:
     """A rank, one of its cells, and reference coordinates (3,) in the cell."""
 
     rank: int
@@ -27,7 +27,7 @@ class Location:
     xi: Floats
 
 
-def locate(body: Body, point: Floats) -> Location | None:
+def locate(body: Body, point: Floats) -> PointLocation | None:
     """Location of a point (3,) m of the body, the same on all ranks; ``None`` if it is outside; collective."""
     mesh, scaled = body.mesh, point / body.length_scale
     x, dofmap = mesh.geometry.x, mesh.geometry.dofmaps[0]
@@ -41,10 +41,10 @@ def locate(body: Body, point: Floats) -> Location | None:
         if xi is not None and (outside := round(max(_outside(body.source.kind, xi), 0.0), _DIGITS)) < nearest[0]:
             nearest, found = (outside, mesh.comm.rank, int(cell)), xi
     least, rank, cell = min(mesh.comm.allgather(nearest))
-    return Location(rank, cell, mesh.comm.bcast(found, root=rank)) if least <= _MARGIN else None
+    return PointLocation(rank, cell, mesh.comm.bcast(found, root=rank)) if least <= _MARGIN else None
 
 
-def position(body: Body, place: Location, nodes: Floats) -> Floats:
+def position(body: Body, place: PointLocation, nodes: Floats) -> Floats:
     """Return the position (3,) of a material point of the body with its geometry nodes at ``nodes``; collective."""
     found = None
     if body.mesh.comm.rank == place.rank:

@@ -11,7 +11,7 @@ from typing import Any
 
 from hpcinv.errors import HpcinvError, MeshError, described
 from hpcinv.files.inputs import recorded_inputs
-from hpcinv.job.mesh_generators import Value
+from hpcinv.job.mesh_generators import ParameterValue
 from hpcinv.job.msh_format import fault_of
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored
 from hpcinv.mesh.distributed.partitioned import read_partitioned
@@ -28,7 +28,11 @@ from hpcinv.parallel.runtime import MPI
 
 
 def build_python(
-    path: Path, parameters: Mapping[str, Value], degree: int | None, monitor: MeshingMonitor, size_factor: float = 1.0
+    path: Path,
+    parameters: Mapping[str, ParameterValue],
+    degree: int | None,
+    monitor: MeshingMonitor,
+    size_factor: float = 1.0,
 ) -> MeshSource:
     """Mesh a generator: a Python file whose ``build(gmsh, *, size: Size = 0.002, …)`` meshes the model, in metres.
 
@@ -58,7 +62,11 @@ def build_python(
 
 
 def build_geo(
-    path: Path, parameters: Mapping[str, Value], degree: int | None, monitor: MeshingMonitor, size_factor: float = 1.0
+    path: Path,
+    parameters: Mapping[str, ParameterValue],
+    degree: int | None,
+    monitor: MeshingMonitor,
+    size_factor: float = 1.0,
 ) -> MeshSource:
     """Mesh a gmsh script (metres) whose ``DefineConstant`` values are the parameters."""
     file = path.absolute()
@@ -120,7 +128,7 @@ def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
     return dataclasses.replace(source, surface=cad_surface(gmsh, source.kind, source.degree))
 
 
-GENERATORS: dict[str, Callable[[Path, Mapping[str, Value], int | None, MeshingMonitor, float], MeshSource]] = {
+GENERATORS: dict[str, Callable[[Path, Mapping[str, ParameterValue], int | None, MeshingMonitor, float], MeshSource]] = {
     ".py": build_python,
     ".geo": build_geo,
 }

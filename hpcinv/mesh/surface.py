@@ -116,7 +116,7 @@ class Surface:
         return Triangles(shared, corners.reshape(-1, 3), np.repeat(facets, len(triangles)))
 
 
-type Evaluation = Callable[[LocalIndices, LocalIndices], Floats]
+type SurfaceEvaluation = Callable[[LocalIndices, LocalIndices], Floats]
 """values (f, m) of local facets (f,) and of the cells (f,) that they belong to"""
 
 
@@ -135,7 +135,7 @@ def surface_of(source: MeshSource, cells: Ints | None = None) -> Surface:
     return Surface(FACET_KIND[kind], degree, tags, source.points[tags], turned[which] == (determinants > 0))
 
 
-def gather_surface(body: Body, nodes: Floats, evaluate: Evaluation | None = None) -> Surface | None:
+def gather_surface(body: Body, nodes: Floats, evaluate: SurfaceEvaluation | None = None) -> Surface | None:
     """Gather on rank 0 the boundary of a body with its local geometry nodes at ``nodes`` (n, 3) m; collective."""
     mesh, kind, degree = body.mesh, body.source.kind, body.degree
     topology, geometry = mesh.topology, mesh.geometry

@@ -34,7 +34,7 @@ from hpcinv.quantity.units import Dimension
 
 
 @dataclass(frozen=True)
-class Direction:
+class ParameterDirection:
     """Rates of change of the scaled parameters: for entries of the constant, and pairs of function and rate."""
 
     entries: npt.NDArray[np.float64]
@@ -138,7 +138,7 @@ class Parameters:
         """Quantities of the forms that are functions."""
         return tuple(function for function, _ in self._functions.values())
 
-    def direction(self, rates: Mapping[str, Mapping[str, tuple[Any, Dimension]]]) -> Direction:
+    def direction(self, rates: Mapping[str, Mapping[str, tuple[Any, Dimension]]]) -> ParameterDirection:
         """Return the direction in which the parameters change for given rates (SI) of quantities.
 
         Args:
@@ -164,10 +164,10 @@ class Parameters:
             places = self._places[self._numbers[where]]
             for name, (rate, dimension) in of_ingredient.items():
                 follow(places[name], rate, dimension, f"{where}.{name}")
-        return Direction(entries, tuple(functions))
+        return ParameterDirection(entries, tuple(functions))
 
     @contextmanager
-    def moved(self, along: Direction, step: float) -> Iterator[None]:
+    def moved(self, along: ParameterDirection, step: float) -> Iterator[None]:
         """Context with the parameters a step along a direction; afterwards they are restored exactly."""
         vectors = [(self.constant.value, along.entries), *((f.x.array, rate.x.array) for f, rate in along.functions)]
         before = [values.copy() for values, _ in vectors]
@@ -265,7 +265,7 @@ class ParameterDerivative:
         form = ufl.replace(derivative, dict(zip((point, way), halves, strict=True)))
         self._form = fem.form(form, jit_options=JIT_OPTIONS)
 
-    def assemble(self, along: Direction, b: PETSc.Vec) -> None:
+    def assemble(self, along: ParameterDirection, b: PETSc.Vec) -> None:
         """Assemble the derivative at the present state and load into ``b``, for the cells of this rank."""
         self._point_and_way.value[:] = np.concatenate([self._parameters.constant.value, along.entries])
         for function, rate in zip(self._functions, self._rates, strict=True):

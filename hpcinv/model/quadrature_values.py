@@ -14,7 +14,7 @@ from hpcinv.mesh.regions import Mesh
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 
-type Cells = npt.NDArray[np.int32]
+type CellNumbers = npt.NDArray[np.int32]
 
 _CHUNK = 10_000  # cells at a time, so that values at quadrature points take little memory
 
@@ -27,7 +27,9 @@ class CellMeans:
         quadrature_degree: degree of polynomials whose mean is exact on straight cells.
     """
 
-    def __init__(self, expressions: Sequence[tuple[Any, Cells | None]], mesh: Mesh, quadrature_degree: int) -> None:
+    def __init__(
+        self, expressions: Sequence[tuple[Any, CellNumbers | None]], mesh: Mesh, quadrature_degree: int
+    ) -> None:
         self._shape = shape = expressions[0][0].ufl_shape
         self._space = fem.functionspace(mesh, ("DG", 0, shape) if shape else ("DG", 0))
         volume = abs(ufl.JacobianDeterminant(mesh))
@@ -57,7 +59,7 @@ class QuadratureValues:
     Iteration yields some of the owned cells (or of ``cells``) at a time, with their present values (cells, points, …).
     """
 
-    def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: Cells | None = None) -> None:
+    def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: CellNumbers | None = None) -> None:
         points, _ = quadrature(mesh.basix_cell().name, quadrature_degree)
         self._compiled = fem.Expression(without_stages(expression), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
         self._mesh = mesh

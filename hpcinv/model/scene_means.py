@@ -10,7 +10,7 @@ from dolfinx import fem
 
 from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.regions import Mesh
-from hpcinv.model.quadrature_values import CellMeans, Cells, QuadratureValues
+from hpcinv.model.quadrature_values import CellMeans, CellNumbers, QuadratureValues
 from hpcinv.parallel.runtime import MPI
 
 
@@ -43,7 +43,7 @@ class PartExpressions:
         energy: stored energy per volume of the mesh.
     """
 
-    cells: Cells | None
+    cells: CellNumbers | None
     cauchy_stress: Any
     J: Any
     energy: Any
@@ -59,7 +59,7 @@ class SceneMeans:
     def __init__(
         self,
         parts: Sequence[PartExpressions],
-        prestrain_stress: Sequence[tuple[Any, Cells | None]],
+        prestrain_stress: Sequence[tuple[Any, CellNumbers | None]],
         mesh: Mesh,
         quadrature_degree: int,
     ) -> None:

@@ -23,8 +23,8 @@ from hpcinv.quantity.quantity import Time as Time
 from hpcinv.quantity.quantity import Velocity as Velocity
 from hpcinv.quantity.quantity import Volume as Volume
 from hpcinv.quantity.schema import Faults as Faults
+from hpcinv.quantity.schema import KeyPath as KeyPath
 from hpcinv.quantity.schema import ListOf as ListOf
-from hpcinv.quantity.schema import Location as Location
 from hpcinv.quantity.schema import Name as Name
 from hpcinv.quantity.schema import Problems as Problems
 from hpcinv.quantity.schema import Triple as Triple

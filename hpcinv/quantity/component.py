@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from hpcinv.quantity.parameter_paths import Number, rate, scalars, vanishes, with_scalar
 from hpcinv.quantity.quantity import quantities_of
-from hpcinv.quantity.schema import Location, Name, Spec, metadata_in
+from hpcinv.quantity.schema import KeyPath, Name, Spec, metadata_in
 from hpcinv.quantity.units import Dimension
 
 
@@ -45,7 +45,7 @@ class Ingredient(Spec):
         """Return whether a quantity stays with the material from one state of the body to another."""
         return True
 
-    def numbers(self) -> dict[Location, Number | str]:
+    def numbers(self) -> dict[KeyPath, Number | str]:
         """The numbers in its quantities by place, such as ``("acceleration", 1)``; for others the reason."""
         return {
             place: found if isinstance(found, str) else Number(found, dimension)
@@ -53,12 +53,12 @@ class Ingredient(Spec):
             for place, found in scalars(getattr(self, name), (name,))
         }
 
-    def with_number(self, place: Location, number: float) -> Self:
+    def with_number(self, place: KeyPath, number: float) -> Self:
         """A copy with another number (SI), which is not checked, at one of the places of `numbers`."""
         name, *rest = place
         return self.model_copy(update={str(name): with_scalar(getattr(self, str(name)), tuple(rest), number)})
 
-    def rates(self, place: Location) -> dict[str, tuple[Any, Dimension]]:
+    def rates(self, place: KeyPath) -> dict[str, tuple[Any, Dimension]]:
         """Nonzero derivatives (SI) of the `quantities` by the number at a place, and dimensions of the quantities."""
         number = self.numbers()[place]
         assert isinstance(number, Number)

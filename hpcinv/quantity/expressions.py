@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, SerializationInfo, ValidationInfo
     from pydantic.json_schema import JsonSchemaValue
 
-    from hpcinv.quantity.locations import Location
+    from hpcinv.quantity.locations import KeyPath
 
 LET = "let"
 """Section of a job with names for parts of its formulas, and its key in the validation context."""
@@ -234,8 +234,8 @@ def with_definitions(info: SerializationInfo) -> bool:
 
 
 def faults(
-    formulas: Iterable[tuple[Location, Expression]], known: dict[str, Dimension | None], wanted: Dimension | bool | None
-) -> Iterator[tuple[Location, str]]:
+    formulas: Iterable[tuple[KeyPath, Expression]], known: dict[str, Dimension | None], wanted: Dimension | bool | None
+) -> Iterator[tuple[KeyPath, str]]:
     """Place of each formula that does not satisfy `Expression.expect`, and the reason."""
     for where, formula in formulas:
         try:
@@ -250,7 +250,7 @@ def faults_with_constants(
     constants: Iterable[str],
     known: dict[str, Dimension | None],
     wanted: Dimension | None,
-) -> list[tuple[Location, str]]:
+) -> list[tuple[KeyPath, str]]:
     """`faults` of the entries of a list ``field`` that may use the names in a field ``constants``."""
     entries = [((field, i), f) for i, f in enumerate(formulas) if f is not None]
     defined = {name for _, formula in entries for name, _ in formula.definitions}

@@ -12,11 +12,11 @@ from hpcinv.quantity.schema import shown
 _NAME = r"[A-Za-z_][\w-]*"
 _KEY = re.compile(rf"{_NAME}(?:\.{_NAME}|\[\d*\])*")
 
-type Part = str | int | None
+type KeyPart = str | int | None
 
 
 @cache
-def parse_key(text: str) -> tuple[Part, ...]:
+def parse_key(text: str) -> tuple[KeyPart, ...]:
     """Parts of a key: names, numbers in brackets, and ``None`` for ``[]`` (all entries of a list).
 
     Raises:
@@ -61,7 +61,7 @@ def assigned(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, 
     return found
 
 
-def _with(place: Any, parts: tuple[Part, ...], value: Any) -> Any:
+def _with(place: Any, parts: tuple[KeyPart, ...], value: Any) -> Any:
     """Copy of a section or list with another value at a key below it."""
     if not parts:
         return value
@@ -81,7 +81,7 @@ def look_up(summary: Any, key: str) -> float | None:
     return _number(summary, parse_key(key))
 
 
-def _number(place: Any, parts: tuple[Part, ...]) -> float | None:
+def _number(place: Any, parts: tuple[KeyPart, ...]) -> float | None:
     if not parts:
         return float(place) if isinstance(place, int | float) else None
     part, rest = parts[0], parts[1:]

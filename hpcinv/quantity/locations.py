@@ -1,4 +1,4 @@
 """Places in a job."""
 
-type Location = tuple[int | str, ...]
+type KeyPath = tuple[int | str, ...]
 """keys and indices from the outside in, such as ``("effects", 0, "density")``"""

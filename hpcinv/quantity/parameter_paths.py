@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hpcinv.quantity.quantity import Measured
-from hpcinv.quantity.schema import Location
+from hpcinv.quantity.schema import KeyPath
 from hpcinv.quantity.spatial_fields import VARYING, ByFormula, ByRegion
 from hpcinv.quantity.units import Dimension
 
@@ -23,7 +23,7 @@ class Number:
     dimension: Dimension | None
 
 
-def scalars(value: Any, place: Location) -> Iterator[tuple[Location, float | str]]:
+def scalars(value: Any, place: KeyPath) -> Iterator[tuple[KeyPath, float | str]]:
     """Place and value (SI) of every number in a quantity; for other values a description as text."""
     match value:
         case None:
@@ -40,7 +40,7 @@ def scalars(value: Any, place: Location) -> Iterator[tuple[Location, float | str
             yield place, float(value) if math.isfinite(value) else "is infinite"
 
 
-def with_scalar(value: Any, place: Location, number: float) -> Any:
+def with_scalar(value: Any, place: KeyPath, number: float) -> Any:
     """Copy of a quantity with another number at a place in it."""
     if not place:
         return replace(value, value=number) if isinstance(value, Measured) else number

@@ -31,11 +31,11 @@ from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, c
 from hpcinv.errors import JobError
 from hpcinv.quantity.constants import constant, is_pure
 from hpcinv.quantity.docstrings import describe, meanings
-from hpcinv.quantity.locations import Location as Location
+from hpcinv.quantity.locations import KeyPath as KeyPath
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import NUMBER
 
-type Faults = Iterator[tuple[Location, str]]
+type Faults = Iterator[tuple[KeyPath, str]]
 """faults of a part of a job, with their places in it"""
 
 T = TypeVar("T")
@@ -64,19 +64,19 @@ def name_from(path: Path) -> str:
 class Problems(ValueError):
     """Faults found by one validator, each with its place below the validated value."""
 
-    def __init__(self, *found: tuple[Location, str]) -> None:
+    def __init__(self, *found: tuple[KeyPath, str]) -> None:
         super().__init__("; ".join(text for _, text in found))
         self.found = found
 
 
-def raise_if_any(found: Iterable[tuple[Location, str]]) -> None:
+def raise_if_any(found: Iterable[tuple[KeyPath, str]]) -> None:
     """Raise `Problems` if there are any."""
     if problems := tuple(found):
         raise Problems(*problems)
 
 
 @contextmanager
-def collected(problems: list[tuple[Location, str]], *place: int | str) -> Iterator[None]:
+def collected(problems: list[tuple[KeyPath, str]], *place: int | str) -> Iterator[None]:
     """Add the faults that are found in this context to ``problems``, with their place, instead of raising them."""
     try:
         yield
@@ -152,7 +152,7 @@ class Spec(BaseModel):
         return found
 
 
-def _keys_of_yaml_1_1(data: Mapping[Any, Any]) -> Iterator[tuple[Location, str]]:
+def _keys_of_yaml_1_1(data: Mapping[Any, Any]) -> Iterator[tuple[KeyPath, str]]:
     """Yield the fault of a key ``on`` that a program for YAML 1.1 has read, or written, as true."""
     for key in data:
         if key is True or key in ("true", "True"):
@@ -295,7 +295,7 @@ def import_modules(package: str, path: Iterable[str]) -> None:
         importlib.import_module(f"{package}.{module.name}")
 
 
-def at(location: Location) -> str:
+def at(location: KeyPath) -> str:
     """``("effects", 0, "density")`` as ``effects[0].density``."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
 
@@ -325,12 +325,12 @@ def job_error(path: Path, error: ValidationError, spec: type[Spec]) -> JobError:
     return JobError(*lines)
 
 
-def problems_in(error: ValidationError, spec: type[Spec] | None = None) -> list[tuple[Location, str]]:
-    """Location and message of all errors; ``spec`` is the model whose keys the locations begin with.
+def problems_in(error: ValidationError, spec: type[Spec] | None = None) -> list[tuple[KeyPath, str]]:
+    """Place and message of all errors; ``spec`` is the model whose keys the locations begin with.
 
     Messages are left empty from the 51st error on, to save time.
     """
-    found: list[tuple[Location, str]] = []
+    found: list[tuple[KeyPath, str]] = []
     for line in error.errors(include_url=False):
         cause = line.get("ctx", {}).get("error")
         if isinstance(cause, Problems):

@@ -10,7 +10,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
 from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.schema import Location, collected, raise_if_any, shown
+from hpcinv.quantity.schema import KeyPath, collected, raise_if_any, shown
 from hpcinv.quantity.spatial_fields import ByData, ByRegion, VaryingQuantity
 
 _FORM = "must be a tensor, 3 rows of 3 numbers, or 3 numbers on its diagonal"
@@ -36,7 +36,7 @@ class TensorQuantity(VaryingQuantity):
         if not given:
             raise ValueError("must name regions, such as {core: [1.1, 1, 1], elsewhere: [1, 1, 1]}")
         tensors: dict[str, Any] = {}
-        problems: list[tuple[Location, str]] = []
+        problems: list[tuple[KeyPath, str]] = []
         for region, value in given.items():
             with collected(problems, str(region)):
                 tensors[str(region)] = self._rows(value, self.parse)
@@ -54,7 +54,7 @@ class TensorQuantity(VaryingQuantity):
             raise ValueError(f"{_FORM}, not {shown(value)}")
         if not any(isinstance(row, list | tuple) for row in value):
             value = [[x if i == j else 0.0 for j in range(3)] for i, x in enumerate(value)]
-        problems: list[tuple[Location, str]] = []
+        problems: list[tuple[KeyPath, str]] = []
         rows: list[list[Any]] = []
         for i, row in enumerate(value):
             with collected(problems, i):

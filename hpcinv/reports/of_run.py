@@ -18,7 +18,7 @@ from hpcinv.pictures.boundary_surface import Boundary, read_boundary
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots
 from hpcinv.reports.charts import convergence_chart, load_chart
 from hpcinv.reports.of_cases import as_url
-from hpcinv.reports.packed_arrays import Arrays
+from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.page import NAME, render, write_page
 from hpcinv.reports.viewer_scene import scene
 from hpcinv.reports.wording import meaning, words
@@ -61,7 +61,7 @@ def write_run_report(directory: Path, summary: Mapping[str, Any] | None, path: P
 
 def run_page(summary: Mapping[str, Any], boundary: Boundary | None, steps: Sequence[Snapshot]) -> bytes:
     """Return the page of a run; ``boundary`` is ``None`` if none was kept."""
-    arrays, body, picture = Arrays(), None, ""
+    arrays, body, picture = PackedArrays(), None, ""
     if boundary is not None and boundary.results:
         body = scene(summary, boundary, steps, arrays)
         body["arrays"] = arrays.specs

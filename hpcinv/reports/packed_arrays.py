@@ -10,7 +10,7 @@ import numpy.typing as npt
 LEVELS = 65_535
 
 
-class Arrays:
+class PackedArrays:
     """Arrays of one page, numbered in the order in which they are added; ``viewer/src/arrays.js`` reads them."""
 
     def __init__(self) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from hpcinv.errors import SystemPartMissing
 from hpcinv.pictures.boundary_surface import Boundary, BoundaryResult
-from hpcinv.reports.packed_arrays import Arrays
+from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.viewer_scene import scene
 
 _CASES = 8  # that the viewer offers beside the mean
@@ -16,7 +16,7 @@ _PICTURES = 12
 
 
 def mean_and_cases(
-    summary: Mapping[str, Any], named: Sequence[tuple[str, Boundary]], arrays: Arrays
+    summary: Mapping[str, Any], named: Sequence[tuple[str, Boundary]], arrays: PackedArrays
 ) -> tuple[dict[str, Any] | None, str]:
     """Return the data of the viewer with the mean shape and some of the cases, and a note.
 

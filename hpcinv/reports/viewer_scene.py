@@ -11,7 +11,7 @@ from hpcinv.pictures.result_picture import upwards
 from hpcinv.pictures.snapshots import Snapshot
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.stress_measures import COMPONENTS
-from hpcinv.reports.packed_arrays import Arrays
+from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.symbols import symbols
 
 _STATES = 3  # of the largest surface; more states have fewer points
@@ -21,7 +21,7 @@ _MASKS = 16  # regions in one array of bits
 
 
 def scene(
-    summary: Mapping[str, Any], boundary: Boundary, snapshots: Sequence[Snapshot], arrays: Arrays
+    summary: Mapping[str, Any], boundary: Boundary, snapshots: Sequence[Snapshot], arrays: PackedArrays
 ) -> dict[str, Any]:
     """Add the body to ``arrays``; return what they mean as plain data, with the rows of the points as ``kept``."""
     most = MOST if len(boundary.results) <= _STATES else MOST * _STATES // len(boundary.results)
@@ -56,7 +56,7 @@ def _kept(boundary: Boundary, most: int) -> Decimated:
 
 
 def _result(
-    summary: Mapping[str, Any], boundary: Boundary, result: BoundaryResult, kept: Decimated, arrays: Arrays
+    summary: Mapping[str, Any], boundary: Boundary, result: BoundaryResult, kept: Decimated, arrays: PackedArrays
 ) -> dict[str, Any]:
     states = summary.get("states", {})
     rest = next((name for name, state in states.items() if state["rest"]), "undeformed")
@@ -88,12 +88,12 @@ def _every(kept: Decimated) -> int:
     return -(-len(kept.of) // _FIBRES)
 
 
-def _lines(fibres: Mapping[str, Floats], kept: Decimated, arrays: Arrays) -> dict[str, int]:
+def _lines(fibres: Mapping[str, Floats], kept: Decimated, arrays: PackedArrays) -> dict[str, int]:
     """Add the directions of each family on every n-th triangle."""
     return {name: arrays.add(directions[kept.of][:: _every(kept)]) for name, directions in fibres.items()}
 
 
-def _regions(boundary: Boundary, kept: Decimated, arrays: Arrays) -> dict[str, Any]:
+def _regions(boundary: Boundary, kept: Decimated, arrays: PackedArrays) -> dict[str, Any]:
     """Names and, in bits of whole numbers, the triangles of each region that has some on the boundary."""
     inside = {name: marks[kept.of] for name, marks in boundary.regions.items() if marks.any()}
     names = list(inside)
@@ -104,7 +104,9 @@ def _regions(boundary: Boundary, kept: Decimated, arrays: Arrays) -> dict[str, A
     return {"names": names, "masks": masks}
 
 
-def _steps(snapshots: Sequence[Snapshot], kept: Decimated, boundary: Boundary, arrays: Arrays) -> list[dict[str, Any]]:
+def _steps(
+    snapshots: Sequence[Snapshot], kept: Decimated, boundary: Boundary, arrays: PackedArrays
+) -> list[dict[str, Any]]:
     """The steps between the first and the last, as many as there is room for."""
     usable = [s for s in snapshots if s.solution < len(boundary.results) and np.isin(kept.points, s.points).all()]
     room = max(2, _STEPS_SIZE // max(1, 8 * len(kept.points)))

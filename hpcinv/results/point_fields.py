@@ -14,7 +14,7 @@ from hpcinv.job.sections import NORMALS
 from hpcinv.kinematics.staged_derivatives import without_stages
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import FACET_KIND, quadrature
-from hpcinv.mesh.location import Location
+from hpcinv.mesh.location import PointLocation
 from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
@@ -75,7 +75,7 @@ class SceneFields:
         entities = fem.compute_integration_domains(fem.IntegralType.exterior_facet, topology, facets).reshape(-1, 2)
         return self._samples("facets", FACET_KIND[self._body.source.kind], entities, entities[:, 0])
 
-    def at_points(self, places: Sequence[Location]) -> list[dict[str, float]]:
+    def at_points(self, places: Sequence[PointLocation]) -> list[dict[str, float]]:
         """Return values at single points, the same on all ranks; collective."""
         if not places:
             return []

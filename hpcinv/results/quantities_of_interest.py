@@ -18,7 +18,7 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.body import at_source_nodes
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.mesh.location import Location, locate, position
+from hpcinv.mesh.location import PointLocation, locate, position
 from hpcinv.mesh.regions import find
 from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
@@ -165,7 +165,7 @@ def fields_for(
 
 
 def _at_point(
-    quantity: QuantityOfInterest, body: Body, solution: Solution, place: Location, fields: Mapping[str, float]
+    quantity: QuantityOfInterest, body: Body, solution: Solution, place: PointLocation, fields: Mapping[str, float]
 ) -> Value:
     here, comm = np.array(quantity.at), body.mesh.comm
     u: Floats | None = None

@@ -33,7 +33,7 @@ from hpcinv.errors import SolveError
 from hpcinv.job.sections import Support
 from hpcinv.job.sensitivities import Parameter, with_ties
 from hpcinv.mesh.source import Floats
-from hpcinv.model.parameters import Direction
+from hpcinv.model.parameters import ParameterDirection
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.parameter_paths import POINTS, central_difference
@@ -260,7 +260,7 @@ def _changes(
 
 def _explicit(
     equations: Equations, system: System, parameter: Parameter, prescribed: Mapping[str, Sequence[Floats]], b: PETSc.Vec
-) -> Direction:
+) -> ParameterDirection:
     """Set ``b`` to the right-hand side for a parameter; return the direction in which it moves the scene's."""
     owner, place, job, scene = parameter.owner, parameter.place, equations.job, system.scene
     unchanged = scene.parameters.direction({})

@@ -25,7 +25,7 @@ from dolfinx import fem
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
-from hpcinv.model.parameters import Direction
+from hpcinv.model.parameters import ParameterDirection
 from hpcinv.model.state import State
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.parameter_paths import POINTS, central_difference
@@ -73,7 +73,7 @@ class Change:
     ``u`` is that of the displacement at the local geometry nodes, (n, 3); ``reference`` is for further states.
     """
 
-    along: Direction
+    along: ParameterDirection
     displacement: fem.Function
     u: Floats
     pressure: fem.Function | None

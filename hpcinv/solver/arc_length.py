@@ -8,9 +8,9 @@ from petsc4py import PETSc
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import dot, norm
-from hpcinv.solver.bordering import Bordering, Corrected, Tangent, tangent_along
+from hpcinv.solver.bordering import BorderedTangent, Bordering, Corrected, tangent_along
 from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.solver.limit_point_search import Sample, locate
+from hpcinv.solver.limit_point_search import PathSample, locate
 from hpcinv.solver.newton import NewtonMonitor, Solve
 
 type Moves = Generator[Solve, None, _Point | None]
@@ -73,7 +73,7 @@ def trace(
 class _Point:
     x: PETSc.Vec
     load: float
-    tangent: Tangent
+    tangent: BorderedTangent
     sign: int  # of the determinant of K, 0 if not known
 
     def ahead(self, s: float) -> PETSc.Vec:
@@ -203,7 +203,7 @@ class _Path:
         tolerance = self.steps.path_tolerance
         return self.bordering.correct(x, load, t, tolerance, direction=self.direction, scale=scale)
 
-    def _slope_beyond(self, point: _Point, found: Corrected) -> Tangent | None:
+    def _slope_beyond(self, point: _Point, found: Corrected) -> BorderedTangent | None:
         """Return the tangent at a point with less load than the one before, if the load falls along it.
 
         A load that approaches a limit asymptotically may seem to fall, by the error of the points.
@@ -212,7 +212,7 @@ class _Path:
         tangent = self.bordering.tangent(found.x, found.solve.load, point.tangent.direction)
         return tangent if tangent is not None and tangent.slope * self.direction < 0 else None
 
-    def _pass_limit_point(self, point: _Point, found: Corrected, beyond: Tangent | None) -> Moves:
+    def _pass_limit_point(self, point: _Point, found: Corrected, beyond: BorderedTangent | None) -> Moves:
         """Find the limit point before a point, and continue from there if more limit points may be passed."""
         fresh = self.bordering.tangent(point.x, point.load, point.tangent.direction)
         self.spent += 1 + found.solve.factorizations
@@ -225,11 +225,11 @@ class _Path:
                 yield self._end(found.solve.load, Outcome.ANOTHER_PATH)
                 return None
             t, sign = fresh.direction, point.sign
-            low = Sample(point.x, 0.0, point.load, fresh.slope)
+            low = PathSample(point.x, 0.0, point.load, fresh.slope)
             high = _along(t, point, found.x, found.solve.load, beyond.slope / dot(t, beyond.direction))
         elif self.before is not None:
             before, t, sign = self.before, self.before.tangent.direction, self.before.sign
-            low = Sample(before.x, 0.0, before.load, before.tangent.slope)
+            low = PathSample(before.x, 0.0, before.load, before.tangent.slope)
             high = _along(t, before, point.x, point.load, fresh.slope / dot(t, fresh.direction))
         else:
             return None
@@ -251,7 +251,7 @@ class _Path:
         self.passed += 1
         self.before = None
         tangent = tangent or tangent_along(extremum.g, t)
-        onward = Tangent(tangent.direction, self.direction * abs(tangent.slope))
+        onward = BorderedTangent(tangent.direction, self.direction * abs(tangent.slope))
         return _Point(extremum.x, solve.load, onward, -sign)  # one eigenvalue of K has changed its sign
 
     def _end(self, load: float, outcome: Outcome) -> Solve:
@@ -263,7 +263,7 @@ class _Path:
         return replace(solve, strategy="arc-length", factorizations=solve.factorizations + spent)
 
 
-def _along(t: PETSc.Vec, origin: _Point, x: PETSc.Vec, load: float, slope: float) -> Sample:
+def _along(t: PETSc.Vec, origin: _Point, x: PETSc.Vec, load: float, slope: float) -> PathSample:
     step = x.copy()
     step.axpy(-1.0, origin.x)
-    return Sample(x, dot(t, step), load, slope)
+    return PathSample(x, dot(t, step), load, slope)

@@ -34,22 +34,22 @@ With a larger one, states that depend on the load a little are landed on without
 
 
 @dataclass(frozen=True)
-class Tangent:
+class BorderedTangent:
     """Direction of the path at one of its points: unit vector ``t``, and ``dλ/ds`` along it."""
 
     direction: PETSc.Vec
     slope: float
 
 
-def tangent_along(g: PETSc.Vec, along: PETSc.Vec | None, direction: int = 1) -> Tangent:
+def tangent_along(g: PETSc.Vec, along: PETSc.Vec | None, direction: int = 1) -> BorderedTangent:
     """Return the tangent of the path from ``g = -K⁻¹ ∂R/∂λ``; arguments as for `Bordering.tangent`."""
     g = g.copy()
     length = norm(g)
     sign = direction if along is None else math.copysign(1, dot(along, g))
     if length == 0.0:  # the state does not depend on the load
-        return Tangent(g, sign * math.inf)
+        return BorderedTangent(g, sign * math.inf)
     g.scale(sign / length)
-    return Tangent(g, sign / length)
+    return BorderedTangent(g, sign / length)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Bordering:
         # residual, its negative derivative by the load factor, K⁻¹ times both, and the residual of which that is
         self._r, self._r_load, self._d, self._g, self._r_here = (equations.system.position() for _ in range(5))
 
-    def tangent(self, x: PETSc.Vec, load: float, along: PETSc.Vec | None, direction: int = 1) -> Tangent | None:
+    def tangent(self, x: PETSc.Vec, load: float, along: PETSc.Vec | None, direction: int = 1) -> BorderedTangent | None:
         """Return the tangent of the path at one of its points, with new factors; ``None`` if these are singular.
 
         Args:

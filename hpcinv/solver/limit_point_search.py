@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from petsc4py import PETSc
 
 from hpcinv.parallel.petsc_vectors import dot, norm
-from hpcinv.solver.bordering import Bordering, Corrected, Tangent
+from hpcinv.solver.bordering import BorderedTangent, Bordering, Corrected
 
 
 @dataclass(frozen=True)
-class Sample:
+class PathSample:
     """A point of the path: state, distance ``s`` along a direction, load factor, and ``dλ/ds``."""
 
     x: PETSc.Vec
@@ -20,8 +20,8 @@ class Sample:
 
 
 def locate(
-    bordering: Bordering, t: PETSc.Vec, low: Sample, high: Sample, *, direction: int
-) -> tuple[Corrected, Tangent | None, int]:
+    bordering: Bordering, t: PETSc.Vec, low: PathSample, high: PathSample, *, direction: int
+) -> tuple[Corrected, BorderedTangent | None, int]:
     """Return the limit point between two points of the path, the tangent there, and the number of factorizations.
 
     Each trial is a point of the path in a plane normal to ``t``, where ``dλ/ds = 1/t·g`` (see `bordering`). The root is
@@ -50,7 +50,7 @@ def locate(
         if tangent is None:  # the tangent is singular at the limit point
             return found, None, spent
         slope = tangent.slope / dot(t, tangent.direction)
-        sample = Sample(found.x, s, found.solve.load, slope)
+        sample = PathSample(found.x, s, found.solve.load, slope)
         if abs(s - last.s) <= _STATE_TOLERANCE * norm(found.x) or spent > _MOST_FACTORIZATIONS:
             return found, tangent, spent
         rises = slope * direction > 0
@@ -64,11 +64,11 @@ _TOLERANCE = 1e-8  # of the points
 _MOST_FACTORIZATIONS = 40
 
 
-def _secant(one: Sample, other: Sample) -> float:
+def _secant(one: PathSample, other: PathSample) -> float:
     return other.s - other.slope * (other.s - one.s) / ((other.slope - one.slope) or math.inf)
 
 
-def _between(low: Sample, high: Sample) -> float:
+def _between(low: PathSample, high: PathSample) -> float:
     """Return the root as `_secant`, limited to the middle nine tenths of the interval."""
     share = (_secant(low, high) - low.s) / (high.s - low.s)
     return low.s + (high.s - low.s) * min(max(share, 0.05), 0.95)

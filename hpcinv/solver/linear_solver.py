@@ -10,12 +10,12 @@ from hpcinv.assembly.system import System
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.malloc import release_freed_memory
 from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.solver.linear.configuration import Configuration
+from hpcinv.solver.linear.configuration import LinearConfiguration
 from hpcinv.solver.linear.factorization import Direct, is_mumps
 from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.linear.refined import Refined
 from hpcinv.solver.linear.selection import Choice, Used
-from hpcinv.solver.petsc_options import SolverOptions, Value
+from hpcinv.solver.petsc_options import OptionValue, SolverOptions
 
 
 class LinearSolver:
@@ -40,7 +40,7 @@ class LinearSolver:
     """
 
     def __init__(
-        self, system: System, options: Mapping[str, Value], choice: Choice, where: str = "solver.petsc"
+        self, system: System, options: Mapping[str, OptionValue], choice: Choice, where: str = "solver.petsc"
     ) -> None:
         self.system, self.choice = system, choice
         self.fallback: str | None = None
@@ -55,8 +55,8 @@ class LinearSolver:
             self.ksp.setOptionsPrefix(SolverOptions.prefix)
             self.configuration = self._use(choice.configuration)
 
-    def _use(self, name: str) -> Configuration:
-        configuration: Configuration
+    def _use(self, name: str) -> LinearConfiguration:
+        configuration: LinearConfiguration
         if name == "iterative":
             configuration = Iterative(self.system.scene)
         elif self._is_rounded:

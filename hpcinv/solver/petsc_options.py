@@ -8,9 +8,9 @@ from petsc4py import PETSc
 
 from hpcinv.errors import HpcinvError, JobError
 
-type Value = str | float | int | bool | None  # None is a flag
+type OptionValue = str | float | int | bool | None  # None is a flag
 
-NEWTON: Mapping[str, Value] = {
+NEWTON: Mapping[str, OptionValue] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "basic",  # monotone ones stall: the residual rises on the way to the solution
     "snes_divergence_tolerance": "unlimited",
@@ -29,14 +29,14 @@ class SolverOptions:
 
     prefix = "hpcinv_"
 
-    def __init__(self, of_the_job: Mapping[str, Value], where: str = "solver.petsc") -> None:
+    def __init__(self, of_the_job: Mapping[str, OptionValue], where: str = "solver.petsc") -> None:
         self._of_the_job, self._names, self._where = of_the_job, set(of_the_job), where
-        self._values: dict[str, Value] = {}
+        self._values: dict[str, OptionValue] = {}
         self._texts: dict[str, str] = {}  # the same as PETSc has them
         self._database = PETSc.Options(self.prefix)
         self.use({})
 
-    def use(self, defaults: Mapping[str, Value]) -> None:
+    def use(self, defaults: Mapping[str, OptionValue]) -> None:
         """Set the defaults of a linear solver in place of earlier ones, except for options that the job sets."""
         before, self._values = self._values, {**NEWTON, **defaults, **self._of_the_job}
         for name in before.keys() - self._values.keys():
@@ -46,7 +46,7 @@ class SolverOptions:
                 self._texts.pop(name, None)
         self.restore()
 
-    def change(self, values: Mapping[str, Value]) -> None:
+    def change(self, values: Mapping[str, OptionValue]) -> None:
         """Change the values of options, also of options of the job."""
         self._values.update(values)
         for name in values:
@@ -112,7 +112,7 @@ def _said(error: PETSc.Error) -> list[str]:
     return [line for line in said if line] or lines[:1]
 
 
-def _refusal(options: Mapping[str, Value], said: Sequence[str]) -> str:
+def _refusal(options: Mapping[str, OptionValue], said: Sequence[str]) -> str:
     """Return a message on the options whose values PETSc names, or on all if it names none."""
     naming: dict[str, list[str]] = {}
     for name, value in options.items():

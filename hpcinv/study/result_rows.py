@@ -11,7 +11,7 @@ from hpcinv.job.mesh_generators import resolution_of
 from hpcinv.parallel.timings import SOLVER
 from hpcinv.quantity.keys import look_up
 from hpcinv.study.executions import Executions
-from hpcinv.study.study_plan import Place, Run, StudyPlan
+from hpcinv.study.study_plan import Run, RunPlace, StudyPlan
 from hpcinv.study.study_spec import refines
 
 
@@ -30,7 +30,7 @@ class StudyRow:
         size: size of the cells in any unit, ``None`` if more than the mesh varies.
     """
 
-    place: Place
+    place: RunPlace
     key: str
     status: str
     costs: Mapping[str, float | None]

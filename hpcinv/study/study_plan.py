@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.batch.axes import combined, sections_first
-from hpcinv.batch.specification import Faults, read_base, read_spec, text_of, texts_of, with_settings
+from hpcinv.batch.specification import SpecificationFaults, read_base, read_spec, text_of, texts_of, with_settings
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.job import Job, parse
@@ -15,7 +15,7 @@ from hpcinv.study.study_spec import Study, measured_key
 
 
 @dataclass(frozen=True)
-class Place:
+class RunPlace:
     """Position of a run in its study.
 
     Attributes:
@@ -39,7 +39,7 @@ class Place:
 class Run:
     """One job of a study; values that it takes from earlier runs are ``at_least`` in ``job``."""
 
-    place: Place
+    place: RunPlace
     job: Job
 
 
@@ -80,20 +80,22 @@ def load_study(path: Path) -> StudyPlan:
     untrusted = is_asked()
     study = read_spec(Study, "study", path, untrusted=untrusted)
     base, data = read_base(path, study.job)
-    faults = Faults(path, "run")
+    faults = SpecificationFaults(path, "run")
     runs = tuple(_runs(study, base, data, faults, untrusted))
     faults.raise_if_any()
     return StudyPlan(path, study, runs)
 
 
-def _runs(study: Study, base: Path, data: Mapping[str, Any], faults: Faults, untrusted: bool) -> Iterator[Run]:
+def _runs(
+    study: Study, base: Path, data: Mapping[str, Any], faults: SpecificationFaults, untrusted: bool
+) -> Iterator[Run]:
     """Yield every valid run; faults of the others are added to ``faults``."""
     for case, (parameters, of_case) in enumerate(combined(study.cases)):
         for series in study.series:
             for step in range(series.steps):
                 varied = {key: values[step] for key, values in series.vary.items()}
                 label = series.labels[step] if series.labels is not None else _label(varied)
-                place = Place(series.name, step, case, label, varied, parameters)
+                place = RunPlace(series.name, step, case, label, varied, parameters)
                 least = {key: taken.at_least for key, taken in series.take.items()}
                 with faults.of(place.title, base):
                     settings = _merged(study.set, (series.set, of_case, varied, least))

@@ -20,7 +20,7 @@ from hpcinv.batch.axes import Axis
 from hpcinv.files.untrusted import FileBeside
 from hpcinv.quantity.keys import JobKey, SummaryKey, parse_key
 from hpcinv.quantity.quantity import AnyQuantity, Quantity
-from hpcinv.quantity.schema import Faults, FileName, ListOf, Location, Name, Spec, raise_if_any, repeated, shown
+from hpcinv.quantity.schema import Faults, FileName, KeyPath, ListOf, Name, Spec, raise_if_any, repeated, shown
 from hpcinv.quantity.suggestions import did_you_mean
 
 STATISTICS = ("average", "sd", "minimum", "maximum")
@@ -102,7 +102,7 @@ def faults_between(listed: tuple[RefinementSeries, ...]) -> Faults:
         elif series.base is not None and listed[names.index(series.base)].steps not in (1, series.steps):
             yield (i, "base"), f"series '{series.base}' has neither one run nor as many as this one"
         for key, taken in series.take.items():
-            where: Location = (i, "take", key, "series")
+            where: KeyPath = (i, "take", key, "series")
             if taken.series not in earlier:
                 yield where, f"there is no earlier series '{taken.series}'.{did_you_mean(taken.series, earlier)}"
             elif earlier[taken.series].steps not in (1, series.steps):
@@ -240,7 +240,7 @@ class Study(Spec):
     @classmethod
     def _is_of_measured_quantities(cls, reference: Mapping[str, Reference], info: ValidationInfo) -> Any:
         measure, names = info.data.get("measure"), _names(info)
-        problems: list[tuple[Location, str]] = [
+        problems: list[tuple[KeyPath, str]] = [
             ((key,), f"there is no series '{r.series}'.{did_you_mean(r.series, names)}")
             for key, r in reference.items()
             if r.series is not None and names and r.series not in names
@@ -271,13 +271,13 @@ class Study(Spec):
     def _has_known_names(cls, beside: Beside | None, info: ValidationInfo) -> Beside | None:
         if beside is None:
             return None
-        problems: list[tuple[Location, str]] = []
+        problems: list[tuple[KeyPath, str]] = []
         names, columns = _names(info), {*STATISTICS, *COSTS, *info.data.get("costs", ()), "ratio", "failed"}
         for part, content in (("values", beside.values), ("statistics", beside.statistics)):
             problems += [((part, *w), text) for w, text in _not_measured(content, info.data.get("measure", content))]
         for key, by_name in beside.statistics.items():
             for name, statistics in by_name.items():
-                where: Location = ("statistics", key, name)
+                where: KeyPath = ("statistics", key, name)
                 if names and name not in names:
                     problems.append((where, f"there is no such series.{did_you_mean(name, names)}"))
                 unknown = (column for column in statistics if column not in columns)
@@ -309,7 +309,7 @@ def _names(info: ValidationInfo) -> list[str]:
     return [series.name for series in info.data.get("series", ())]
 
 
-def _not_measured(keys: Mapping[str, Any], measure: Any) -> list[tuple[Location, str]]:
+def _not_measured(keys: Mapping[str, Any], measure: Any) -> list[tuple[KeyPath, str]]:
     return [((key,), f"is not measured.{did_you_mean(key, measure)}") for key in keys if key not in measure]
 
 

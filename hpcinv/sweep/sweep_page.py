@@ -10,7 +10,7 @@ from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.pictures.boundary_surface import NAME, Boundary, read_boundary
 from hpcinv.reports.of_cases import cases_page, outcome_of
 from hpcinv.reports.of_run import write_run_report
-from hpcinv.reports.packed_arrays import Arrays
+from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.page import NAME as PAGE
 from hpcinv.reports.page import write_page
 from hpcinv.reports.shapes import mean_and_cases, pictures
@@ -36,7 +36,7 @@ def write_sweep_report(plan: SweepPlan, ledger: Ledger, path: Path, *, each: boo
     path.parent.mkdir(parents=True, exist_ok=True)
     shapes = _shapes(plan, ledger, records)
     links = _links(plan, ledger, records, path, each=each)
-    arrays, body, note, gallery = Arrays(), None, "", list[tuple[str, bytes]]()
+    arrays, body, note, gallery = PackedArrays(), None, "", list[tuple[str, bytes]]()
     if shapes:
         named = list(shapes.values())
         record = ledger.record(next(iter(shapes)))

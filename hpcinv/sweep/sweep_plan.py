@@ -8,7 +8,7 @@ from typing import Any
 
 from hpcinv.batch.axes import combined, sections_first
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
-from hpcinv.batch.specification import Faults, read_base, read_spec, texts_of, with_settings
+from hpcinv.batch.specification import SpecificationFaults, read_base, read_spec, texts_of, with_settings
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.fingerprint import content_key, file_digest
@@ -116,13 +116,15 @@ def load_sweep(
     untrusted = untrusted or is_asked()
     sweep = read_spec(Sweep, "sweep", path, content, untrusted=untrusted)
     base, data = read_base(path, sweep.job)
-    faults = Faults(path, "case")
+    faults = SpecificationFaults(path, "case")
     cases = tuple(_cases(sweep, base, data, faults, untrusted))
     faults.raise_if_any()
     return SweepPlan(path, sweep, base, data, cases, untrusted)
 
 
-def _cases(sweep: Sweep, base: Path, data: Mapping[str, Any], faults: Faults, untrusted: bool) -> Iterator[Case]:
+def _cases(
+    sweep: Sweep, base: Path, data: Mapping[str, Any], faults: SpecificationFaults, untrusted: bool
+) -> Iterator[Case]:
     """Yield every valid case; faults of the others are added to ``faults``."""
     digest = cache(file_digest)
     defaults = sections_first(sweep.set)

@@ -19,8 +19,8 @@ from hpcinv.accuracy.refinement_forecast import (
     BOLD,
     CAREFUL,
     TARGET,
-    Places,
     RefinementForecast,
+    RefinementPlaces,
     Step,
     Work,
     cautious,
@@ -129,7 +129,7 @@ def test_the_cheapest_that_is_enough_is_chosen() -> None:
     slow = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2], compilation=1e9), [1.0, 2**-3.0, 2**-6.0], 50.0)
     assert getattr(choose(slow, factors, None, limit=10**9, highest=3), "degree", None) == 2
     # Refinement in places pays where it takes fewer cells.
-    few, many = Places(3.0, 0.1), Places(60.0, 0.1)
+    few, many = RefinementPlaces(3.0, 0.1), RefinementPlaces(60.0, 0.1)
     assert getattr(choose(smooth, factors, few, limit=10**9, highest=2), "kind", None) == "in places"
     assert getattr(choose(smooth, factors, many, limit=10**9, highest=2), "kind", None) == "everywhere"
 

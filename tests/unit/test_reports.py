@@ -22,7 +22,7 @@ from hpcinv.pictures.snapshots import NAME as SNAPSHOTS
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots, write_snapshot
 from hpcinv.reports.charts import convergence_chart, load_chart
 from hpcinv.reports.of_run import run_page, write_run_report
-from hpcinv.reports.packed_arrays import Arrays
+from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.wording import meaning, words
 
 
@@ -35,7 +35,7 @@ def decoded(spec: dict[str, Any], text: str) -> np.ndarray:
 
 
 def test_arrays_keep_numbers_to_a_part_of_their_range() -> None:
-    arrays, random = Arrays(), np.random.default_rng(1)
+    arrays, random = PackedArrays(), np.random.default_rng(1)
     values = random.normal(size=(1000, 3)) * [1e-9, 1.0, 1e9]
     whole = random.integers(0, 65536, size=(500, 3))
     constant = np.full(7, 3.25)

@@ -36,7 +36,7 @@ from hpcinv.mesh.io.length_unit import as_unit
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, agree, on_root
 
-type Array = npt.NDArray[Any]
+type RowArray = npt.NDArray[Any]
 
 
 def write_partitioned(path: Path, comm: MPI.Intracomm, source: MeshSource) -> None:
@@ -92,7 +92,7 @@ def read_partitioned(path: Path, comm: MPI.Intracomm) -> MeshSource:
         "cells": cells_of(header.parts, size, rank),
         "facets": even_range(header.facets, size, rank),
     }
-    arrays, error = dict[str, Array](), None
+    arrays, error = dict[str, RowArray](), None
     try:
         arrays = _read(path, comm, header, ranges)
     except (RuntimeError, ValueError, OSError) as exc:  # ADIOS2 raises nothing narrower
@@ -133,7 +133,9 @@ def cells_of(parts: tuple[int, ...], size: int, rank: int) -> tuple[int, int]:
     return parts[first], parts[last]
 
 
-def _read(path: Path, comm: MPI.Intracomm, header: Header, ranges: Mapping[str, tuple[int, int]]) -> dict[str, Array]:
+def _read(
+    path: Path, comm: MPI.Intracomm, header: Header, ranges: Mapping[str, tuple[int, int]]
+) -> dict[str, RowArray]:
     """Rows of this rank of every array; arrays without rows are not in the file."""
     found = {}
     with adios2.Stream(_io(comm), str(path), "rra", comm) as stream:
@@ -153,7 +155,7 @@ def _blank(path: Path, header: Header) -> MeshSource:
     return MeshSource(path, header.kind, header.degree, np.zeros((0, 3)), none, cells, none, facets, data=data)
 
 
-def _arrays(source: MeshSource) -> list[tuple[str, str, Array]]:
+def _arrays(source: MeshSource) -> list[tuple[str, str, RowArray]]:
     """Name in the file, kind of rows (nodes, cells or facets) and rows of this rank for each array."""
     return [
         ("points", "nodes", source.points),

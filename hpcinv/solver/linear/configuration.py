@@ -8,10 +8,10 @@ from petsc4py import PETSc
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.linear.convergence_test import Settling
-from hpcinv.solver.petsc_options import Value
+from hpcinv.solver.petsc_options import OptionValue
 
 
-class Configuration(ABC):
+class LinearConfiguration(ABC):
     """A linear solver for the tangent: PETSc options, and settings that are no options.
 
     Attributes:
@@ -33,7 +33,7 @@ class Configuration(ABC):
 
     @property
     @abstractmethod
-    def options(self) -> Mapping[str, Value]: ...
+    def options(self) -> Mapping[str, OptionValue]: ...
 
     @abstractmethod
     def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
@@ -68,7 +68,7 @@ class Configuration(ABC):
         """Return the sign of the determinant of the factorized tangent; 0 if it is not known."""
         return 0
 
-    def larger_workspace(self, ksp: PETSc.KSP) -> Mapping[str, Value]:
+    def larger_workspace(self, ksp: PETSc.KSP) -> Mapping[str, OptionValue]:
         """Return options with which the last set-up may succeed, if it failed for lack of workspace; collective."""
         return {}
 

@@ -14,10 +14,10 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.solver.linear.configuration import Configuration
+from hpcinv.solver.linear.configuration import LinearConfiguration
 from hpcinv.solver.linear.convergence_test import Refinement
 from hpcinv.solver.linear.ordering import order_by_nodes
-from hpcinv.solver.petsc_options import Value
+from hpcinv.solver.petsc_options import OptionValue
 
 FEW_RANKS = 8
 """Ranks up to which a root factorized by one of them costs little, and its inertia is worth it for the certificate."""
@@ -32,7 +32,7 @@ _OVERHEAD = 1e8  # bytes; with less, workspaces of tiny bodies are not enlarged,
 _NOT_ALLOCATED, _LIMITED = -13, -19
 
 
-class Direct(Configuration):
+class Direct(LinearConfiguration):
     """Configuration of the direct solver, MUMPS.
 
     Args:
@@ -55,7 +55,7 @@ class Direct(Configuration):
         self._probe: tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec] | None = None
 
     @property
-    def options(self) -> Mapping[str, Value]:
+    def options(self) -> Mapping[str, OptionValue]:
         return {
             "ksp_type": "preonly",
             "pc_type": "lu",
@@ -120,7 +120,7 @@ class Direct(Configuration):
         mantissa = ksp.pc.getFactorMatrix().getMumpsRinfog(12)
         return (mantissa > 0) - (mantissa < 0)
 
-    def larger_workspace(self, ksp: PETSc.KSP) -> Mapping[str, Value]:
+    def larger_workspace(self, ksp: PETSc.KSP) -> Mapping[str, OptionValue]:
         matrix = ksp.getOperators()[1]
         if not is_mumps(ksp.pc) or not (percent := larger_workspace(ksp.pc)):
             return {}

@@ -31,23 +31,23 @@ from hpcinv.model.scene import Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.linear.configuration import Configuration
+from hpcinv.solver.linear.configuration import LinearConfiguration
 from hpcinv.solver.linear.convergence_test import Settling
-from hpcinv.solver.petsc_options import Value
+from hpcinv.solver.petsc_options import OptionValue
 
-_KRYLOV: Mapping[str, Value] = {
+_KRYLOV: Mapping[str, OptionValue] = {
     "ksp_type": "fgmres",
     "ksp_gmres_restart": 200,  # slender bodies stagnate with less; chunky ones need fewer iterations
     "ksp_max_it": 400,
 }
-_MULTIGRID: Mapping[str, Value] = {
+_MULTIGRID: Mapping[str, OptionValue] = {
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.01,
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_ksp_max_it": 2,
     "mg_levels_pc_type": "pbjacobi",  # the 3 × 3 blocks of the nodes
 }
-_SCHUR: Mapping[str, Value] = {
+_SCHUR: Mapping[str, OptionValue] = {
     "pc_type": "fieldsplit",
     "pc_fieldsplit_type": "schur",
     "pc_fieldsplit_schur_fact_type": "upper",
@@ -64,7 +64,7 @@ _RESIDUAL = 1e-5  # relative residual at which any correction has converged
 _INDEPENDENT = 0.05
 
 
-class Iterative(Configuration):
+class Iterative(LinearConfiguration):
     """FGMRES, preconditioned by multigrid for the displacements and a scaled mass matrix for the pressures.
 
     Args:
@@ -84,7 +84,7 @@ class Iterative(Configuration):
         self._blocks: tuple[PETSc.IS, PETSc.IS] | None = None
 
     @property
-    def options(self) -> Mapping[str, Value]:
+    def options(self) -> Mapping[str, OptionValue]:
         if self._unknowns.p is None:
             return {**_KRYLOV, **_MULTIGRID}
         return {**_KRYLOV, **_SCHUR, **{f"fieldsplit_u_{name}": value for name, value in _MULTIGRID.items()}}

@@ -22,9 +22,9 @@ from petsc4py import PETSc
 from hpcinv.model.spaces import Unknowns
 from hpcinv.solver.linear.convergence_test import Refinement
 from hpcinv.solver.linear.factorization import Direct, is_mumps
-from hpcinv.solver.petsc_options import Value
+from hpcinv.solver.petsc_options import OptionValue
 
-_LOW_RANK: Mapping[str, Value] = {
+_LOW_RANK: Mapping[str, OptionValue] = {
     "mat_mumps_icntl_35": 2,  # for factorization and solution
     "mat_mumps_cntl_7": 1e-5,  # relative error of a block
 }
@@ -61,7 +61,7 @@ class Refined(Direct):
         self._low_rank, self._has_own_tolerance = low_rank, False
 
     @property
-    def options(self) -> Mapping[str, Value]:
+    def options(self) -> Mapping[str, OptionValue]:
         return {
             **super().options,
             "ksp_type": "fgmres",

@@ -18,7 +18,7 @@ import yaml
 from helpers.command_line import COLUMN, ROOT, environment
 
 from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.sampling import Method, read_distribution, unit_points
+from hpcinv.batch.sampling import SamplingMethod, read_distribution, unit_points
 from hpcinv.batch.time_forecast import in_words, remaining_seconds
 from hpcinv.errors import JobError
 from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
@@ -49,7 +49,7 @@ def sample(kind: str, distribution: Any, count: int, seed: int = 1) -> dict[str,
 
 
 @pytest.mark.parametrize("method", ["random", "latin_hypercube", "sobol"])
-def test_the_same_seed_draws_the_same_points_and_another_seed_others(method: Method) -> None:
+def test_the_same_seed_draws_the_same_points_and_another_seed_others(method: SamplingMethod) -> None:
     points = unit_points(method, 3, 16, 7)
     assert len(points) == 16
     assert all(len(point) == 3 and all(0 <= x < 1 for x in point) for point in points)
