@@ -17,7 +17,6 @@ from hpcinv.certificate.singular_edges import singular_edges
 from hpcinv.errors import Interrupted, MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
-from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.memory_use import peak
 from hpcinv.parallel.runtime import MPI
@@ -146,8 +145,6 @@ class Search:
             trial = attempt(self._job_in(variant, degree), variant, body, self.timings, self.observer, before)
         except Stopped:
             raise self._interrupted() from None
-        if trial.outcome is Outcome.INTERRUPTED:
-            raise self._interrupted()
         if not self.assessments:
             self.best = trial
         if trial.estimate is None:

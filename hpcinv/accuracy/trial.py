@@ -12,13 +12,12 @@ from hpcinv.accuracy.meshes import Variant
 from hpcinv.accuracy.refinement_forecast import Step, Work
 from hpcinv.certificate.discretisation_error import Estimate, estimate
 from hpcinv.errors import JobError
-from hpcinv.job.job import UNNAMED, Job
+from hpcinv.job.job import UNNAMED, Job, PlannedSolve
 from hpcinv.mesh import Body
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Ints
 from hpcinv.methods.method import UNLOADED, Guess, Start
 from hpcinv.model.cell_layers import layers_of_cells, layers_on
-from hpcinv.model.outcome import Outcome
 from hpcinv.model.spaces import Integers
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
@@ -27,7 +26,7 @@ from hpcinv.results.solution import Solution
 from hpcinv.results.steps import StepObserver, carry_out
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.observer import Observer, Observers, SolvedDirection
+from hpcinv.solver.observer import Observer, Observers, SolvedDirection, Stopped
 
 _PHASES = ("tangent", "factorization", "compile")
 # A curved surface of one mesh lies outside the straight cells of another, by a share of the larger cell.
@@ -57,10 +56,6 @@ class Trial:
     estimate: Estimate | None
     step: Step
     unused_options: Sequence[str]
-
-    @property
-    def outcome(self) -> Outcome:
-        return self.solves[-1].outcome
 
 
 def attempt(
@@ -130,6 +125,10 @@ class _Steps(StepObserver):
             return UNLOADED
         with equations.timings("transfer"):
             return Start(guess=guess_from(self._before.solution, self._before.body, equations))
+
+    def check(self, earlier: Sequence[Solution], solved: SolvedDirection, step: PlannedSolve) -> None:
+        if solved.stopped:
+            raise Stopped
 
     def ended(self, found: SolvedDirection) -> None:
         self.unused_options = found.unused_options or ()

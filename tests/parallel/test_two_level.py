@@ -206,7 +206,7 @@ def test_transfer_interpolates_and_its_transpose_is_one(
         if of_given is not None:
             of_finer = fem.Function(getattr(finer, f"{part}_space"))
             of_finer.interpolate(of_given)
-            getattr(finer, f"set_{part}")(of_finer)
+            getattr(finer, f"set_{part}")(of_finer.x.array)
     expected = finer.state.x.petsc_vec
     assert transfer.interpolate(x.array) == pytest.approx(expected.array, abs=1e-12)
     x_with_transpose = comm.allreduce(float(transfer.restrict(r.array) @ x.array))

@@ -137,7 +137,7 @@ def test_refinement_in_places_pays_there(comm: MPI.Intracomm) -> None:
     marked = plan(errors_of(first).shares, 6.0, 3.0)
     local = meshes.in_places(coarse, first.body, np.minimum(marked.levels, 2))
     in_places, smaller = solved(local, meshes.build(local), first)
-    sizes = [t.model.unknowns.size for t in (everywhere, in_places)]
+    sizes = [t.equations.unknowns.size for t in (everywhere, in_places)]
     print(f"everywhere: {sizes[0]} unknowns, {error:.2e} m; in places: {sizes[1]} unknowns, {smaller:.2e} m")
     assert sizes[1] < sizes[0]
     assert smaller < error
