@@ -25,9 +25,9 @@ sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "tests"), str(ROOT / "tests
 import test_fibres as fibres  # noqa: E402
 import test_layers as layers  # noqa: E402
 import test_material_regions as regions  # noqa: E402
-import test_rotating_bar as rotating  # noqa: E402
-import test_thick_cylinder as cylinder  # noqa: E402
-import test_thick_sphere as sphere  # noqa: E402
+from helpers import rotating_bar as rotating  # noqa: E402
+from helpers import thick_cylinder as cylinder  # noqa: E402
+from helpers import thick_sphere as sphere  # noqa: E402
 from helpers.closed_forms import NEO_HOOKEAN, root  # noqa: E402
 from helpers.verification import box, job  # noqa: E402
 from promises import LAM, SLABS, exact_of, slab  # noqa: E402

@@ -15,7 +15,7 @@ import pytest
 from helpers.command_line import BLOCK, NO_CERTIFICATE, write_job
 from helpers.mesh_cases import TETRAHEDRON, conditions, spec, write_msh22
 from helpers.mesh_data_files import ARRAYS, block, linear, values
-from test_mesh_body import in_input_order, owners, slow_edge_cut
+from helpers.partitions import in_input_order, owners, slow_edge_cut
 
 import hpcinv
 from hpcinv.__main__ import main

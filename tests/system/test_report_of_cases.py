@@ -10,8 +10,8 @@ import pytest
 from helpers.browser import Page, needs_browser, opened
 from helpers.command_line import write_job
 from helpers.run_directories import run_directory, summary
+from helpers.studies import plan as study_plan
 from helpers.sweeps import finish
-from test_study_plan import plan as study_plan
 
 from hpcinv.__main__ import main
 from hpcinv.batch.ledger.case_record import CaseRecord

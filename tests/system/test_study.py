@@ -21,7 +21,7 @@ import pytest
 import yaml
 from helpers.command_line import COLUMN, NO_CERTIFICATE, ROOT, Started, hpcinv
 from helpers.mesh_data_files import write_msh
-from test_study_plan import STUDY, plan
+from helpers.studies import STUDY, plan
 
 import hpcinv as api
 from hpcinv.__main__ import main

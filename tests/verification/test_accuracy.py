@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from accuracy_cases import Case, cases
+from helpers.accuracy_cases import Case, cases
 from helpers.command_line import NO_CERTIFICATE, ROOT, hpcinv, write_job
 from helpers.mesh_cases import spec
 from helpers.verification import box, job

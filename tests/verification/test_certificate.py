@@ -12,9 +12,9 @@ import pytest
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, ROOT, write_job
 from helpers.command_line import hpcinv as command
+from helpers.thick_sphere import PRESSURE, before, carried, sphere
 from helpers.verification import box, job
 from petsc4py import PETSc
-from test_thick_sphere import INNER, OUTER, PRESSURE, before, carried
 
 import hpcinv
 from hpcinv.certificate import Line, Verdict, at_least, at_most, inertia
@@ -60,18 +60,6 @@ def cantilever(geometry_degree: int, certificate: dict[str, Any]) -> Any:
         effects=[{"effect": "gravity", "acceleration": [0, 0, -0.3], "density": 1000}],
         supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
         certificate=certificate,
-    )
-
-
-def sphere(divisions: int, hexahedra: bool) -> Any:
-    mesh = {"inner": INNER, "outer": OUTER, "radial": divisions, "along": divisions, "hexahedra": hexahedra}
-    return job(
-        mesh={"file": "../meshes/thick_sphere.py", "parameters": mesh, "geometry_degree": 2},
-        material={"law": "mooney-rivlin", "c1": 0.5, "c2": 0.0, "d1": "incompressible"},
-        effects=[{"effect": "pressure", "region": "inner", "pressure": PRESSURE}],
-        supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
-        quantities=[{"name": name, "of": "norm(X, Y, Z)", "on": name, "reduce": "mean"} for name in ("inner", "outer")],
-        certificate=ESTIMATE,
     )
 
 

@@ -143,7 +143,7 @@ ALONE = """
 import json, pkgutil, sys
 found = pkgutil.iter_modules
 def only_gravity(path=None, prefix=""):
-    kept = {"base", "gravity"} if any(str(p).endswith("effects") for p in path or ()) else None
+    kept = {"effect", "gravity"} if any(str(p).endswith("effects") for p in path or ()) else None
     return (m for m in found(path, prefix) if kept is None or m.name in kept)
 pkgutil.iter_modules = only_gravity
 import hpcinv.parallel.runtime

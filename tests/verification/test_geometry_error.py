@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-import test_thick_cylinder as cylinder
 import ufl
 from dolfinx import fem
+from helpers import thick_cylinder as cylinder
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, hpcinv, write_job
 from helpers.mesh_cases import spec
+from helpers.thick_sphere import INNER, OUTER, PRESSURE, before, carried, sphere
 from helpers.verification import job
-from test_certificate import sphere
-from test_thick_sphere import INNER, OUTER, PRESSURE, before, carried
 
 import hpcinv as package
 from hpcinv.certificate import two_level

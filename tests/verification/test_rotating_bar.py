@@ -11,56 +11,19 @@ volume is ``λ P - W + rho ω² x²/2``, and ``P + rho ω² x²/2`` for one per 
 
 from __future__ import annotations
 
-from math import log
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.closed_forms import LAM, MU, NEO_HOOKEAN, neo_hookean_stress, root, uniaxial
+from helpers.closed_forms import LAM, MU, NEO_HOOKEAN
 from helpers.resultants import Loaded
+from helpers.rotating_bar import DENSITY, LENGTH, SPIN, at_rest, lengthening
 from helpers.verification import HERE, box, digits, job
 
 import hpcinv
 from hpcinv.parallel.runtime import MPI
 
-LENGTH, SPIN, DENSITY = 1.0, 5.0, 1000.0  # m, rad/s, kg/m³
 DIRECTIONS = ("forward", "inverse")
-
-
-def stress(stretch: float) -> float:
-    return float(neo_hookean_stress(uniaxial(stretch))[0, 0])
-
-
-def stiffness(stretch: float) -> float:
-    """``dP/dλ``."""
-    return MU * (1 + stretch**-2) + LAM * (1 - log(stretch)) / stretch**2
-
-
-def energy(stretch: float) -> float:
-    return MU / 2 * (stretch**2 - 1 - 2 * log(stretch)) + LAM / 2 * log(stretch) ** 2
-
-
-def at_rest(rotating: float, density_in: str, steps: int = 500) -> float:
-    """Length at rest of the bar that is ``rotating`` m long."""
-
-    def slope(x: float, y: np.ndarray) -> np.ndarray:
-        """Of ``X`` and ``λ`` along ``x``."""
-        _, stretch = y
-        per_current = DENSITY * SPIN**2 * x / (stretch if density_in == "reference" else 1)
-        return np.array([1 / stretch, -per_current / stiffness(stretch)])
-
-    def first_integral(x: float, stretch: float) -> float:
-        part = stretch * stress(stretch) - energy(stretch) if density_in == "reference" else stress(stretch)
-        return part + DENSITY * SPIN**2 * x**2 / 2
-
-    h, y = -rotating / steps, np.array([0.0, 1.0])
-    for x in rotating + h * np.arange(steps):
-        a = slope(x, y)
-        b = slope(x + h / 2, y + h / 2 * a)
-        c = slope(x + h / 2, y + h / 2 * b)
-        y = y + h / 6 * (a + 2 * b + 2 * c + slope(x + h, y + h * c))
-    assert first_integral(0.0, y[1]) == pytest.approx(first_integral(rotating, 1.0), rel=1e-12)
-    return -float(y[0])
 
 
 def rotated(direction: str, divisions: int, comm: MPI.Intracomm, *, hexahedra: bool = True, **load: Any) -> Any:
@@ -94,13 +57,6 @@ def rotated(direction: str, divisions: int, comm: MPI.Intracomm, *, hexahedra: b
         comm,
     )
     return result.quantities
-
-
-def lengthening(direction: str, density_in: str) -> float:
-    """Of the bar that is 1 m long at rest (forward) or as it rotates (inverse), from the differential equation."""
-    if direction == "inverse":
-        return LENGTH - at_rest(LENGTH, density_in)
-    return root(lambda length: at_rest(length, density_in) - LENGTH, LENGTH, 1.4 * LENGTH) - LENGTH
 
 
 @pytest.mark.everyday("inverse-reference", "forward-current")

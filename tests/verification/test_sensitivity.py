@@ -9,12 +9,12 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from accuracy_cases import cases
+from helpers.accuracy_cases import cases
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, ROOT, hpcinv, write_job
 from helpers.homogeneous import SYMMETRY
+from helpers.thick_sphere import INNER, PRESSURE, carried
 from helpers.verification import box, job
-from test_thick_sphere import INNER, PRESSURE, carried
 
 import hpcinv as package
 from hpcinv.errors import JobError

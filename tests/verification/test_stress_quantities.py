@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from helpers.closed_forms import LAM, MU, NEO_HOOKEAN, neo_hookean_stress, root
 from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
+from helpers.thick_sphere import INNER, OUTER, PRESSURE, before, carried
 from helpers.verification import Solved, box, job
-from test_thick_sphere import INNER, OUTER, PRESSURE, before, carried
 
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.sections import QuantityOfInterest

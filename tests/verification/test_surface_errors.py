@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.closed_forms import root
+from helpers.thick_sphere import INNER, OUTER, PRESSURE
 from helpers.verification import box, job
-from test_thick_sphere import INNER, OUTER, PRESSURE
 
 import hpcinv
 from hpcinv.certificate.certify import DISCRETISATION

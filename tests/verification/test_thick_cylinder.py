@@ -7,33 +7,15 @@ Neo-Hookean: ``b² - B² = a² - A²``, and with ``λ = r/R``
 
 from __future__ import annotations
 
-from math import log
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.closed_forms import root
+from helpers.thick_cylinder import INNER, OUTER, PRESSURE, A, B
 from helpers.verification import digits, job
 
 import hpcinv
 from hpcinv.parallel.runtime import MPI
-
-INNER, OUTER, PRESSURE = 1.0, 1.5, 0.2  # of the loaded tube, m and Pa; the shear modulus is 1 Pa
-
-
-def before(A: float) -> float:
-    """The outer radius that belongs to an inner one, at rest."""
-    return float((OUTER**2 - INNER**2 + A**2) ** 0.5)
-
-
-def carried(A: float) -> float:
-    """Pressure that takes the inner radius from ``A`` to `INNER`."""
-    a, b = INNER / A, OUTER / before(A)
-    return log(a / b) + (b**-2 - a**-2) / 2
-
-
-A = root(lambda A: carried(A) - PRESSURE, 0.5, 1.0)
-B = before(A)
 
 
 def radii(direction: str, divisions: int, hexahedra: bool, comm: MPI.Intracomm) -> list[float]:

@@ -14,28 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.closed_forms import root
+from helpers.thick_sphere import INNER, OUTER, PRESSURE, before, carried
 from helpers.verification import HERE, digits, job
 
 import hpcinv
 from hpcinv.errors import SolveError
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-
-INNER, OUTER, PRESSURE = 1.0, 1.5, 0.2
-
-
-def carried(A: float, c1: float, c2: float) -> float:
-    """Pressure that takes the inner radius from ``A`` to `INNER`."""
-
-    def g(stretch: float) -> float:
-        return c1 * (4 / stretch + stretch**-4) + c2 * (2 / stretch**2 - 4 * stretch)
-
-    return g(OUTER / before(A)) - g(INNER / A)
-
-
-def before(A: float) -> float:
-    """The outer radius that belongs to an inner one."""
-    return float((OUTER**3 - INNER**3 + A**3) ** (1 / 3))
 
 
 def recovered(pressure: float, c2: float, comm: MPI.Intracomm, mesh: dict[str, Any], **solver: Any) -> Result:

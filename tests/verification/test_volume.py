@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 from helpers.command_line import NO_CERTIFICATE
+from helpers.thick_sphere import sphere
 from helpers.verification import box, job
-from test_certificate import sphere
 
 import hpcinv
 from hpcinv.certificate import Line, Verdict

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.linear_cases import BEAM, MATERIALS, SHELF
 from helpers.verification import Solved, box, job
 from petsc4py import PETSc
-from test_configurations import BEAM, MATERIALS, SHELF
 
 import hpcinv.solver.linear.selection
 from hpcinv import run

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.linear_cases import BEAM, MATERIALS, SHELF
 from helpers.verification import Solved, job
 from petsc4py import PETSc
-from test_configurations import BEAM, MATERIALS, SHELF
 
 from hpcinv import run
 from hpcinv.parallel.petsc_vectors import norm

@@ -8,12 +8,12 @@ from math import log, pi
 from typing import Any
 
 import numpy as np
-import test_rotating_bar as bar
-import test_thick_cylinder as cylinder
-import test_thick_sphere as sphere
+
+from helpers import rotating_bar as bar
+from helpers import thick_cylinder as cylinder
+from helpers import thick_sphere as sphere
 from helpers.closed_forms import LAM, MU, NEO_HOOKEAN, root
 from helpers.verification import box, job
-
 from hpcinv.job.job import Job
 
 DENSITY, GRAVITY = 1000.0, 9.81
