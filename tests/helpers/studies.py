@@ -5,7 +5,7 @@ from typing import Any
 
 import yaml
 
-from helpers.batches import COLUMN
+from helpers.command_line import COLUMN
 from hpcinv.study.study_plan import StudyPlan, load_study
 
 STUDY: dict[str, Any] = {
