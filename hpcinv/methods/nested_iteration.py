@@ -235,7 +235,7 @@ def _transferred(coarse: Model, model: Model, sign: int) -> Guess | None:
     for new, old, element in pairs:
         space, values = new.function_space, cells.values(old)
         points = space.tabulate_dof_coordinates() * model.body.length_scale
-        nodal = new.x.array.reshape(len(points), -1)
+        nodal = new.x.array.reshape(len(points), space.dofmap.bs)
         for dofs, of_layer in _layers(model, coarse, cells, space):
             part = cells if of_layer is None else cells.part(of_layer)
             places = part.find(points[dofs])
