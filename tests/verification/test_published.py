@@ -48,6 +48,14 @@ def test_an_unreadable_table_is_named_with_its_line(tmp_path: Path, monkeypatch:
         references.read("odd")
 
 
+def test_jobs_of_the_same_name_in_two_sources_are_two_cases() -> None:
+    from benchmarks.published.references import cases, read
+
+    here = read("cook")[0]
+    there = dataclasses.replace(here, folder="elsewhere")
+    assert list(cases([here, there, here]).values()) == [[here, here], [there]]
+
+
 def test_rows_are_judged_by_both_error_bars() -> None:
     from benchmarks.published.comparison import Row, compare
     from benchmarks.published.references import read
