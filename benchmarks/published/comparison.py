@@ -22,6 +22,7 @@ class Row:
 
     Attributes:
         ours, error: value and estimated error; ``nan`` if the run failed.
+        inverse: whether the run recovered an unloaded shape.
         reason: why the row is not inside, as the run says; empty if it is.
     """
 
@@ -31,6 +32,7 @@ class Row:
     unknowns: int
     seconds: float
     reason: str
+    inverse: bool = False
 
     @property
     def difference(self) -> float:
@@ -56,7 +58,8 @@ def compare(reference: Reference, summary: Mapping[str, Any]) -> Row:
     unknowns, seconds = summary["mesh"]["unknowns"], summary["timings"]["total"]
     if math.isnan(ours):
         reason = f"the job has no quantity {reference.quantity}"
-    return Row(reference, ours / reference.factor, error / reference.factor, unknowns, seconds, reason)
+    inverse = summary["job"]["analysis"] == "inverse"
+    return Row(reference, ours / reference.factor, error / reference.factor, unknowns, seconds, reason, inverse)
 
 
 def _error(reference: Reference, summary: Mapping[str, Any], name: str, component: str | None) -> tuple[float, str]:

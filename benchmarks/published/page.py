@@ -43,7 +43,7 @@ def page(rows: Sequence[Row]) -> str:
     """Return the page."""
     names = list(dict.fromkeys(row.reference.folder for row in rows))
     counts = Counter(row.verdict for row in rows)
-    inverse = sum(bool(row.reference.loaded) for row in rows)
+    inverse = sum(row.inverse for row in rows)
     summary = ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
     parts = [
         HEADER.format(first=names[0] if names else ""),

@@ -77,9 +77,9 @@ class Reference:
     note: str
 
     @property
-    def case(self) -> tuple[str, str, str]:
+    def case(self) -> tuple[str, str, str, str]:
         """Rows of the same case come from one run."""
-        return self.job, repr(sorted(self.changes.items())), self.loaded
+        return self.folder, self.job, repr(sorted(self.changes.items())), self.loaded
 
 
 def sources() -> list[str]:
@@ -141,9 +141,9 @@ def _changes(text: str) -> Iterator[tuple[str, Any]]:
         yield key.strip(), yaml.safe_load(value)
 
 
-def cases(references: Iterable[Reference]) -> dict[tuple[str, str, str], list[Reference]]:
+def cases(references: Iterable[Reference]) -> dict[tuple[str, str, str, str], list[Reference]]:
     """Return the rows by case, in the order of the table."""
-    by_case: dict[tuple[str, str, str], list[Reference]] = {}
+    by_case: dict[tuple[str, str, str, str], list[Reference]] = {}
     for reference in references:
         by_case.setdefault(reference.case, []).append(reference)
     return by_case

@@ -89,7 +89,10 @@ class _Nodes:
     def __init__(self, unknowns: Unknowns, points: Floats, weights: Floats) -> None:
         self.points, self.weights = points, weights
         owned = unknowns.mesh.topology.index_map(3).size_local
-        parts = [dofs[:owned].transpose(0, 2, 1).reshape(owned, -1) for dofs in unknowns.dofs_of_cells()]
+        parts = [
+            dofs[:owned].transpose(0, 2, 1).reshape(owned, dofs.shape[1] * dofs.shape[2])
+            for dofs in unknowns.dofs_of_cells()
+        ]
         self.places = np.concatenate(parts, axis=1)
         self.firsts = 0, parts[0].shape[1]
         self.tables = [tabulated(element, points).transpose(1, 0, 2) for element in unknowns.scalar_elements]

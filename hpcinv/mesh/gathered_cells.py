@@ -90,7 +90,7 @@ class GatheredCells:
         """Return values (n, components) at places, from `values` of a function with a scalar Basix element."""
         found = np.empty((len(places.cells), values.shape[2]))
         for part in np.array_split(np.arange(len(found)), 1 + len(found) // _CHUNK):
-            shapes = element.tabulate(0, places.xi[part])[0].reshape(len(part), -1)
+            shapes = element.tabulate(0, places.xi[part])[0].reshape(len(part), values.shape[1])
             found[part] = np.einsum("pn,pni->pi", shapes, values[places.cells[part]])
         return found
 

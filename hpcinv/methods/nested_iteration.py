@@ -222,7 +222,7 @@ def _transferred(coarse: Equations, equations: Equations, sign: int) -> Guess | 
     for new, old, element in pairs:
         space, values = new.function_space, cells.values(old)
         points = space.tabulate_dof_coordinates() * equations.body.length_scale
-        nodal = new.x.array.reshape(len(points), -1)
+        nodal = new.x.array.reshape(len(points), space.dofmap.bs)
         for dofs, of_layer in _layers(equations, coarse, cells, space):
             part = cells if of_layer is None else cells.part(of_layer)
             places = part.find(points[dofs])

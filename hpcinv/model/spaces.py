@@ -98,9 +98,10 @@ class Unknowns:
         """Return local unknowns of displacement and pressure in each local cell, (cells, nodes, components) each."""
         dofmap = self.space.dofmap
         bs = dofmap.index_map_bs
-        dofs = (bs * dofmap.list[:, :, None] + np.arange(bs, dtype=np.int32)).reshape(len(dofmap.list), -1)
+        cells, functions = dofmap.list.shape  # a rank without cells has functions, too
+        dofs = (bs * dofmap.list[:, :, None] + np.arange(bs, dtype=np.int32)).reshape(cells, functions * bs)
         first = 3 * self.scalar_elements[0].dim
-        parts = [dofs[:, :first].reshape(len(dofs), -1, 3), dofs[:, first:, None]]
+        parts = [dofs[:, :first].reshape(cells, first // 3, 3), dofs[:, first:, None]]
         return parts[: len(self.scalar_elements)]
 
     @cached_property

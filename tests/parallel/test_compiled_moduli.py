@@ -45,6 +45,7 @@ CUBES: dict[str, Any] = MIXED | {
     "mesh": box((2, 2, 2), hexahedra=True),
     "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
 }
+ONE_CELL: dict[str, Any] = MIXED | {"mesh": box((1, 1, 1), hexahedra=True)}  # other ranks have none
 CUBIC: dict[str, Any] = MIXED | {"mesh": box((2, 1, 1)), "discretisation": {"displacement": 3, "pressure": 2}}
 
 
@@ -57,7 +58,11 @@ def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Equations:
 
 
 @pytest.mark.parallel([1, 2, 3])
-@pytest.mark.parametrize("data", [MIXED, TWO_REGIONS, CUBES, CUBIC], ids=["mixed", "regions", "hexahedra", "cubic"])
+@pytest.mark.parametrize(
+    "data",
+    [MIXED, TWO_REGIONS, CUBES, CUBIC, ONE_CELL],
+    ids=["mixed", "regions", "hexahedra", "cubic", "one cell"],
+)
 def test_products_are_those_of_the_matrix(data: dict[str, Any], comm: MPI.Intracomm) -> None:
     """To digits of single precision, in the rows of unknowns that are free."""
     model = model_of(data, comm)

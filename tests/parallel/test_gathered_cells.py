@@ -12,6 +12,7 @@ from dolfinx import fem
 from helpers.mesh_cases import spec
 
 from hpcinv.mesh import Body, build_body
+from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.gathered_cells import FARTHEST, GatheredCells, Places
 from hpcinv.parallel.runtime import MPI
 
@@ -79,4 +80,7 @@ def test_points_far_outside_are_told(comm: MPI.Intracomm, meshes: Path) -> None:
     body = build_body(spec(meshes / "pdms_beam.py", parameters=BEAM | {"size": "4 mm"}, geometry_degree=2), {}, comm)
     cells = GatheredCells(body.mesh, body.length_scale)
     assert (cells.find(np.array([[0.1, 0.0, 0.0], [0.0, 1.0, 0.0]])).outside > FARTHEST).all()
-    assert len(cells.find(np.empty((0, 3))).cells) == 0
+    nowhere = cells.find(np.empty((0, 3)))
+    assert len(nowhere.cells) == 0
+    function = fem.Function(fem.functionspace(body.mesh, ("Lagrange", 1, (3,))))
+    assert cells.evaluate(nowhere, scalar_element(body.source.kind, 1), cells.values(function)).shape == (0, 3)

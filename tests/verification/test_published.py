@@ -48,27 +48,37 @@ def test_an_unreadable_table_is_named_with_its_line(tmp_path: Path, monkeypatch:
         references.read("odd")
 
 
+def test_jobs_of_the_same_name_in_two_sources_are_two_cases() -> None:
+    from benchmarks.published.references import cases, read
+
+    here = read("cook")[0]
+    there = dataclasses.replace(here, folder="elsewhere")
+    assert list(cases([here, there, here]).values()) == [[here, here], [there]]
+
+
 def test_rows_are_judged_by_both_error_bars() -> None:
-    from benchmarks.published.comparison import compare
+    from benchmarks.published.comparison import Row, compare
     from benchmarks.published.references import read
 
     limit = dataclasses.replace(read("cook")[0], comparison="limit", value="14.74", spread=0.01)
 
-    def verdict(tip: float, error: float | None) -> str:
+    def row(tip: float, error: float | None, analysis: str = "forward") -> Row:
         estimate = None if error is None else {"quantities": {"tip": error}}
         summary = {
             "quantities": {"tip": tip},
             "certificate": {"estimate": estimate},
             "mesh": {"unknowns": 1},
             "timings": {"total": 1.0},
+            "job": {"analysis": analysis},
         }
-        return compare(limit, summary).verdict
+        return compare(limit, summary)
 
-    assert verdict(14.745e-3, 1e-8) == "inside"
-    assert verdict(14.755e-3, 1e-8) == "outside"
-    assert verdict(14.755e-3, -1e-5) == "inside"  # by our own error
-    assert verdict(14.745e-3, None) == "not reliable"
+    assert row(14.745e-3, 1e-8).verdict == "inside"
+    assert row(14.755e-3, 1e-8).verdict == "outside"
+    assert row(14.755e-3, -1e-5).verdict == "inside"  # by our own error
+    assert row(14.745e-3, None).verdict == "not reliable"
     assert compare(limit, {"failure": "no solution"}).verdict == "failed"
+    assert [row(14.745e-3, 1e-8, analysis).inverse for analysis in ("forward", "inverse")] == [False, True]
 
 
 def test_small_rows_are_inside_both_error_bars(shared_by_workers: Path) -> None:
@@ -79,6 +89,6 @@ def test_small_rows_are_inside_both_error_bars(shared_by_workers: Path) -> None:
     rows = rows_of(small, shared_by_workers / "published", MPI.COMM_SELF)
     assert len(rows) == len(small)
     assert {row.reference.folder for row in rows} == set(sources())
-    assert any(row.reference.loaded for row in rows)
+    assert any(row.inverse for row in rows)
     assert [row.reference.place for row in rows if row.verdict != "inside"] == []
     assert all(math.isfinite(row.difference) for row in rows)

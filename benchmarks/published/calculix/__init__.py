@@ -1,0 +1,1 @@
+"""Reference results of CalculiX, and CalculiX itself next to us."""
