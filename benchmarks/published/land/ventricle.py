@@ -107,7 +107,8 @@ def _rounded(flat: Floats, distances: Floats) -> Floats:
     circle = np.hstack([np.where(turned, major * np.cos(p), np.sin(p)), np.where(turned, np.sin(p), major * np.cos(p))])
     last = min(ROUNDING + 1, len(distances) - 1)
     share = np.clip((size - distances[1]) / (distances[last] - distances[1]), 0, 1)
-    return size * ((1 - share) * CORNER * direction + share * circle)
+    rounded: Floats = size * ((1 - share) * CORNER * direction + share * circle)
+    return rounded
 
 
 def _positions(places: Floats) -> Floats:
