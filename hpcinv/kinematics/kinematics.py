@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from copy import copy
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Protocol
@@ -119,6 +120,14 @@ class Deformation:
     def I8(self, family: str, other: str) -> Any:
         """Return ``a0·(C - I) b0`` of two families: ``a·b`` of the deformed fibres, if ``a0·b0 = 0``."""
         return 2 * ufl.inner(self.fibres[family], self.E * self.fibres[other])
+
+    def at_right_angles(self, family: str, other: str) -> Deformation:
+        """Return the same deformation with the direction of ``other`` replaced by its part across ``family``."""
+        a, b = self.fibres[family], self.fibres[other]
+        across = b - ufl.inner(a, b) * a
+        found = copy(self)
+        found.fibres = {**self.fibres, other: across / ufl.sqrt(ufl.inner(across, across))}
+        return found
 
     def along(self, families: Sequence[str], strains: Sequence[Any]) -> Any:
         """Return ``Σ ε_i a_i⊗aⁱ``, which strains lines along three families ``a_i``; ``aⁱ`` are reciprocal to them.

@@ -2,17 +2,16 @@
 
 from typing import Any, ClassVar, Literal
 
-from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.materials.green_lagrange import GreenLagrangeLaw
 from hpcinv.materials.material_law import StartingValues
 from hpcinv.quantity import Family, ModulusField, PositiveField
 
 
-class Guccione(IsochoricLaw):
+class Guccione(GreenLagrangeLaw):
     """Guccione, for passive myocardium, transversely isotropic about the fibres.
 
     In components, with the fibres' direction f, the exponent is
-    ``b_f E_ff² + b_t (E_ss² + E_nn² + 2 E_sn²) + 2 b_fs (E_fs² + E_fn²)``; ``E`` is computed from ``C``, not
-    from ``C_bar``.
+    ``b_f E_ff² + b_t (E_ss² + E_nn² + 2 E_sn²) + 2 b_fs (E_fs² + E_fn²)``, where ``E`` is the ``strain``.
     The shear modulus across the fibres is ``c b_t/2``, along them ``c b_fs/2``.
 
     Source: Guccione, Costa & McCulloch (1995), doi:10.1016/0021-9290(94)00174-3; as in Land et al. (2015),

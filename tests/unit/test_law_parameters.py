@@ -32,6 +32,7 @@ MUST_BE_POSITIVE = {
     "holzapfel-ogden": ["a", "b", "b_f", "b_s", "b_fs", "kappa"],
     "guccione": ["c", "b_f", "b_t", "b_fs", "kappa"],
     "transversely-isotropic": ["mu", "k", "kappa"],
+    "usyk-mcculloch": ["c", "b_f", "b_s", "b_n", "b_fs", "b_fn", "b_sn", "kappa"],
 }
 
 

@@ -323,3 +323,40 @@ def test_a_law_whose_formula_is_not_zero_and_free_of_stress_at_rest_is_refused(f
     k = Deformation(ufl.zero(3, 3))
     with mock.patch.object(type(law), "formula", formula), pytest.raises(ValueError, match="not stress-free"):
         law.isochoric_energy(k, SimpleNamespace(mu=1.0))
+
+
+@pytest.mark.parametrize("name", ["guccione", "usyk-mcculloch"])
+def test_energy_of_the_isochoric_strain_does_not_see_the_volume(name: str) -> None:
+    law = EXAMPLES[name].model_copy(update={"strain": "isochoric"})
+    compiled_law, reference, F = Compiled(law), Reference(law), DEFORMATIONS["sheared"]
+    for H in (F - np.eye(3), 1e-9 * F):
+        assert_close(compiled_law(H), reference.state(H), name)
+    formula, by_total_strain = Expression(law.own_formula), Expression(EXAMPLES[name].own_formula)
+
+    def energy(expression: Expression, ratio: float) -> float:
+        with mp.workdps(DIGITS):
+            scaled = mp.matrix((ratio * F / np.cbrt(np.linalg.det(F))).tolist())
+            return float(expression.apply(reference.invariants(scaled) | reference.parameters, MPMATH, mp.mpf))
+
+    assert energy(formula, 1.2) == pytest.approx(energy(formula, 1.0), rel=1e-13)
+    assert energy(by_total_strain, 1.0) == pytest.approx(energy(formula, 1.0), rel=1e-13)
+    assert energy(by_total_strain, 1.2) > 1.1 * energy(formula, 1.0)
+
+
+def test_usyk_mcculloch_of_equal_exponents_across_the_fibres_is_guccione() -> None:
+    shared = {"c": "2 kPa", "b_f": 8, "b_fs": 4, "kappa": "10 kPa"}
+    guccione = Compiled(laws()["guccione"].model_validate({"law": "guccione", "b_t": 2, **shared}))
+    across = {"b_s": 2, "b_n": 2, "b_sn": 2, "b_fn": 4}
+    orthotropic = Compiled(laws()["usyk-mcculloch"].model_validate({"law": "usyk-mcculloch", **shared, **across}))
+    for what, F in DEFORMATIONS.items():
+        assert_close(orthotropic(F - np.eye(3)), guccione(F - np.eye(3)), what, 1e-12)
+
+
+def test_sheets_of_usyk_mcculloch_lie_across_the_fibres() -> None:
+    """The directions of sheets and fibres span the sheet, as deformed ones do that are carried back."""
+    straight = compiled("usyk-mcculloch")
+    oblique = np.array([THIRDS[0], THIRDS[1] + 0.8 * THIRDS[0]]) / 3
+    with mock.patch(f"{__name__}.THIRDS", 3 * oblique / np.linalg.norm(oblique, axis=1, keepdims=True)):
+        inclined = Compiled(EXAMPLES["usyk-mcculloch"])
+    for what, F in DEFORMATIONS.items():
+        assert_close(inclined(F - np.eye(3)), straight(F - np.eye(3)), what, 1e-12)
