@@ -11,7 +11,7 @@ import sys
 import time
 
 from hpcinv.errors import HpcinvError, OutOfMemory, OutputError
-from hpcinv.parallel.early_exit import refuse_exit_without_end
+from hpcinv.parallel.early_exit import ProvenEnd, refuse_exit_without_end
 from hpcinv.parallel.home import require_working_directory
 from hpcinv.parallel.imports import imports_at_start, imports_explained, is_other_rank
 from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
@@ -50,18 +50,25 @@ not decided (--strict), 75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; without arguments, those of this process, which ends with it."""
-    if arguments is None:
-        refuse_exit_without_end()
     sys.stdout = sys.stdout or io.StringIO()  # it may be closed
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
     options = _parser().parse_args(with_action(sys.argv[1:] if arguments is None else arguments))
+    end = ProvenEnd() if arguments is None and options.is_proven else None
+    child = end.start() if end else 0
+    if arguments is None and not child:
+        refuse_exit_without_end()
     end_if_noted()
     try:
+        if end and child:
+            return end.wait(child)
         require_working_directory()
         with imports_explained(), asked_for(options):
             code: int = options.command(options)
-        sys.stdout.flush()
+        if sys.stdout:  # code of the job may have removed it
+            sys.stdout.flush()
+        if end:
+            end.prove()
     except HpcinvError as error:
         if is_other_rank():
             time.sleep(1.0)  # some launchers end all ranks when one ends: let rank 0 print first
@@ -90,6 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=__version__)
+    parser.set_defaults(is_proven=False)
     commands = parser.add_subparsers(required=True, metavar="command")
     for add in (
         add_new,

@@ -52,6 +52,14 @@ class Meshes:
         )
         self.first = Variant(self.resolution, None, False, 1.0, "as given")
 
+    def curve(self) -> bool:
+        """Put nodes of degree 2 on the surface in all further meshes, if the job leaves that open; return whether."""
+        spec = self.job.mesh
+        is_open = spec.geometry_degree is None and self.job.discretisation.displacement > 1
+        if is_open:
+            self.job = self.job.model_copy(update={"mesh": spec.model_copy(update={"geometry_degree": 2})})
+        return is_open
+
     def build(self, variant: Variant) -> Body:
         return build_body(
             self.job_on(variant).mesh,

@@ -90,6 +90,8 @@ class Search:
         begin, first = time.perf_counter(), self.meshes.first
         body = self._build(first)
         one_shape = self.meshes.have_one_shape(body)
+        if not one_shape:  # straight cells would have more error of their geometry than of all else
+            body = self._curved(body)
         demanded = [q for q in self.job.quantities if q.name in self.job.accuracy]
         sampled = [q for q in demanded if q.on is not None and not (q.by_quadrature and q.reduce in AVERAGES)]
         averaged = any(q.reduce in AVERAGES for q in sampled)  # over nodes, so that the distribution of nodes matters
@@ -108,6 +110,16 @@ class Search:
         seconds = time.perf_counter() - begin
         bounds = self.promise.bounds
         return AccuracyRecord(self.job.accuracy, self.rows, self.chosen, bounds, ending, seconds), self.best
+
+    def _curved(self, body: Body) -> Body:
+        """Return the job's mesh with curved cells, if it may have them and none is inside out."""
+        straight = self.meshes.job
+        if body.source.degree == 1 and self.meshes.curve():
+            try:
+                return self._build(self.meshes.first)
+            except MeshError:
+                self.meshes.job = straight
+        return body
 
     def _may_cancel(self, body: Body) -> bool:
         """Return whether an estimate on one mesh may be unreliable: in hexahedra with pressures and singular edges."""

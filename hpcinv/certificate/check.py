@@ -64,7 +64,8 @@ def at_most(name: str, value: float, warn: float, fail: float, unit: str = "", n
 def at_least(name: str, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
     """Return the line of a value that must exceed ``fail``; a value that is not finite fails."""
     verdict = Verdict.PASS if value >= warn else Verdict.WARN if value > fail else Verdict.FAIL
-    return Line(name, value, unit, f"warning below {warn:g}, fail at {fail:g} and below", verdict, note)
+    rule = f"warning below {warn:g}" + (f", fail at {fail:g} and below" if fail > -math.inf else "")
+    return Line(name, value, unit, rule, verdict, note)
 
 
 def skipped(name: str, note: str) -> Line:

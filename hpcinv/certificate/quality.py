@@ -39,7 +39,7 @@ class Worst:
 
 
 def worst_cells(body: Body, given: Floats, moved: Floats, quadrature_degree: int) -> tuple[Worst, ...]:
-    """Find the worst cell by shape and, where cells are curved, by curvature; collective.
+    """Find the worst cell by shape and, where cells are curved, by curvature, which decides; collective.
 
     Args:
         given, moved: local geometry nodes (n, 3) m of the body that the mesh was made for, and of the one to judge.

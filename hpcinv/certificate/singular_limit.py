@@ -34,7 +34,7 @@ RAISED = 0.2
 """Presumed ratio of smooth errors of one degree more; a larger one refines more."""
 SHARE = 0.3
 """Share of the error at singular edges from which errors may cancel; a larger one trusts more estimates."""
-VOLUME = 0.4
+VOLUME = 0.5
 """Ratio of `volume_share` from which they do; a larger one trusts more estimates. Measured: below it effectivities of
 0.6 to 1.3, above it -4 to 3 (docs/theory/error-estimate.md)."""
 

@@ -28,7 +28,7 @@ def add_validate(commands: Any) -> None:
     )
     validate.add_argument("jobs", type=Path, nargs="+", metavar="file", help="job, study or sweep file (YAML)")
     add_option(validate)
-    validate.set_defaults(command=_validate)
+    validate.set_defaults(command=_validate, is_proven=True)
 
     schema = add_command(
         commands,

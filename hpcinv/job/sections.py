@@ -261,8 +261,8 @@ class MeshSpec(MeshFile):
     """The mesh on which the job is solved: of the reference body in a forward analysis, else of the current body."""
 
     geometry_degree: Annotated[Literal[1, 2] | None, BeforeValidator(_not_true)] = None
-    """degree of the geometry of the given cells; by default that of the file, and 1 for generators. The recovered body
-    has the degree of the displacement in any case"""
+    """degree of the geometry of the given cells; by default that of the file, and 1 for generators (2 for curved bodies
+    in a search for an accuracy). The recovered body has the degree of the displacement in any case"""
     maximum_cells: Annotated[int, Field(ge=1)] = 10_000_000
     """largest number of cells of a generated mesh; if more are expected, meshing stops early"""
     partition: Literal["metis", "scotch"] = "metis"

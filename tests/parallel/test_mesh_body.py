@@ -184,13 +184,13 @@ def test_a_hundred_thousand_cells_are_checked_in_seconds(comm: MPI.Intracomm, me
 
 
 @pytest.mark.parallel([1, 2])
-def test_a_cut_on_which_nothing_acts_is_seen(comm: MPI.Intracomm, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_a_cut_on_which_nothing_acts_is_seen(comm: MPI.Intracomm, run_directory: Path) -> None:
     """Half of a ball at the border of an image: its flat side is the region 'cut'."""
     SimpleITK = pytest.importorskip("SimpleITK")
 
     def write() -> str:
         x, y, z = np.indices((8, 16, 16)) - 7.5
-        path = tmp_path_factory.mktemp("cut") / "half.mha"
+        path = run_directory / "half.mha"
         half = ((x + 7.5) ** 2 + y**2 + z**2 < 49).astype(np.uint8)
         SimpleITK.WriteImage(SimpleITK.GetImageFromArray(half.transpose()), str(path))
         return str(path)

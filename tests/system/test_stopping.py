@@ -248,12 +248,39 @@ def test_exit_code_0_from_code_of_a_job_is_no_success(where: str, ranks: int, tm
 
 
 @pytest.mark.parametrize("program", [[sys.executable, "-m", "hpcinv"], [str(MPIRUN.with_name("hpcinv"))]])
-def test_exit_code_0_from_a_plugin_is_no_success_of_validate(program: list[str], tmp_path: Path) -> None:
-    (tmp_path / "ends.py").write_text("import os\nos._exit(0)\n")
+@pytest.mark.parametrize(
+    ("plugin", "message"),
+    [
+        ("import os\nos._exit(0)\n", "ends.py, line 2: os._exit(0) has ended the process before the command was done"),
+        (
+            "import os\nos.execl('/bin/true', 'true')\n",
+            "ends.py, line 2: os.execv has ended the process before the command was done",
+        ),
+        ("import sys\nsys.exit(0)\n", "cannot be imported: SystemExit: 0 (line 2)"),
+        ("import ctypes\nctypes.CDLL(None).exit(0)\n", "code of the job has ended the process with exit code 0"),
+        ("import ctypes\nctypes.CDLL(None)._exit(0)\n", "code of the job has ended the process with exit code 0"),
+        (
+            "import os\nos.kill(os.getpid(), 9)\n",
+            "SIGKILL has ended the process before the command was done",
+        ),
+    ],
+)
+def test_a_plugin_that_ends_the_process_is_no_success_of_validate(
+    program: list[str], plugin: str, message: str, tmp_path: Path
+) -> None:
+    (tmp_path / "ends.py").write_text(plugin)
     job = write_job(tmp_path / "job.yaml", CUBE, plugins=["ends.py"])
     ended = subprocess.run([*program, "validate", job], env=environment(), capture_output=True, text=True)
-    assert ended.returncode == 1, ended.stdout
-    assert "os._exit(0) has ended the process before the command was done" in ended.stderr
+    assert ended.returncode in (1, 2, 137), ended.stdout
+    assert message in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_a_plugin_that_replaces_the_process_is_no_success_of_a_run(tmp_path: Path) -> None:
+    (tmp_path / "ends.py").write_text("import os\nos.execl('/bin/true', 'true')\n")
+    ended = hpcinv(1, "run", write_job(tmp_path / "job.yaml", CUBE, plugins=["ends.py"]), cwd=tmp_path)
+    assert ended.returncode == 1
+    assert "os.execv has ended the process before the command was done" in ended.stderr
 
 
 @pytest.mark.parametrize(("command", "ranks"), [("run", 1), ("run", 2), ("validate", 1)])

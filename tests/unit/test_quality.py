@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
 from helpers.verification import job
 
+from hpcinv.certificate.check import Verdict
 from hpcinv.certificate.quality import curvature, mean_ratio, scaled_jacobian, worst_cells
+from hpcinv.certificate.shape import cells
 from hpcinv.certificate.symmetry import SymmetryPlane, symmetry_planes
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cells import scalar_element
@@ -42,12 +46,12 @@ def test_mean_ratios_are_those_known() -> None:
     assert mean_ratio(mirrored(tetrahedra)) == pytest.approx(-found, rel=1e-12, abs=1e-16)
 
     # The other form of it, 3 det(S)^(2/3) / tr SᵀS, where S takes the regular tetrahedron to the cell
-    cells = rng.normal(size=(50, 4, 3))
-    edges, regular = cells[:, 1:] - cells[:, :1], REGULAR[1:] - REGULAR[:1]
+    random = rng.normal(size=(50, 4, 3))
+    edges, regular = random[:, 1:] - random[:, :1], REGULAR[1:] - REGULAR[:1]
     S = np.linalg.solve(regular, edges)
     det = np.linalg.det(S) * np.linalg.det(regular)
     exact_ratio = 3 * np.abs(np.linalg.det(S)) ** (2 / 3) / (S**2).sum(axis=(1, 2)) * np.sign(det)
-    assert mean_ratio(cells) == pytest.approx(exact_ratio, rel=1e-9)
+    assert mean_ratio(random) == pytest.approx(exact_ratio, rel=1e-9)
 
 
 def test_scaled_jacobians_are_those_known() -> None:
@@ -57,10 +61,10 @@ def test_scaled_jacobians_are_those_known() -> None:
     dented[7] = 0.4  # beyond the middle of its three neighbours, where the corner would be flat: at 2/3
     edges = dented[[3, 5, 6]] - dented[7]
     corner = -np.linalg.det(edges) / np.linalg.norm(edges, axis=1).prod()
-    cells = np.stack([cube, cube * np.array([1, 10, 1e-3]), cube @ shear, cube * np.array([1, 1, 0]), dented])
+    shapes = np.stack([cube, cube * np.array([1, 10, 1e-3]), cube @ shear, cube * np.array([1, 1, 0]), dented])
     assert abs(corner) > 0.1
-    assert scaled_jacobian(cells) == pytest.approx([1, 1, 0.8, 0, -abs(corner)], abs=1e-14)
-    assert scaled_jacobian(mirrored(cells))[:3] == pytest.approx([-1, -1, -0.8])
+    assert scaled_jacobian(shapes) == pytest.approx([1, 1, 0.8, 0, -abs(corner)], abs=1e-14)
+    assert scaled_jacobian(mirrored(shapes))[:3] == pytest.approx([-1, -1, -0.8])
 
 
 @pytest.mark.parametrize("kind", ["tetrahedron", "hexahedron"])
@@ -107,6 +111,35 @@ def test_the_worst_cell_of_a_body_is_found_where_it_is(comm: MPI.Intracomm, mesh
         (found_left,) = worst_cells(left, nodes_of(left), mirrored(nodes_of(left)), 1)
         assert found_left.before == pytest.approx(12 * 0.5 ** (2 / 3) / 9)
         assert found_left.value == pytest.approx(-found_left.before)
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("share", [0.2, 0.8])
+def test_a_valid_curved_cell_does_not_fail_by_its_corners(
+    share: float, comm: MPI.Intracomm, run_directory: Path
+) -> None:
+    """``x + a y²`` keeps each volume; it takes the apex of a flat cell to the other side of its base for a/4 > t."""
+    points = [(0, 0, 0), (0, 1, 0), (0, 0, 1), (0.1, 0.5, 0.25), (-1, 0.3, 0.3)]
+    path = run_directory / "flat.msh"
+    if comm.rank == 0:
+        write_msh22(path, points, [(4, 1, 1, (2, 1, 3, 4)), (4, 1, 1, (1, 2, 3, 5))], [(3, 1, "body")])
+    comm.barrier()
+    supports = [{"region": "boundary", "fix": ["x", "y", "z"]}]
+    held = job(mesh={"file": str(path)}, material={"law": "neo-hookean", "mu": 1.0, "lam": 4.0}, supports=supports)
+    for degree in (1, 2):
+        body = build_body(spec(path), {}, comm, degree=degree)
+        given = nodes_of(body)
+        moved = given + share * np.outer(given[:, 1] ** 2, [1, 0, 0])
+        model: Any = SimpleNamespace(body=body, is_of_given_mesh=True, quadrature_degree=4, job=held)
+        solution: Any = SimpleNamespace(mesh_nodes=given, other_nodes=moved)
+        lines = list(cells(model, solution))
+        turned = share > 0.4
+        verdicts = [Verdict.WARN if turned else Verdict.PASS, Verdict.PASS]
+        assert [line.verdict for line in lines] == (
+            verdicts if degree == 2 else [Verdict.FAIL if turned else Verdict.PASS]
+        )
+        assert (lines[0].value is not None and lines[0].value < 0) is turned
+        assert degree == 1 or lines[1].value == pytest.approx(1.0, abs=1e-12)
 
 
 @pytest.mark.parallel([1, 2])

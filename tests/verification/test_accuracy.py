@@ -59,6 +59,19 @@ def test_the_promise_holds_in_at_least_19_of_20(comm: MPI.Intracomm) -> None:
     assert sum(held) >= 19
 
 
+@pytest.mark.parallel([1, 2])
+def test_a_curved_body_is_searched_with_curved_cells(comm: MPI.Intracomm) -> None:
+    """Unless the job says otherwise: with straight ones, the error is mostly one of the geometry."""
+    (case,) = (case for case in cases() if case.name == "sphere of straight tetrahedra")
+    mesh = {name: value for name, value in case.data["mesh"].items() if name != "geometry_degree"}
+    found = package.run(case.job(mesh=mesh, accuracy={"q": 1e-4}), comm)
+    assert found.accuracy is not None
+    row = found.accuracy.rows[found.accuracy.chosen]
+    assert found.accuracy.ending.name == "MET"
+    assert abs(found.quantities["q"] - case.exact) <= found.accuracy.bounds["q"] <= 1e-4
+    assert row.unknowns < 10_000
+
+
 @pytest.mark.release
 @pytest.mark.parallel([2])
 def test_the_promise_holds_on_more_ranks(comm: MPI.Intracomm) -> None:

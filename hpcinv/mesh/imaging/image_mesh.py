@@ -36,6 +36,7 @@ _RIGHT = 0.01  # relative error of a volume up to which it is not noted
 _GAPS = 2  # cells of the lattice: half of the width of gaps in which cells outside the body keep surfaces apart
 _REACHES = (2, 6, 10_000)  # the same: distance from crossing facets, up to which others do
 _UNIFORM = 0.6  # smallest size of cells of one size, relative to the largest one
+_LEAST_LATTICE = 20_000  # tetrahedra, unless voxels are larger: more take longer, fewer make surfaces rough for MMG
 _MOST_LATTICE = 1_500_000  # tetrahedra, unless the size of cells needs more
 _PASSES = 2  # of MMG, each with nodes moved to the boundary after it
 _WRONG = 0.1  # and from which on there is no mesh
@@ -168,9 +169,12 @@ def _cubes(
             "Make mesh.size larger, or mesh.maximum_cells.",
         )
     sizes = wall_sizes(voxels, image.spacing, len(labels), size, spec.grade)
-    finest, affordable = _FINEST * float(image.spacing.min()), (6 * sum(volumes) / _MOST_LATTICE) ** (1 / 3)
-    spacing = min(max(_FINE * size, finest), max(_FINE * sizes.thinnest, finest, affordable))
-    memberships = Memberships(voxels, len(labels), image.spacing, 0.5 * spacing)
+    voxel = float(image.spacing.min())
+    finest = _FINEST * voxel
+    affordable, smooth = ((6 * sum(volumes) / count) ** (1 / 3) for count in (_MOST_LATTICE, _LEAST_LATTICE))
+    resolved = min(max(_FINE * size, finest), max(_FINE * sizes.thinnest, finest, affordable))
+    memberships = Memberships(voxels, len(labels), image.spacing, 0.5 * resolved)
+    spacing = min(resolved, max(smooth, voxel))
     axes, begin = _middles(voxels.shape, image.spacing, spacing)
     found = np.stack([memberships.likeliest(x, *axes[1:]) for x in axes[0]])
     if lost := [name for i, name in enumerate(labels, start=1) if not (found == i).any()]:
