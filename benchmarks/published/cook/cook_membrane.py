@@ -11,14 +11,17 @@ if TYPE_CHECKING:
     from hpcinv.quantity import Divisions
 
 
-def build(gmsh: Any, *, n: Divisions = 4, hexahedra: bool = True) -> None:
-    """Mesh the membrane with n × n × 1 bricks, each left whole (``hexahedra``) or cut into tetrahedra."""
+def build(gmsh: Any, *, n: Divisions = 4, hexahedra: bool = True, bump: float = 1.0) -> None:
+    """Mesh the membrane with n × n × 1 bricks, each left whole (``hexahedra``) or cut into tetrahedra.
+
+    ``bump``: 1 for equal cells; less makes those at the corners smaller (gmsh's coefficient).
+    """
     geo = gmsh.model.geo
     corners = [geo.addPoint(x, y, 0) for x, y in ((0, 0), (0.048, 0.044), (0.048, 0.06), (0, 0.044))]
     edges = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
     back = geo.addPlaneSurface([geo.addCurveLoop(edges)])
     for edge in edges:
-        geo.mesh.setTransfiniteCurve(edge, int(n) + 1)
+        geo.mesh.setTransfiniteCurve(edge, int(n) + 1, "Bump", bump)
     geo.mesh.setTransfiniteSurface(back, cornerTags=corners)
     if hexahedra:
         geo.mesh.setRecombine(2, back)
