@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from .references import Reference
 
-type Verdict = Literal["inside", "outside", "not reliable", "failed"]
+type Verdict = Literal["inside", "outside", "not reliable", "failed", "skipped"]
 
 ROUNDING = 1e-11
 """Error of our value on a common mesh, relative to it: ten times Newton's tolerance. Larger: a coarser comparison."""
@@ -23,6 +23,7 @@ class Row:
     Attributes:
         ours, error: value and estimated error; ``nan`` if the run failed.
         reason: why the row is not inside, as the run says; empty if it is.
+        missing: files of others that the user does not have; empty if it was solved.
     """
 
     reference: Reference
@@ -31,6 +32,7 @@ class Row:
     unknowns: int
     seconds: float
     reason: str
+    missing: bool = False
 
     @property
     def difference(self) -> float:
@@ -39,6 +41,8 @@ class Row:
 
     @property
     def verdict(self) -> Verdict:
+        if self.missing:
+            return "skipped"
         if math.isnan(self.ours):
             return "failed"
         if self.reason:
@@ -48,6 +52,8 @@ class Row:
 
 def compare(reference: Reference, summary: Mapping[str, Any]) -> Row:
     """Return the row of a published value, from the summary of its run."""
+    if "missing" in summary:
+        return Row(reference, math.nan, math.nan, 0, math.nan, summary["missing"], missing=True)
     if "failure" in summary:
         return Row(reference, math.nan, math.nan, 0, math.nan, summary["failure"])
     name, component = re.fullmatch(r"([^\[]+)(?:\[(\d)\])?", reference.quantity).groups()  # type: ignore[union-attr]
