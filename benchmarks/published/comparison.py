@@ -23,7 +23,8 @@ class Row:
     Attributes:
         ours, error: value and estimated error; ``nan`` if the run failed.
         reason: why the row is not inside, as the run says; empty if it is.
-        missing: files of others that the user does not have; empty if it was solved.
+        missing: whether it was not solved, since the user does not have files of others.
+        inverse: whether ours is of a recovered unloaded shape.
     """
 
     reference: Reference
@@ -33,6 +34,7 @@ class Row:
     seconds: float
     reason: str
     missing: bool = False
+    inverse: bool = False
 
     @property
     def difference(self) -> float:
@@ -62,7 +64,9 @@ def compare(reference: Reference, summary: Mapping[str, Any]) -> Row:
     unknowns, seconds = summary["mesh"]["unknowns"], summary["timings"]["total"]
     if math.isnan(ours):
         reason = f"the job has no quantity {reference.quantity}"
-    return Row(reference, ours / reference.factor, error / reference.factor, unknowns, seconds, reason)
+    inverse = summary["job"]["analysis"] == "inverse"
+    values = ours / reference.factor, error / reference.factor
+    return Row(reference, *values, unknowns, seconds, reason, inverse=inverse)
 
 
 def _error(reference: Reference, summary: Mapping[str, Any], name: str, component: str | None) -> tuple[float, str]:

@@ -45,7 +45,7 @@ def page(rows: Sequence[Row]) -> str:
     counts = Counter(row.verdict for row in rows)
     solved = [row for row in rows if not row.missing]
     sources = len({row.reference.folder for row in solved})
-    inverse = sum(bool(row.reference.loaded) for row in solved)
+    inverse = sum(row.inverse for row in solved)
     summary = ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
     parts = [
         HEADER.format(first=names[0] if names else ""),
