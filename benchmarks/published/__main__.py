@@ -30,10 +30,10 @@ def rows_of(references: list[Reference], store: Path, comm: MPI.Intracomm) -> li
         compared += rows
         if comm.rank == 0:
             for row in rows:
+                values = f"theirs {row.reference.value}, ours {row.ours:.8g} ± {row.error:.1g} {row.reference.unit}, "
                 print(
                     f"{number}/{len(by_case)} {row.reference.folder}/{row.reference.job} {row.reference.quantity}: "
-                    f"theirs {row.reference.value}, ours {row.ours:.8g} ± {row.error:.1g} {row.reference.unit}, "
-                    f"{row.verdict} {row.reason}",
+                    f"{'' if row.missing else values}{row.verdict} {row.reason}",
                     flush=True,
                 )
     return compared
@@ -58,7 +58,7 @@ def main() -> None:
             page.write(rows, ROOT)
         else:
             print(page.table(rows))
-        sys.exit(any(row.verdict != "inside" for row in rows))
+        sys.exit(any(row.verdict not in ("inside", "skipped") for row in rows))
 
 
 if __name__ == "__main__":

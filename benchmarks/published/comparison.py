@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from .references import Reference
 
-type Verdict = Literal["inside", "outside", "not reliable", "failed"]
+type Verdict = Literal["inside", "outside", "not reliable", "failed", "skipped"]
 
 ROUNDING = 1e-11
 """Error of our value on a common mesh, relative to it: ten times Newton's tolerance. Larger: a coarser comparison."""
@@ -24,6 +24,7 @@ class Row:
         ours, error: value and estimated error; ``nan`` if the run failed.
         inverse: whether the run recovered an unloaded shape.
         reason: why the row is not inside, as the run says; empty if it is.
+        missing: whether it was not solved, since the user does not have files of others.
     """
 
     reference: Reference
@@ -32,6 +33,7 @@ class Row:
     unknowns: int
     seconds: float
     reason: str
+    missing: bool = False
     inverse: bool = False
 
     @property
@@ -41,6 +43,8 @@ class Row:
 
     @property
     def verdict(self) -> Verdict:
+        if self.missing:
+            return "skipped"
         if math.isnan(self.ours):
             return "failed"
         if self.reason:
@@ -50,6 +54,8 @@ class Row:
 
 def compare(reference: Reference, summary: Mapping[str, Any]) -> Row:
     """Return the row of a published value, from the summary of its run."""
+    if "missing" in summary:
+        return Row(reference, math.nan, math.nan, 0, math.nan, summary["missing"], missing=True)
     if "failure" in summary:
         return Row(reference, math.nan, math.nan, 0, math.nan, summary["failure"])
     name, component = re.fullmatch(r"([^\[]+)(?:\[(\d)\])?", reference.quantity).groups()  # type: ignore[union-attr]
@@ -59,7 +65,8 @@ def compare(reference: Reference, summary: Mapping[str, Any]) -> Row:
     if math.isnan(ours):
         reason = f"the job has no quantity {reference.quantity}"
     inverse = summary["job"]["analysis"] == "inverse"
-    return Row(reference, ours / reference.factor, error / reference.factor, unknowns, seconds, reason, inverse)
+    values = ours / reference.factor, error / reference.factor
+    return Row(reference, *values, unknowns, seconds, reason, inverse=inverse)
 
 
 def _error(reference: Reference, summary: Mapping[str, Any], name: str, component: str | None) -> tuple[float, str]:

@@ -12,7 +12,7 @@ from .references import FOLDER
 
 PAGE = Path("docs/verification/published.md")
 PICTURE = Path("docs/pictures/published.png")
-VERDICTS: tuple[Verdict, ...] = ("inside", "outside", "not reliable", "failed")
+VERDICTS: tuple[Verdict, ...] = ("inside", "outside", "not reliable", "failed", "skipped")
 HEADER = """<!-- Written by python -m benchmarks.published: do not edit. -->
 
 # Published values
@@ -43,11 +43,13 @@ def page(rows: Sequence[Row]) -> str:
     """Return the page."""
     names = list(dict.fromkeys(row.reference.folder for row in rows))
     counts = Counter(row.verdict for row in rows)
-    inverse = sum(row.inverse for row in rows)
+    solved = [row for row in rows if not row.missing]
+    sources = len({row.reference.folder for row in solved})
+    inverse = sum(row.inverse for row in solved)
     summary = ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
     parts = [
         HEADER.format(first=names[0] if names else ""),
-        f"{len(rows)} values of {len(names)} sources, {inverse} of them recovered unloaded shapes: {summary}.\n",
+        f"{len(solved)} values of {sources} sources, {inverse} of them recovered unloaded shapes: {summary}.\n",
     ]
     for name in names:
         own = [row for row in rows if row.reference.folder == name]
@@ -65,10 +67,12 @@ def table(rows: Sequence[Row]) -> str:
         reference = row.reference
         changes = " ".join(f"{key.rpartition('.')[2]}={value}" for key, value in reference.changes.items())
         remark = f": {reference.note or row.reason}" if row.verdict != "inside" else ""
+        ours = f"{_digits(row)} ± {row.error:.1g} | {row.difference:+.2f} | {row.unknowns} | {row.seconds:.1f}"
+        if row.missing:
+            ours, remark = " | | | ", f": {row.reason}"
         lines.append(
             f"| {reference.job} {changes} | {reference.quantity}, {reference.unit or '1'} ({reference.comparison}) "
-            f"| {reference.value} ± {reference.spread:.2g} | {_digits(row)} ± {row.error:.1g} | {row.difference:+.2f} "
-            f"| {row.unknowns} | {row.seconds:.1f} | {row.verdict}{remark} | {reference.place} |"
+            f"| {reference.value} ± {reference.spread:.2g} | {ours} | {row.verdict}{remark} | {reference.place} |"
         )
     return "\n".join(lines) + "\n"
 
@@ -83,13 +87,14 @@ def _digits(row: Row) -> str:
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
-    """Draw the difference over the error bar of each row."""
+    """Draw the difference over the error bar of each row that was solved."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(figsize=(9, 3.2), layout="constrained")
+    rows = [row for row in rows if not row.missing]
     names = list(dict.fromkeys(row.reference.folder for row in rows))
     axes.axhspan(-1, 1, color="0.9", label="both error bars")
     start = 0

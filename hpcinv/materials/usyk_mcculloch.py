@@ -4,8 +4,8 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ValidationInfo, field_validator
 
-from hpcinv.materials.material_law import Deformation
 from hpcinv.materials.green_lagrange import GreenLagrangeLaw
+from hpcinv.materials.material_law import Deformation
 from hpcinv.quantity import Family, ModulusField, PositiveField
 
 

@@ -23,7 +23,7 @@ import hpcinv
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.mesh.body import read_source
-from hpcinv.mesh.export import save
+from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.readers import read_msh
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.parallel.runtime import MPI
