@@ -79,7 +79,11 @@ def _error(reference: Reference, summary: Mapping[str, Any], name: str, componen
     estimate = summary["certificate"].get("estimate") or {}
     if name not in estimate.get("quantities", {}):
         return math.nan, "the run has no estimate of this quantity"
-    return abs(_number(estimate["quantities"][name], component)), ""
+    singular = estimate.get("singular")
+    reason = "our estimate is not reliable here: errors may cancel at a singular edge"
+    return abs(_number(estimate["quantities"][name], component)), reason if singular and not singular[
+        "reliable"
+    ] else ""
 
 
 def _number(value: Any, component: str | None) -> float:
