@@ -57,6 +57,7 @@ class Solved:
     def _solve(self, direction_index: int) -> list[Solve]:
         self.scene: Scene = self.model.scene(self.job.directions[direction_index])
         solves = solve_direction(self.model, self.job.directions[direction_index], UNLOADED, SILENT).solves
+        self.model.destroy()  # its matrices hold communicators, of which a process has few
         assert solves[-1].outcome.accepted, solves[-1].outcome
         return list(solves)
 
