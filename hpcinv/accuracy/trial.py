@@ -51,7 +51,6 @@ class Trial:
     body: Body
     equations: Equations
     solution: Solution
-    solves: tuple[Solve, ...]
     quantities: Mapping[str, Value]
     estimate: Estimate | None
     step: Step
@@ -88,7 +87,7 @@ def attempt(
         estimate=Work(degree + 1, found.unknowns if found else 0, 1, estimated["tangent"], estimated["factorization"]),
         compilation=solved["compile"] + estimated["compile"],
     )
-    return Trial(job, variant, body, equations, solution, solves, quantities, found, step, observed.unused_options)
+    return Trial(job, variant, body, equations, solution, quantities, found, step, observed.unused_options)
 
 
 def _check_finite(job: Job, *of: Mapping[str, Value]) -> None:

@@ -28,8 +28,8 @@ KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinema
 class DiscreteModel:
     """Spaces, supports, scales and scenes of a reuse group of jobs (`reuse_group_of`) on one body.
 
-    They are made once, with their compiled kernels. `put` is the only writer of the mesh's coordinates, the unknowns,
-    the parameters and the supports, apart from a solver that looks for a solution.
+    They are made once, with their compiled kernels. `put` sets the mesh's coordinates, the unknowns, the parameters and
+    the supports. Apart from it, only a solver changes the unknowns.
 
     Args:
         like: the same of another state of the body, whose spaces are used.
@@ -111,7 +111,14 @@ class DiscreteModel:
         u.x.array[:] *= self.scales.length
         if p is not None:
             p.x.array[:] *= self.scales.stress
-        return self._state(self.body.nodes, u, p, self.job, self._given_displacement, load)
+        return State(
+            job=self.job,
+            mesh_nodes=self.body.nodes,
+            displacement=u,
+            pressure=p,
+            load=load,
+            given_displacement=self._given_displacement,
+        )
 
     def unloaded(
         self, job: Job | None = None, nodes: Floats | None = None, given_displacement: Function | None = None
@@ -123,17 +130,14 @@ class DiscreteModel:
             nodes: where the mesh lies, (n, 3) in m, by default as it was given.
             given_displacement: as in `State`.
         """
-        p = None if self.unknowns.p is None else Function(self.unknowns.pressure_space, name="pressure")
-        u = Function(self.unknowns.displacement_space, name="displacement")
-        nodes = self.body.given_nodes if nodes is None else nodes
-        return self._state(nodes, u, p, job or self.job, given_displacement, 0.0)
-
-    @staticmethod
-    def _state(
-        nodes: Floats, u: Function, p: Function | None, job: Job, given_displacement: Function | None, load: float
-    ) -> State:
+        is_mixed = self.unknowns.p is not None
         return State(
-            job=job, mesh_nodes=nodes, displacement=u, pressure=p, load=load, given_displacement=given_displacement
+            job=job or self.job,
+            mesh_nodes=self.body.given_nodes if nodes is None else nodes,
+            displacement=Function(self.unknowns.displacement_space, name="displacement"),
+            pressure=Function(self.unknowns.pressure_space, name="pressure") if is_mixed else None,
+            load=0.0,
+            given_displacement=given_displacement,
         )
 
     def _update_parameters(self, job: Job) -> None:

@@ -123,8 +123,7 @@ def sensitivities(
         SolveError: on all ranks, if the tangent at the solution is singular.
     """
     body, changes, numbers = equations.body, dict[str, Change](), with_ties(parameters)
-    equations.put(solution)
-    body.place(body.given_nodes)
+    equations.put(solution.moved_to(body.given_nodes))
     with equations.timings("sensitivities"):
         if given:
             references = {p.key: _reference(equations, p, *given) for p in numbers}

@@ -58,10 +58,11 @@ class ReferenceChange:
     given: fem.Function | None
     limit: float
 
-    def moved(self, state: State, step: float) -> State:
+    def moved[S: State](self, state: S, step: float) -> S:
         """Return a state with the reference shape a step further, and the given state likewise."""
         return replace(
-            state.moved_to(state.mesh_nodes + step * self.nodes),
+            state,
+            mesh_nodes=state.mesh_nodes + step * self.nodes,
             given_displacement=_moved(state.given_displacement, self.given, step),
         )
 
@@ -94,19 +95,16 @@ def slopes(
     fields = fields_for(quantities, body, scene, equations.scales)
 
     def at(change: Change, shift: float) -> dict[str, Floats]:
-        moved, wanted = replace(solution, u=solution.u + shift * change.u), quantities
+        moved, wanted = solution, quantities
+        if change.reference is not None:
+            moved = change.reference.moved(solution, shift)
+            wanted = list(carried(quantities, body, moved.mesh_nodes))
         moved = replace(
             moved,
+            u=solution.u + shift * change.u,
             displacement=_moved(solution.displacement, change.displacement, shift),
             pressure=_moved(solution.pressure, change.pressure, shift),
         )
-        if (reference := change.reference) is not None:
-            moved = replace(
-                moved,
-                mesh_nodes=solution.mesh_nodes + shift * reference.nodes,
-                given_displacement=_moved(solution.given_displacement, reference.given, shift),
-            )
-            wanted = list(carried(quantities, body, moved.mesh_nodes))
         equations.put(moved)
         with scene.parameters.moved(change.along, shift):
             return {name: np.array(v) for name, v in values_of(wanted, body, moved, fields).items()}
