@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.equalities import TOLERANCE, Scene, block, compare, drawn, of, solved, transformed
+from helpers.command_line import NO_CERTIFICATE
+from helpers.equalities import TOLERANCE, Scene, block, compare, drawn, of, rotation, solved, transformed
 
+import hpcinv
 from hpcinv.parallel.runtime import MPI
 
 
@@ -56,3 +58,18 @@ def test_rigid_contact_depends_neither_on_axes_nor_on_units(scale: float, tmp_pa
     expected = type(base)(base.nodes @ turn.T, base.u @ turn.T, scale**3 * base.energy)
     difference = expected.difference(turned)
     assert difference < TOLERANCE
+
+
+def test_what_the_penalty_leaves_does_not_depend_on_axes(tmp_path: Path) -> None:
+    """The line of the certificate compares lengths of vectors, and its iterations end at the same place."""
+    rng = np.random.default_rng(5)
+    scene = pressed(block(rng, hexahedra=False)).changed(certificate=NO_CERTIFICATE | {"stability": True})
+    changes = []
+    for name, turned in (("base", scene), ("turned", transformed(scene, rotation(rng)))):
+        result = hpcinv.run(turned.job(tmp_path / f"{name}.msh"), MPI.COMM_SELF)
+        lines = [line for line in result.certificate.lines if line.name.endswith("if the penalty is doubled")]
+        changes += [line.value for line in lines]
+    print(changes)
+    assert len(changes) == 2
+    assert changes[0] is not None
+    assert changes[1] == pytest.approx(changes[0], rel=1e-5)
