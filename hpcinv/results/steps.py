@@ -53,7 +53,7 @@ def carry_out(
     """Yield the solutions of a plan in order; collective.
 
     Args:
-        equations: of each step; those of several steps may be the same.
+        equations: of each step; several steps may share them.
         known: solutions of the first steps, which are yielded without a solve.
         solve: solver of a step, by default `solve_step`.
     """

@@ -124,7 +124,7 @@ def _prestrained(law: Entry, model: Model, block: Block) -> Law:
         gradient = np.eye(3) + scale * (_mapped(prestrain, "F0", model, len(block.nodes)).reshape(-1, 3, 3) - np.eye(3))
     else:
         raise UnknownLaw(f"prestrain {prestrain.type}")
-    # theirs leads from the relaxed piece to the body, ours back; their fibres are those of the relaxed piece
+    # their tensor leads from the relaxed piece to the body, ours back; their fibres lie in the relaxed piece
     carried = np.einsum("eij,ej->ei", gradient, directions)
     arrays = {"F0": np.linalg.inv(gradient).reshape(-1, 9), "f": carried}
     effects = ({"effect": "prestrain", "given_on": "reference", "tensor": {"data": "F0"}},)
@@ -183,7 +183,7 @@ def _quadratic(lam: Floats, mu: Floats) -> str:
 
 
 def _axes(law: Entry, model: Model, block: Block) -> dict[str, Floats | str]:
-    """Directions of the material axes; those of the coordinates by default."""
+    """Directions of the material axes; by default the axes of the coordinates."""
     axes = law.part("mat_axis")
     if block.name in model.mat_axes or (axes is not None and axes.type != "vector"):
         raise UnknownLaw(f"law {law.type} with axes that are not constant")
