@@ -1,5 +1,6 @@
 """Errors of the import of packages that hpcinv needs, as one message in place of a traceback."""
 
+import gc
 import os
 import sys
 import traceback
@@ -33,6 +34,7 @@ def imports_at_start() -> Iterator[None]:
     try:
         with imports_explained():
             yield
+        gc.freeze()  # a search of all modules at the exit takes so long that launchers kill the process in it
     except SystemPartMissing as missing:
         if not is_other_rank():
             print(missing, file=sys.stderr)

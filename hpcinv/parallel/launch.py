@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 import threading
@@ -52,6 +53,8 @@ def launched(ranks: int | None, *, stack: bool = True) -> Iterator[tuple[Intraco
         end_if_asked()
         if stack:
             import hpcinv.parallel.runtime  # noqa: F401
+
+            gc.freeze()
         stop.install()
         stop.set_end_in_library(end_in_library)
         require_ranks(world, ranks)
