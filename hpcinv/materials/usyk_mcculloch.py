@@ -21,10 +21,12 @@ class UsykMcCulloch(GreenLagrangeLaw):
     Source: Usyk, LeGrice & McCulloch (2002), doi:10.1007/s00791-002-0081-9.
     """
 
+    # The part of b_sn is isotropic across the fibres, as in `guccione`, so that law `formula` finds its modulus.
     formula = (
-        "c/2*(exp(b_f/4*(I4_fibre - 1)**2 + b_s/4*(I4_sheet - 1)**2 + b_n/4*(I1 - I4_fibre - I4_sheet - 1)**2"
-        " + b_fs/2*I8_fibre_sheet**2 + b_fn/2*(I5_fibre - I4_fibre**2 - I8_fibre_sheet**2)"
-        " + b_sn/2*(I5_sheet - I4_sheet**2 - I8_fibre_sheet**2)) - 1)"
+        "c/2*(exp(b_f/4*(I4_fibre - 1)**2 + b_fs/2*I8_fibre_sheet**2"
+        " + b_fn/2*(I5_fibre - I4_fibre**2 - I8_fibre_sheet**2)"
+        " + (b_s - b_sn)/4*(I4_sheet - 1)**2 + (b_n - b_sn)/4*(I1 - I4_fibre - I4_sheet - 1)**2"
+        " + b_sn/4*(I1**2 - 2*I1 - 2*I2 + 2 - 2*I5_fibre + 2*I4_fibre + I4_fibre**2)) - 1)"
     )
     example: ClassVar = {
         "law": "usyk-mcculloch",
