@@ -130,8 +130,8 @@ def test_a_valid_curved_cell_does_not_fail_by_its_corners(
         body = build_body(spec(path), {}, comm, degree=degree)
         given = nodes_of(body)
         moved = given + share * np.outer(given[:, 1] ** 2, [1, 0, 0])
-        model: Any = SimpleNamespace(body=body, is_of_given_mesh=True, quadrature_degree=4, job=held)
-        solution: Any = SimpleNamespace(mesh_nodes=given, other_nodes=moved)
+        model: Any = SimpleNamespace(body=body, quadrature_degree=4)
+        solution: Any = SimpleNamespace(job=held, is_on_given_mesh=True, mesh_nodes=given, other_nodes=moved)
         lines = list(cells(model, solution))
         turned = share > 0.4
         verdicts = [Verdict.WARN if turned else Verdict.PASS, Verdict.PASS]
