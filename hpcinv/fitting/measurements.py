@@ -138,6 +138,17 @@ def mode_named(text: str) -> Mode:
     return MODES[name]
 
 
+_TITLES = "the first line must name the columns, such as: stretch [-], nominal stress [MPa]"
+
+
+def _is_number(row: Row, i: int) -> bool:
+    try:
+        row.number(i)
+    except ValueError:
+        return False
+    return True
+
+
 class _Reader:
     def __init__(self, path: Path, mode: str | None) -> None:
         self._path, self._default = path, mode
@@ -147,7 +158,7 @@ class _Reader:
     def tests(self) -> list[Test]:
         rows = list(self._rows())
         if not rows:
-            self._fail("has no columns; the first line names them, such as: stretch [-], nominal stress [MPa]")
+            self._fail(f"has no columns; {_TITLES}")
         columns = self._columns(rows[0])
         if not rows[1:]:
             self._fail("has no data below the names of its columns")
@@ -195,6 +206,8 @@ class _Reader:
         """Return name and SI factor of each column by its index."""
         found: dict[int, tuple[str, float]] = {}
         line = titles.line
+        if all(_is_number(titles, i) for i in range(len(titles.entries))):
+            self._fail(f"has numbers; {_TITLES}", line)
         for i, title in enumerate(titles.entries):
             try:
                 name, factor = _column(title)

@@ -296,6 +296,7 @@ def test_fewer_data_than_parameters_leave_combinations_free() -> None:
         (GOOD.replace("# mode: uniaxial\n", ""), [], "give --mode, or add a line '# mode: uniaxial'"),
         (GOOD.replace("stretch", "volume ratio"), [], "does not fit a uniaxial test, which has stretch or"),
         ("", [], "has no columns"),
+        ("\ufeff0.1,0.2,0.3\n0.4,0.5,0.6\n", [], "line 1: has numbers; the first line must name the columns"),
         ("# mode: planar\nstretch, nominal stress [Pa]\n", [], "has no data below"),
         ("# mode: planar\nstretch\n1.1\n", [], "has no column of stress; it needs one of nominal stress"),
         (GOOD.replace("nominal stress [MPa]", "force [N]"), [], "needs a line '# area: 25 mm^2'"),
