@@ -6,7 +6,9 @@ if __name__ == "__main__":
     note_while_starting()  # before the slow imports below
 
 import argparse
+import importlib
 import io
+import os
 import sys
 import time
 
@@ -17,23 +19,31 @@ from hpcinv.parallel.imports import imports_at_start, imports_explained, is_othe
 from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
 from hpcinv.version import __version__
 
-with imports_at_start():
-    from hpcinv.cli.compare import add_compare
-    from hpcinv.cli.compile import add_compile
-    from hpcinv.cli.explain import add_explain
-    from hpcinv.cli.export import add_export
-    from hpcinv.cli.fit import add_fit
-    from hpcinv.cli.identify import add_identify
-    from hpcinv.cli.laws import add_laws
-    from hpcinv.cli.mesh import add_mesh
-    from hpcinv.cli.new import add_new
-    from hpcinv.cli.report import add_report
-    from hpcinv.cli.run import add_run
-    from hpcinv.cli.show import add_show
-    from hpcinv.cli.study import add_study, with_action
-    from hpcinv.cli.sweep import add_sweep
-    from hpcinv.cli.validate import add_validate
-    from hpcinv.files.untrusted import asked_for
+# Pydantic would search all installed packages for plugins of its own.
+os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+
+COMMANDS = {
+    "new": "new",
+    "run": "run",
+    "resume": "run",
+    "study": "study",
+    "sweep": "sweep",
+    "validate": "validate",
+    "schema": "validate",
+    "explain": "explain",
+    "show": "show",
+    "report": "report",
+    "export": "export",
+    "laws": "laws",
+    "effects": "laws",
+    "formulas": "laws",
+    "fit": "fit",
+    "identify": "identify",
+    "mesh": "mesh",
+    "compare": "compare",
+    "compile": "compile",
+}
+"""module of each command in `hpcinv.cli`, which has a function ``add_MODULE``"""
 
 EPILOG = """examples:
   hpcinv new liver liver.yaml
@@ -53,7 +63,10 @@ def main(arguments: list[str] | None = None) -> int:
     sys.stdout = sys.stdout or io.StringIO()  # it may be closed
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
-    options = _parser().parse_args(with_action(sys.argv[1:] if arguments is None else arguments))
+    typed = sys.argv[1:] if arguments is None else arguments
+    with imports_at_start():
+        options = _parser(*typed[:1]).parse_args(with_action(typed))
+        from hpcinv.files.untrusted import asked_for
     end = ProvenEnd() if arguments is None and options.is_proven else None
     child = end.start() if end else 0
     if arguments is None and not child:
@@ -89,7 +102,15 @@ def main(arguments: list[str] | None = None) -> int:
     return code
 
 
-def _parser() -> argparse.ArgumentParser:
+def with_action(arguments: list[str]) -> list[str]:
+    """Return the arguments of the command line with ``study FILE`` completed to ``study run FILE``."""
+    if arguments[:1] != ["study"] or {"run", "status", "-h", "--help"}.intersection(arguments[1:2]):
+        return arguments
+    return ["study", "run", *arguments[1:]]
+
+
+def _parser(command: str = "") -> argparse.ArgumentParser:
+    """Return the parser of one command, whose modules alone are imported, or of all if there is no such command."""
     parser = argparse.ArgumentParser(
         prog="hpcinv",
         description="Find the undeformed shape of a soft body from its deformed one.",
@@ -99,24 +120,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=__version__)
     parser.set_defaults(is_proven=False)
     commands = parser.add_subparsers(required=True, metavar="command")
-    for add in (
-        add_new,
-        add_run,
-        add_study,
-        add_sweep,
-        add_validate,
-        add_explain,
-        add_show,
-        add_report,
-        add_export,
-        add_laws,
-        add_fit,
-        add_identify,
-        add_mesh,
-        add_compare,
-        add_compile,
-    ):
-        add(commands)
+    modules = [COMMANDS[command]] if command in COMMANDS else dict.fromkeys(COMMANDS.values())
+    for name in modules:
+        getattr(importlib.import_module(f"hpcinv.cli.{name}"), f"add_{name}")(commands)
     return parser
 
 

@@ -1,7 +1,23 @@
-/* Addition of element matrices to the values of a matrix in CSR format. */
+/* Search for entries of a matrix in CSR format, and addition of element matrices to its values. */
 
 #include <stddef.h>
 #include <stdint.h>
+
+/* Find entries by row and column. All must be there; the columns of each row are ascending. */
+void find(int64_t count, const int32_t *row, const int32_t *column, const int32_t *starts, const int32_t *columns,
+          int32_t *found) {
+  for (int64_t k = 0; k < count; k++) {
+    int32_t low = starts[row[k]], high = starts[row[k] + 1];
+    while (high - low > 1) {
+      const int32_t middle = low + (high - low) / 2;
+      if (columns[middle] <= column[k])
+        low = middle;
+      else
+        high = middle;
+    }
+    found[k] = low;
+  }
+}
 
 /* Add a block of the element matrices of some cells.
 

@@ -50,6 +50,7 @@ class FilledTangent:
         doubles, integers = array_type(np.float64), array_type(np.int32)
         sizes = ctypes.c_int64, *4 * (ctypes.c_int,)
         self._code.add.argtypes = [*sizes, doubles, integers, integers, ctypes.c_int, doubles]
+        self._code.find.argtypes = [ctypes.c_int64, *5 * (integers,)]
         surface = surface_tangent(scene.residual, unknowns.state)
         self._surface = None if surface is None else fem.form(surface, jit_options=options)
 
@@ -71,7 +72,7 @@ class FilledTangent:
         Args:
             like: another tangent on the same unknowns, whose pattern is used.
         """
-        rows = like._rows if isinstance(like, FilledTangent) else _Rows(self._unknowns)
+        rows = like._rows if isinstance(like, FilledTangent) else _Rows(self._unknowns, self._code)
         self._rows: _Rows = rows
         A, values, (starts, columns, of_ghosts, names) = rows.matrix()
         prescribed = np.zeros(rows.count, dtype=bool)
@@ -131,8 +132,9 @@ class _Rows:
     Rows of ghosts follow, whose values are sent to other ranks.
     """
 
-    def __init__(self, unknowns: Unknowns) -> None:
+    def __init__(self, unknowns: Unknowns, code: ctypes.CDLL) -> None:
         dofmap = unknowns.space.dofmap
+        self._find = code.find
         self._nodes, self._bs = nodes, bs = dofmap.index_map, dofmap.index_map_bs
         pattern = pattern_of(unknowns)
         self._pattern = pattern
@@ -187,7 +189,7 @@ class _Rows:
 
     def at(self, rows: Integers, columns: Integers) -> Integers:
         """Return places of entries by local row and column."""
-        return self._placed(self._pattern.entries(rows, columns))
+        return self._placed(self._pattern.entries(rows, columns, self._find))
 
     def _placed(self, entries: Integers) -> Integers:
         """Return the places of entries of the pattern, whose order they have where no columns belong to other ranks."""

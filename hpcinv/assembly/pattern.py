@@ -4,13 +4,13 @@ The unknowns of a node are consecutive, and belong to the same cells. So DOLFINx
 ninth as many as pairs of unknowns, and each is then replaced by the pairs of their unknowns.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import cpp, la
-from scipy.sparse import csr_array
 
 from hpcinv.model.spaces import Integers, Unknowns
 
@@ -26,7 +26,8 @@ class Pattern:
             that are not on this rank.
         names: global number of each column, (all columns,).
         nodes, components: node of each local unknown, and its number there.
-        graph: pairs of nodes, as a CSR array of the place of the second node's first unknown in rows of the first node.
+        pairs: pairs of nodes in the manner of CSR: starts, columns, and the place of the second node's first unknown
+            in rows of the first node.
     """
 
     starts: Integers
@@ -34,17 +35,20 @@ class Pattern:
     names: npt.NDArray[np.int64]
     nodes: Integers
     components: Integers
-    graph: Any
+    pairs: tuple[Integers, Integers, Integers]
 
-    def entries(self, rows: Integers, columns: Integers) -> Integers:
+    def entries(self, rows: Integers, columns: Integers, find: Callable[..., None]) -> Integers:
         """Return the numbers of entries, by local unknowns; they must be in the pattern.
 
         Nodes have a ninth as many pairs as unknowns: the search among them takes half the time.
+
+        Args:
+            find: the function of ``csr_tangent.c``.
         """
-        if not len(rows):  # SciPy would return a matrix
-            return np.zeros(0, dtype=np.int32)
-        in_row = np.asarray(self.graph[self.nodes[rows], self.nodes[columns]], dtype=np.int32)
-        return self.starts[rows] + in_row + self.components[columns]
+        starts, neighbours, places = self.pairs
+        pair = np.empty(len(rows), dtype=np.int32)
+        find(len(rows), self.nodes[rows], self.nodes[columns], starts, neighbours, pair)
+        return self.starts[rows] + places[pair] + self.components[columns]
 
 
 def pattern_of(unknowns: Unknowns) -> Pattern:
@@ -76,9 +80,9 @@ def pattern_of(unknowns: Unknowns) -> Pattern:
     described.scatter_forward()
     names, widths = at[:, 0], at[:, 1].astype(np.int32)
     rows, of_rows, places = _by_unknowns(starts, columns, widths[: len(starts) - 1], widths)
-    in_rows = csr_array((places, columns, starts), shape=(len(starts) - 1, len(widths)))
+    pairs = starts.astype(np.int32), columns, places
     of_nodes = np.arange(len(number), dtype=np.int32) - first.astype(np.int32)[number]
-    return Pattern(rows, of_rows, _ranges(names, widths), number, of_nodes, in_rows)
+    return Pattern(rows, of_rows, _ranges(names, widths), number, of_nodes, pairs)
 
 
 def _node_map(unknowns: Any, bs: int, first: npt.NDArray[np.int64]) -> Any:

@@ -11,9 +11,10 @@ from hpcinv.errors import HpcinvError, Interrupted
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.fingerprint import WITH_DEFINITIONS
 from hpcinv.job.job import Job, load
+from hpcinv.job.kind_of_file import is_study, is_sweep
 from hpcinv.job.reuse_key import reuse_group_of
-from hpcinv.study.study_plan import is_study, load_study
-from hpcinv.sweep.sweep_plan import is_sweep, load_sweep
+from hpcinv.study.study_plan import load_study
+from hpcinv.sweep.sweep_plan import load_sweep
 
 _COMPUTED = {"method", "certificate", "quantities", "sensitivities"}
 """Sections of a job that need kernels, besides its reuse group."""

@@ -1,7 +1,6 @@
 """Commands ``run`` and ``resume``; under mpirun for more than one rank."""
 
 import argparse
-import gc
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +13,7 @@ from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
 from hpcinv.job.settings import LEVELS
 from hpcinv.output.run_directory import RunDirectory, choose
+from hpcinv.parallel.imports import without_collections
 from hpcinv.parallel.signals import end_on_interrupt
 
 
@@ -111,9 +111,11 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
     from hpcinv.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):
-        from hpcinv.certificate import Verdict
-        from hpcinv.output.progress import Level, Progress
-        from hpcinv.parallel.ranks import abort, on_root
+        with without_collections():
+            from hpcinv.certificate import Verdict
+            from hpcinv.driver import run
+            from hpcinv.output.progress import Level, Progress
+            from hpcinv.parallel.ranks import abort, on_root
 
         on_root(comm, _import_console)
         with Progress(comm, sys.stdout, Level(1 + options.verbose - options.quiet)) as progress:
@@ -135,9 +137,6 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
                     progress.warn("settings that differ from those of its job.yaml were not used; 'run' uses them")
                 return verdict.exit_code(strict=options.strict)
 
-            from hpcinv.driver import run
-
-            gc.freeze()  # imported modules are not searched for garbage again
             result = run(
                 job,
                 comm,

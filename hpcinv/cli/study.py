@@ -9,15 +9,6 @@ from hpcinv.cli.options import add_ranks
 from hpcinv.files.untrusted import add_option
 from hpcinv.study.study_plan import load_study
 
-_ACTIONS = ("run", "status")
-
-
-def with_action(arguments: list[str]) -> list[str]:
-    """Return the arguments of the command line with ``study FILE`` completed to ``study run FILE``."""
-    if arguments[:1] != ["study"] or {*_ACTIONS, "-h", "--help"}.intersection(arguments[1:2]):
-        return arguments
-    return ["study", "run", *arguments[1:]]
-
 
 def add_study(commands: Any) -> None:
     study = add_command(

@@ -10,12 +10,9 @@ from hpcinv.cli.help import add_command
 from hpcinv.errors import HpcinvError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, json_schema, load
+from hpcinv.job.kind_of_file import is_study, is_sweep
 from hpcinv.job.plausibility import doubtful_moduli
 from hpcinv.quantity.schema import Spec
-from hpcinv.study.study_plan import is_study, load_study
-from hpcinv.study.study_spec import Study
-from hpcinv.sweep.sweep_plan import is_sweep, load_sweep
-from hpcinv.sweep.sweep_spec import Sweep
 
 
 def add_validate(commands: Any) -> None:
@@ -37,7 +34,9 @@ def add_validate(commands: Any) -> None:
         examples="hpcinv schema > job.schema.json\nhpcinv schema sweep > sweep.schema.json",
         page="reference/job-keys.md",
     )
-    schema.add_argument("kind", choices=list(_KINDS), nargs="?", default="job", help="kind of file, by default a job")
+    schema.add_argument(
+        "kind", choices=["job", "study", "sweep"], nargs="?", default="job", help="kind of file, by default a job"
+    )
     schema.set_defaults(command=_schema)
 
 
@@ -45,21 +44,35 @@ def _validate(options: argparse.Namespace) -> int:
     failed = 0
     for path in options.jobs:
         try:
-            found = (load_study if is_study(path) else load_sweep if is_sweep(path) else load)(path)
+            content = _load(path)
         except HpcinvError as error:
             print(error, file=sys.stderr)
             failed = error.exit_code
         else:
-            if isinstance(found, Job) and found.output.unit_warnings:
-                for text in doubtful_moduli(found):
+            if isinstance(content, Job) and content.output.unit_warnings:
+                for text in doubtful_moduli(content):
                     print(f"warning: {path}: {text}", file=sys.stderr)
             print(f"{path}: valid")
     return failed
 
 
-_KINDS: dict[str, type[Spec]] = {"job": Job, "study": Study, "sweep": Sweep}
+def _load(path: Path) -> object:
+    """Return the job, or the plan of the study or sweep, in a file; modules of these two take time to import."""
+    if is_study(path):
+        from hpcinv.study.study_plan import load_study
+
+        return load_study(path)
+    if is_sweep(path):
+        from hpcinv.sweep.sweep_plan import load_sweep
+
+        return load_sweep(path)
+    return load(path)
 
 
 def _schema(options: argparse.Namespace) -> int:
-    print(json.dumps(json_schema(_KINDS[options.kind]), indent=2))
+    from hpcinv.study.study_spec import Study
+    from hpcinv.sweep.sweep_spec import Sweep
+
+    kinds: dict[str, type[Spec]] = {"job": Job, "study": Study, "sweep": Sweep}
+    print(json.dumps(json_schema(kinds[options.kind]), indent=2))
     return 0

@@ -5,8 +5,6 @@ from typing import Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from hpcinv.mesh.cells import sub_entities
 from hpcinv.mesh.source import Ints
@@ -65,8 +63,17 @@ class FacetTable:
 
 
 def connected(cells: Ints, nodes: int) -> Ints:
-    """Connected component (c,) of each cell, from 0; cells that share a node are in the same component."""
-    ends = np.repeat(cells[:, 0], cells.shape[1]), cells.ravel()
-    graph = coo_array((np.ones(cells.size, dtype=bool), ends), shape=(nodes, nodes))
-    _, component = connected_components(graph, directed=False)
-    return np.unique(component[cells[:, 0]], return_inverse=True)[1].astype(np.int64)
+    """Connected component (c,) of each cell, from 0; cells that share a node are in the same component.
+
+    Each node points to a lower node of its component, at last to the lowest. SciPy has a function for this, but takes
+    longer to import than this takes for a million cells.
+    """
+    lower = np.arange(nodes)
+    while True:
+        of_cell = lower[cells]
+        lowest = of_cell.min(axis=1)
+        if (of_cell == lowest[:, None]).all():
+            return np.unique(lowest, return_inverse=True)[1].astype(np.int64)
+        np.minimum.at(lower, of_cell.ravel(), np.repeat(lowest, cells.shape[1]))
+        while not np.array_equal(lower, shorter := lower[lower]):
+            lower = shorter

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
@@ -20,7 +19,7 @@ from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import vtk_order
 from hpcinv.mesh.io.vtu import VTK_TYPES
-from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
+from hpcinv.mesh.io.vtu_writer import Array, Grid, attribute, write_vtu
 from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.gathering import error_in
@@ -102,7 +101,7 @@ def _data_file(body: str, state: str) -> str:
 
 def _collection(body: str, states: Sequence[str]) -> str:
     steps = "".join(
-        f'<DataSet timestep="{number}" name={quoteattr(state)} file={quoteattr(_data_file(body, state))}/>\n'
+        f'<DataSet timestep="{number}" name={attribute(state)} file={attribute(_data_file(body, state))}/>\n'
         for number, state in enumerate(states)
     )
     head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'

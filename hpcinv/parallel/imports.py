@@ -32,13 +32,26 @@ def imports_explained() -> Iterator[None]:
 def imports_at_start() -> Iterator[None]:
     """Context of imports at the start of the program, in which a missing package ends it with one message."""
     try:
-        with imports_explained():
+        with imports_explained(), without_collections():
             yield
-        gc.freeze()  # a search of all modules at the exit takes so long that launchers kill the process in it
     except SystemPartMissing as missing:
         if not is_other_rank():
             print(missing, file=sys.stderr)
         sys.exit(missing.exit_code)
+
+
+@contextmanager
+def without_collections() -> Iterator[None]:
+    """Context of imports, in which Python does not search memory for garbage; it never searches what they leave.
+
+    A search of all modules at the exit takes so long that launchers kill the process in it.
+    """
+    gc.disable()
+    try:
+        yield
+        gc.freeze()
+    finally:
+        gc.enable()
 
 
 def is_other_rank() -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import signal
 import sys
 import threading
@@ -12,6 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, NoReturn
 
 from hpcinv.errors import Interrupted
+from hpcinv.parallel.imports import without_collections
 from hpcinv.parallel.signals import STOPPED, StopRequest, end_on_interrupt, exit_code_of
 
 if TYPE_CHECKING:
@@ -52,9 +52,8 @@ def launched(ranks: int | None, *, stack: bool = True) -> Iterator[tuple[Intraco
         end_on_interrupt(lambda: abort(world, 130))
         end_if_asked()
         if stack:
-            import hpcinv.parallel.runtime  # noqa: F401
-
-            gc.freeze()
+            with without_collections():
+                import hpcinv.parallel.runtime  # noqa: F401
         stop.install()
         stop.set_end_in_library(end_in_library)
         require_ranks(world, ranks)

@@ -109,6 +109,7 @@ class Spec(BaseModel):
         strict=True,
         allow_inf_nan=False,
         validate_default=True,
+        defer_build=True,
     )
 
     @classmethod

@@ -10,7 +10,6 @@ from hpcinv.batch.specification import SpecificationFaults, read_base, read_spec
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.job import Job, parse
-from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.study.study_spec import Study, measured_key
 
 
@@ -64,11 +63,6 @@ class StudyPlan:
     def measured(self) -> dict[str, str]:
         """Keys of the summary by measured quantity."""
         return {name: measured_key(name, _quantities(self.runs[0].job)) for name in self.study.measure}
-
-
-def is_study(path: Path) -> bool:
-    """Return whether a file is a study rather than a job; raises ``JobError`` if it cannot be read."""
-    return "series" in read_yaml(path)
 
 
 def load_study(path: Path) -> StudyPlan:

@@ -90,11 +90,6 @@ class SweepPlan:
         return _content(self.data, case.settings)
 
 
-def is_sweep(path: Path) -> bool:
-    """Return whether a file is a sweep rather than a job or a study; raises ``JobError`` if it cannot be read."""
-    return "axes" in read_yaml(path)
-
-
 def load_sweep(
     source: str | Path | Mapping[str, Any], directory: str | Path = ".", *, untrusted: bool = False
 ) -> SweepPlan:

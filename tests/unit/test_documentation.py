@@ -14,8 +14,7 @@ from typing import Any
 import pytest
 from helpers.schemas import refusals
 
-from hpcinv.__main__ import _parser
-from hpcinv.cli.study import with_action
+from hpcinv.__main__ import _parser, with_action
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.study.study_plan import load_study

@@ -6,8 +6,11 @@ import os
 import resource
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+JOBS = Path(__file__).parents[2] / "jobs"
 
 MODULES = "hpcinv.job.job, hpcinv.materials, hpcinv.effects, hpcinv.study.study_plan, hpcinv.sweep.sweep_plan"
 MODULES += ", hpcinv.batch.ledger.ledger"
@@ -44,6 +47,78 @@ def test_importing_the_specs_takes_less_than_a_second_of_cpu() -> None:
     before = used()
     run(f"import {MODULES}")
     assert used() - before < 1.0
+
+
+OF_COMMAND = """
+import sys
+from pathlib import Path
+from hpcinv.__main__ import main
+
+main(sys.argv[2:])
+names = (name for name, module in sys.modules.items() if getattr(module, "__file__", None))
+Path(sys.argv[1]).write_text(" ".join(names))
+"""
+OF_A_JOB = {"annotated_types", "pydantic", "pydantic_core", "typing_extensions", "typing_inspection", "yaml"}
+OF_A_RUN = OF_A_JOB | {
+    "adios2",
+    "adios4dolfinx",
+    "basix",
+    "cffi",
+    "dolfinx",
+    "dolfinx_solver",
+    "ffcx",
+    "gmsh",
+    "h5py",
+    "mpi4py",
+    "numpy",
+    "packaging",
+    "petsc4py",
+    "pycparser",
+    "rich",
+    "ufl",
+}
+"""packages of others; each takes from 10 ms to half a second"""
+NOT_OF_A_JOB = {"hpcinv.batch", "hpcinv.driver", "hpcinv.output", "hpcinv.study", "hpcinv.sweep", "hpcinv.mesh"}
+NOT_OF_A_RUN = {
+    "hpcinv.batch",
+    "hpcinv.fitting",
+    "hpcinv.identification",
+    "hpcinv.mesh.imaging",
+    "hpcinv.study",
+    "hpcinv.sweep",
+    "hpcinv.workshop",
+    "http.client",
+    "numpy.f2py",
+}
+
+
+def modules_of(tmp_path: Path, *arguments: str) -> set[str]:
+    """Names of the modules that a command has imported."""
+    listed = tmp_path / "modules.txt"
+    command = [sys.executable, "-c", OF_COMMAND, str(listed), *arguments]
+    subprocess.run(command, check=True, capture_output=True, text=True, cwd=tmp_path)
+    return set(listed.read_text().split())
+
+
+def of_others(modules: set[str]) -> set[str]:
+    """Names of packages that belong neither to Python nor to the project."""
+    names = {name.partition(".")[0] for name in modules} - sys.stdlib_module_names - {"__main__", "hpcinv"}
+    return {name for name in names if not name.startswith("_")}
+
+
+def test_validate_imports_no_more_than_it_needs(tmp_path: Path) -> None:
+    modules = modules_of(tmp_path, "validate", str(JOBS / "single-tetrahedron.yaml"))
+    assert of_others(modules) == OF_A_JOB
+    assert not NOT_OF_A_JOB & modules
+    assert {name for name in modules if name.startswith("hpcinv.cli.")} <= {"hpcinv.cli.help", "hpcinv.cli.validate"}
+
+
+def test_a_run_imports_no_more_than_it_needs(tmp_path: Path) -> None:
+    modules = modules_of(tmp_path, "run", str(JOBS / "single-tetrahedron.yaml"), "--output", "results")
+    assert of_others(modules) <= OF_A_RUN
+    assert not NOT_OF_A_RUN & modules
+    commands = {name for name in modules if name.startswith("hpcinv.cli.")}
+    assert commands == {"hpcinv.cli.help", "hpcinv.cli.options", "hpcinv.cli.run"}
 
 
 def test_the_driver_leaves_slow_imports_to_the_runs_and_ranks_that_need_them() -> None:

@@ -21,10 +21,11 @@ from hpcinv.effects.effect import Direction, Effect
 from hpcinv.errors import JobError
 from hpcinv.job.fingerprint import difference, file_digest, fingerprint
 from hpcinv.job.job import Job, json_schema, parse
+from hpcinv.job.kind_of_file import is_study, is_sweep
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import laws
-from hpcinv.study.study_plan import is_study, load_study
-from hpcinv.sweep.sweep_plan import is_sweep, load_sweep
+from hpcinv.study.study_plan import load_study
+from hpcinv.sweep.sweep_plan import load_sweep
 
 GENERATOR = """
 from hpcinv.quantity import Length

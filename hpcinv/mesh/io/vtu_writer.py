@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, BinaryIO
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,12 @@ from hpcinv.parallel.runtime import MPI
 
 _TYPES = {"float64": "Float64", "float32": "Float32", "int64": "Int64", "int32": "Int32", "uint8": "UInt8"}
 _TAG = 71
+_WHITE = str.maketrans({"\n": "&#10;", "\r": "&#13;", "\t": "&#9;"})
+
+
+def attribute(text: str) -> str:
+    """Return a text as the value of an attribute in XML, in quotes."""
+    return f'"{escape(text).translate(_WHITE)}"'  # xml.sax.saxutils has this, but imports HTTP
 
 
 @dataclass(frozen=True)
@@ -90,7 +96,7 @@ def _head(
         "<UnstructuredGrid><FieldData>",
     ]
     lines += [
-        f'<DataArray type="Float64" Name={quoteattr(name)} NumberOfTuples="1" format="ascii">{value!r}</DataArray>'
+        f'<DataArray type="Float64" Name={attribute(name)} NumberOfTuples="1" format="ascii">{value!r}</DataArray>'
         for name, value in numbers.items()
     ]
     lines.append(f'</FieldData><Piece NumberOfPoints="{counts[0]}" NumberOfCells="{counts[1]}">')
@@ -100,7 +106,7 @@ def _head(
         for array in arrays:
             components = 1 if array.values.ndim == 1 else array.values.shape[1]
             lines.append(
-                f'<DataArray type="{_TYPES[array.values.dtype.name]}" Name={quoteattr(array.name)}'
+                f'<DataArray type="{_TYPES[array.values.dtype.name]}" Name={attribute(array.name)}'
                 f' NumberOfComponents="{components}" format="appended" offset="{offset}">'
             )
             if array.unit:
