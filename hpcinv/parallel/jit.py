@@ -9,7 +9,8 @@ This module replaces three functions of FFCx, once: for the search, the compilat
 that of DOLFINx which calls them on all ranks. Those of FFCx compile in place, and mark a kernel under compilation by
 the file ``NAME.c`` without ``NAME.c.cached``: if the process is killed, all others wait for this kernel until they
 time out. The functions here (with `hpcinv.parallel.kernel_files`) have no such state. Kernels are code: files that
-another user could have written are not loaded.
+another user could have written are not loaded. A fourth function of FFCx is replaced since it takes a time that is
+quadratic in the size of a form; the code that FFCx writes is the same.
 """
 
 import ctypes
@@ -35,6 +36,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import cpp, fem
 from dolfinx.jit import get_options
+from ffcx.ir.analysis.valuenumbering import ValueNumberer
 
 from hpcinv.errors import OutputError
 from hpcinv.parallel.kernel_compiler import DECLARATIONS, NotCompiled, compile_kernel, interface_code
@@ -360,7 +362,13 @@ def load_expression(
     return KernelExpression(kernel, module, functions, constants)
 
 
+def _get_node_symbols(numberer: Any, expression: Any) -> Any:
+    """Return the symbols of an expression, found by its hash; FFCx compares it with all others in turn."""
+    return numberer.V_symbols[numberer.G.e2i[expression]]
+
+
 dolfinx.jit.ffcx_jit = _jit
 ffcx_jit.get_cached_module = _get_cached_module
 ffcx_jit._compile_objects = _compile_objects
 ffcx_jit._load_objects = _load_objects
+ValueNumberer.get_node_symbols = _get_node_symbols
