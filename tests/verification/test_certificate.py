@@ -221,6 +221,7 @@ def test_factors_of_a_forward_solve_tell_its_inertia(comm: MPI.Intracomm) -> Non
     equilibrium.destroy()
 
 
+@pytest.mark.everyday("inverse-pressure")
 @pytest.mark.parallel([1, 2, 3])
 @pytest.mark.parametrize(
     ("analysis", "load"), [("inverse", "gravity"), ("inverse", "pressure"), ("forward", "pressure")]

@@ -79,6 +79,7 @@ def coarse_of(result: Result) -> nested_iteration.CoarseSolve:
     return coarse
 
 
+@pytest.mark.everyday("forward")
 @pytest.mark.parallel([1, 2, 3])
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_answer_is_the_same_with_fewer_factorizations(analysis: str, comm: MPI.Intracomm) -> None:
