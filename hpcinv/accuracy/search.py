@@ -93,7 +93,7 @@ class Search:
         if not one_shape:  # straight cells would have more error of their geometry than of all else
             body = self._curved(body)
         demanded = [q for q in self.job.quantities if q.name in self.job.accuracy]
-        sampled = [q for q in demanded if q.on is not None and not (q.by_quadrature and q.reduce in AVERAGES)]
+        sampled = [q for q in demanded if q.on is not None and not (q.uses_quadrature and q.reduce in AVERAGES)]
         averaged = any(q.reduce in AVERAGES for q in sampled)  # over nodes, so that the distribution of nodes matters
         if averaged:
             self.unseen_order = 1.0

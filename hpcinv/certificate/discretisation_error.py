@@ -291,7 +291,7 @@ def _corrected(
     """
     body, better = finer.body, solution_of(finer, direction, finer.scene(direction), ())
     at_nodes = replace(better, mesh_nodes=equations.body.nodes, u=u)
-    of_nodes = [q for q in quantities if q.on is not None and not q.by_quadrature]
+    of_nodes = [q for q in quantities if q.on is not None and not q.uses_quadrature]
     others = [_on(q, equations.body, body) for q in quantities if q not in of_nodes]
     found = evaluate(of_nodes, equations.body, at_nodes) | evaluate(others, body, better, finer)
     return {q.name: found[q.name] for q in quantities}

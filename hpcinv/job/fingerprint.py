@@ -95,7 +95,7 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
         "quadrature": job.discretisation.quadrature,
     }
     if job.is_mixed and (layerings := job.layerings):  # each layer has its own pressures
-        discretisation["layers"] = [one.as_data() for one in layerings]
+        discretisation["layers"] = [layering.as_data() for layering in layerings]
     if job.discretisation.displacement > 1 and any(solve.mesh is not None for solve in job.plan):
         # Later solves are on the recovered body, of which earlier versions moved the nodes of the given cells only.
         discretisation["recovered_geometry"] = job.discretisation.displacement

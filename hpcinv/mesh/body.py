@@ -16,7 +16,7 @@ from dolfinx import fem, la
 
 from hpcinv.errors import MeshError
 from hpcinv.files.names import exists
-from hpcinv.job.mesh_generators import in_unit
+from hpcinv.job.mesh_generators import converted_parameters
 from hpcinv.job.mesh_header import SUFFIX
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body_length import body_length
@@ -170,7 +170,7 @@ def read_source(
         raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
     try:
         if path.suffix in GENERATORS:
-            parameters = spec.parameters if spec.unit == 1.0 else in_unit(path, spec.parameters, spec.unit)
+            parameters = spec.parameters if spec.unit == 1.0 else converted_parameters(path, spec.parameters, spec.unit)
             monitor = MeshingMonitor(spec.maximum_cells, report)
             generate = GENERATORS[path.suffix]
             source = generate(path, parameters, spec.geometry_degree, monitor, size_factor).in_metres(spec.unit)

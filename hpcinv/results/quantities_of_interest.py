@@ -56,7 +56,7 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
                         f"quantities: {quantity.name}: '{quantity.of}' has the normal of a surface, and '{quantity.on}'"
                         " has cells"
                     )
-                elif quantity.by_quadrature and not region.cell_count:
+                elif quantity.uses_quadrature and not region.cell_count:
                     body.boundary_facets(quantity.on, _INSIDE)
         elif locate(body, np.array(quantity.at)) is None:
             problems.append(f"quantities: {quantity.name}: the point ({_triple(quantity.at)}) m is outside of the body")
@@ -137,7 +137,7 @@ def values_of(
     for q in quantities:
         if q.at is not None:
             found[q.name] = _at_point(q, body, solution, places[q.name], known.get(q.name, {}))
-        elif q.by_quadrature:
+        elif q.uses_quadrature:
             found[q.name] = _by_quadrature(q, body, fields)
         else:
             found[q.name] = _at_nodes(q, body, solution)
@@ -148,7 +148,7 @@ def _fields(
     quantities: tuple[QuantityOfInterest, ...], body: Body, solution: Solution, equations: Equations | None
 ) -> SceneFields | None:
     """Fields of the scene that the quantities need, at the solution and the full load."""
-    if not any(q.fields or q.by_quadrature for q in quantities):
+    if not any(q.fields or q.uses_quadrature for q in quantities):
         return None
     assert equations is not None
     scene = equations.scene(solution.direction)
@@ -160,7 +160,7 @@ def fields_for(
     quantities: Iterable[QuantityOfInterest], body: Body, scene: Scene, scales: Scales
 ) -> SceneFields | None:
     """Return the fields of a scene that the quantities need, ``None`` if there are none."""
-    names = [q.of.names for q in quantities if q.fields or q.by_quadrature]
+    names = [q.of.names for q in quantities if q.fields or q.uses_quadrature]
     return SceneFields(body, scene, scales, frozenset().union(*names)) if names else None
 
 

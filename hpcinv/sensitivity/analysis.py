@@ -31,7 +31,7 @@ from petsc4py import PETSc
 from hpcinv.assembly.system import System
 from hpcinv.errors import SolveError
 from hpcinv.job.sections import Support
-from hpcinv.job.sensitivities import Parameter, with_ties
+from hpcinv.job.sensitivities import Parameter, tied_parameters
 from hpcinv.mesh.source import Floats
 from hpcinv.model.parameters import ParameterDirection
 from hpcinv.parallel.runtime import MPI
@@ -122,7 +122,7 @@ def sensitivities(
     Raises:
         SolveError: on all ranks, if the tangent at the solution is singular.
     """
-    body, changes, numbers = equations.body, dict[str, Change](), with_ties(parameters)
+    body, changes, numbers = equations.body, dict[str, Change](), tied_parameters(parameters)
     equations.put(solution.moved_to(body.given_nodes))
     with equations.timings("sensitivities"):
         if given:
