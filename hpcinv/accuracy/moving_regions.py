@@ -8,7 +8,7 @@ from hpcinv.mesh.body import Body
 from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.cells import jacobians, kind_and_degree, quadrature, scalar_element
 from hpcinv.mesh.checks import det
-from hpcinv.mesh.regions import BOUNDARY, evaluate, of_facets
+from hpcinv.mesh.regions import BOUNDARY, evaluate, is_facet_condition
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.expressions import Expression
 
@@ -26,7 +26,7 @@ def cut_regions(body: Body, conditions: Mapping[str, Expression]) -> Iterator[st
     nodes = body.given_nodes[mesh.geometry.dofmaps[0][:owned]]
     for name, condition in conditions.items():
         region = body.regions[name]
-        if not region.cell_count or of_facets(condition):
+        if not region.cell_count or is_facet_condition(condition):
             continue
         parts = np.zeros(2)
         if owned:

@@ -257,7 +257,7 @@ class Search:
             return None
         variant, degree = decision
         body = self.last.body if variant is self.last.variant else self._build(variant)
-        return variant, body.of_degree(degree), degree
+        return variant, body.raise_degree(degree), degree
 
     def _build(self, variant: Variant) -> Body:
         with self.timings("mesh"):

@@ -118,11 +118,11 @@ def assembled(equations: Equations, solution: Solution) -> Iterator[PETSc.Mat]:
 def confirm(equations: Equations, solution: Solution) -> Confirmed | None:
     """Count the unstable directions of a solution; ``None`` if the form cannot be factorized; collective."""
     with assembled(equations, solution) as matrix, equations.timings("factorization"):
-        found = inertia(matrix)
+        counts = inertia(matrix)
     pressures = equations.unknowns.pressure_size
-    if found is None or found.negative + found.zero < pressures:
+    if counts is None or counts.negative + counts.zero < pressures:
         return None
-    return Confirmed(max(found.negative - pressures, 0), found.asymmetry)
+    return Confirmed(max(counts.negative - pressures, 0), counts.asymmetry)
 
 
 def _added(scene: Scene, part: Part, trial: Any) -> Any:

@@ -87,7 +87,7 @@ def _compare(options: argparse.Namespace) -> int:
     if align:
         moved, angle = readable(found.translation, "m"), math.degrees(found.rotation)
         print(f"{options.one} moved by {moved}, turned by {angle:.3g} degrees")
-    for path, side in ((options.one, found.one), (options.other, found.other)):
+    for path, side in ((options.one, found.first), (options.other, found.second)):
         centre = ", ".join(f"{c:.6g}" for c in side.centre)
         axis = ", ".join(f"{c:.3g}" for c in side.axes[0])
         print(f"{path}: volume {readable(side.volume, 'm^3')}, centre ({centre}) m, long axis ({axis})")

@@ -51,7 +51,7 @@ def _rehearse(job: Job, source: MeshSource) -> None:
     if job.certificate.estimate and not source.is_partitioned:
         finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
     points = [np.array(q.at) for q in job.quantities if q.at is not None]
-    body = sample_body(source, job.regions, points, finer).of_degree(job.discretisation.displacement)
+    body = sample_body(source, job.regions, points, finer).raise_degree(job.discretisation.displacement)
     moved = [any(s.displacement for s in step.job.supports) or step.start is not None for step in job.plan]
 
     def compile_step(

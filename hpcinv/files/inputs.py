@@ -30,12 +30,12 @@ class _Recorder:
 
     def __init__(self) -> None:
         self.is_active = False
-        self.found: dict[str, bool] = {}
+        self.files: dict[str, bool] = {}
 
     def note(self, path: str, *, written: bool) -> None:
         real = os.path.realpath(path)
         if not real.startswith(_SYSTEM) and not real.endswith(".pyc"):
-            self.found.setdefault(real, not written)
+            self.files.setdefault(real, not written)
 
 
 _recorder = _Recorder()
@@ -69,7 +69,7 @@ def recorded_inputs(program: Path, *, anew: bool = False) -> Iterator[dict[str, 
     # Python takes kept byte code for current if a module changes within a second and keeps its size.
     writes_no_bytecode, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     inputs: dict[str, str] = {}
-    _recorder.found, _recorder.is_active = {}, True
+    _recorder.files, _recorder.is_active = {}, True
     sys.path.insert(0, str(home))
     os.chdir(home)
     try:
@@ -86,7 +86,7 @@ def recorded_inputs(program: Path, *, anew: bool = False) -> Iterator[dict[str, 
                 _recorder.note(file, written=False)
                 if anew and home in Path(file).absolute().parents:
                     del sys.modules[name]
-        read = (path for path, is_read in _recorder.found.items() if is_read and path != os.path.realpath(program))
+        read = (path for path, is_read in _recorder.files.items() if is_read and path != os.path.realpath(program))
         inputs |= {os.path.relpath(path, home): digest for path in sorted(read) if (digest := digest_of(Path(path)))}
 
 

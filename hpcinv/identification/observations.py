@@ -16,7 +16,7 @@ from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.identification import Observation
 from hpcinv.job.job import Job
 from hpcinv.job.sections import MeshSpec
-from hpcinv.mesh import Body, in_source_order
+from hpcinv.mesh import Body, reorder_to_source
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.location import PointLocation, locate, position
 from hpcinv.mesh.regions import LocalIndices
@@ -102,7 +102,7 @@ class ObservedMesh(Observed):
         self.count = 0 if self._points is None else self._points.size
 
     def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
-        arrays = [_whole(result.body, in_source_order(result.body, n)) for n in self._nodes(result, keys)]
+        arrays = [_whole(result.body, reorder_to_source(result.body, n)) for n in self._nodes(result, keys)]
         if self._points is None:
             return None
         nodes, *slopes = (array.ravel() for array in arrays if array is not None)

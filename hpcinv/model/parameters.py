@@ -84,8 +84,8 @@ class Parameters:
         self._numbers = {where: number for number, (where, _) in enumerate(ingredients)}
         self.constant = fem.Constant(fields.body.mesh, self._values)
         self._namespaces = [
-            SimpleNamespace(**{n: self._entry(p, kin.given if one.is_attached(n) else kin) for n, p in found.items()})
-            for (_, one), found in zip(ingredients, self._places, strict=True)
+            SimpleNamespace(**{n: self._entry(p, kin.given if part.is_attached(n) else kin) for n, p in places.items()})
+            for (_, part), places in zip(ingredients, self._places, strict=True)
         ]
 
     def load(self, case: int) -> Any:
@@ -111,7 +111,7 @@ class Parameters:
         if self._growing is not None:
             self._values[self._growing] = self.constant.value[self._growing] = float(growing)
 
-    def of(self, index: int) -> Any:
+    def quantities(self, index: int) -> Any:
         """Return the quantities of the ``index``-th ingredient by name, vectors as UFL vectors."""
         return self._namespaces[index]
 
@@ -160,23 +160,26 @@ class Parameters:
                 case fem.Function() if isinstance(rate, ByRegion):
                     functions.append((place, self.fields.function(rate, self._scales.of(dimension), name)))
 
-        for where, of_ingredient in rates.items():
+        for where, ingredient_rates in rates.items():
             places = self._places[self._numbers[where]]
-            for name, (rate, dimension) in of_ingredient.items():
+            for name, (rate, dimension) in ingredient_rates.items():
                 follow(places[name], rate, dimension, f"{where}.{name}")
         return ParameterDirection(entries, tuple(functions))
 
     @contextmanager
-    def moved(self, along: ParameterDirection, step: float) -> Iterator[None]:
+    def moved(self, direction: ParameterDirection, step: float) -> Iterator[None]:
         """Context with the parameters a step along a direction; afterwards they are restored exactly."""
-        vectors = [(self.constant.value, along.entries), *((f.x.array, rate.x.array) for f, rate in along.functions)]
-        before = [values.copy() for values, _ in vectors]
+        vectors = [
+            (self.constant.value, direction.entries),
+            *((f.x.array, rate.x.array) for f, rate in direction.functions),
+        ]
+        kept_values = [values.copy() for values, _ in vectors]
         for values, rate in vectors:
             values += step * rate
         try:
             yield
         finally:
-            for (values, _), kept in zip(vectors, before, strict=True):
+            for (values, _), kept in zip(vectors, kept_values, strict=True):
                 values[:] = kept
 
     def _places_of(self, where: str, ingredient: Ingredient) -> dict[str, Any]:
@@ -265,11 +268,11 @@ class ParameterDerivative:
         form = ufl.replace(derivative, dict(zip((point, way), halves, strict=True)))
         self._form = fem.form(form, jit_options=JIT_OPTIONS)
 
-    def assemble(self, along: ParameterDirection, b: PETSc.Vec) -> None:
+    def assemble(self, direction: ParameterDirection, b: PETSc.Vec) -> None:
         """Assemble the derivative at the present state and load into ``b``, for the cells of this rank."""
-        self._point_and_way.value[:] = np.concatenate([self._parameters.constant.value, along.entries])
+        self._point_and_way.value[:] = np.concatenate([self._parameters.constant.value, direction.entries])
         for function, rate in zip(self._functions, self._rates, strict=True):
-            given = [found for known, found in along.functions if known is function]
+            given = [rate_function for known, rate_function in direction.functions if known is function]
             rate.x.array[:] = given[0].x.array if given else 0.0
         with b.localForm() as local:
             local.set(0.0)

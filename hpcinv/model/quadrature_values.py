@@ -35,19 +35,19 @@ class CellMeans:
         volume = abs(ufl.JacobianDeterminant(mesh))
         _, self._weights = quadrature(mesh.basix_cell().name, quadrature_degree)
         self._values = []
-        for expression, of in expressions:
+        for expression, cells in expressions:
             parts = [expression[i] for i in np.ndindex(shape)] if shape else [expression]
             weighted = volume * ufl.as_vector([*parts, 1])
-            self._values.append(QuadratureValues(weighted, mesh, quadrature_degree, of))
+            self._values.append(QuadratureValues(weighted, mesh, quadrature_degree, cells))
 
     def __call__(self) -> fem.Function:
         """Return the present means, piecewise constant."""
         means = fem.Function(self._space)
         values = means.x.array.reshape(-1, int(np.prod(self._shape)))
         dofs = means.function_space.dofmap.list[:, 0]
-        for of_part in self._values:
-            for cells, at_points in of_part:
-                sums = np.einsum("q,cqi->ci", self._weights, at_points)
+        for part in self._values:
+            for cells, samples in part:
+                sums = np.einsum("q,cqi->ci", self._weights, samples)
                 values[dofs[cells]] = sums[:, :-1] / sums[:, -1:]
         means.x.scatter_forward()
         return means

@@ -199,7 +199,7 @@ def named(number: int, u: Function, p: Function | None) -> dict[str, Function]:
 def cells_digest(body: Body) -> str:
     """Return a checksum of the cells of a body's mesh, in whose order functions are saved; collective."""
     cells = body.source.cells
-    return Rows.of(body.mesh.comm, len(cells)).checksum(cells)
+    return Rows.distributed(body.mesh.comm, len(cells)).checksum(cells)
 
 
 def nodes_digest(body: Body) -> str:

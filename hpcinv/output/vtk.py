@@ -73,8 +73,8 @@ def write_fields(
         fields = _Fields(body, solution)
         if number == 0:
             undeformed = fibres(body, families, solution, fields.gradients, fields.cells)
-        at_nodes = fields.at_nodes(more[number] if more else ())
-        in_cells = fields.in_cells(estimate if number == 0 else None)
+        at_nodes = fields.node_arrays(more[number] if more else ())
+        in_cells = fields.cell_arrays(estimate if number == 0 else None)
         for name, points in zip(BODIES, fields.points(), strict=True):
             along = fields.fibres(undeformed, name)
             path = partial / _data_file(name, solution.state)
@@ -161,7 +161,7 @@ class _Fields:
         number = VTK_TYPES[kind][min(self._degree, len(VTK_TYPES[kind])) - 1]
         return Grid(points, [(numbers[:, np.argsort(vtk_order(kind, self._degree))], number)])
 
-    def at_nodes(self, more: Sequence[fem.Function]) -> list[Array]:
+    def node_arrays(self, more: Sequence[fem.Function]) -> list[Array]:
         solution = self._solution
         found = [Array("displacement", self._u, "m")]
         if solution.pressure is not None:
@@ -175,7 +175,7 @@ class _Fields:
         found.append(Array("J_projected", smooth[:, 9].astype(np.float32)))
         return found
 
-    def in_cells(self, estimate: Estimate | None) -> list[Array]:
+    def cell_arrays(self, estimate: Estimate | None) -> list[Array]:
         solution, body = self._solution, self._body
         stress = constants_in(solution.cauchy_stress, self.cells)
         found = [Array("J", constants_in(solution.J, self.cells)[:, 0]), Array("cauchy_stress", stress, "Pa")]

@@ -64,9 +64,9 @@ def name_from(path: Path) -> str:
 class Problems(ValueError):
     """Faults found by one validator, each with its place below the validated value."""
 
-    def __init__(self, *found: tuple[KeyPath, str]) -> None:
-        super().__init__("; ".join(text for _, text in found))
-        self.found = found
+    def __init__(self, *faults: tuple[KeyPath, str]) -> None:
+        super().__init__("; ".join(text for _, text in faults))
+        self.faults = faults
 
 
 def raise_if_any(found: Iterable[tuple[KeyPath, str]]) -> None:
@@ -81,7 +81,7 @@ def collected(problems: list[tuple[KeyPath, str]], *place: int | str) -> Iterato
     try:
         yield
     except Problems as error:
-        problems += [((*place, *below), text) for below, text in error.found]
+        problems += [((*place, *below), text) for below, text in error.faults]
     except ValidationError as error:
         problems += [((*place, *below), text) for below, text in problems_in(error)]
     except ValueError as error:
@@ -334,7 +334,7 @@ def problems_in(error: ValidationError, spec: type[Spec] | None = None) -> list[
     for line in error.errors(include_url=False):
         cause = line.get("ctx", {}).get("error")
         if isinstance(cause, Problems):
-            found += [((*line["loc"], *place), _shortened(text)) for place, text in cause.found]
+            found += [((*line["loc"], *place), _shortened(text)) for place, text in cause.faults]
         else:
             text = _shortened(_reworded(line, spec)) if len(found) < _MOST_PROBLEMS else ""
             found.append((tuple(part for part in line["loc"] if part != "[key]"), text))

@@ -155,7 +155,7 @@ def _positions(sample: ConvergedSample, ledger: Ledger) -> tuple[MeshSource, Flo
             )
         positions[row] = grid.points
     unit = source.unit or 1.0
-    return source.in_metres(unit), positions * unit
+    return source.convert_to_metres(unit), positions * unit
 
 
 def kept_file(directory: Path, name: str) -> Path | None:

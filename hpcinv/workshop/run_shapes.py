@@ -76,7 +76,7 @@ def _found(run: Path, name: str) -> MeshSource:
         path = run / f"{name}{suffix}"
         if path.exists():
             source = read(path)
-            return source.in_metres(source.unit or 1.0) if suffix != ".bp" else source
+            return source.convert_to_metres(source.unit or 1.0) if suffix != ".bp" else source
     raise OutputError(
         f"{run}: has no file of the shape ({name}.msh, .vtu or .bp)", "Run it again with output: {mesh: [msh]}."
     )
