@@ -31,10 +31,10 @@ def cut_regions(body: Body, conditions: Mapping[str, Expression]) -> Iterator[st
         parts = np.zeros(2)
         if owned:
             volumes = np.abs(det(jacobians(kind, degree, nodes, points))) * weights
-            at = scalar_element(kind, degree).tabulate(0, points)[0, :, :, 0] @ nodes
-            outside = evaluate(name, condition, at.reshape(-1, 3)).reshape(volumes.shape).copy()
-            outside[region.cells] = False
-            parts[:] = volumes[outside].sum(), volumes.sum()
+            positions = scalar_element(kind, degree).tabulate(0, points)[0, :, :, 0] @ nodes
+            is_outside = evaluate(name, condition, positions.reshape(-1, 3)).reshape(volumes.shape).copy()
+            is_outside[region.cells] = False
+            parts[:] = volumes[is_outside].sum(), volumes.sum()
         part, whole = mesh.comm.allreduce(parts, op=MPI.SUM)
         if part > MOVED * whole:
             yield name
@@ -54,6 +54,6 @@ def facet_shares(body: Body) -> dict[str, float]:
     return shares
 
 
-def moved(before: Mapping[str, float], after: Mapping[str, float]) -> set[str]:
+def moved(earlier: Mapping[str, float], later: Mapping[str, float]) -> set[str]:
     """Return the names of regions whose shares differ on two meshes."""
-    return {name for name in before.keys() & after.keys() if abs(after[name] - before[name]) > MOVED}
+    return {name for name in earlier.keys() & later.keys() if abs(later[name] - earlier[name]) > MOVED}

@@ -18,7 +18,7 @@ from ufl.classes import Derivative, Variable
 from ufl.corealg.traversal import unique_post_traversal
 
 from hpcinv.kinematics.kinematics import LABEL
-from hpcinv.kinematics.staged_derivatives import Jacobian, Local, without_stages
+from hpcinv.kinematics.staged_derivatives import Jacobian, Local, remove_stages
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
@@ -167,21 +167,21 @@ def _moduli(integrand: Any, unknowns: Unknowns, state: Any) -> TangentModuli:
                 where[slot] = f, ufl.variable(ufl.Constant(mesh, f.ufl_shape))
     point_integrand = _point_integrand(integrand, unknowns, state, tests, trials)
     local = Local(mesh.ufl_domain())
-    test_duals = {slot: Jacobian(symbol, local).of(point_integrand) for slot, (_, symbol) in tests.items()}
+    test_duals = {slot: Jacobian(symbol, local).differentiate(point_integrand) for slot, (_, symbol) in tests.items()}
     duals = {slot: dual for slot, dual in test_duals.items() if dual is not None}
     stages = (e for dual in duals.values() for e in unique_post_traversal(dual) if isinstance(e, Variable))
     H = next((stage for stage in stages if stage.label() == LABEL), None)
-    jacobians = {slot: Jacobian(symbol, local, through=H) for slot, (_, symbol) in trials.items()}
+    jacobians = {slot: Jacobian(symbol, local, inner_stage=H) for slot, (_, symbol) in trials.items()}
     there, entries = [], list[Any]()
     for test, dual in duals.items():
         for trial, jacobian in jacobians.items():
-            if (moduli := jacobian.of(dual)) is not None:
+            if (moduli := jacobian.differentiate(dual)) is not None:
                 there.append((test, trial))
                 entries += [moduli[index] for index in np.ndindex(moduli.ufl_shape)] if moduli.ufl_shape else [moduli]
     J, volume = ufl.Jacobian(mesh), abs(ufl.JacobianDeterminant(mesh))
     values = {symbol: ufl.dot(f, J) if slot.is_gradient else f for slot, (f, symbol) in trials.items()}
     vector = ufl.replace(volume * ufl.as_vector(entries), values)
-    return TangentModuli(tuple(there), without_stages(vector))
+    return TangentModuli(tuple(there), remove_stages(vector))
 
 
 def _point_integrand(

@@ -108,6 +108,6 @@ def _held(job: Job) -> Job:
     """Return the job with supports on all cells, which need no kernels, and the linear solver with most kernels."""
     supports = (Support(region=HELD, fix=("x", "y", "z")),)
     states = tuple(s if s.is_rest else s.model_copy(update={"supports": supports}) for s in job.states)
-    keys = {key: one for key, one in job.sensitivities.items() if "supports" not in parse_key(key)}
+    keys = {key: entry for key, entry in job.sensitivities.items() if "supports" not in parse_key(key)}
     solver = job.solver if job.solver.linear == "direct" else job.solver.model_copy(update={"linear": "iterative"})
     return job.model_copy(update={"supports": supports, "states": states, "sensitivities": keys, "solver": solver})

@@ -17,7 +17,7 @@ from hpcinv.effects.contact import PENALTY, QUADRATURE, Contact
 from hpcinv.effects.obstacles import SurfaceObstacle
 from hpcinv.errors import MeshError
 from hpcinv.kinematics.kinematics import Kinematics
-from hpcinv.kinematics.staged_derivatives import without_stages
+from hpcinv.kinematics.staged_derivatives import remove_stages
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.obstacle_passage import Passage, Passages, SurfacePoints
@@ -101,7 +101,7 @@ class _Nodal:
         mesh, count = body.mesh, vector.ufl_shape[0]
         self.space = fem.functionspace(mesh, ("Lagrange", degree, (count,)))
         points = self.space.element.interpolation_points
-        self._compiled = fem.Expression(without_stages(vector), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        self._compiled = fem.Expression(remove_stages(vector), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
         self.values, self._count = fem.Function(self.space), count
 
     def __call__(self) -> Floats:
@@ -446,7 +446,7 @@ class _OneContact:
         touches = ufl.conditional(ufl.gt(p, 0), 1.0, 0.0)
         values = [*(p * m[i] for i in range(3)), touches, p, 1.0]
         integrand = sum(value * w[i] for i, value in enumerate(values))
-        return fem.form(without_stages(k.da(integrand, effect.region, QUADRATURE)), jit_options=JIT_OPTIONS)
+        return fem.form(remove_stages(k.da(integrand, effect.region, QUADRATURE)), jit_options=JIT_OPTIONS)
 
     def _penalty_in_si(self, scales: Scales) -> float | None:
         given = self.effect.penalty

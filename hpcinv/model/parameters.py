@@ -22,7 +22,7 @@ from petsc4py import PETSc
 from ufl.classes import ListTensor
 
 from hpcinv.kinematics.kinematics import Kinematics, OtherState
-from hpcinv.kinematics.ufl_formulas import at_position
+from hpcinv.kinematics.ufl_formulas import position_formula
 from hpcinv.mesh.regions import Mesh
 from hpcinv.model.fields import BodyFields
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -220,7 +220,7 @@ class Parameters:
             case _Formula(formula, scale, constants):
                 named = {name: self.constant[i] for name, i in constants.items()}
                 assert self._metre is not None
-                return self.constant[scale] * at_position(formula, k, self.constant[self._metre], named)
+                return self.constant[scale] * position_formula(formula, k, self.constant[self._metre], named)
             case _:
                 return place
 

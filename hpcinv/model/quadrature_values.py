@@ -8,7 +8,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from hpcinv.kinematics.staged_derivatives import without_stages
+from hpcinv.kinematics.staged_derivatives import remove_stages
 from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.regions import Mesh
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -61,7 +61,7 @@ class QuadratureValues:
 
     def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: CellNumbers | None = None) -> None:
         points, _ = quadrature(mesh.basix_cell().name, quadrature_degree)
-        self._compiled = fem.Expression(without_stages(expression), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        self._compiled = fem.Expression(remove_stages(expression), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
         self._mesh = mesh
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
         self._cells = owned if cells is None else cells

@@ -30,7 +30,7 @@ from ufl.classes import Label, Variable
 from hpcinv.effects import Effect
 from hpcinv.job.job import Job
 from hpcinv.kinematics.kinematics import Deformation, Kinematics, OtherState
-from hpcinv.kinematics.staged_derivatives import gradient, without_stages
+from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.materials import MaterialLaw
 from hpcinv.model.contacts import Contacts
 from hpcinv.model.field_checks import shear_modulus
@@ -212,7 +212,7 @@ class Scene:
     def cauchy_stress(self) -> list[tuple[Any, npt.NDArray[np.int32] | None]]:
         """``σ = J⁻¹ P Fᵀ`` in scaled stresses, (3, 3), of each part and the cells of that part (``None`` for all)."""
         F = ufl.Identity(3) + self.kinematics.H
-        return [(without_stages(part.P * F.T / self.J), part.cells) for part in self.parts]
+        return [(remove_stages(part.P * F.T / self.J), part.cells) for part in self.parts]
 
     @property
     def prestrain_stress(self) -> list[tuple[Any, npt.NDArray[np.int32] | None]]:
@@ -229,7 +229,7 @@ class Scene:
             if part.volumetric_modulus is not None:
                 psi = psi + part.volumetric_modulus * law.dilatation(elastic) ** 2 / 2
             sigma = gradient(psi, H) * elastic.F.T / elastic.J
-            stresses.append((without_stages(ufl.dev(sigma) if law.is_incompressible else sigma), part.cells))
+            stresses.append((remove_stages(ufl.dev(sigma) if law.is_incompressible else sigma), part.cells))
         return stresses
 
     @property
@@ -238,7 +238,7 @@ class Scene:
         F0 = ufl.Identity(3)
         for strain in self._own:
             F0 = (ufl.Identity(3) + strain) * F0
-        return without_stages(F0)
+        return remove_stages(F0)
 
 
 def _part(
@@ -305,7 +305,7 @@ def _elastic(total: Deformation, strains: Iterable[Any]) -> tuple[Deformation, A
     elastic, J_g = total, 1
     for strain in strains:
         stretch = Deformation(strain)
-        elastic, J_g = elastic.after(stretch), J_g * stretch.J
+        elastic, J_g = elastic.elastic_part(stretch), J_g * stretch.J
     return elastic, J_g
 
 

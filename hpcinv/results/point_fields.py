@@ -11,7 +11,7 @@ from dolfinx import fem
 from ufl.classes import FacetJacobianDeterminant
 
 from hpcinv.job.sections import NORMALS
-from hpcinv.kinematics.staged_derivatives import without_stages
+from hpcinv.kinematics.staged_derivatives import remove_stages
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import FACET_KIND, quadrature
 from hpcinv.mesh.location import PointLocation
@@ -114,7 +114,7 @@ class SceneFields:
             if (kind, number) not in self._compiled:
                 expressions = [field for field, _ in self._fields(number, kind).values()] + self._sizes(kind)
                 self._compiled[kind, number] = fem.Expression(
-                    without_stages(ufl.as_vector(expressions)),
+                    remove_stages(ufl.as_vector(expressions)),
                     points,
                     comm=comm,
                     form_compiler_options=_EXACT,

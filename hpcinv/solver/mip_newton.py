@@ -30,7 +30,7 @@ from ufl.classes import Zero
 
 from hpcinv.assembly.system import System
 from hpcinv.assembly.tangent_moduli import Term
-from hpcinv.kinematics.staged_derivatives import gradient, without_stages
+from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.solver.predictor import Increment
 
 
@@ -89,8 +89,8 @@ class ExtrapolatedStress:
             return symbol
 
         for number, part in enumerate(scene.parts):
-            S = without_stages(kin.F_inverse * part.P)
-            slope, p = without_stages(gradient(part.dilatation, scene.H)), without_stages(part.pressure)
+            S = remove_stages(kin.F_inverse * part.P)
+            slope, p = remove_stages(gradient(part.dilatation, scene.H)), remove_stages(part.pressure)
             pressure_stress = -p * kin.F_inverse * slope
             work = ufl.inner(excess(S - pressure_stress), metric)
             if unknowns.p is None:

@@ -12,7 +12,7 @@ import numpy as np
 from hpcinv.batch.axes import SAMPLES, Axis
 from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.sampling import Distribution
-from hpcinv.batch.time_forecast import in_words
+from hpcinv.batch.time_forecast import duration_text
 from hpcinv.errors import JobError
 from hpcinv.mesh.source import Floats
 from hpcinv.sweep.chaos import GOOD, Bounded, Indices, Regression, cases_needed, mean, sobol_indices, terms
@@ -271,7 +271,7 @@ def costs(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Iterator[str]:
     number, planned = len(axis.sample), len(plan.cases)
     seconds = [record.seconds for record in records.values()]
     converged = sum(record.converged for record in records.values())
-    each = f", {in_words(statistics.median(seconds))} each" if seconds else ""
+    each = f", {duration_text(statistics.median(seconds))} each" if seconds else ""
     sample = f"{axis.kind} sample of {number} parameters"
     yield f"{plan.sweep.sweep}: {sample}; {planned} cases, {len(seconds)} finished{each}"
     yield f"{'degree':>6}  {'terms':>7}  {'cases':>7}  {'solves left':>11}  time"
@@ -279,7 +279,7 @@ def costs(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Iterator[str]:
         needed = cases_needed(number, degree)
         kept = 0 if axis.kind == "latin_hypercube" and needed > planned else converged
         left = max(0, needed - kept)
-        time = in_words(left * statistics.median(seconds)) if seconds else "not known"
+        time = duration_text(left * statistics.median(seconds)) if seconds else "not known"
         yield f"{degree:6}  {terms(number, degree):7,}  {needed:7,}  {left:11,}  {time}"
     yield "cases are the least that a degree is fitted to, one after the other on one group of ranks"
     if not seconds:

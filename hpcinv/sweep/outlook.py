@@ -7,7 +7,7 @@ from itertools import islice
 
 from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.ledger import Ledger
-from hpcinv.batch.time_forecast import in_words, remaining_seconds
+from hpcinv.batch.time_forecast import duration_text, remaining_seconds
 from hpcinv.errors import MeshError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
@@ -72,7 +72,7 @@ def _time(
     per_case = f", with {' or '.join(map(str, ranks))} rank{'s' if ranks != [1] else ''} a case" if ranks else ""
     side = f"{_count(groups, 'group')} of ranks" + (" side by side" if groups > 1 else "")
     basis = f"from {_count(len(records), 'finished case')}"
-    return f"  time: about {in_words(seconds / groups)} for {_count(left, 'case')} on {side}{per_case} ({basis})"
+    return f"  time: about {duration_text(seconds / groups)} for {_count(left, 'case')} on {side}{per_case} ({basis})"
 
 
 def _size(job: Job) -> tuple[int, int] | str:

@@ -177,6 +177,6 @@ def _drawn(title: str, quantity: str, series: list[Series], scales: list[Scale],
         if quantity == FAILURES:
             draw_outcomes(figure, title, series, both)
         else:
-            values = [value for s in series for value in s.at(converged=True)[1]]
+            values = [value for s in series for value in s.points(converged=True)[1]]
             draw_maps(figure, title, series, both, Scale(label, is_even_in_log(values)))
         return as_files(figure)
