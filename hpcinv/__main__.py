@@ -76,7 +76,7 @@ def main(arguments: list[str] | None = None) -> int:
             print(error, file=sys.stderr)
         return error.exit_code
     except MemoryError as error:
-        print(OutOfMemory.of(error), file=sys.stderr)
+        print(OutOfMemory.describing(error), file=sys.stderr)
         return OutOfMemory.exit_code
     except BrokenPipeError:
         discard_output()

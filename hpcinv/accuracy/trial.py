@@ -164,13 +164,13 @@ def guess_from(solution: Solution, body: Body, equations: Equations) -> Guess:
             given = None if layers is None else layers_of_cells(equations.job, body)
             # Coordinates of both meshes have the scale of the new one.
             body.place(solution.mesh_nodes * (body.length_scale / equations.body.length_scale))
-            _across(new, old, layers, given)
+            _interpolate_layers(new, old, layers, given)
             body.place(solution.mesh_nodes)
         new.x.scatter_forward()
     return Guess(u.x.array, None if p is None else p.x.array, strategy="solution on another mesh")
 
 
-def _across(new: fem.Function, old: fem.Function, layers: Ints | None, given: Ints | None) -> None:
+def _interpolate_layers(new: fem.Function, old: fem.Function, layers: Ints | None, given: Ints | None) -> None:
     """Interpolate between meshes of one body, whose coordinates have the same scale.
 
     Args:
@@ -184,7 +184,7 @@ def _across(new: fem.Function, old: fem.Function, layers: Ints | None, given: In
     else:
         for layer in layers_on(here.comm, given):
             cells = owned[0][layers[: len(owned[0])] == layer]
-            _interpolate_across(new, _within(old, owned[1][given[: len(owned[1])] == layer]), cells, padding)
+            _interpolate_across(new, _restricted(old, owned[1][given[: len(owned[1])] == layer]), cells, padding)
     new.x.scatter_forward()
 
 
@@ -193,12 +193,12 @@ def _interpolate_across(new: fem.Function, old: fem.Function, cells: Integers, p
     new.interpolate_nonmatching(old, cells, data)
 
 
-def _within(function: fem.Function, cells: Integers) -> fem.Function:
+def _restricted(function: fem.Function, cells: Integers) -> fem.Function:
     """Return a function on a mesh of some owned cells, by themselves; collective."""
     mesh = function.function_space.mesh
-    part, to_mesh = create_submesh(mesh, 3, cells)[:2]
-    found = fem.Function(fem.functionspace(part, function.function_space.ufl_element()))
+    part, entity_map = create_submesh(mesh, 3, cells)[:2]
+    restricted = fem.Function(fem.functionspace(part, function.function_space.ufl_element()))
     own = np.arange(part.topology.index_map(3).size_local, dtype=np.int32)
-    found.interpolate(function, to_mesh.sub_topology_to_topology(own, False), own)
-    found.x.scatter_forward()
-    return found
+    restricted.interpolate(function, entity_map.sub_topology_to_topology(own, False), own)
+    restricted.x.scatter_forward()
+    return restricted

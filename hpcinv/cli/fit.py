@@ -134,7 +134,7 @@ def _check_fixed(fixed: dict[str, str], candidates: list[Candidate]) -> None:
 
 
 def _tests(options: argparse.Namespace) -> list[Test]:
-    from hpcinv.fitting.measurements import mode_named, read_tests
+    from hpcinv.fitting.measurements import mode_named, read_tests, set_deviations
 
     if options.mode is not None:
         try:

@@ -82,10 +82,10 @@ class Prestrain(Effect):
         if not all(is_uniform(x) or isinstance(x, ByRegion) for x in entries):
             return
         for region in dict.fromkeys(name for x in regional for name in x.values) or [ELSEWHERE]:
-            if any(x.at(region) is None for x in regional):
+            if any(x.value_in(region) is None for x in regional):
                 continue
             F0 = components(
-                tuple(tuple(x.at(region) if isinstance(x, ByRegion) else x for x in row) for row in self.tensor)
+                tuple(tuple(x.value_in(region) if isinstance(x, ByRegion) else x for x in row) for row in self.tensor)
             )
             where: KeyPath = ("tensor", region) if regional else ("tensor",)
             if (determinant := float(_determinant(F0))) <= 0:

@@ -75,7 +75,7 @@ class ThermalExpansion(Effect):
         if not all(is_uniform(x) or isinstance(x, ByRegion) for x in factors):
             return
         for region in dict.fromkeys(name for x in regional for name in x.values) or [ELSEWHERE]:
-            alpha, change = (x.at(region) if isinstance(x, ByRegion) else x for x in factors)
+            alpha, change = (x.value_in(region) if isinstance(x, ByRegion) else x for x in factors)
             if alpha is None or change is None or (stretch := 1 + alpha * change) > 0:
                 continue
             where = f" in region '{region}'" if regional else ""

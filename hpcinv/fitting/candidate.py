@@ -17,7 +17,7 @@ from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.keys import assigned, parse_key
 from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.quantity import quantity_of
-from hpcinv.quantity.schema import KeyPath, at, job_error, problems_in
+from hpcinv.quantity.schema import KeyPath, dotted_key, job_error, problems_in
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension, parse_unit
 
@@ -45,11 +45,11 @@ class FreeParameter:
 
     @property
     def key(self) -> str:
-        return f"material.{at(self.place)}"
+        return f"material.{dotted_key(self.place)}"
 
     @property
     def name(self) -> str:
-        return at(self.place)
+        return dotted_key(self.place)
 
     @property
     def is_stress(self) -> bool:

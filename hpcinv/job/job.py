@@ -51,8 +51,8 @@ from hpcinv.quantity.schema import (
     Name,
     Problems,
     Spec,
-    at,
     collected,
+    dotted_key,
     job_error,
     name_from,
     raise_if_any,
@@ -457,10 +457,10 @@ class Job(Spec):
             parts += [(tuple(where.split(".", 1)), law) for where, law in laws.items()]
             for owner, part in parts:
                 for place in given_on_current(part):
-                    text = (
-                        f"{at((*owner, *place))} is given on the current body, but the given one, '{rest}', is the rest"
+                    text = f"{dotted_key((*owner, *place))} is given on the current body, but the given one, '{rest}',"
+                    raise ValueError(
+                        f"{text} is the rest shape: give it on the reference body (in a formula by X, Y, Z)"
                     )
-                    raise ValueError(f"{text} shape: give it on the reference body (in a formula by X, Y, Z)")
         return states
 
     @field_validator("effects")
@@ -764,7 +764,7 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
         raise JobError(f"{path}: plugins: a law or effect failed where it was checked: {fault}") from error
     job._path, job._data, job._untrusted = path, data, untrusted
     unknown = unknown_regions(job.resolve(job.mesh.file), job.regions, _named_regions(job))
-    if lines := [f"{path}: {at(where)}: {what}" for where, what in unknown]:
+    if lines := [f"{path}: {dotted_key(where)}: {what}" for where, what in unknown]:
         raise JobError(*lines)
     return job
 

@@ -24,7 +24,7 @@ from hpcinv.job import msh_format
 from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_generator, read_parameters
 from hpcinv.job.mesh_header import HEADER, SUFFIX
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
-from hpcinv.quantity.parameter_paths import Number, with_scalar
+from hpcinv.quantity.parameter_paths import Number, replace_scalar
 from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Size
 from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Problems, Spec, Triple, raise_if_any, shown
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
@@ -395,7 +395,7 @@ class Support(Spec):
 
     def with_number(self, place: KeyPath, number: float) -> Self:
         """A copy with another constant (SI) at one of the places of `numbers`."""
-        return self.model_copy(update={"constants": with_scalar(self.constants, place[1:], number)})
+        return self.model_copy(update={"constants": replace_scalar(self.constants, place[1:], number)})
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if (self.fix is None) == (self.displacement is None):

@@ -7,7 +7,7 @@ from hpcinv.job.sections import Support
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.keys import JobKey, parse_key
 from hpcinv.quantity.quantity import AnyQuantity, positive
-from hpcinv.quantity.schema import KeyPath, ListOf, Spec, at, collected, shown
+from hpcinv.quantity.schema import KeyPath, ListOf, Spec, collected, dotted_key, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
@@ -124,7 +124,7 @@ def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) ->
                     raise ValueError(f"{key} {number}: there is no derivative by it")
                 return Parameter(key, where, owner, place, number.value, number.dimension, deviation)
             if not isinstance(number, str):
-                known[(*begin, *place)] = at((*begin, *place))
+                known[(*begin, *place)] = dotted_key((*begin, *place))
     if inner_keys := [name for place, name in known.items() if place[: len(location)] == location]:
         raise ValueError(f"{key} is not one number; choose {' or '.join(_first(inner_keys))}")
     hint = (

@@ -153,7 +153,7 @@ class MaterialLaw(Ingredient):
         if not all(is_uniform(e) or isinstance(e, ByRegion) for e in entries):
             return
         for region in dict.fromkeys(name for e in regional for name in e.values) or [ELSEWHERE]:
-            if all(e.at(region) is not None for e in regional):
+            if all(e.value_in(region) is not None for e in regional):
                 yield SimpleNamespace(**{name: _regional_value(value, region) for name, value in values.items()})
 
     def numbers(self) -> dict[KeyPath, Number | str]:
@@ -302,4 +302,4 @@ def _check_number_of_moduli(
 def _regional_value(value: Any, region: str) -> Any:
     if isinstance(value, tuple):
         return tuple(_regional_value(entry, region) for entry in value)
-    return value.at(region) if isinstance(value, ByRegion) else value
+    return value.value_in(region) if isinstance(value, ByRegion) else value

@@ -118,7 +118,7 @@ class Parameters:
     def update_parameters(self, ingredients: Sequence[tuple[str, Ingredient]], scales: Scales) -> None:
         """Set the numbers of other ingredients, of a job of the same reuse group, in other scales."""
         for function, dimension in self._functions.values():
-            function.x.array[:] *= self._scales.of(dimension) / scales.of(dimension)
+            function.x.array[:] *= self._scales.unit_of(dimension) / scales.unit_of(dimension)
         self._scales, count = scales, len(self._values)
         self._values, self._metre = [0.0] * self._cases, None
         for where, ingredient in ingredients:
@@ -150,7 +150,7 @@ class Parameters:
         def follow(place: Any, rate: Any, dimension: Dimension, name: str) -> None:
             match place:
                 case int():
-                    entries[place] = rate / self._scales.of(dimension)
+                    entries[place] = rate / self._scales.unit_of(dimension)
                 case list():
                     for i, (p, r) in enumerate(zip(place, rate, strict=True)):
                         follow(p, r, dimension, f"{name}[{i}]")
@@ -158,7 +158,7 @@ class Parameters:
                     for name, slope in rate.constants.items():
                         entries[place.constants[name]] = slope
                 case fem.Function() if isinstance(rate, ByRegion):
-                    functions.append((place, self.fields.function(rate, self._scales.of(dimension), name)))
+                    functions.append((place, self.fields.function(rate, self._scales.unit_of(dimension), name)))
 
         for where, ingredient_rates in rates.items():
             places = self._places[self._numbers[where]]
@@ -195,7 +195,7 @@ class Parameters:
             return [self._place(v, dimension, f"{where}[{i}]") for i, v in enumerate(value)]
         if isinstance(value, LengthsOfBody):
             return self._append(value * self.fields.body.length)
-        scale = self._scales.of(dimension)
+        scale = self._scales.unit_of(dimension)
         if isinstance(value, ByFormula):
             if self._metre is None:
                 self._metre = self._append(self._scales.length)

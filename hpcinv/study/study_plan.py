@@ -90,7 +90,7 @@ def _runs(
     study: Study, base: Path, data: Mapping[str, Any], faults: SpecificationFaults, untrusted: bool
 ) -> Iterator[Run]:
     """Yield every valid run; faults of the others are added to ``faults``."""
-    for case, (parameters, of_case) in enumerate(combined(study.cases)):
+    for case, (parameters, case_settings) in enumerate(combined(study.cases)):
         for series in study.series:
             for step in range(series.steps):
                 varied = {key: values[step] for key, values in series.vary.items()}
@@ -98,7 +98,7 @@ def _runs(
                 place = RunPlace(series.name, step, case, label, varied, parameters)
                 least = {key: taken.at_least for key, taken in series.take.items()}
                 with faults.collected(place.title, base):
-                    settings = _merged(study.set, (series.set, of_case, varied, least))
+                    settings = _merged(study.set, (series.set, case_settings, varied, least))
                     job = parse(changed_data(data, settings), base, untrusted=untrusted)
                     if problems := [*_unmeasurable(study, job)]:
                         raise JobError(*problems)

@@ -544,5 +544,5 @@ def test_what_a_certificate_costs_stands_apart() -> None:
         pass
     assert timings.seconds.keys() == {"certificate", "residual"}
     assert timings.seconds["certificate"] >= 0
-    assert timings.within["factorization"] == 1.0
-    assert timings.within["tangent"] == pytest.approx(-1.0, abs=0.1)
+    assert timings.inner_seconds["factorization"] == 1.0
+    assert timings.inner_seconds["tangent"] == pytest.approx(-1.0, abs=0.1)
