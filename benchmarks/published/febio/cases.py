@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from hpcinv.errors import JobError
-from hpcinv.mesh.body import in_source_order
+from hpcinv.mesh.body import reorder_to_source
 from hpcinv.mesh.io.vtu import save_vtu
 from hpcinv.parallel.runtime import on_root
 
@@ -67,7 +67,7 @@ def quantities(name: str, result: Result) -> dict[str, float]:
     if (Path(__file__).parent / f"{name}.yaml").exists():
         return {}  # a job of this folder, with quantities of its own
     body, solution = result.body, result.solutions[0]
-    nodes, moves = in_source_order(body, solution.other_nodes), in_source_order(body, solution.u)
+    nodes, moves = reorder_to_source(body, solution.other_nodes), reorder_to_source(body, solution.u)
 
     def evaluate() -> dict[str, float]:
         if name.endswith(UNLOADED):

@@ -62,7 +62,7 @@ class Forecast:
     degree: int
     shape: Shape
 
-    def of_degree(self, degree: int) -> Forecast:
+    def degree_forecast(self, degree: int) -> Forecast:
         """Return the forecast for spaces of another degree on the same body."""
         finer = degree / self.degree
         shape = replace(self.shape, cut=self.shape.cut * finer**2)
@@ -87,7 +87,7 @@ class Forecast:
 
     def tangent(self, ranks: int = 1) -> float:
         """Time of one tangent and its factorization (s); those of slender bodies have little to share among ranks."""
-        factorization = self.factorization if self.operations < SINGLE else self._in_single
+        factorization = self.factorization if self.operations < SINGLE else self._single_precision_time
         return _TANGENT * self.unknowns * self.degree**2 / 4 / ranks + factorization / math.sqrt(ranks)
 
     @property
@@ -128,10 +128,10 @@ class Forecast:
             return TANGENTS * self.factorization
         factorizations = TANGENTS * (1 - 0.5 / self.shape.aspect)  # chunky bodies can keep more factors
         refinement = 6e-10 * self.entries + 2e-7 * self.unknowns
-        return factorizations * self._in_single + CORRECTIONS * _REFINEMENTS * refinement
+        return factorizations * self._single_precision_time + CORRECTIONS * _REFINEMENTS * refinement
 
     @property
-    def _in_single(self) -> float:
+    def _single_precision_time(self) -> float:
         """Time of one factorization in single precision (s)."""
         compressed = 0.7 if self.operations >= LOW_RANK else 1.0
         return compressed * (self.operations / 1e11 + 7e-9 * self.entries)
