@@ -500,7 +500,7 @@ def test_free_growth_has_no_limit_point(stretch: float, pressures: dict[str, int
         certificate={},
     )
     found = line(hpcinv.run(grown, comm), LIMIT_POINTS)
-    assert (found.value, found.verdict, found.note) == (0.0, Verdict.PASS, "no limit point on the way")
+    assert (found.value, found.verdict, found.note) == (0.0, Verdict.PASS, "the same sign at each load that was solved")
 
 
 @pytest.mark.parametrize(
