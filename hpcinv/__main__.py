@@ -65,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
     typed = sys.argv[1:] if arguments is None else arguments
     with imports_at_start():
-        options = _parser(*typed[:1]).parse_args(with_action(typed))
+        options = _parser(*typed[:1]).parse_args(complete_action(typed))
         from hpcinv.files.untrusted import asked_for
     end = ProvenEnd() if arguments is None and options.is_proven else None
     child = end.start() if end else 0
@@ -89,7 +89,7 @@ def main(arguments: list[str] | None = None) -> int:
             print(error, file=sys.stderr)
         return error.exit_code
     except MemoryError as error:
-        print(OutOfMemory.of(error), file=sys.stderr)
+        print(OutOfMemory.describing(error), file=sys.stderr)
         return OutOfMemory.exit_code
     except BrokenPipeError:
         discard_output()
@@ -102,7 +102,7 @@ def main(arguments: list[str] | None = None) -> int:
     return code
 
 
-def with_action(arguments: list[str]) -> list[str]:
+def complete_action(arguments: list[str]) -> list[str]:
     """Return the arguments of the command line with ``study FILE`` completed to ``study run FILE``."""
     if arguments[:1] != ["study"] or {"run", "status", "-h", "--help"}.intersection(arguments[1:2]):
         return arguments

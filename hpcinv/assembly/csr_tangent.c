@@ -5,7 +5,7 @@
 
 /* Find entries by row and column. All must be there; the columns of each row are ascending. */
 void find(int64_t count, const int32_t *row, const int32_t *column, const int32_t *starts, const int32_t *columns,
-          int32_t *found) {
+          int32_t *entries) {
   for (int64_t k = 0; k < count; k++) {
     int32_t low = starts[row[k]], high = starts[row[k] + 1];
     while (high - low > 1) {
@@ -15,7 +15,7 @@ void find(int64_t count, const int32_t *row, const int32_t *column, const int32_
       else
         high = middle;
     }
-    found[k] = low;
+    entries[k] = low;
   }
 }
 

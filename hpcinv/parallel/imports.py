@@ -32,7 +32,7 @@ def imports_explained() -> Iterator[None]:
 def imports_at_start() -> Iterator[None]:
     """Context of imports at the start of the program, in which a missing package ends it with one message."""
     try:
-        with imports_explained(), without_collections():
+        with imports_explained(), paused_collection():
             yield
     except SystemPartMissing as missing:
         if not is_other_rank():
@@ -41,7 +41,7 @@ def imports_at_start() -> Iterator[None]:
 
 
 @contextmanager
-def without_collections() -> Iterator[None]:
+def paused_collection() -> Iterator[None]:
     """Context of imports, in which Python does not search memory for garbage; it never searches what they leave.
 
     A search of all modules at the exit takes so long that launchers kill the process in it.
@@ -64,7 +64,7 @@ def _package(error: ImportError) -> str:
     name = error.name
     if not name:  # raised by the package, whose own module is that of the last frame outside Python's library
         names = [frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__)]
-        name = next((found for found in reversed(names) if _top(found) not in sys.stdlib_module_names), "")
+        name = next((module for module in reversed(names) if _top(module) not in sys.stdlib_module_names), "")
     top = _top(name)
     return "" if top in {"", "__main__", "hpcinv"} or top in sys.stdlib_module_names else top
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, NoReturn
 
 from hpcinv.errors import Interrupted
-from hpcinv.parallel.imports import without_collections
+from hpcinv.parallel.imports import paused_collection
 from hpcinv.parallel.signals import STOPPED, StopRequest, end_on_interrupt, exit_code_of
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def launched(ranks: int | None, *, stack: bool = True) -> Iterator[tuple[Intraco
         end_on_interrupt(lambda: abort(world, 130))
         end_if_asked()
         if stack:
-            with without_collections():
+            with paused_collection():
                 import hpcinv.parallel.runtime  # noqa: F401
         stop.install()
         stop.set_end_in_library(end_in_library)

@@ -46,8 +46,8 @@ def _load_stack() -> None:
         if name == "petsc4py.PETSc" and not module.Log.isActive():
             module.Log.begin()
         if name == "dolfinx" and not module.__version__.startswith(f"{DOLFINX}."):
-            found = f"DOLFINx {module.__version__} is installed, and hpcinv needs {DOLFINX}"
-            raise SystemPartMissing(found, INSTALLING)
+            mismatch = f"DOLFINx {module.__version__} is installed, and hpcinv needs {DOLFINX}"
+            raise SystemPartMissing(mismatch, INSTALLING)
 
 
 with handlers_kept():  # PETSc installs a handler of SIGTERM that ends the process

@@ -49,7 +49,7 @@ def test_importing_the_specs_takes_less_than_a_second_of_cpu() -> None:
     assert used() - before < 1.0
 
 
-OF_COMMAND = """
+PROGRAM = """
 import sys
 from pathlib import Path
 from hpcinv.__main__ import main
@@ -58,8 +58,8 @@ main(sys.argv[2:])
 names = (name for name, module in sys.modules.items() if getattr(module, "__file__", None))
 Path(sys.argv[1]).write_text(" ".join(names))
 """
-OF_A_JOB = {"annotated_types", "pydantic", "pydantic_core", "typing_extensions", "typing_inspection", "yaml"}
-OF_A_RUN = OF_A_JOB | {
+JOB_PACKAGES = {"annotated_types", "pydantic", "pydantic_core", "typing_extensions", "typing_inspection", "yaml"}
+RUN_PACKAGES = JOB_PACKAGES | {
     "adios2",
     "adios4dolfinx",
     "basix",
@@ -78,8 +78,8 @@ OF_A_RUN = OF_A_JOB | {
     "ufl",
 }
 """packages of others; each takes from 10 ms to half a second"""
-NOT_OF_A_JOB = {"hpcinv.batch", "hpcinv.driver", "hpcinv.output", "hpcinv.study", "hpcinv.sweep", "hpcinv.mesh"}
-NOT_OF_A_RUN = {
+UNNEEDED_BY_A_JOB = {"hpcinv.batch", "hpcinv.driver", "hpcinv.output", "hpcinv.study", "hpcinv.sweep", "hpcinv.mesh"}
+UNNEEDED_BY_A_RUN = {
     "hpcinv.batch",
     "hpcinv.fitting",
     "hpcinv.identification",
@@ -92,31 +92,31 @@ NOT_OF_A_RUN = {
 }
 
 
-def modules_of(tmp_path: Path, *arguments: str) -> set[str]:
+def imported_modules(tmp_path: Path, *arguments: str) -> set[str]:
     """Names of the modules that a command has imported."""
     listed = tmp_path / "modules.txt"
-    command = [sys.executable, "-c", OF_COMMAND, str(listed), *arguments]
+    command = [sys.executable, "-c", PROGRAM, str(listed), *arguments]
     subprocess.run(command, check=True, capture_output=True, text=True, cwd=tmp_path)
     return set(listed.read_text().split())
 
 
-def of_others(modules: set[str]) -> set[str]:
+def foreign_packages(modules: set[str]) -> set[str]:
     """Names of packages that belong neither to Python nor to the project."""
     names = {name.partition(".")[0] for name in modules} - sys.stdlib_module_names - {"__main__", "hpcinv"}
     return {name for name in names if not name.startswith("_")}
 
 
 def test_validate_imports_no_more_than_it_needs(tmp_path: Path) -> None:
-    modules = modules_of(tmp_path, "validate", str(JOBS / "single-tetrahedron.yaml"))
-    assert of_others(modules) == OF_A_JOB
-    assert not NOT_OF_A_JOB & modules
+    modules = imported_modules(tmp_path, "validate", str(JOBS / "single-tetrahedron.yaml"))
+    assert foreign_packages(modules) == JOB_PACKAGES
+    assert not UNNEEDED_BY_A_JOB & modules
     assert {name for name in modules if name.startswith("hpcinv.cli.")} <= {"hpcinv.cli.help", "hpcinv.cli.validate"}
 
 
 def test_a_run_imports_no_more_than_it_needs(tmp_path: Path) -> None:
-    modules = modules_of(tmp_path, "run", str(JOBS / "single-tetrahedron.yaml"), "--output", "results")
-    assert of_others(modules) <= OF_A_RUN
-    assert not NOT_OF_A_RUN & modules
+    modules = imported_modules(tmp_path, "run", str(JOBS / "single-tetrahedron.yaml"), "--output", "results")
+    assert foreign_packages(modules) <= RUN_PACKAGES
+    assert not UNNEEDED_BY_A_RUN & modules
     commands = {name for name in modules if name.startswith("hpcinv.cli.")}
     assert commands == {"hpcinv.cli.help", "hpcinv.cli.options", "hpcinv.cli.run"}
 
