@@ -146,25 +146,25 @@ def change(constant: str) -> None:
 
 def add_second_order(farthest: float) -> None:
     """Let predictions follow ``x + ẋ h + ẍ h²/2``, with ẍ from R(x + ε ẋ h) and the same factors."""
-    along_tangent, share = Predictor.predict, 0.1
+    first_order, share = Predictor.predict, 0.1
 
     def predict(self: Predictor, load: float, *, new_tangent: bool = False) -> Prediction:
         system = self.system
         start = system.position()
-        found = along_tangent(self, load, new_tangent=new_tangent)
-        if not found.is_taken or max(found.increment.rotation, found.increment.strain) > farthest:
-            return found
-        end, first, between = system.position(), system.rhs.duplicate(), start.copy()
+        prediction = first_order(self, load, new_tangent=new_tangent)
+        if not prediction.is_taken or max(prediction.increment.rotation, prediction.increment.strain) > farthest:
+            return prediction
+        end, first, middle = system.position(), system.rhs.duplicate(), start.copy()
         system.set_state(start)
         system.residual(first)
-        between.axpby(share, 1 - share, end)
-        system.set_state(between)
+        middle.axpby(share, 1 - share, end)
+        system.set_state(middle)
         system.residual(system.rhs)
         system.rhs.axpy(share - 1, first)  # what is left is of second order
-        self.linear.ksp.solve(system.rhs, between)
-        end.axpy(-1 / share**2, between)
+        self.linear.ksp.solve(system.rhs, middle)
+        end.axpy(-1 / share**2, middle)
         system.set_state(end)
-        return found
+        return prediction
 
     Predictor.predict = predict  # type: ignore[method-assign]
 

@@ -12,7 +12,7 @@ import pytest
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, ROOT, write_job
 from helpers.command_line import hpcinv as command
-from helpers.thick_sphere import PRESSURE, before, carried, sphere
+from helpers.thick_sphere import PRESSURE, carried, outer_radius, sphere
 from helpers.verification import box, job
 from petsc4py import PETSc
 
@@ -72,7 +72,7 @@ def effectivities(result: Result, exact: dict[str, float]) -> dict[str, float]:
 @pytest.mark.parametrize(("divisions", "hexahedra"), [(2, True), (4, True), (2, False), (4, False)])
 def test_the_error_of_the_sphere_is_estimated(divisions: int, hexahedra: bool, comm: MPI.Intracomm) -> None:
     A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
-    found = effectivities(hpcinv.run(sphere(divisions, hexahedra), comm), {"inner": A, "outer": before(A)})
+    found = effectivities(hpcinv.run(sphere(divisions, hexahedra), comm), {"inner": A, "outer": outer_radius(A)})
     print(f"{divisions} divisions, hexahedra {hexahedra}: effectivity {found}")
     assert all(0.5 < value < 2 for value in found.values())
 

@@ -17,7 +17,7 @@ from helpers import thick_cylinder as cylinder
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, hpcinv, write_job
 from helpers.mesh_cases import spec
-from helpers.thick_sphere import INNER, OUTER, PRESSURE, before, carried, sphere
+from helpers.thick_sphere import INNER, OUTER, PRESSURE, carried, outer_radius, sphere
 from helpers.verification import job
 
 import hpcinv as package
@@ -40,7 +40,7 @@ from hpcinv.parallel.runtime import MPI
 
 A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
 EXACT_WALL = math.pi / 6 * (OUTER**3 - INNER**3)
-EXACT = {"inner": A, "outer": before(A), "volume": EXACT_WALL, "point": A}
+EXACT = {"inner": A, "outer": outer_radius(A), "volume": EXACT_WALL, "point": A}
 ESTIMATE = NO_CERTIFICATE | {"estimate": True}
 MESHES = Path(__file__).parents[2] / "meshes"
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from helpers.closed_forms import LAM, MU, NEO_HOOKEAN
 from helpers.resultants import Loaded
-from helpers.rotating_bar import DENSITY, LENGTH, SPIN, at_rest, lengthening
+from helpers.rotating_bar import DENSITY, LENGTH, SPIN, lengthening, rest_length
 from helpers.verification import HERE, box, digits, job
 
 import hpcinv
@@ -74,7 +74,7 @@ def test_lengthening_converges_with_order_four(direction: str, density_in: str, 
 
 def test_the_job_that_comes_with_the_project(comm: MPI.Intracomm) -> None:
     found = hpcinv.run(hpcinv.load(HERE.parents[1] / "jobs" / "rotating-bar.yaml"), comm).quantities
-    assert found["length-at-rest"] == pytest.approx(at_rest(LENGTH, "reference"), abs=1e-8)
+    assert found["length-at-rest"] == pytest.approx(rest_length(LENGTH, "reference"), abs=1e-8)
 
 
 @pytest.mark.parametrize("direction", DIRECTIONS)

@@ -195,7 +195,7 @@ def test_contact_with_a_rigid_obstacle_has_no_derivatives(comm: MPI.Intracomm) -
         quantities=[],
     )
     with Workspace(comm) as workspace:
-        spread = SurfaceSpreads(pressed, workspace.body(pressed)).of([])
+        spread = SurfaceSpreads(pressed, workspace.body(pressed)).spread_of([])
     assert spread is not None
     (line,) = spread.lines()
     assert line.verdict is Verdict.SKIPPED

@@ -61,7 +61,7 @@ def test_shape_of_a_block(comm: MPI.Intracomm) -> None:
 @pytest.mark.parametrize("shape", [Shape(cut=300.0, aspect=4.0), Shape(cut=108.0, aspect=30.0)])
 def test_a_shape_is_found_from_its_operations(shape: Shape) -> None:
     unknowns = round(shape.aspect * shape.cut**1.5 / 3**0.5)
-    found = Shape.of_operations(Forecast(unknowns, 2, shape).operations, unknowns)
+    found = Shape.equal_rod(Forecast(unknowns, 2, shape).operations, unknowns)
     assert (found.cut, found.aspect) == pytest.approx((shape.cut, shape.aspect), rel=1e-3)
 
 
