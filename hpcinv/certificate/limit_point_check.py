@@ -66,7 +66,7 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
     if all(solve_signs[-1] == start_sign for solve_signs in signs):
         # A coarse solve with a limit point on its path, or another sign at the end of it, is not used.
         nested = any(s.strategy == NESTED and s.outcome.accepted for s in solution.solves)
-        note = "no limit point on the way" + (", which was followed on coarser cells" if nested else "")
+        note = "the same sign at each load that was solved" + (", on coarser cells along the path" if nested else "")
         return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, note)
     note = "another shape may carry the same load: compare with smaller steps"
     if may_be_spurious:

@@ -33,9 +33,11 @@ def _load_stack() -> None:
         "dolfinx_solver"
     ):  # in the wheel; an installation of DOLFINx by the site has no such package
         importlib.import_module("dolfinx_solver")
-    for name in ("mpi4py.MPI", "petsc4py.PETSc", "dolfinx", "adios4dolfinx"):
+    for name in ("mpi4py.MPI", "petsc4py.PETSc", "dolfinx", "adios2", "adios4dolfinx"):
         try:
             module = importlib.import_module(name)
+            if name == "adios2":
+                importlib.import_module("hpcinv.parallel.adios").provide_mpi()
         except ImportError as exc:
             raise SystemPartMissing(f"{name.partition('.')[0]} cannot be imported: {exc}", INSTALLING) from None
         if name == "petsc4py.PETSc" and issubclass(module.ScalarType, complexfloating):

@@ -109,6 +109,7 @@ def test_the_error_of_straight_cells_on_a_cylinder(direction: str, comm: MPI.Int
     assert 0.8 < ratio < 1.25
 
 
+@pytest.mark.everyday("0.0")
 @pytest.mark.parallel([1, 3])
 @pytest.mark.parametrize("many", [math.inf, 0.0])
 def test_the_error_of_straight_cells_that_turn(

@@ -67,7 +67,7 @@ def write_partitioned(path: Path, comm: MPI.Intracomm, source: MeshSource) -> No
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     with _published(partial, path, comm, header):
         io = _io(comm)
-        with adios2.Stream(io, str(partial), "w", comm) as stream:
+        with adios2.Stream(io, str(partial), "w") as stream:
             stream.begin_step()
             for name, place, array in arrays:
                 if len(array):
@@ -138,7 +138,7 @@ def _read(
 ) -> dict[str, RowArray]:
     """Rows of this rank of every array; arrays without rows are not in the file."""
     arrays = {}
-    with adios2.Stream(_io(comm), str(path), "rra", comm) as stream:
+    with adios2.Stream(_io(comm), str(path), "rra") as stream:
         for name, place, none in _arrays(_blank(path, header)):
             (start, stop), arrays[name] = ranges[place], none
             if start < stop:
