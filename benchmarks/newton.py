@@ -6,7 +6,8 @@ last columns are the largest difference from the displacements of an earlier run
 Constants of the method can be given other values, and left out by infinite ones; `--second-order` adds a term of second
 order to the predictor, where that turns and stretches the body by no more than a number.
 
-Command: mpirun -n 1 python benchmarks/newton.py [cases …] [--answers FILE] [--with NewtonMonitor.near=0.1 …]
+Command: mpirun -n 1 python benchmarks/newton.py [cases …] [--answers FILE]
+[--with NewtonMonitor.close_correction=0.1 …]
 """
 
 from __future__ import annotations

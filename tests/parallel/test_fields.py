@@ -71,10 +71,10 @@ def check(directory: Path, source: MeshSource, field: Field, *, is_linear: bool,
     smooth = grid.point_data["J_projected"]
     assert low * (1 - 1e-6) <= smooth.min() < smooth.max() <= high * (1 + 1e-6)
     # Cells, which no rank writes twice, and where the source has curved ones all their nodes, are where they were.
-    found, expected = (points[nodes], source.points[source.cells])
-    count = min(found.shape[1], expected.shape[1])
+    written, expected = (points[nodes], source.points[source.cells])
+    count = min(written.shape[1], expected.shape[1])
     assert count == expected.shape[1]
-    middles = [np.unique(c[:, :count].mean(axis=1).round(12), axis=0) for c in (found, expected)]
+    middles = [np.unique(c[:, :count].mean(axis=1).round(12), axis=0) for c in (written, expected)]
     assert middles[0].shape == middles[1].shape == (len(source.cells), 3)
     assert np.allclose(*middles, rtol=0, atol=2e-12)
 

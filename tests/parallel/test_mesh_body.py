@@ -144,10 +144,10 @@ def test_what_is_written_is_read_back_bit_for_bit(comm: MPI.Intracomm, meshes: P
             again = build_body(spec(path, partition="scotch"), {}, comm)
             assert (again.source.kind, again.source.degree) == (body.source.kind, body.source.degree)
             expected = reorder_to_source(body, moved)
-            found = reorder_to_source(again, again.mesh.geometry.x * again.length_scale)
+            nodes = reorder_to_source(again, again.mesh.geometry.x * again.length_scale)
             assert len(expected) == len(body.source.points)
             assert (len(expected) == 0) == (comm.rank > 0)
-            assert np.array_equal(found, expected)
+            assert np.array_equal(nodes, expected)
             for array in ("node_tags", "cells", "cell_tags"):
                 assert np.array_equal(getattr(again.source, array), getattr(body.source, array)), array
             assert list(run_directory.glob(".*partial*")) == []

@@ -144,8 +144,8 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
         monkeypatch.setattr(run_report, "statistics", statistics)
         given["files"] = []
 
-        def write_summary(_path: Path, found: dict[str, Any], *_: Any, formats: Sequence[str]) -> None:
-            given.update(written=found)
+        def write_summary(_path: Path, content: dict[str, Any], *_: Any, formats: Sequence[str]) -> None:
+            given.update(written=content)
             given["files"] += formats
 
         def write_run_report(_path: Path, _found: dict[str, Any]) -> None:
@@ -169,7 +169,7 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
         path = tmp_path if directory else None
         store: Any = SimpleNamespace(path=path, comm=MPI.COMM_SELF, check_in_place=lambda: None, unwritten=[])
         progress: Any = SimpleNamespace(
-            warn=given["warnings"].append, finish=lambda found: given.update(printed=found["status"])
+            warn=given["warnings"].append, finish=lambda content: given.update(printed=content["status"])
         )
         totals: Any = SimpleNamespace(
             warnings=(), after=lambda size, nominal: SimpleNamespace(warnings=(f"moves {size} m",))
@@ -193,11 +193,11 @@ def test_a_converged_run_is_written_printed_and_warned_about(report: MakeReport)
     one.ended(ended(1.0, solve(1.0)))
     certificate: Any = SimpleNamespace(lines=())
     result = Result(one.job, one.equations.body, (solution(1.0, solve(1.0)),), certificate, {"tip": 0.5})
-    found = one.conclude(result)
-    assert (given["status"], given["printed"], given["written"]) == ("converged", "converged", found.statistics)
+    concluded = one.conclude(result)
+    assert (given["status"], given["printed"], given["written"]) == ("converged", "converged", concluded.statistics)
     assert given["warnings"] == ["moves 1e-09 m"]
     assert given["unused"] == ["snes_view"]
-    assert found.quantities == {"tip": 0.5}
+    assert concluded.quantities == {"tip": 0.5}
 
 
 @pytest.mark.parametrize("report_fails", [False, True])

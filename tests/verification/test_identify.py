@@ -60,8 +60,8 @@ def job(path: Path = ROOT / "tests" / "job.yaml", **data: Any) -> Job:
 
 
 def true_values(comm: MPI.Intracomm, workspace: Workspace) -> dict[str, Any]:
-    found = hpcinv.run(job(material={"law": "neo-hookean", "mu": 9e3, "lam": 30e3}), comm, workspace=workspace)
-    return dict(found.quantities)
+    result = hpcinv.run(job(material={"law": "neo-hookean", "mu": 9e3, "lam": 30e3}), comm, workspace=workspace)
+    return dict(result.quantities)
 
 
 def section(parameters: dict[str, Any], values: dict[str, Any], sd: dict[str, float]) -> dict[str, Any]:
@@ -228,16 +228,20 @@ def test_shares_of_states() -> None:
 
 
 def check_scans(identified: Identified, scans: int) -> None:
-    found = identified.estimate
+    estimated = identified.estimate
     deviations = [
-        (value - true) / sd for value, true, sd in zip(found.values, TRUE.values(), found.deviations, strict=True)
+        (value - true) / sd
+        for value, true, sd in zip(estimated.values, TRUE.values(), estimated.deviations, strict=True)
     ]
-    print(f"{1 + scans} scans: {found.values}, sd {found.deviations}, errors {deviations}, chi² {found.chi_squared}")
+    print(
+        f"{1 + scans} scans: {estimated.values}, sd {estimated.deviations}, errors {deviations},"
+        f" chi² {estimated.chi_squared}"
+    )
     assert max(map(abs, deviations)) < 3.5
-    assert found.probability is not None
-    assert 1e-3 < found.probability < 1 - 1e-3
-    assert not warnings(found)
-    assert len(found.history) < 12
+    assert estimated.probability is not None
+    assert 1e-3 < estimated.probability < 1 - 1e-3
+    assert not warnings(estimated)
+    assert len(estimated.history) < 12
     # The rest shape comes with it: it is that of the true material to about its standard deviation.
     assert 0 < identified.shape_deviations["rest"] < 0.02
 
@@ -319,9 +323,9 @@ def test_weight_alone_determines_the_modulus_over_the_density_only(comm: MPI.Int
         )
 
 
-def texts_deviation(found: Any) -> float:
+def texts_deviation(estimated: Any) -> float:
     """Relative standard deviation of the ratio that is determined."""
-    one = found.combinations[0]
+    one = estimated.combinations[0]
     return float(one.deviation / np.abs(one.vector).max())
 
 
@@ -374,10 +378,10 @@ def test_regions_of_confidence_hold_the_true_parameters_as_often_as_they_say(com
                 n: (np.array(exact[n]) + s * random.standard_normal(np.shape(exact[n]))).tolist() for n, s in sd.items()
             }
             observed = section(dict.fromkeys(TRUE), noisy, sd)
-            found = identify(job(identify=observed), comm, workspace=workspace).estimate
-            error = found.values - np.array([*TRUE.values()])
-            pulls.append(error / np.sqrt(np.diag(found.covariance)))
-            inside += float(error @ np.linalg.solve(found.covariance, error)) < 5.991
+            estimated = identify(job(identify=observed), comm, workspace=workspace).estimate
+            error = estimated.values - np.array([*TRUE.values()])
+            pulls.append(error / np.sqrt(np.diag(estimated.covariance)))
+            inside += float(error @ np.linalg.solve(estimated.covariance, error)) < 5.991
     print(f"95 % regions hold the true values in {inside} of 100; pulls {np.std(pulls, axis=0)}")
     assert 88 <= inside <= 100
 
@@ -388,9 +392,9 @@ NEEDED: dict[str, Any] = section({"material.mu": None}, {"volume": 1.0}, {"volum
 def changed(change: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
     import copy
 
-    found = copy.deepcopy(NEEDED)
-    change(found)
-    return found
+    changed_content = copy.deepcopy(NEEDED)
+    change(changed_content)
+    return changed_content
 
 
 def parameter(**content: Any) -> dict[str, Any]:

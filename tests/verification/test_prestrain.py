@@ -70,9 +70,9 @@ def check_energy(solved: Solved, density: float, F: np.ndarray) -> None:
 
 
 def check_prestrain_stress(solved: Solved, expected: np.ndarray) -> None:
-    found = solved.scene.means().prestrain_stress
-    assert found is not None
-    values = found.x.array.reshape(-1, 3, 3) * solved.model.scales.stress
+    mean_stress = solved.scene.means().prestrain_stress
+    assert mean_stress is not None
+    values = mean_stress.x.array.reshape(-1, 3, 3) * solved.model.scales.stress
     assert np.abs(values - expected).max() < 1e-12 * MU
 
 
@@ -283,9 +283,9 @@ def test_derivatives_by_components_of_the_tensor(comm: MPI.Intracomm) -> None:
         quantities=[{"name": "corner", "of": "displacement", "at": [1, 1, 1]}],
         sensitivities=keys,
     )
-    found = hpcinv.run(free, comm).sensitivities
-    assert found is not None
-    slopes = np.array([found.slopes["corner"][key] for key in keys])
+    sensitivities = hpcinv.run(free, comm).sensitivities
+    assert sensitivities is not None
+    slopes = np.array([sensitivities.slopes["corner"][key] for key in keys])
     assert np.abs(slopes - np.eye(3)).max() < 1e-10
 
 

@@ -126,7 +126,7 @@ def test_a_block_buckles_where_theory_has_it(
     """Of finite bulk modulus in the displacement form; the critical strain changes by about μ/3κ."""
     critical = buckling(kh)
     assert critical == pytest.approx({0.3: 0.9730312, 1.0: 0.8358313}[kh], abs=1e-7)  # two roots known from elsewhere
-    found = job(
+    case_job = job(
         analysis="forward",
         mesh=box(divisions, ly=2 * kh * critical**2 / pi, lz=0.1, hexahedra=hexahedra),
         material=NEO_HOOKEAN | {"kappa": kappa},
@@ -140,7 +140,7 @@ def test_a_block_buckles_where_theory_has_it(
         discretisation={"formulation": "mixed" if kappa == "incompressible" else "displacement"},
         certificate=STABILITY,
     )
-    line = line_of(found, comm)
+    line = line_of(case_job, comm)
     if unstable:
         assert (line.value, line.verdict) == (1.0, Verdict.FAIL)
     else:
@@ -217,15 +217,15 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
     equilibrium = model.equilibrium(model.scene("forward"))
     assert equilibrium.solve(1.0, 1e-10).outcome.accepted
     model.release(equilibrium)
-    found, p = model.state().fields
-    moved = np.abs(found.x.array - u.x.array).max() / np.abs(u.x.array).max()
+    displacement, p = model.state().fields
+    moved = np.abs(displacement.x.array - u.x.array).max() / np.abs(u.x.array).max()
     assert moved < 0.08  # it is that equilibrium, and not the one beyond the limit point, about 0.2 away
     nodes = body.mesh.geometry.x * length
     solution: Any = SimpleNamespace(
         job=one,
         direction="forward",
-        fields=(found, p),
-        displacement=found,
+        fields=(displacement, p),
+        displacement=displacement,
         pressure=p,
         mesh_nodes=nodes,
         reference_nodes=nodes,
@@ -335,7 +335,9 @@ def test_a_column_of_all_sorts_buckles(share: float, unstable: int, comm: MPI.In
 
 
 def test_what_cannot_be_confirmed_is_not_decided() -> None:
-    lines = [_unstable(2, found, is_mixed=mixed) for found in (None, Confirmed(0, 0.0)) for mixed in (True, False)]
+    lines = [
+        _unstable(2, confirmed, is_mixed=mixed) for confirmed in (None, Confirmed(0, 0.0)) for mixed in (True, False)
+    ]
     assert {(line.value, line.verdict) for line in lines} == {(2.0, Verdict.UNDECIDED)}
     assert len({line.note for line in lines}) == 3
     # Without a potential the symmetric part proves no instability.
@@ -367,7 +369,7 @@ def test_not_decided_on_screen_in_the_summary_and_in_the_exit_code(tmp_path: Pat
     }
     path, kernels = write_job(tmp_path / "block.yaml", data), tmp_path / "kernels"
     assert command(1, "compile", path, "--cache", kernels, cwd=tmp_path).returncode == 0
-    before = {found.name for found in kernels.glob("*.so")}
+    before = {paths.name for paths in kernels.glob("*.so")}
     for ranks, options, code in ((1, (), 0), (2, ("--strict", "--overwrite"), 7)):
         ended = command(
             ranks, "run", path, "--output", tmp_path / "out", *options, cwd=tmp_path, HPCINV_KERNELS=str(kernels)
@@ -375,10 +377,10 @@ def test_not_decided_on_screen_in_the_summary_and_in_the_exit_code(tmp_path: Pat
         assert ended.returncode == code, ended.stdout + ended.stderr
         assert "certificate: not decided" in ended.stdout
         assert "  not decided: stability: unstable directions 1 (" in ended.stdout
-    assert before == {found.name for found in kernels.glob("*.so")} != set()
-    found = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]
-    assert found["verdict"] == "not decided"
-    undecided = [line["name"] for line in found["lines"] if line["verdict"] == "not decided"]
+    assert before == {paths.name for paths in kernels.glob("*.so")} != set()
+    paths = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]
+    assert paths["verdict"] == "not decided"
+    undecided = [line["name"] for line in paths["lines"] if line["verdict"] == "not decided"]
     assert undecided == [
         "stability: unstable directions",
         "limit points of the path",
@@ -387,7 +389,7 @@ def test_not_decided_on_screen_in_the_summary_and_in_the_exit_code(tmp_path: Pat
 
 @pytest.mark.parametrize(("verdict", "strict"), [("pass", 0), ("not decided", 7), ("warning", 7), ("fail", 6)])
 def test_a_sweep_counts_what_is_not_decided_like_a_warning(verdict: str, strict: int) -> None:
-    found = Status("sweep", "cases", "sweep retry --failed", 1, {verdict: 1}, 0, {}, {}, None)
-    assert found.exit_code(strict=True) == strict
-    assert found.exit_code(strict=False) == (6 if verdict == "fail" else 0)
-    assert f"    1 × certificate {verdict}" in lines(found)
+    status = Status("sweep", "cases", "sweep retry --failed", 1, {verdict: 1}, 0, {}, {}, None)
+    assert status.exit_code(strict=True) == strict
+    assert status.exit_code(strict=False) == (6 if verdict == "fail" else 0)
+    assert f"    1 × certificate {verdict}" in lines(status)

@@ -57,9 +57,9 @@ def values(
     solution = solution_of(model, its.directions[0], model.scene(its.directions[0]), ())
     model.unload()
     body.mesh.geometry.x[:] *= 1.1  # moved on, to another solution
-    found = evaluate(quantities, body, solution, model)
-    assert str(comm.allgather(found)) == str([found] * comm.size)  # NaN is not equal to itself
-    return [found[q.name] for q in quantities]
+    evaluated = evaluate(quantities, body, solution, model)
+    assert str(comm.allgather(evaluated)) == str([evaluated] * comm.size)  # NaN is not equal to itself
+    return [evaluated[q.name] for q in quantities]
 
 
 @pytest.mark.parallel([1, 2])

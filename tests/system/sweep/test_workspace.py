@@ -121,9 +121,9 @@ def test_a_region_moves_with_a_name_that_is_swept(
     content["mesh"] = content["mesh"] | {"file": str(ROOT / "meshes" / "box.py")}
     if comm.rank == 0:
         write_sweep(run_directory, [{"grid": {"let.c": list(names)}}], job=content)
-    found = sweep(run_directory / "sweep.yaml", comm, ranks_per_case=comm.size)
+    result = sweep(run_directory / "sweep.yaml", comm, ranks_per_case=comm.size)
     lengths = {"0.066 m": 2 / 15, "0.133 m": 1 / 15}  # of whole cells, each 1/30 m long, beyond the plane
-    assert found["V"] == pytest.approx([1e-2 * lengths[name] for name in names], rel=1e-12)
+    assert result["V"] == pytest.approx([1e-2 * lengths[name] for name in names], rel=1e-12)
 
 
 def differs(one: Result, other: Result) -> float:
@@ -141,14 +141,14 @@ def test_a_run_after_another_finds_what_it_finds_alone(pair: str, comm: MPI.Intr
     alone = run(after, comm)
     with Workspace(comm) as workspace:
         run(before, comm, workspace=workspace)
-        found = run(after, comm, workspace=workspace)
+        result = run(after, comm, workspace=workspace)
         again = run(before, comm, workspace=workspace)
-    assert differs(alone, found) < 1e-11
+    assert differs(alone, result) < 1e-11
     assert differs(run(before, comm), again) < 1e-11
-    assert found.solutions[0].strain_energy == pytest.approx(alone.solutions[0].strain_energy, rel=1e-10)
-    assert found.quantities == pytest.approx(alone.quantities, rel=1e-10)
+    assert result.solutions[0].strain_energy == pytest.approx(alone.solutions[0].strain_energy, rel=1e-10)
+    assert result.quantities == pytest.approx(alone.quantities, rel=1e-10)
     assert np.abs(
-        found.solutions[0].cauchy_stress.x.array - alone.solutions[0].cauchy_stress.x.array
+        result.solutions[0].cauchy_stress.x.array - alone.solutions[0].cauchy_stress.x.array
     ).max() < 1e-8 * np.abs(alone.solutions[0].cauchy_stress.x.array).max(initial=1.0)
 
 
