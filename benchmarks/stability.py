@@ -165,7 +165,7 @@ def price(job: Job) -> list[str]:
     return [str(model.unknowns.size), *(f"{value:.2f}" for value in seconds)]
 
 
-def without_factors(size: int) -> Iterator[list[str]]:
+def iteration_rows(size: int) -> Iterator[list[str]]:
     """The lowest eigenvalue by iteration after an iterative solve, which is its measure."""
     certificate = {"level": "off", "stability": True}
     for name, body, analysis in (("block", block_of, "inverse"), ("beam", beam, "forward")):
@@ -175,9 +175,9 @@ def without_factors(size: int) -> Iterator[list[str]]:
         phases = result.statistics["timings"]["phases"]
         work = ("newton", "residual", "tangent", "factorization", "linear solve", "admissibility check")
         solve = sum(phases[phase]["max"] for phase in work if phase in phases)
-        found, seconds = result.statistics, line.seconds or 0.0
-        solution = found["solutions"][0]
-        effort = [found["mesh"]["unknowns"], solution["factorizations"], solution["linear"]["iterations"]]
+        summary, seconds = result.statistics, line.seconds or 0.0
+        solution = summary["solutions"][0]
+        effort = [summary["mesh"]["unknowns"], solution["factorizations"], solution["linear"]["iterations"]]
         yield [f"{name}, {analysis}", *map(str, effort), f"{solve:.1f}", f"{seconds:.1f}", f"{seconds / solve:.2f}"]
 
 
@@ -197,7 +197,7 @@ def main() -> None:
     what = options.what
     rows: list[list[str]]
     if what == "without-factors":
-        rows = list(without_factors(options.size))
+        rows = list(iteration_rows(options.size))
     elif what == "price":
         names = ("coil-through-itself", "standing-beam")
         rows = [[name, *price(load(ROOT / "jobs" / "hard" / f"{name}.yaml"))] for name in names]

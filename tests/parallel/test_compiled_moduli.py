@@ -172,7 +172,7 @@ def test_moduli_are_derived_once(comm: MPI.Intracomm, tmp_path: Path, monkeypatc
         data = TWO_REGIONS | {"discretisation": {"displacement": 2, "quadrature": degree}}
         before, model = derived, model_of(data, comm)
         moduli = compiled_moduli(model.scene("inverse").residual, model.unknowns, options)
-        return derived - before, [one.expression.eval(model.unknowns.mesh, one.cells) for one in moduli]
+        return derived - before, [part.expression.eval(model.unknowns.mesh, part.cells) for part in moduli]
 
     count, first = values()
     assert count == 1

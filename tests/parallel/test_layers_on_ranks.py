@@ -209,8 +209,8 @@ def test_layers_that_become_the_same_are_one_again(comm: MPI.Intracomm) -> None:
     def run(mu: str, workspace: Workspace | None) -> list[float]:
         material = {**LAYERED, "elsewhere": {**LAYERED["elsewhere"], "mu": mu}}
         quantity = {"name": "pull", "of": "ux", "on": "x1", "reduce": "mean"}
-        one = lying(2, comm, hexahedra=True, material=material, quantities=[quantity])
-        result = hpcinv.run(one, comm, workspace=workspace)
+        case = lying(2, comm, hexahedra=True, material=material, quantities=[quantity])
+        result = hpcinv.run(case, comm, workspace=workspace)
         p = result.solutions[0].pressure
         assert p is not None
         return [result.quantities["pull"], float(len(p.x.array))]

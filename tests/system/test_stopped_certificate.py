@@ -129,7 +129,7 @@ def test_a_signal_in_the_certificate_keeps_both_directions(tmp_path: Path) -> No
     done = hpcinv(1, "resume", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("  load ") == 0
-    assert [one["direction"] for one in summary(tmp_path / "run")["solutions"]] == ["inverse", "forward"]
+    assert [solution["direction"] for solution in summary(tmp_path / "run")["solutions"]] == ["inverse", "forward"]
 
 
 def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_again(tmp_path: Path) -> None:

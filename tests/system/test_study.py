@@ -168,9 +168,9 @@ def test_only_kernels_that_were_not_found_count_as_compiled(
     mesh = {"file": str(write_msh(tmp_path / "block.msh", ROOT / "meshes", False, 1, 4.1))}
     given = {k: v for k, v in COLUMN.items() if k != "quantities"} | {"mesh": mesh, "certificate": NO_CERTIFICATE}
     given |= {"discretisation": {"displacement": 1}, "supports": [{"region": "z0", "fix": ["x", "y", "z"]}]}
-    one = parse(given, tmp_path / "column.yaml")
+    column_job = parse(given, tmp_path / "column.yaml")
     claim: Any = None
-    task = StudyTask("one", one, claim, 1, 1)
+    task = StudyTask("one", column_job, claim, 1, 1)
     with StudyRunner(comm) as runner, SilentProgress(comm) as progress:
         compiled = [runner.run(task, progress, lambda: False)["compiled"] for _ in range(2)]
     assert compiled == [True, False]
@@ -208,11 +208,11 @@ def test_a_damaged_record_is_done_again(begin: Begin, tmp_path: Path) -> None:
 def test_two_schedules_share_the_runs_and_each_waits_for_the_other(begin: Begin, tmp_path: Path) -> None:
     study = plan(tmp_path, repeat=2, series=[{"name": "P2", "vary": {"mesh.parameters.nz": [1, 2]}}])
     here, there = begin(study, tmp_path), begin(study, tmp_path)
-    one, other = here.next(), there.next()
-    assert isinstance(one, StudyTask)
+    mine, other = here.next(), there.next()
+    assert isinstance(mine, StudyTask)
     assert isinstance(other, StudyTask)
-    assert titles([one, other]) == ["P2, 1", "P2, 2"]
-    assert here.executions.ledger.commit(one.claim, good(1.0))
+    assert titles([mine, other]) == ["P2, 1", "P2, 2"]
+    assert here.executions.ledger.commit(mine.claim, good(1.0))
     # The second execution of the run whose first one the other has in hand is not begun before that is over.
     second = here.next()
     assert isinstance(second, StudyTask)

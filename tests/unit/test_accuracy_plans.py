@@ -103,8 +103,8 @@ def test_orders_and_costs_are_learnt() -> None:
 
 
 def test_orders_are_presumed_with_care() -> None:
-    one = RefinementForecast(steps([1.0], [2]), [1.0], 10.0)
-    assert (one.order(2), one.order(3), one.is_known(2)) == (3.0, 4.0, False)
+    single_step = RefinementForecast(steps([1.0], [2]), [1.0], 10.0)
+    assert (single_step.order(2), single_step.order(3), single_step.is_known(2)) == (3.0, 4.0, False)
     two = RefinementForecast(steps([1.0, 0.5], [2, 2]), [1.0, 2**-2.5], 10.0)
     assert (two.order(2), two.order(3)) == (pytest.approx((2.5 + 3) / 2), 4.0)
     rough = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 0.5, 0.25], 10.0)
@@ -112,9 +112,9 @@ def test_orders_are_presumed_with_care() -> None:
     raised = RefinementForecast(steps([1.0, 1.0], [2, 3]), [1.0, 0.05], 10.0)
     assert raised.gain(2) == pytest.approx(0.05)
     factors = [1.5, 2.0, 3.0, 4.0, 6.0, 8.0]
-    assert cautious(one, one.everywhere(8.0, 2), factors) == CAREFUL
+    assert cautious(single_step, single_step.everywhere(8.0, 2), factors) == CAREFUL
     assert cautious(rough, rough.everywhere(8.0, 2), factors) == BOLD
-    assert cautious(one, one.everywhere(1.5, 2), factors) == 1.5
+    assert cautious(single_step, single_step.everywhere(1.5, 2), factors) == 1.5
 
 
 def test_the_cheapest_that_is_enough_is_chosen() -> None:

@@ -275,7 +275,7 @@ def test_a_lack_of_memory_has_a_message(
 def test_fewer_data_than_parameters_leave_combinations_free() -> None:
     few = Linearised(np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 2.0]]))
     assert len(few.combinations) == 3
-    assert [one.involved for one in few.free()] == [[1, 2]]
+    assert [combination.involved for combination in few.free()] == [[1, 2]]
 
 
 @pytest.mark.parametrize(
@@ -363,9 +363,9 @@ def test_values_that_a_law_does_not_admit_are_refused() -> None:
 
 
 def test_deviations_are_given_for_all_tests_or_none() -> None:
-    (one,) = treloar("planar")
+    (planar,) = treloar("planar")
     with pytest.raises(JobError, match="has no column 'standard deviation'"):
-        set_deviations([*set_deviations([one], ["2 kPa"]), one], [])
+        set_deviations([*set_deviations([planar], ["2 kPa"]), planar], [])
 
 
 def test_neo_hookean_law_is_not_elliptic_beyond_the_volume_of_the_closed_form() -> None:

@@ -154,11 +154,11 @@ def test_all_formats_have_the_same_voxels_in_the_same_places(ending: str, tmp_pa
     if ending != name:
         other = tmp_path / f"packed{ending}"
         other.write_bytes(gzip.compress((tmp_path / f"other{name}").read_bytes()))
-    one, two = (read_labels(path, {"a": [2], "b": [1]}, 1e-3) for path in (first, other))
-    assert np.array_equal(one.voxels, two.voxels)
-    assert np.array_equal(one.voxels == 1, voxels == 2)
-    places = np.indices(voxels.shape).reshape(3, -1).T * one.spacing
-    assert two.positions(places) == pytest.approx(one.positions(places), abs=1e-9)
+    first_image, two = (read_labels(path, {"a": [2], "b": [1]}, 1e-3) for path in (first, other))
+    assert np.array_equal(first_image.voxels, two.voxels)
+    assert np.array_equal(first_image.voxels == 1, voxels == 2)
+    places = np.indices(voxels.shape).reshape(3, -1).T * first_image.spacing
+    assert two.positions(places) == pytest.approx(first_image.positions(places), abs=1e-9)
     other.write_bytes(other.read_bytes()[: len(other.read_bytes()) // 2])
     with pytest.raises(MeshError, match=other.name):
         read_labels(other, {"a": [2]}, 1e-3)

@@ -57,12 +57,12 @@ def along_arc(angle: float, bent: tuple[float, float], middle: float = 0.0, z: f
     return move
 
 
-def exactly_crossing(one: np.ndarray, other: np.ndarray, common: int) -> bool | None:
+def exactly_crossing(first: np.ndarray, other: np.ndarray, common: int) -> bool | None:
     """Whether two triangles meet on a segment, in fractions: what each of them has of the line of their planes.
 
     The first ``common`` corners are the same. ``None`` where another corner lies in the other's plane.
     """
-    triangles = [[[Fraction(int(c)) for c in p] for p in t] for t in (one, other)]
+    triangles = [[[Fraction(int(c)) for c in p] for p in t] for t in (first, other)]
 
     def minus(a: list[Fraction], b: list[Fraction]) -> list[Fraction]:
         return [x - y for x, y in zip(a, b, strict=True)]

@@ -42,7 +42,7 @@ def test_arrays_keep_numbers_to_a_part_of_their_range() -> None:
     for kept in (arrays.add(values), arrays.add(constant), arrays.add(np.array([1.0, np.nan]))):
         assert kept == arrays.specs.index(arrays.specs[kept])
     arrays.add_whole(whole)
-    decoded_arrays = [decoded(*one) for one in zip(arrays.specs, arrays.texts(), strict=True)]
+    decoded_arrays = [decoded(*packed) for packed in zip(arrays.specs, arrays.texts(), strict=True)]
     assert (np.abs(decoded_arrays[0] - values).max(axis=0) <= np.ptp(values, axis=0) / 65535).all()
     assert np.array_equal(decoded_arrays[1][:, 0], constant)
     assert np.array_equal(decoded_arrays[3], whole)
@@ -77,8 +77,10 @@ def test_a_surface_of_20000_points_makes_less_than_five_megabytes() -> None:
     assert len(made.points) > 20_000
     random = np.random.default_rng(0)
     rough = [  # nothing that compresses
-        type(one)(**vars(one) | {"stress": random.normal(size=one.stress.shape), "J": random.normal(size=one.J.shape)})
-        for one in made.results
+        type(entry)(
+            **vars(entry) | {"stress": random.normal(size=entry.stress.shape), "J": random.normal(size=entry.J.shape)}
+        )
+        for entry in made.results
     ]
     made = type(made)(**vars(made) | {"results": tuple(rough)})
     rows = np.arange(len(made.points))
@@ -189,9 +191,9 @@ def test_snapshots_are_thinned(tmp_path: Path) -> None:
     snapshots = read_snapshots(tmp_path / SNAPSHOTS)
     assert len(snapshots) <= 5
     assert snapshots[-1].solves == 11
-    assert np.diff([one.solves for one in snapshots]).max() <= 5
-    for one in snapshots:
-        assert np.allclose(one.displacement, values * one.solves, atol=1e-3)
+    assert np.diff([snapshot.solves for snapshot in snapshots]).max() <= 5
+    for snapshot in snapshots:
+        assert np.allclose(snapshot.displacement, values * snapshot.solves, atol=1e-3)
 
 
 @pytest.mark.parametrize("verdict", ["pass", "not checked", "not decided", "warning", "fail"])

@@ -38,7 +38,7 @@ ESTIMATE = NO_CERTIFICATE | {"estimate": True}
 
 
 def line(result: Result, name: str) -> Line:
-    (named_line,) = [one for one in result.certificate.lines if one.name.startswith(name)]
+    (named_line,) = [entry for entry in result.certificate.lines if entry.name.startswith(name)]
     return named_line
 
 
@@ -197,7 +197,7 @@ def test_rounded_factors_do_not_change_the_sign_of_a_small_eigenvalue(
 @pytest.mark.parallel([1, 2, 3])
 def test_factors_of_a_forward_solve_tell_its_inertia(comm: MPI.Intracomm) -> None:
     """Of a block that is squeezed to half its height, and may then bulge to either side."""
-    one = job(
+    column_job = job(
         analysis="forward",
         mesh=box((2, 2, 6), lz=3.0),
         material={"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},
@@ -205,7 +205,9 @@ def test_factors_of_a_forward_solve_tell_its_inertia(comm: MPI.Intracomm) -> Non
         solver={"linear": "direct"},
         certificate=NO_CERTIFICATE,
     )
-    model = Equations(one, build_body(one.mesh, one.regions, comm, resolve=one.resolve), Timings())
+    model = Equations(
+        column_job, build_body(column_job.mesh, column_job.regions, comm, resolve=column_job.resolve), Timings()
+    )
     equilibrium = model.equilibrium(model.scene("forward"))
     assert list(follow(equilibrium, model.steps, 1e-8))[-1].outcome.accepted
     equilibrium.system.linearise(1.0)
@@ -300,8 +302,10 @@ def test_a_column_beyond_its_euler_load_is_unstable(
 
 
 def test_balance_is_that_of_the_forces(comm: MPI.Intracomm) -> None:
-    one = column(4)
-    model = Equations(one, build_body(one.mesh, one.regions, comm, resolve=one.resolve), Timings())
+    column_job = column(4)
+    model = Equations(
+        column_job, build_body(column_job.mesh, column_job.regions, comm, resolve=column_job.resolve), Timings()
+    )
     equilibrium = model.equilibrium(model.scene("inverse"))
     (unloaded,) = equilibrium_residual(model, solution_of(model, "inverse", model.scene("inverse"), ()))
     # Undeformed, all of the weight is unbalanced but what the supports carry at once.
@@ -347,7 +351,7 @@ def test_a_way_back_that_is_not_found_is_not_decided(comm: MPI.Intracomm) -> Non
 
 @pytest.mark.parametrize("geometry_degree", [1, 2])
 def test_fixed_points_are_equilibria_on_straight_cells_too(geometry_degree: int, comm: MPI.Intracomm) -> None:
-    one = job(
+    beam_job = job(
         mesh=box((4, 2, 2), lx=1.0, ly=0.3, lz=0.3) | {"geometry_degree": geometry_degree},
         material={"law": "neo-hookean", "young": 1e6, "poisson": 0.3},
         effects=[{"effect": "gravity", "acceleration": [0, 0, -1], "density": 1000}],
@@ -355,7 +359,7 @@ def test_fixed_points_are_equilibria_on_straight_cells_too(geometry_degree: int,
         method="sellier",
         certificate="quick",
     )
-    residual = hpcinv.run(one, comm).certificate.lines[0]
+    residual = hpcinv.run(beam_job, comm).certificate.lines[0]
     print(residual)
     assert residual.verdict is Verdict.PASS
 
@@ -470,7 +474,7 @@ def test_verdict_on_screen_in_the_summary_and_in_the_exit_code(
 def test_levels(certificate: Any, checked: set[str], not_checked: set[str], comm: MPI.Intracomm) -> None:
     mesh = box((1, 1, 2), lx="0.2 m", ly="0.2 m") | {"geometry_degree": 2}
     result = hpcinv.run(column(2, mesh=mesh, certificate=certificate), comm)
-    verdicts = {one.name: one.verdict for one in result.certificate.lines}
+    verdicts = {entry.name: entry.verdict for entry in result.certificate.lines}
     skipped = {name for name, verdict in verdicts.items() if verdict is Verdict.SKIPPED}
     assert {name for part in not_checked for name in skipped if name.startswith(part)} == skipped
     assert len(skipped) == len(not_checked)
@@ -530,9 +534,9 @@ def test_signs_of_the_tangent_are_compared_between_equilibria(
 @pytest.mark.parallel([2])
 def test_seconds_of_the_lines_are_those_of_the_certificate(comm: MPI.Intracomm) -> None:
     result = hpcinv.run(column(2, certificate={}), comm)
-    seconds = [one.seconds for one in result.certificate.lines]
+    seconds = [entry.seconds for entry in result.certificate.lines]
     assert comm.allgather(seconds) == [seconds] * comm.size
-    by_name = {one.name: one.seconds for one in result.certificate.lines}
+    by_name = {entry.name: entry.seconds for entry in result.certificate.lines}
     assert by_name["largest volume ratio J"] is None  # with the smallest one
     total = sum(value for value in seconds if value is not None)
     assert 0 < total <= result.statistics["timings"]["phases"]["certificate"]["max"] + 0.1

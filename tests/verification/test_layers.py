@@ -166,8 +166,8 @@ def test_ranks_agree_and_the_way_back_closes(hexahedra: bool, comm: MPI.Intracom
         size = some.allreduce(float(np.abs(u).max()), op=MPI.MAX)
         back = some.allreduce(float(np.abs(solved.again() - u).max()), op=MPI.MAX) / size
         assert back < 1e-9
-        found.append([unknowns.pressure_size, *norms, *(some.allreduce(one, op=MPI.SUM) for one in sums)])
-    print(f"{found[0][0]} pressures, of which {'; '.join(digits(one, '.16g') for one in found)}")
+        found.append([unknowns.pressure_size, *norms, *(some.allreduce(entry, op=MPI.SUM) for entry in sums)])
+    print(f"{found[0][0]} pressures, of which {'; '.join(digits(entry, '.16g') for entry in found)}")
     assert found[0] == pytest.approx(found[1], rel=1e-9)
 
 
@@ -181,7 +181,7 @@ def test_slopes_by_the_modulus_of_a_layer(mu: Mapping[str, float], comm: MPI.Int
     assert result.sensitivities is not None
     for region, of_region in mu.items():
         step = 1e-3 * of_region
-        one, other = (radii(mu={**mu, region: of_region + change})["A"] for change in (step, -step))
-        slope, exact = result.sensitivities.slopes["A"][f"material.{region}.mu"], (one - other) / (2 * step)
+        ahead, other = (radii(mu={**mu, region: of_region + change})["A"] for change in (step, -step))
+        slope, exact = result.sensitivities.slopes["A"][f"material.{region}.mu"], (ahead - other) / (2 * step)
         print(f"{region}: slope {slope:.5g}, exact {exact:.5g}")
         assert slope == pytest.approx(exact, rel=1e-2)

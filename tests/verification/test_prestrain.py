@@ -173,8 +173,8 @@ def test_fibres_of_the_law_are_carried_by_prestrain(comm: MPI.Intracomm) -> None
 def tensors(points: np.ndarray) -> np.ndarray:
     """Tensors that are linear in the position, row by row."""
     x, y, z = points.T
-    zero, one = np.zeros_like(x), np.ones_like(x)
-    return np.stack([one + 0.1 * x, 0.05 * z, zero, zero, one - 0.1 * y, zero, zero, zero, one + 0.05 * x], axis=1)
+    zero, ones = np.zeros_like(x), np.ones_like(x)
+    return np.stack([ones + 0.1 * x, 0.05 * z, zero, zero, ones - 0.1 * y, zero, zero, zero, ones + 0.05 * x], axis=1)
 
 
 FORMULAS = [["1 + 0.1*x/(1 m)", "0.05*z/(1 m)", 0], [0, "1 - 0.1*y/(1 m)", 0], [0, 0, "1 + 0.05*x/(1 m)"]]

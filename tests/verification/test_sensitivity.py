@@ -179,7 +179,7 @@ def test_slopes_of_stress_do_not_pass_the_kink_of_a_law(comm: MPI.Intracomm) -> 
 
     def slope(stiffness: float) -> float:
         stretch = {"region": "boundary", "displacement": ["(t - 0.0999)*x", 0, "0.2*z"], "constants": {"t": 0.1}}
-        one = job(
+        fibre_job = job(
             analysis="forward",
             mesh=box((1, 1, 1)),
             regions={"body": "x > -1 m"},
@@ -197,7 +197,7 @@ def test_slopes_of_stress_do_not_pass_the_kink_of_a_law(comm: MPI.Intracomm) -> 
             quantities=[{"name": "stress", "of": "sxx", "on": "body", "reduce": "mean"}],
             sensitivities=[key],
         )
-        slopes = of(package.run(one, comm)).slopes["stress"][key]
+        slopes = of(package.run(fibre_job, comm)).slopes["stress"][key]
         assert isinstance(slopes, float)
         return slopes
 

@@ -35,8 +35,8 @@ PLANE = [{"region": "z0", "fix": ["z"]}, {"region": "z1", "fix": ["z"]}]
 """Plane strain."""
 
 
-def line_of(one: Job, comm: MPI.Intracomm) -> Line:
-    (line,) = (line for line in hpcinv.run(one, comm).certificate.lines if line.name.startswith("stability"))
+def line_of(case_job: Job, comm: MPI.Intracomm) -> Line:
+    (line,) = (line for line in hpcinv.run(case_job, comm).certificate.lines if line.name.startswith("stability"))
     print(f"{line.verdict.value}: {line.value} ({line.note})")
     return line
 
@@ -194,7 +194,7 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
     limit = root(lambda stretch: slope(stretch, 1.5), 1.1, 3.0)
     stretch = 1 + share * (limit - 1)
     mesh = {"inner": 1.0, "outer": 1.5, "radial": 2, "along": 2, "hexahedra": hexahedra}
-    one = job(
+    sphere_job = job(
         analysis="forward",
         mesh={"file": "../meshes/thick_sphere.py", "parameters": mesh, "geometry_degree": 2},
         material=NEO_HOOKEAN,
@@ -202,8 +202,8 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
         supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
         certificate=STABILITY,
     )
-    body = build_body(one.mesh, one.regions, comm, resolve=one.resolve)
-    model = Equations(one, body, Timings())
+    body = build_body(sphere_job.mesh, sphere_job.regions, comm, resolve=sphere_job.resolve)
+    model = Equations(sphere_job, body, Timings())
     u, p = model.state().fields
     length = body.length_scale
 
@@ -222,7 +222,7 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
     assert moved < 0.08  # it is that equilibrium, and not the one beyond the limit point, about 0.2 away
     nodes = body.mesh.geometry.x * length
     solution: Any = SimpleNamespace(
-        job=one,
+        job=sphere_job,
         direction="forward",
         fields=(displacement, p),
         displacement=displacement,
@@ -275,7 +275,7 @@ def test_without_factors_straight_cells_are_judged_too(comm: MPI.Intracomm, monk
 def test_a_half_of_a_column_says_that_it_cannot_buckle_sideways(is_half: bool, comm: MPI.Intracomm) -> None:
     """Under about twice Euler's load, about the axis that the plane of symmetry y0 excludes."""
     half = [{"region": "y0", "fix": ["y"]}] if is_half else []
-    one = job(
+    column_job = job(
         analysis="forward",
         mesh=box((10, 1 if is_half else 2, 2), lx=1.0, ly=0.05 if is_half else 0.1, lz=0.2, hexahedra=True),
         material={"law": "neo-hookean", "young": 1e6, "poisson": 0.0},
@@ -283,7 +283,7 @@ def test_a_half_of_a_column_says_that_it_cannot_buckle_sideways(is_half: bool, c
         supports=[{"region": "x0", "fix": ["x", "y", "z"]}, *half],
         certificate=STABILITY,
     )
-    line = line_of(one, comm)
+    line = line_of(column_job, comm)
     assert line.verdict is (Verdict.PASS if is_half else Verdict.FAIL)
     assert ("motions that are not symmetric about 'y0' are left out" in line.note) == is_half
 
@@ -309,7 +309,7 @@ def test_a_column_of_all_sorts_buckles(share: float, unstable: int, comm: MPI.In
         "kappa": "incompressible",
         "fibres": ["axial"],
     }
-    one = job(
+    column_job = job(
         analysis="forward",
         mesh=box((1, 1, 8), lx=side, ly=side, lz=length, hexahedra=True),
         regions={"top": "z > 0.49", "bottom": "z < 0.51"},
@@ -327,7 +327,7 @@ def test_a_column_of_all_sorts_buckles(share: float, unstable: int, comm: MPI.In
         supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
         certificate=STABILITY,
     )
-    line = line_of(one, comm)
+    line = line_of(column_job, comm)
     assert (line.value, line.verdict) == (unstable, Verdict.FAIL if unstable else Verdict.PASS)
 
 

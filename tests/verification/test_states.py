@@ -342,8 +342,8 @@ def test_states_that_differ_in_numbers_share_equations(comm: MPI.Intracomm) -> N
         assert len(model._idle) == 2  # one matrix for each direction
         states[3] |= {"supports": [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]}
         hpcinv.run(job(**BLOCK, supports=BASE, states=states), comm, workspace=workspace)
-        one, other = workspace._equations.values()
-        assert one.unknowns is other.unknowns
+        first, other = workspace._equations.values()
+        assert first.unknowns is other.unknowns
 
 
 DIFFERENTIATED: dict[str, Any] = {
@@ -395,8 +395,8 @@ def test_derivatives_of_all_states_are_differences_of_whole_runs(comm: MPI.Intra
             ahead, behind = (found(p.key, shift) for shift in (1e-3, -1e-3))
             assert list(derivatives.slopes) == list(ahead.quantities)
             for number, (state, of_state) in enumerate(derivatives.shapes.items()):
-                one, other = (r.solutions[number].other_nodes for r in (ahead, behind))
-                expected = (one - other) / (2e-3 * p.value)
+                later, other = (r.solutions[number].other_nodes for r in (ahead, behind))
+                expected = (later - other) / (2e-3 * p.value)
                 size = comm.allreduce(abs(expected).max(), op=MPI.MAX)
                 error = comm.allreduce(abs(of_state.nodes[p.key] - expected).max(), op=MPI.MAX)
                 print(f"{p.key}, {state}: {size:.3g}, difference {error:.1g}")

@@ -211,12 +211,12 @@ def _wait_for_checkpoint(directory: Path) -> Path:
 def test_two_allocations_at_once_share_the_work(tmp_path: Path) -> None:
     sweep = write_sweep(tmp_path, [{"sobol": {"material.mu": ["8 kPa", "20 kPa"]}, "count": 32}])
     with (
-        Started(1, "sweep", "run", sweep, "--shard", "1/2", cwd=tmp_path) as one,
+        Started(1, "sweep", "run", sweep, "--shard", "1/2", cwd=tmp_path) as first,
         Started(2, "sweep", "run", sweep, "--shard", "2/2", cwd=tmp_path) as two,
     ):
-        assert one.exit_code() == 0, one.text
+        assert first.exit_code() == 0, first.text
         assert two.exit_code() == 0, two.text
-        done = [re.findall(r"(?<!first: )case (\d+), ", started.text) for started in (one, two)]
+        done = [re.findall(r"(?<!first: )case (\d+), ", started.text) for started in (first, two)]
     assert all(done)
     assert sorted(done[0] + done[1]) == sorted(str(i) for i in range(32))
 

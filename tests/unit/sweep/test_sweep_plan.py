@@ -295,19 +295,19 @@ def key(directory: Path, axis: dict[str, Any], **changes: Any) -> str:
 
 def test_the_same_case_has_the_same_key_in_every_sweep(tmp_path: Path) -> None:
     expected = key(tmp_path, {"grid": {MU: ["20 kPa"]}})
-    one, other = tmp_path / "one", tmp_path / "other"
-    for directory in (one, other):
+    first, other = tmp_path / "one", tmp_path / "other"
+    for directory in (first, other):
         directory.mkdir()
-    mesh = one / "any.py"
+    mesh = first / "any.py"
     mesh.write_bytes((ROOT / "meshes" / "box.py").read_bytes())
     law = {"law": "neo-hookean", "mu": "2e-2 MPa", "lam": "40000 Pa"}
     assert {
         key(tmp_path, {"grid": {MU: [2e4]}}, sweep="other-name", store="elsewhere", warm_start=False),
-        key(one, {"zip": {MU: ["0.02 N/mm^2"], DENSITY: ["1 g/cm^3"]}}),
-        key(one, {"branches": {"soft": {"set": {"material": law}}}, "name": "law"}),
-        key(one, {"grid": {"mesh.file": [str(mesh)], MU: [2e4]}}),
-        key(one, {"grid": {"job": ["renamed"], MU: [2e4], "output.fields": [True], "checkpoint.every": [5]}}),
-        key(one, {"grid": {"mesh.partition": ["scotch"], MU: [2e4]}}),
+        key(first, {"zip": {MU: ["0.02 N/mm^2"], DENSITY: ["1 g/cm^3"]}}),
+        key(first, {"branches": {"soft": {"set": {"material": law}}}, "name": "law"}),
+        key(first, {"grid": {"mesh.file": [str(mesh)], MU: [2e4]}}),
+        key(first, {"grid": {"job": ["renamed"], MU: [2e4], "output.fields": [True], "checkpoint.every": [5]}}),
+        key(first, {"grid": {"mesh.partition": ["scotch"], MU: [2e4]}}),
         key(other, {"grid": {MU: [2e4]}}, set={MU: 1, "solver.tolerance": 1e-12}),  # its default
     } == {expected}
     number = {"normal": [2e4, 1]}
