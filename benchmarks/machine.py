@@ -203,7 +203,7 @@ def _figures(runs: Mapping[str, Sequence[MeasuredRun]]) -> dict[str, float]:
 
 
 def crossover(sizes: Sequence[float], first: Sequence[float], second: Sequence[float]) -> float | None:
-    """Return the size from which ``other`` is less than ``one``, interpolated in logarithms, or ``None``."""
+    """Return the size from which ``second`` is less than ``first``, interpolated in logarithms, or ``None``."""
     points = [(math.log(n), math.log(a / b)) for n, a, b in zip(sizes, first, second, strict=True)]
     for (x, f), (y, g) in pairwise(sorted(points)):
         if f <= 0 < g:

@@ -104,7 +104,7 @@ class RunReport(Observer):
     def check_not_stopped(self, earlier: Sequence[Solution], solved: SolvedDirection, state: str) -> None:
         """Raise ``Interrupted`` if a request to stop ended the run before its last solve.
 
-        The summary then has the solutions ``before`` this direction, and the load factor that it reached.
+        The summary then has the solutions before this direction (``earlier``), and the load factor that it reached.
         """
         job = self.job
         if not solved.stopped or (solved.load == 1.0 and len(earlier) + 1 == len(job.directions)):
