@@ -43,10 +43,6 @@ def is_prepositional(name: str, scope: str) -> bool:
     return PREPOSITION.fullmatch(name) is not None and EXCUSED.fullmatch(f"{scope}.{name}".strip(".")) is None
 
 
-def repeated(places: dict[str, set[str]]) -> list[str]:
-    return sorted(name for name, where in places.items() if len(where) > 1)
-
-
 def count(directory: str, verbose: bool) -> None:
     """Print the counts of one directory and, if asked, the places."""
     uses: Counter[str] = Counter()
@@ -75,8 +71,9 @@ def count(directory: str, verbose: bool) -> None:
         print(
             f"  {kind} that begin with a preposition: {len({n for n, _ in scopes[kind]})} ({len(scopes[kind])} scopes)"
         )
-    print("  modules of one name:", len(repeated(modules)), *repeated(modules))
-    print("  classes of one name:", len(repeated(classes)), *repeated(classes))
+    for what, places in (("modules", modules), ("classes", classes)):
+        repeated = sorted(name for name, where in places.items() if len(where) > 1)
+        print(f"  {what} of one name: {len(repeated)}", *repeated)
 
 
 if __name__ == "__main__":
