@@ -107,7 +107,7 @@ def test_a_further_state_costs_what_it_adds(tmp_path: Path, benchmark_script: An
         "a further state takes 2.20 s, 1.00 s of them its solve; a job of its own would take 13.20 s beside its solve"
     )
     assert result.notes == [f"a, 50000 unknowns: {text}"]
-    job = script.with_states(bodies(Played({}, tmp_path))["rod"](100), 3)  # type: ignore[arg-type]
+    job = script.states_job(bodies(Played({}, tmp_path))["rod"](100), 3)  # type: ignore[arg-type]
     planned = [(solve.job.state, solve.direction) for solve in parse(job, tmp_path / "job.yaml").plan]
     assert planned == [("state-0", "inverse"), ("state-1", "forward"), ("state-2", "forward")]
 
