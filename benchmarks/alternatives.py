@@ -115,8 +115,8 @@ def _keep(matrices: list[PETSc.Mat], matrix: PETSc.Mat) -> None:
 
 
 def seconds_of(result: Result, phases: tuple[str, ...] = SOLVER) -> float:
-    found = result.statistics["timings"]["phases"]
-    return sum(float(found[phase]["max"]) for phase in phases if phase in found)
+    phase_seconds = result.statistics["timings"]["phases"]
+    return sum(float(phase_seconds[phase]["max"]) for phase in phases if phase in phase_seconds)
 
 
 def factorization(matrix: sparse.csr_array) -> tuple[float, float]:
@@ -158,16 +158,16 @@ def pressures() -> None:
             matrices: list[PETSc.Mat] = []
             spaces: list[Unknowns] = []
             with pressure(element):
-                found = hpcinv.run(sphere(divisions, hexahedra=hexahedra))
+                result = hpcinv.run(sphere(divisions, hexahedra=hexahedra))
                 with tangents(partial(_keep, matrices)), unknowns(spaces.append):
                     hpcinv.run(sphere(divisions, hexahedra=hexahedra, kappa="1 MPa"))
             indptr, indices, data = matrices[0].getValuesCSR()
             K = sparse.csr_array((data, indices, indptr))
             taken, operations = factorization(K)
-            solution = found.statistics["solutions"][0]
-            errors = ", ".join(f"{what} {abs(found.quantities[what] / EXACT[what] - 1):.1e}" for what in EXACT)
+            solution = result.statistics["solutions"][0]
+            errors = ", ".join(f"{what} {abs(result.quantities[what] / EXACT[what] - 1):.1e}" for what in EXACT)
             print(
-                f"  {name}, {divisions} divisions, {K.shape[0]} unknowns: {errors}; solver {seconds_of(found):.2f} s"
+                f"  {name}, {divisions} divisions, {K.shape[0]} unknowns: {errors}; solver {seconds_of(result):.2f} s"
                 f" with {solution['factorizations']} factorizations; factorization {taken:.3f} s,"
                 f" {operations:.1f} Gflop",
                 flush=True,
@@ -175,9 +175,9 @@ def pressures() -> None:
             if element is not None:
                 begun = time.perf_counter()
                 S = condensed(K, spaces[0].owned_pressure_dofs)
-                to_condense = time.perf_counter() - begun
+                condensing = time.perf_counter() - begun
                 taken, operations = factorization(S)
-                print(f"    condensed in {to_condense:.3f} s: {taken:.3f} s, {operations:.1f} Gflop", flush=True)
+                print(f"    condensed in {condensing:.3f} s: {taken:.3f} s, {operations:.1f} Gflop", flush=True)
 
 
 def fewer_points() -> None:
@@ -185,9 +185,9 @@ def fewer_points() -> None:
     for hexahedra, degree, what in ((True, 3, "8 of 27"), (False, 1, "1 of 4")):
 
         def create(self: CompiledTangent, scene: Any, jit_options: Any = JIT_OPTIONS) -> None:
-            of = scene.residual.integrals()
-            cells = [i for i in of if i.integral_type() == "cell"]
-            rest = [i for i in of if i.integral_type() != "cell"]
+            integrals = scene.residual.integrals()
+            cells = [i for i in integrals if i.integral_type() == "cell"]
+            rest = [i for i in integrals if i.integral_type() != "cell"]
             fewer = [i.reconstruct(metadata={**i.metadata(), "quadrature_degree": degree}) for i in cells]  # noqa: B023
             state, trial = scene.unknowns.state, ufl.TrialFunction(scene.unknowns.space)
             form = ufl.derivative(ufl.Form([*fewer, *rest]), state, trial)
@@ -196,8 +196,8 @@ def fewer_points() -> None:
 
         with mock.patch.object(CompiledTangent, "__init__", create):
             try:
-                found = hpcinv.run(sphere(4, hexahedra=hexahedra))
-                iterations = found.statistics["solutions"][0]["newton_iterations"]
+                result = hpcinv.run(sphere(4, hexahedra=hexahedra))
+                iterations = result.statistics["solutions"][0]["newton_iterations"]
                 print(f"  {what} points: {iterations} iterations")
             except SolveError as error:
                 print(f"  {what} points: {str(error).splitlines()[0]}", flush=True)

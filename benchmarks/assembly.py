@@ -117,12 +117,12 @@ def profile(name: str, data: dict[str, Any], repeat: int) -> None:
             for _ in part:
                 pass
 
-    found = fastest({"DOLFINx": dolfinx, "moduli": assemble, "points": evaluate, "matrices": contract}, repeat)
+    times = fastest({"DOLFINx": dolfinx, "moduli": assemble, "points": evaluate, "matrices": contract}, repeat)
     theirs.axpy(-1.0, matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
     gap = theirs.norm(PETSc.NormType.INFINITY) / matrix.norm(PETSc.NormType.INFINITY)
-    total, points, matrices = found["moduli"], found["points"], found["matrices"]
+    total, points, matrices = times["moduli"], times["points"], times["matrices"]
     say(
-        f"{name:20}{model.unknowns.size:9}{found['DOLFINx']:9.0f}{total:9.0f}{found['DOLFINx'] / total:7.1f}x"
+        f"{name:20}{model.unknowns.size:9}{times['DOLFINx']:9.0f}{total:9.0f}{times['DOLFINx'] / total:7.1f}x"
         f"{points:9.0f}{matrices - points:9.0f}{total - matrices:9.0f}{gap:10.0e}"
     )
 

@@ -36,22 +36,25 @@ def section(bench: Bench, options: argparse.Namespace) -> list[Findings]:
 def phases(runs: dict[str, list[MeasuredRun]], repeat: int) -> Findings:
     """Microseconds per unknown in each phase, and the share outside of kernels, PETSc and MPI."""
     expected = ("mesh", "set-up", *SOLVER, "certificate")
-    names = {name: None for name in expected if any(name in of[0].phases for of in runs.values())}
-    names |= {name: None for of in runs.values() for name in of[0].phases if name != "compile"}
-    found = {body: {name: median(of, partial(_phase, name=name)) for name in names} for body, of in runs.items()}
-    unknowns = {body: of[0].unknowns for body, of in runs.items()}
-    rows = [(name, *(f"{1e6 * found[body][name] / unknowns[body]:.2f}" for body in runs)) for name in names]
-    outside = [median(of, lambda run: run.data["timings"]["overhead"]) for of in runs.values()]
-    before = [median(of, _outside_before_certificate) for of in runs.values()]
+    names = {name: None for name in expected if any(name in body_runs[0].phases for body_runs in runs.values())}
+    names |= {name: None for body_runs in runs.values() for name in body_runs[0].phases if name != "compile"}
+    seconds = {
+        body: {name: median(body_runs, partial(_phase, name=name)) for name in names}
+        for body, body_runs in runs.items()
+    }
+    unknowns = {body: body_runs[0].unknowns for body, body_runs in runs.items()}
+    rows = [(name, *(f"{1e6 * seconds[body][name] / unknowns[body]:.2f}" for body in runs)) for name in names]
+    overheads = [median(body_runs, lambda run: run.data["timings"]["overhead"]) for body_runs in runs.values()]
+    earlier_shares = [median(body_runs, _overhead_without_certificate) for body_runs in runs.values()]
     return Findings(
         f"phases: inverse, 1 rank, medians of {repeat}",
         ("µs per unknown", *(f"{body}, {n} unknowns" for body, n in unknowns.items())),
         [
             *rows,
-            ("outside of kernels, PETSc and MPI", *(f"{share:.1%}" for share in outside)),
-            ("the same before the certificate", *(f"{share:.1%}" for share in before)),
+            ("outside of kernels, PETSc and MPI", *(f"{share:.1%}" for share in overheads)),
+            ("the same before the certificate", *(f"{share:.1%}" for share in earlier_shares)),
         ],
-        data={"unknowns": unknowns, "seconds": found, "outside": outside, "before the certificate": before},
+        data={"unknowns": unknowns, "seconds": seconds, "outside": overheads, "before the certificate": earlier_shares},
     )
 
 
@@ -59,9 +62,11 @@ def _phase(run: MeasuredRun, name: str) -> float:
     return run.phases.get(name, 0.0)
 
 
-def _outside_before_certificate(run: MeasuredRun) -> float:
-    of = run.phases
-    return 1 - sum(of.get(name, 0.0) for name in WORK) / float(run.data["timings"]["total"] - of["certificate"])
+def _overhead_without_certificate(run: MeasuredRun) -> float:
+    seconds = run.phases
+    return 1 - sum(seconds.get(name, 0.0) for name in WORK) / float(
+        run.data["timings"]["total"] - seconds["certificate"]
+    )
 
 
 if __name__ == "__main__":

@@ -65,7 +65,7 @@ class MeasuredRun:
     @property
     def phases(self) -> dict[str, float]:
         """Seconds by phase, on the rank that took longest."""
-        return {name: float(of["max"]) for name, of in self.data["timings"]["phases"].items()}
+        return {name: float(spread["max"]) for name, spread in self.data["timings"]["phases"].items()}
 
     @property
     def solver(self) -> float:
@@ -98,15 +98,15 @@ class Bench:
         begun = time.perf_counter()
         done = self._start(("hpcinv", "run", file, "--output", self.results, "--ranks", ranks), ranks)
         seconds, summary = time.perf_counter() - begun, self.results / "summary.json"
-        found = json.loads(summary.read_text(encoding="utf-8")) if summary.exists() else None
-        return MeasuredRun(seconds, found, f"exit code {done.returncode}: {done.stderr[-1000:]}")
+        content = json.loads(summary.read_text(encoding="utf-8")) if summary.exists() else None
+        return MeasuredRun(seconds, content, f"exit code {done.returncode}: {done.stderr[-1000:]}")
 
     def must_run(self, name: str, job: JobData, ranks: int = 1) -> MeasuredRun:
         """Run a job as `run` does; raises ``SolveError`` if it is not solved."""
-        found = self.run(name, job, ranks)
-        if not found.solved:
-            raise SolveError(f"{name}: {found.summary['status'] if found.summary else found.ending}")
-        return found
+        measured = self.run(name, job, ranks)
+        if not measured.solved:
+            raise SolveError(f"{name}: {measured.summary['status'] if measured.summary else measured.ending}")
+        return measured
 
     def alternating(self, jobs: Mapping[str, tuple[JobData, int]], repeat: int) -> dict[str, list[MeasuredRun]]:
         """Run each job in turn, ``repeat`` times, so that a change of the machine's speed affects all alike.
@@ -172,11 +172,11 @@ def _launcher() -> list[str]:
     """Return the command that starts ranks: HPCINV_LAUNCHER, or the mpirun beside this Python."""
     if int(os.environ.get("PMI_SIZE", "1")) > 1:
         raise OutputError("bench starts the ranks itself", "Start it once, without mpirun.")
-    beside = Path(sys.executable).parent / "mpirun"
-    found = shlex.split(os.environ.get("HPCINV_LAUNCHER", "")) or [str(beside) if beside.exists() else "mpirun"]
-    if shutil.which(found[0]) is None:
-        raise SystemPartMissing(f"no launcher '{found[0]}'", "Set HPCINV_LAUNCHER, such as to 'srun --mpi=pmi2'.")
-    return found
+    mpirun = Path(sys.executable).parent / "mpirun"
+    command = shlex.split(os.environ.get("HPCINV_LAUNCHER", "")) or [str(mpirun) if mpirun.exists() else "mpirun"]
+    if shutil.which(command[0]) is None:
+        raise SystemPartMissing(f"no launcher '{command[0]}'", "Set HPCINV_LAUNCHER, such as to 'srun --mpi=pmi2'.")
+    return command
 
 
 def _probe() -> None:
@@ -199,8 +199,8 @@ def _probe() -> None:
         np.add(a, b, out=c)
         seconds.append(comm.allreduce(MPI.Wtime() - begun, op=MPI.MAX))
     if comm.rank == 0:
-        found = {"ranks": comm.size, "imports": imported, "bandwidth": comm.size * 3 * a.nbytes / min(seconds)}
-        print(json.dumps(found))
+        content = {"ranks": comm.size, "imports": imported, "bandwidth": comm.size * 3 * a.nbytes / min(seconds)}
+        print(json.dumps(content))
 
 
 if __name__ == "__main__":

@@ -23,8 +23,8 @@ def seconds(run: MeasuredRun, check: str) -> float:
     """Return the seconds of a check, or of all others for ``"others"``."""
     total = 0.0
     for line in run.data["certificate"]["lines"]:
-        of = next((name for start, name in CHECKS.items() if line["name"].startswith(start)), "others")
-        total += (line["seconds"] or 0.0) if of == check else 0.0
+        group = next((name for start, name in CHECKS.items() if line["name"].startswith(start)), "others")
+        total += (line["seconds"] or 0.0) if group == check else 0.0
     return total
 
 
@@ -42,10 +42,10 @@ def certificates(bench: Bench, options: argparse.Namespace) -> list[Findings]:
     rows, data = [], {}
     for name, runs in bench.alternating(jobs, options.repeat).items():
         solve = median(runs, lambda run: run.solver)
-        found = {check: median(runs, partial(seconds, check=check)) for check in checks}
+        check_seconds = {check: median(runs, partial(seconds, check=check)) for check in checks}
         whole = median(runs, lambda run: run.phases["certificate"])
-        data[name] = {"solve": solve, "certificate": whole, **found}
-        figures = [f"{value:.2g}" for value in (solve, *found.values(), whole)]
+        data[name] = {"solve": solve, "certificate": whole, **check_seconds}
+        figures = [f"{value:.2g}" for value in (solve, *check_seconds.values(), whole)]
         rows.append((f"{name}: {runs[0].unknowns} unknowns", *figures, f"{whole / solve:.2f}"))
     titles = ("seconds", "solve", *checks, "certificate", "certificate / solve")
     return [Findings(f"certificate: {options.level}, medians of {options.repeat}", titles, rows, data=data)]

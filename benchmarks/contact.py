@@ -75,9 +75,9 @@ def counts(given: Job) -> str:
 def main() -> None:
     print(f"{'scene':<22}{'':<10}{'factorizations':>14}{'updates':>9}")
     for name, (scene, contact, support) in SCENES.items():
-        with_contact = job(scene, effects=[{"effect": "contact", **contact}, *scene.get("effects", [])])
+        contact_job = job(scene, effects=[{"effect": "contact", **contact}, *scene.get("effects", [])])
         supports = [*scene["supports"], support]
-        print(f"{name:<22}{'contact':<10}{counts(with_contact)}")
+        print(f"{name:<22}{'contact':<10}{counts(contact_job)}")
         print(f"{'':<22}{'supports':<10}{counts(job(scene, supports=supports))}")
 
 

@@ -44,7 +44,7 @@ class COOTangent:
         kept = np.where(prescribed, -1, names).astype(PETSc.IntType)
         owned = names[: bs * nodes.size_local][prescribed[: bs * nodes.size_local]]
         dofs = (bs * dofmap.list[:, :, None] + np.arange(bs)).reshape(len(dofmap.list), -1)
-        places = [self._places(dofs[part.cells], one) for part in self._volume for one in part.blocks]
+        places = [self._places(dofs[part.cells], block) for part in self._volume for block in part.blocks]
         rows = np.concatenate([kept[r].ravel() for r, _ in places] + [owned])
         columns = np.concatenate([kept[c].ravel() for _, c in places] + [owned])
         self.values = np.zeros(len(rows))
@@ -56,24 +56,24 @@ class COOTangent:
         matrix: Any = self.matrix  # whose stubs ask for lists, which take ten times the memory
         matrix.setPreallocationCOO(rows, columns)
 
-    def _places(self, dofs: Any, one: Any) -> tuple[Any, Any]:
-        rows, columns = (dofs[:, of.leading()] for of in (one.rows, one.columns))
-        c, d = np.arange(one.rows.components), np.arange(one.columns.components)
-        shape = len(dofs), *one.shape
+    def _places(self, dofs: Any, block: Any) -> tuple[Any, Any]:
+        rows, columns = (dofs[:, side.leading()] for side in (block.rows, block.columns))
+        c, d = np.arange(block.rows.components), np.arange(block.columns.components)
+        shape = len(dofs), *block.shape
         return (
             np.broadcast_to(rows[:, None, None, :, None] + c[:, None, None, None], shape),
             np.broadcast_to(columns[:, None, None, None, :] + d[:, None, None], shape),
         )
 
     def assemble(self) -> None:
-        at = 0
+        offset = 0
         for part in self._volume:
-            begins = np.cumsum([at, *(len(part.cells) * int(np.prod(one.shape)) for one in part.blocks)])
+            begins = np.cumsum([offset, *(len(part.cells) * int(np.prod(block.shape)) for block in part.blocks)])
             for chunk, blocks in part:
                 for begin, entries in zip(begins, blocks, strict=False):
                     first = begin + chunk.start * entries[0].size
                     self.values[first : first + entries.size] = entries.ravel()
-            at = begins[-1]
+            offset = begins[-1]
         matrix: Any = self.matrix
         matrix.setValuesCOO(self.values, PETSc.InsertMode.INSERT_VALUES)
 
@@ -88,10 +88,10 @@ def resident() -> float:
 
 def grown(make: Callable[[], Any]) -> tuple[Any, float, float]:
     """What is made, the MB that it keeps, and the processor seconds that it took."""
-    before, begun = resident(), time.process_time()
+    memory_before, begun = resident(), time.process_time()
     made = make()
     seconds = time.process_time() - begun
-    return made, resident() - before, seconds
+    return made, resident() - memory_before, seconds
 
 
 def compare(name: str, data: dict[str, Any], repeat: int) -> None:
@@ -99,20 +99,20 @@ def compare(name: str, data: dict[str, Any], repeat: int) -> None:
     scene, conditions = model.scene(data["analysis"]), model.supports.conditions
     scene.parameters.set_load(1.0)
     tangent = FilledTangent(scene)
-    entries = sum(len(part.cells) * int(np.prod(one.shape)) for part in tangent._volume for one in part.blocks)
+    entries = sum(len(part.cells) * int(np.prod(block.shape)) for part in tangent._volume for block in part.blocks)
     for part in tangent._volume:  # so that its buffers are there
         for _ in part:
             pass
-    theirs, of_theirs, first_theirs = grown(lambda: COOTangent(tangent, scene.unknowns, conditions))
-    (ours, assemble), of_ours, first_ours = grown(lambda: tangent.create_matrix(conditions))
-    found = fastest({"filled": assemble, "COO": theirs.assemble}, repeat)
+    theirs, their_memory, first_theirs = grown(lambda: COOTangent(tangent, scene.unknowns, conditions))
+    (ours, assemble), our_memory, first_ours = grown(lambda: tangent.create_matrix(conditions))
+    times = fastest({"filled": assemble, "COO": theirs.assemble}, repeat)
     norm = ours.norm(PETSc.NormType.INFINITY)
     theirs.matrix.axpy(-1.0, ours, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     gap = theirs.matrix.norm(PETSc.NormType.INFINITY) / norm
-    cells = (found["filled"], found["COO"], found["COO"] / found["filled"])
+    cells = (times["filled"], times["COO"], times["COO"] / times["filled"])
     say(
         f"{name:20}{model.unknowns.size:9}{entries / 1e6:10.1f}{cells[0]:10.0f}{cells[1]:8.0f}{cells[2]:7.2f}"
-        f"{first_ours:10.2f}{first_theirs:8.2f}{of_ours:10.0f}{of_theirs:8.0f}{gap:8.0e}"
+        f"{first_ours:10.2f}{first_theirs:8.2f}{our_memory:10.0f}{their_memory:8.0f}{gap:8.0e}"
     )
 
 

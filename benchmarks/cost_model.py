@@ -31,7 +31,7 @@ OPERATIONS, ENTRIES = 3, 29  # of the elimination (RINFOG), in the factors (INFO
 def rod(unknowns: int, aspect: int) -> dict[str, Any]:
     """A block of about a number of unknowns that is ``aspect`` times as long as it is wide."""
     sizes = [(n, 3 * (2 * n * aspect + 1) * (2 * n + 1) ** 2 + (n * aspect + 1) * (n + 1) ** 2) for n in range(1, 60)]
-    n = min(sizes, key=lambda one: abs(one[1] - unknowns))[0]
+    n = min(sizes, key=lambda size: abs(size[1] - unknowns))[0]
     parameters = {"lx": aspect, "ly": 1, "lz": 1, "nx": n * aspect, "ny": n, "nz": n}
     data = block(unknowns, analysis="inverse", supports=[{"region": "x0", "fix": ["x", "y", "z"]}])
     return {**data, "mesh": {**data["mesh"], "parameters": parameters}}
@@ -53,9 +53,9 @@ def factorized(matrix: PETSc.Mat, precision: str, ordering: str) -> tuple[float,
     seconds = time.process_time() - begun
     factors = pc.getFactorMatrix()
     entries = factors.getMumpsInfog(ENTRIES)
-    found = seconds, factors.getMumpsRinfog(OPERATIONS), entries if entries >= 0 else -1e6 * entries
+    figures = seconds, factors.getMumpsRinfog(OPERATIONS), entries if entries >= 0 else -1e6 * entries
     pc.destroy()
-    return found
+    return figures
 
 
 def compare(unknowns: int, aspect: int) -> None:

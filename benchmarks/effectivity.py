@@ -62,7 +62,7 @@ def wall_of_sphere(divisions: int, geometry: int, displacement: int, *, hexahedr
         certificate=ESTIMATE,
     )
     volume = math.pi / 6 * (sphere.OUTER**3 - sphere.INNER**3)
-    return data, {"inner-radius": A, "outer-radius": sphere.before(A), "volume": volume}
+    return data, {"inner-radius": A, "outer-radius": sphere.outer_radius(A), "volume": volume}
 
 
 def layered_sphere(divisions: int, geometry: int, displacement: int, *, hexahedra: bool) -> Case:
@@ -188,7 +188,7 @@ def rotating_bar(divisions: int, displacement: int, *, hexahedra: bool) -> Case:
         mesh=box((1, 1, divisions), lx=width, ly=width, hexahedra=hexahedra),
         effects=[{"effect": "centrifugal", "density_in": "reference", "centre": [width / 2, 0, 0], **load}],
     )
-    return data, {"length": rotating.at_rest(rotating.LENGTH, "reference")}
+    return data, {"length": rotating.rest_length(rotating.LENGTH, "reference")}
 
 
 def graded_bar(divisions: int, displacement: int, *, hexahedra: bool) -> Case:
@@ -196,7 +196,7 @@ def graded_bar(divisions: int, displacement: int, *, hexahedra: bool) -> Case:
         divisions,
         displacement,
         hexahedra=hexahedra,
-        material={"law": "neo-hookean", **{name: of.format("z") for name, of in regions.GRADED.items()}},
+        material={"law": "neo-hookean", **{name: formula.format("z") for name, formula in regions.GRADED.items()}},
         effects=[regions.pull()],
     )
     return data, {"length": float(regions.integral(lambda z: 1 / regions.stretch_at(z), 1.0))}
@@ -238,8 +238,8 @@ def cases(bodies: list[str], divisions: list[int], degrees: list[int]) -> Iterat
             for cells, hexahedra in CELLS.items():
                 for degree in (degree for degree in degrees if degree > 1):
                     for n in divisions:
-                        found = WALLS[name](n, geometry, degree, hexahedra=hexahedra)
-                        yield f"{name} | {shape} {cells} | {degree} | {n}", *found
+                        wall_case = WALLS[name](n, geometry, degree, hexahedra=hexahedra)
+                        yield f"{name} | {shape} {cells} | {degree} | {n}", *wall_case
     for name in (name for name in BARS if name in bodies):
         for cells, hexahedra in CELLS.items():
             for degree in degrees:
@@ -255,8 +255,8 @@ def cases(bodies: list[str], divisions: list[int], degrees: list[int]) -> Iterat
                         data = job(**slab(problem, hexahedra=hexahedra, divisions=n, displacement=degree))
                         yield f"{name}, {text} | {cells} | {degree} | {n}", data, exact
     if "beam" in bodies and 2 in degrees:
-        without = ESTIMATE | {"estimate": False}
-        exact = {"tip": hpcinv.run(beam("3 mm", 2, without, 3)).quantities["tip"]}
+        no_estimate = ESTIMATE | {"estimate": False}
+        exact = {"tip": hpcinv.run(beam("3 mm", 2, no_estimate, 3)).quantities["tip"]}
         for geometry, shape in ((1, "straight"), (2, "curved")):
             for size in ("4 mm", "3 mm"):
                 yield f"beam | {shape} tetrahedra | 2 | {size}", beam(size, geometry, ESTIMATE), exact
@@ -272,12 +272,12 @@ def main() -> None:
     print("| body | cells | degree | divisions | quantity | true error | estimated | effectivity |")
     print("|---|---|---|---|---|---|---|---|")
     for name, data, exact in cases(options.bodies, options.divisions, options.displacement):
-        found = hpcinv.run(data)
-        assert found.estimate is not None
+        result = hpcinv.run(data)
+        assert result.estimate is not None
         for quantity, value in exact.items():
-            true, estimated = value - found.quantities[quantity], found.estimate.quantities[quantity]
-            left_out = " (without geometry)" if found.estimate.without_geometry else ""
-            if found.estimate.limit and not found.estimate.limit.is_reliable:
+            true, estimated = value - result.quantities[quantity], result.estimate.quantities[quantity]
+            left_out = " (without geometry)" if result.estimate.without_geometry else ""
+            if result.estimate.limit and not result.estimate.limit.is_reliable:
                 left_out += " (not reliable here)"
             effectivity = f"{estimated / true:.2f}" if abs(true) > RESOLVED * abs(value) else "–"
             print(f"| {name} | {quantity} | {true:.1e} | {estimated:.1e}{left_out} | {effectivity} |", flush=True)

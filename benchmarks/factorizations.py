@@ -32,7 +32,7 @@ def factorizations(bench: Bench, options: argparse.Namespace) -> list[Findings]:
     bodies = {"beam": beam, "block": block}
     jobs: dict[str, tuple[JobData, int]] = {
         f"{name} {size // 1000}k {analysis}, {solver}{'' if nested == 'auto' else f', nested {nested}'}": (
-            of(
+            body(
                 size,
                 analysis=analysis,
                 solver={**settings, "nested_iteration": nested},
@@ -41,45 +41,45 @@ def factorizations(bench: Bench, options: argparse.Namespace) -> list[Findings]:
             1,
         )
         for size in options.sizes
-        for name, of in bodies.items()
+        for name, body in bodies.items()
         if name in options.bodies
         for analysis in options.analyses
         for solver, settings in SOLVERS.items()
         if solver in options.solvers
         for nested in options.nested
     }
-    found = {
+    figures = {
         name: {
-            "unknowns": of[0].unknowns,
-            "tangents": of[0].count("factorizations"),
-            "on coarse": sum(one["factorizations"] for one in map(_coarse, of[0].data["solutions"])),
-            "corrections": of[0].count("newton_iterations"),
-            "Krylov": sum(solution["linear"]["iterations"] for solution in of[0].data["solutions"]),
-            "solver": median(of, lambda run: run.solver),
-            "factors": median(of, lambda run: run.phases["factorization"]),
-            "nested": median(of, lambda run: sum(run.phases.get(name, 0.0) for name in NESTED)),
-            "MB": median(of, lambda run: sum(run.memory)) / 1e6,
-            "fallback": of[0].data["solutions"][0]["linear"]["fallback"] or "",
+            "unknowns": measured[0].unknowns,
+            "tangents": measured[0].count("factorizations"),
+            "on coarse": sum(solve["factorizations"] for solve in map(_coarse, measured[0].data["solutions"])),
+            "corrections": measured[0].count("newton_iterations"),
+            "Krylov": sum(solution["linear"]["iterations"] for solution in measured[0].data["solutions"]),
+            "solver": median(measured, lambda run: run.solver),
+            "factors": median(measured, lambda run: run.phases["factorization"]),
+            "nested": median(measured, lambda run: sum(run.phases.get(name, 0.0) for name in NESTED)),
+            "MB": median(measured, lambda run: sum(run.memory)) / 1e6,
+            "fallback": measured[0].data["solutions"][0]["linear"]["fallback"] or "",
         }
-        for name, of in bench.alternating(jobs, options.repeat).items()
+        for name, measured in bench.alternating(jobs, options.repeat).items()
     }
     return [
         Findings(
             f"factorizations: 1 rank, medians of {options.repeat}",
             ("seconds", "unknowns", *FIGURES, "fallback"),
             [
-                (name, f"{of['unknowns']}", *(f"{of[title]:.4g}" for title in FIGURES), of["fallback"])
-                for name, of in found.items()
+                (name, f"{row['unknowns']}", *(f"{row[title]:.4g}" for title in FIGURES), row["fallback"])
+                for name, row in figures.items()
             ],
-            data={"repeat": options.repeat, "figures": found},
+            data={"repeat": options.repeat, "figures": figures},
         )
     ]
 
 
 def _coarse(solution: Mapping[str, Any]) -> Mapping[str, Any]:
     """Report of the solve on coarser cells, of none without one."""
-    found: Mapping[str, Any] = solution.get("coarse", {"factorizations": 0})
-    return found
+    coarse: Mapping[str, Any] = solution.get("coarse", {"factorizations": 0})
+    return coarse
 
 
 if __name__ == "__main__":

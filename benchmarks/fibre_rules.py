@@ -48,13 +48,13 @@ def main() -> None:
         comm.barrier()
         began = time.perf_counter()
         rule_directions(body, family.rule, "fibres.fibre")
-        of_rule = comm.allreduce(time.perf_counter() - began, op=MPI.MAX)
+        rule_seconds = comm.allreduce(time.perf_counter() - began, op=MPI.MAX)
         began = time.perf_counter()
         hpcinv.run(given, comm)
-        of_run = comm.allreduce(time.perf_counter() - began, op=MPI.MAX)
+        run_seconds = comm.allreduce(time.perf_counter() - began, op=MPI.MAX)
         if number and comm.rank == 0:
             cells = sum(body.partition.cells)
-            share = f"rule {of_rule:.2f} s, run {of_run:.1f} s: {of_rule / of_run:.1%}"
+            share = f"rule {rule_seconds:.2f} s, run {run_seconds:.1f} s: {rule_seconds / run_seconds:.1%}"
             print(f"{size}: {cells} cells, {share}", flush=True)
 
 

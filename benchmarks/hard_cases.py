@@ -55,9 +55,9 @@ def row(path: Path, comm: MPI.Intracomm) -> tuple[str, ...]:
 
 def heading(name: str, path: Path) -> str:
     """What the head of a job file says under a name, on however many lines."""
-    found = re.search(rf"^# {name} +(.*(?:\n#            .*)*)", path.read_text(), re.MULTILINE)
-    assert found is not None
-    return re.sub(r"\n# +", " ", found[1])
+    match = re.search(rf"^# {name} +(.*(?:\n#            .*)*)", path.read_text(), re.MULTILINE)
+    assert match is not None
+    return re.sub(r"\n# +", " ", match[1])
 
 
 def certified(certificate: Mapping[str, Any]) -> str:

@@ -14,12 +14,12 @@ PREPOSITION = re.compile(
     r"|within|without)(?:_.*)?"
 )
 VAGUE = ("found", "one", "of", "given", "known")
-# Keys that users write in a job, and names that a protocol or a library calls.
-EXCUSED = {
-    "at": "key of a job",
-    "on": "key of a job",
-    "over": "key of a job",
-}
+# Keys of files that users write, and names that a summary, a library or authors of plugins call.
+EXCUSED = re.compile(
+    r"Landmark\.at|Observation\.on|QuantityOfInterest\.(?:at|on|over)|Growth\.(?:along|across)|Study\.beside"
+    r"|Taken\.at_least|Quantity\.(?:above|at_least|at_most)|(?:Correction|Estimate)\.without_geometry"
+    r"|Job\.with_|Result\.to_dict|(?:Run)?Console\.on_broken_pipe|\w+\.from_(?:json|names|data)"
+)
 
 
 def names(tree: ast.AST, scope: str = "") -> Iterator[tuple[str, str, str, int]]:
@@ -39,12 +39,8 @@ def names(tree: ast.AST, scope: str = "") -> Iterator[tuple[str, str, str, int]]
         yield from names(node, inner)
 
 
-def is_prepositional(name: str) -> bool:
-    return PREPOSITION.fullmatch(name) is not None and name not in EXCUSED
-
-
-def repeated(places: dict[str, set[str]]) -> list[str]:
-    return sorted(name for name, where in places.items() if len(where) > 1)
+def is_prepositional(name: str, scope: str) -> bool:
+    return PREPOSITION.fullmatch(name) is not None and EXCUSED.fullmatch(f"{scope}.{name}".strip(".")) is None
 
 
 def count(directory: str, verbose: bool) -> None:
@@ -63,7 +59,7 @@ def count(directory: str, verbose: bool) -> None:
                 classes[name].add(where)
             elif name in VAGUE and kind == "variable":
                 uses[name] += 1
-            elif is_prepositional(name):
+            elif is_prepositional(name, scope):
                 scopes[f"{kind}s"].add((name, where + scope))
             else:
                 continue
@@ -75,8 +71,9 @@ def count(directory: str, verbose: bool) -> None:
         print(
             f"  {kind} that begin with a preposition: {len({n for n, _ in scopes[kind]})} ({len(scopes[kind])} scopes)"
         )
-    print("  modules of one name:", len(repeated(modules)), *repeated(modules))
-    print("  classes of one name:", len(repeated(classes)), *repeated(classes))
+    for what, places in (("modules", modules), ("classes", classes)):
+        repeated = sorted(name for name, where in places.items() if len(where) > 1)
+        print(f"  {what} of one name: {len(repeated)}", *repeated)
 
 
 if __name__ == "__main__":

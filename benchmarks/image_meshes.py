@@ -25,8 +25,8 @@ def write_images(directory: Path) -> None:
     x, y, z = np.meshgrid(axis, axis, axis, indexing="ij", sparse=True)
     distance = np.sqrt(x**2 + y**2 + z**2)
     hollow = (distance < RADIUS) & (distance > RADIUS - WALL)
-    for name, inside in (("ball", distance < RADIUS), ("hollow", hollow)):
-        SimpleITK.WriteImage(SimpleITK.GetImageFromArray(inside.astype(np.uint8)), str(directory / f"{name}.nii.gz"))
+    for name, mask in (("ball", distance < RADIUS), ("hollow", hollow)):
+        SimpleITK.WriteImage(SimpleITK.GetImageFromArray(mask.astype(np.uint8)), str(directory / f"{name}.nii.gz"))
     pyvista.Sphere(radius=RADIUS, theta_resolution=200, phi_resolution=200).save(directory / "ball.stl")
 
 
@@ -37,7 +37,7 @@ def row(directory: Path, *options: str) -> str:
     begin = time.monotonic()
     done = subprocess.run(command, cwd=directory, capture_output=True, text=True, check=True)
     seconds, said = time.monotonic() - begin, done.stdout + done.stderr
-    found = [
+    matches = [
         re.search(pattern, said)
         for pattern in (
             r"(\d+) cells and",
@@ -46,7 +46,7 @@ def row(directory: Path, *options: str) -> str:
             r", ([+-]\d+\.\d+%) in the mesh",
         )
     ]
-    cells, edges, quality, volume = (match.groups() if match else ("?",) for match in found)
+    cells, edges, quality, volume = (match.groups() if match else ("?",) for match in matches)
     told = f"{int(cells[0]):,} | {edges[0]} | {', '.join(quality)} | {volume[0]} | {seconds:.0f} s"
     return f"| `{' '.join(options)}` | {told} |"
 

@@ -33,8 +33,8 @@ SILICONE = {"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 7.
 def shapes(n: int, size: str) -> dict[str, dict[str, Any]]:
     """Mesh, load and materials of each body."""
 
-    def block(length: int, divisions: int, across: int, load: float) -> dict[str, Any]:
-        parameters = {"lx": length, "nx": divisions, "ny": across, "nz": across}
+    def block(length: int, divisions: int, width: int, load: float) -> dict[str, Any]:
+        parameters = {"lx": length, "nx": divisions, "ny": width, "nz": width}
         return {
             "mesh": {"file": "../meshes/box.py", "parameters": parameters},
             "effects": [{"effect": "gravity", "acceleration": [0, -9.81 * load, 0], "density": 1000}],

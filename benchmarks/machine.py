@@ -64,7 +64,7 @@ def main() -> int:
         parser.error(f"--out {options.out}: no such directory")
     up_to_the_cores = [2**k for k in range(len(os.sched_getaffinity(0)).bit_length())]
     counts = sorted(set(options.ranks or up_to_the_cores))
-    found: dict[str, Any] = {"machine": {"processor": platform.processor() or platform.machine()}}
+    content: dict[str, Any] = {"machine": {"processor": platform.processor() or platform.machine()}}
     with tempfile.TemporaryDirectory(prefix="hpcinv-bench-") as directory:
         bench = Bench(Path(directory), lambda text: print(text, file=sys.stderr, flush=True))
         for name in options.sections or SECTIONS:
@@ -77,10 +77,10 @@ def main() -> int:
                 case _:
                     findings = ranks(bench, bodies(bench), sizes, counts, options.repeat)
             findings.show()
-            found[name] = findings.data
+            content[name] = findings.data
             if options.out is not None:
                 with output_errors(options.out):
-                    options.out.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+                    options.out.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     return 0
 
 
@@ -95,16 +95,19 @@ def bodies(bench: Bench) -> Bodies:
 def _body(bench: Bench, unknowns: int, width: float, slenderness: int, acceleration: Sequence[float]) -> JobData:
     """Return a job of a box of quadratic tetrahedra, with cells up to twice as long as wide."""
 
-    def along(n: int) -> int:
+    def length_divisions(n: int) -> int:
         return math.ceil(slenderness / 2) * n
 
     def count(n: int) -> int:
-        return 3 * (2 * n + 1) ** 2 * (2 * along(n) + 1) + (n + 1) ** 2 * (along(n) + 1)
+        return 3 * (2 * n + 1) ** 2 * (2 * length_divisions(n) + 1) + (n + 1) ** 2 * (length_divisions(n) + 1)
 
-    across = min(range(1, 100), key=lambda n: abs(count(n) - unknowns))
-    file = bench.directory / f"box-{slenderness}-{across}.geo"
+    width_divisions = min(range(1, 100), key=lambda n: abs(count(n) - unknowns))
+    file = bench.directory / f"box-{slenderness}-{width_divisions}.geo"
     file.write_text(
-        _GEOMETRY.format(length=slenderness * width, width=width, across=across, along=along(across)), encoding="utf-8"
+        _GEOMETRY.format(
+            length=slenderness * width, width=width, across=width_divisions, along=length_divisions(width_divisions)
+        ),
+        encoding="utf-8",
     )
     return {
         "job": "bench",
@@ -122,36 +125,36 @@ def setup(bench: Bench, counts: Sequence[int]) -> Findings:
 
     bench.note("set-up: warming up")
     bench.output(bench_runs.__file__)
-    found = {}
+    probes = {}
     for count in counts:
         bench.note(f"set-up, on {count}")
         text = bench.output(bench_runs.__file__, ranks=count)
         try:
-            found[count] = json.loads(text)
+            probes[count] = json.loads(text)
         except ValueError:  # every process prints
             raise SolveError(
                 f"the launcher starts {count} separate processes, not {count} ranks of one run",
                 "Set HPCINV_LAUNCHER to the one of the MPI that mpi4py was built with, such as 'srun --mpi=pmi2'.",
             ) from None
-    alone = found[counts[0]]
+    alone = probes[counts[0]]
     return Findings(
         "setup: imports and memory",
         ("ranks", "imports (s)", "memory (GB/s)", "times that of the first"),
         [
             (
                 str(count),
-                f"{of['imports']:.2f}",
-                f"{of['bandwidth'] / 1e9:.1f}",
-                f"{of['bandwidth'] / alone['bandwidth']:.2f}",
+                f"{probe['imports']:.2f}",
+                f"{probe['bandwidth'] / 1e9:.1f}",
+                f"{probe['bandwidth'] / alone['bandwidth']:.2f}",
             )
-            for count, of in found.items()
+            for count, probe in probes.items()
         ],
         [
             f"{len(os.sched_getaffinity(0))} cores may be used; the ranks of each row are in one communicator",
             "Iterative solves are limited by memory: more ranks help them as far as this column rises.",
             "Where imports take longer on more ranks, read docs/how-to/start-up.md.",
         ],
-        {str(count): of for count, of in found.items()},
+        {str(count): probe for count, probe in probes.items()},
     )
 
 
@@ -167,14 +170,14 @@ def linear(bench: Bench, measured: Bodies, sizes: Sequence[int], repeat: int) ->
         for size, job in zip(sizes, jobs, strict=True):
             runs: dict[str, list[MeasuredRun]] = {kind: [] for kind in LINEAR_SOLVERS}
             for _ in range(repeat):
-                for kind, of in runs.items():
+                for kind, kind_runs in runs.items():
                     title = f"{name}, about {size} unknowns, {kind}"
-                    of.append(bench.run(title, {**job, "solver": {"linear": kind}}))
-                    if not of[-1].solved:
-                        notes.append(f"{title}: {of[-1].ending}")
-            found = _figures(runs)
-            data.setdefault(name, []).append(found)
-            rows.append((name, *_cells(found)))
+                    kind_runs.append(bench.run(title, {**job, "solver": {"linear": kind}}))
+                    if not kind_runs[-1].solved:
+                        notes.append(f"{title}: {kind_runs[-1].ending}")
+            figures = _figures(runs)
+            data.setdefault(name, []).append(figures)
+            rows.append((name, *_cells(figures)))
         notes += [f"{name}: {_crossing(figure, data[name])}" for figure in ("seconds", "bytes")]
     return Findings(
         f"linear: inverse, 1 rank, medians of {repeat}",
@@ -188,20 +191,20 @@ def linear(bench: Bench, measured: Bodies, sizes: Sequence[int], repeat: int) ->
 def _figures(runs: Mapping[str, Sequence[MeasuredRun]]) -> dict[str, float]:
     """Return medians over the runs of each linear solver that solved all of them."""
 
-    found = dict[str, float]()
-    for kind, of in runs.items():
-        if all(run.solved for run in of):
-            found["unknowns"] = of[0].unknowns
-            found[f"{kind} seconds"] = median(of, lambda run: run.solver)
-            found[f"{kind} bytes"] = median(of, lambda run: sum(run.memory))
-            found[f"{kind} Newton iterations"] = of[0].count("newton_iterations")
-            found[f"{kind} Krylov iterations"] = of[0].count("linear.iterations")
-    return found
+    figures = dict[str, float]()
+    for kind, kind_runs in runs.items():
+        if all(run.solved for run in kind_runs):
+            figures["unknowns"] = kind_runs[0].unknowns
+            figures[f"{kind} seconds"] = median(kind_runs, lambda run: run.solver)
+            figures[f"{kind} bytes"] = median(kind_runs, lambda run: sum(run.memory))
+            figures[f"{kind} Newton iterations"] = kind_runs[0].count("newton_iterations")
+            figures[f"{kind} Krylov iterations"] = kind_runs[0].count("linear.iterations")
+    return figures
 
 
-def crossover(sizes: Sequence[float], one: Sequence[float], other: Sequence[float]) -> float | None:
-    """Return the size from which ``other`` is less than ``one``, interpolated in logarithms, or ``None``."""
-    points = [(math.log(n), math.log(a / b)) for n, a, b in zip(sizes, one, other, strict=True)]
+def crossover(sizes: Sequence[float], first: Sequence[float], second: Sequence[float]) -> float | None:
+    """Return the size from which ``second`` is less than ``first``, interpolated in logarithms, or ``None``."""
+    points = [(math.log(n), math.log(a / b)) for n, a, b in zip(sizes, first, second, strict=True)]
     for (x, f), (y, g) in pairwise(sorted(points)):
         if f <= 0 < g:
             return math.exp(x - f * (y - x) / (g - f))
@@ -210,20 +213,20 @@ def crossover(sizes: Sequence[float], one: Sequence[float], other: Sequence[floa
 
 def _crossing(figure: str, series: Sequence[Mapping[str, float]]) -> str:
     names = ("unknowns", *(f"{kind} {figure}" for kind in LINEAR_SOLVERS))
-    known = [[of[name] for name in names] for of in series if all(name in of for name in names)]
+    known = [[figures[name] for name in names] for figures in series if all(name in figures for name in names)]
     if not known:
         return f"no {figure} to compare"
-    sizes, one, other = zip(*known, strict=True)
-    at = crossover(sizes, one, other)
-    if at is not None:
-        return f"the iterative solver takes fewer {figure} from {at:,.0f} unknowns on"
-    less = "everywhere" if all(b < a for a, b in zip(one, other, strict=True)) else "nowhere"
+    sizes, direct, iterative = zip(*known, strict=True)
+    size = crossover(sizes, direct, iterative)
+    if size is not None:
+        return f"the iterative solver takes fewer {figure} from {size:,.0f} unknowns on"
+    less = "everywhere" if all(b < a for a, b in zip(direct, iterative, strict=True)) else "nowhere"
     return f"the iterative solver takes fewer {figure} {less} between {min(sizes):,.0f} and {max(sizes):,.0f} unknowns"
 
 
-def _cells(found: Mapping[str, float]) -> list[str]:
+def _cells(figures: Mapping[str, float]) -> list[str]:
     def shown(name: str, unit: float = 1, digits: int = 0) -> str:
-        return f"{found[name] / unit:.{digits}f}" if name in found else "-"
+        return f"{figures[name] / unit:.{digits}f}" if name in figures else "-"
 
     return [
         shown("unknowns"),
@@ -245,21 +248,28 @@ def ranks(bench: Bench, measured: Bodies, sizes: Sequence[int], counts: Sequence
     runs = bench.alternating(jobs, repeat)
     seconds = {
         name: {
-            "solver": median(of, lambda run: run.solver),
-            **{phase: median(of, lambda run, phase=phase: run.phases.get(phase, 0.0)) for phase in _PHASES},  # type: ignore[misc]
-            "command": median(of, lambda run: run.seconds),
+            "solver": median(body_runs, lambda run: run.solver),
+            **{phase: median(body_runs, lambda run, phase=phase: run.phases.get(phase, 0.0)) for phase in _PHASES},  # type: ignore[misc]
+            "command": median(body_runs, lambda run: run.seconds),
         }
-        for name, of in runs.items()
+        for name, body_runs in runs.items()
     }
     rows, notes = list[tuple[str, ...]](), list[str]()
     for name in bodies:
         alone = seconds[f"{name}, on {counts[0]}"]
         for count in counts:
-            mine, of = seconds[f"{name}, on {count}"], runs[f"{name}, on {count}"]
+            mine, body_runs = seconds[f"{name}, on {count}"], runs[f"{name}, on {count}"]
             faster = (f"{alone[title] / mine[title]:.2f}" if mine[title] > 1e-3 else "" for title in mine)
-            memory = f"{median(of, lambda run: max(run.memory)) / 1e6:.0f}"
+            memory = f"{median(body_runs, lambda run: max(run.memory)) / 1e6:.0f}"
             rows.append(
-                (name.partition(",")[0], f"{of[0].unknowns}", str(count), f"{mine['solver']:.2f}", *faster, memory)
+                (
+                    name.partition(",")[0],
+                    f"{body_runs[0].unknowns}",
+                    str(count),
+                    f"{mine['solver']:.2f}",
+                    *faster,
+                    memory,
+                )
             )
         best = min(counts, key=lambda count: seconds[f"{name}, on {count}"]["command"])
         notes.append(f"{rows[-1][0]}, {rows[-1][1]} unknowns: fastest from command to prompt on {best}")
@@ -268,7 +278,11 @@ def ranks(bench: Bench, measured: Bodies, sizes: Sequence[int], counts: Sequence
         ("body", "unknowns", "ranks", "s", "solver", *_PHASES, "command", "MB a rank"),
         rows,
         notes,
-        {"repeat": repeat, "unknowns": {name: of[0].unknowns for name, of in runs.items()}, "seconds": seconds},
+        {
+            "repeat": repeat,
+            "unknowns": {name: body_runs[0].unknowns for name, body_runs in runs.items()},
+            "seconds": seconds,
+        },
     )
 
 

@@ -21,16 +21,16 @@ def main() -> None:
     spec = MeshSpec.model_validate({"file": str(parser.parse_args().mesh)})
     comm = MPI.COMM_WORLD
     comm.Barrier()
-    before, highest, seconds = resident(), peak(), time.process_time()
+    memory_before, highest, seconds = resident(), peak(), time.process_time()
     body = build_body(spec, {}, comm)
-    found = {
+    figures = {
         "cells": body.mesh.topology.index_map(3).size_local,
         "nodes": len(body.mesh.geometry.x),
-        "MB kept": (resident() - before) / 1e6,
+        "MB kept": (resident() - memory_before) / 1e6,
         "MB at most": (peak() - highest) / 1e6,
         "s of CPU": time.process_time() - seconds,
     }
-    most = {name: comm.allreduce(value, op=MPI.MAX) for name, value in found.items()}
+    most = {name: comm.allreduce(value, op=MPI.MAX) for name, value in figures.items()}
     if comm.rank == 0:
         method = body.partition.method
         print(f"{comm.size} ranks, {method}: " + ", ".join(f"{value:.4g} {name}" for name, value in most.items()))

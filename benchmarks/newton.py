@@ -6,7 +6,8 @@ last columns are the largest difference from the displacements of an earlier run
 Constants of the method can be given other values, and left out by infinite ones; `--second-order` adds a term of second
 order to the predictor, where that turns and stretches the body by no more than a number.
 
-Command: mpirun -n 1 python benchmarks/newton.py [cases …] [--answers FILE] [--with NewtonMonitor.near=0.1 …]
+Command: mpirun -n 1 python benchmarks/newton.py [cases …] [--answers FILE]
+[--with NewtonMonitor.close_correction=0.1 …]
 """
 
 from __future__ import annotations
@@ -146,25 +147,25 @@ def change(constant: str) -> None:
 
 def add_second_order(farthest: float) -> None:
     """Let predictions follow ``x + ẋ h + ẍ h²/2``, with ẍ from R(x + ε ẋ h) and the same factors."""
-    along_tangent, share = Predictor.predict, 0.1
+    first_order, share = Predictor.predict, 0.1
 
     def predict(self: Predictor, load: float, *, new_tangent: bool = False) -> Prediction:
         system = self.system
         start = system.position()
-        found = along_tangent(self, load, new_tangent=new_tangent)
-        if not found.is_taken or max(found.increment.rotation, found.increment.strain) > farthest:
-            return found
-        end, first, between = system.position(), system.rhs.duplicate(), start.copy()
+        prediction = first_order(self, load, new_tangent=new_tangent)
+        if not prediction.is_taken or max(prediction.increment.rotation, prediction.increment.strain) > farthest:
+            return prediction
+        end, first, middle = system.position(), system.rhs.duplicate(), start.copy()
         system.set_state(start)
         system.residual(first)
-        between.axpby(share, 1 - share, end)
-        system.set_state(between)
+        middle.axpby(share, 1 - share, end)
+        system.set_state(middle)
         system.residual(system.rhs)
         system.rhs.axpy(share - 1, first)  # what is left is of second order
-        self.linear.ksp.solve(system.rhs, between)
-        end.axpy(-1 / share**2, between)
+        self.linear.ksp.solve(system.rhs, middle)
+        end.axpy(-1 / share**2, middle)
         system.set_state(end)
-        return found
+        return prediction
 
     Predictor.predict = predict  # type: ignore[method-assign]
 

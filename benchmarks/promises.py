@@ -170,8 +170,8 @@ def main() -> None:
     print("| body | cells | demand | promised | true error | kept | steps | unknowns |")
     print("|---|---|---|---|---|---|---|---|")
     for body in bodies(parser.parse_args().bodies):
-        found = hpcinv.run(job(**body.data, accuracy={"q": body.demand}))
-        record, true = found.accuracy, abs(found.quantities["q"] - body.exact)
+        result = hpcinv.run(job(**body.data, accuracy={"q": body.demand}))
+        record, true = result.accuracy, abs(result.quantities["q"] - body.exact)
         assert record is not None
         bound, row = record.bounds["q"], record.rows[record.chosen]
         kept.append(true <= bound <= body.demand)

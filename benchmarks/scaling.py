@@ -88,7 +88,7 @@ def sample(bench: Bench, size: int, ranks: int, linear: str = "iterative") -> Sa
     def mean(event: str, figure: str) -> float:
         return float(np.mean([rank[figure] for rank in events.get(event, [{figure: 0.0}])]))
 
-    def of_each(figure: str) -> tuple[float, float]:
+    def call_means(figure: str) -> tuple[float, float]:
         return mean("KSPSolve", figure) / max(iterations, 1), mean("PCSetUp", figure) / setups
 
     reductions = mean("PCSetUp", "Num Reductions") + sum(mean(event, "Count") for event in REDUCTIONS)
@@ -98,8 +98,8 @@ def sample(bench: Bench, size: int, ranks: int, linear: str = "iterative") -> Sa
         run.count("newton_iterations"),
         iterations,
         setups,
-        of_each("Num Messages"),
-        of_each("Message Length"),
+        call_means("Num Messages"),
+        call_means("Message Length"),
         (FGMRES_REDUCTIONS, (reductions - FGMRES_REDUCTIONS * iterations) / setups),
         run.phases,
         max(run.memory),
@@ -108,25 +108,25 @@ def sample(bench: Bench, size: int, ranks: int, linear: str = "iterative") -> Sa
 
 @contextmanager
 def environment(**variables: str) -> Iterator[None]:
-    before = dict(os.environ)
+    variables_before = dict(os.environ)
     os.environ.update(variables)
     try:
         yield
     finally:
         os.environ.clear()
-        os.environ.update(before)
+        os.environ.update(variables_before)
 
 
 def events_in(log: Path) -> dict[str, list[dict[str, float]]]:
     """Read the events of PETSc's log (``-log_view :FILE:ascii_csv``) by rank, summed over stages."""
-    found: dict[str, dict[int, dict[str, float]]] = {}
+    events: dict[str, dict[int, dict[str, float]]] = {}
     if log.exists():
         with log.open(newline="") as file:
             for row in csv.DictReader(file):
-                sums = found.setdefault(row["Event Name"], {}).setdefault(int(row["Rank"]), {})
+                sums = events.setdefault(row["Event Name"], {}).setdefault(int(row["Rank"]), {})
                 for column in LOGGED:
                     sums[column] = sums.get(column, 0.0) + float(row[column])
-    return {event: [by_rank[rank] for rank in sorted(by_rank)] for event, by_rank in found.items()}
+    return {event: [rank_sums[rank] for rank in sorted(rank_sums)] for event, rank_sums in events.items()}
 
 
 @cache
@@ -181,8 +181,8 @@ def predicted(samples: Sequence[Sample], n: float, p: int, start: float) -> tupl
     iterations, there = float(np.polyval(fit, log_n)), np.array([log_n, 1.0])
 
     def work(phase: str, size: float) -> float:
-        of = WORK.get(phase)
-        seconds = [s.seconds.get(phase, 0.0) / (getattr(s, of) if of else 1) for s in alone]
+        attribute = WORK.get(phase)
+        seconds = [s.seconds.get(phase, 0.0) / (getattr(s, attribute) if attribute else 1) for s in alone]
         a, b = line([s.unknowns for s in alone], seconds)
         return a + b * size
 
@@ -198,8 +198,8 @@ def predicted(samples: Sequence[Sample], n: float, p: int, start: float) -> tupl
     }
     figures = {"iterations": iterations, "error of iterations": math.sqrt(there @ covariance @ there)}
     for i, (name, times) in enumerate((("Krylov", iterations), ("preconditioner", setups))):
-        per_neighbour = [s.messages[i] / halo(s.ranks)[0] for s in apart]
-        a, b = line([math.log(s.unknowns) for s in apart], per_neighbour)
+        neighbour_messages = [s.messages[i] / halo(s.ranks)[0] for s in apart]
+        a, b = line([math.log(s.unknowns) for s in apart], neighbour_messages)
         shared = np.array([halo(s.ranks)[1] * (s.unknowns / s.ranks) ** (2 / 3) for s in apart])
         bytes_of_surface = float(shared @ [s.bytes[i] for s in apart] / (shared @ shared))
         steps = float(np.mean([s.reductions[i] for s in samples])) * math.log2(max(p, 2))
@@ -225,10 +225,10 @@ def scaling(bench: Bench, options: argparse.Namespace) -> list[Findings]:
     begun = sum(os.times()[2:4])
     subprocess.run([sys.executable, "-c", "import hpcinv.job.job, hpcinv.driver"], check=True)
     terms, figures = predicted(samples, UNKNOWNS, MANY, sum(os.times()[2:4]) - begun)
-    in_parts = bench.directory / "block.bp"
+    parts_file = bench.directory / "block.bp"
     bench.compile("block", job(size * ranks[-1], "iterative"))
-    bench.output("hpcinv", "mesh", "partition", bench.directory / "job.yaml", in_parts, "--parts", 8)
-    run = bench.must_run("block in parts", {**job(size, "iterative"), "mesh": {"file": str(in_parts)}})
+    bench.output("hpcinv", "mesh", "partition", bench.directory / "job.yaml", parts_file, "--parts", 8)
+    run = bench.must_run("block in parts", {**job(size, "iterative"), "mesh": {"file": str(parts_file)}})
     better = {name: seconds for name, seconds in terms.items() if "of all ranks" not in name and "by one" not in name}
     better["mesh, in parts"] = run.phases["mesh"] / run.unknowns * UNKNOWNS / MANY
     alone = series["direct"][-3:]  # in small ones the factors are lost in what else takes memory
@@ -245,13 +245,13 @@ def scaling(bench: Bench, options: argparse.Namespace) -> list[Findings]:
         f"assumed: latency {LATENCY * 1e6:g} µs, {BANDWIDTH / 1e9:g} GB/s a rank, {FILE_OPERATIONS:g} calls/s of files",
     ]
     every: dict[str, float] = {name: terms.get(name, better.get(name, 0.0)) for name in {**terms, **better}}
-    data: dict[str, Any] = {name: [asdict(s) for s in of] for name, of in series.items()}
+    data: dict[str, Any] = {name: [asdict(s) for s in samples_of_series] for name, samples_of_series in series.items()}
     columns = ("unknowns", "ranks", "Newton", "Krylov", "messages", "kB", "µs an unknown", "set-up: messages", "kB")
     return [
         Findings(
             "scaling: block, inverse, iterative solver; means over ranks, of an iteration of the linear solver",
             ("series", *columns, "MB a rank"),
-            [_row(name, s) for name, of in series.items() for s in of],
+            [_row(name, s) for name, samples_of_series in series.items() for s in samples_of_series],
             data=data,
         ),
         Findings(

@@ -72,8 +72,8 @@ def column(divisions: tuple[int, int], kh: float, share: float, *, hexahedra: bo
     """Pressed by a share of the strain at which it buckles with the wave number k and the half-height h."""
     stretches = np.linspace(0.99, 0.5, 100_000)
     s = stretches**2
-    beyond = 4 * s * np.array([tanh(kh * v) for v in s]) < (1 + s**2) ** 2 * tanh(kh)
-    critical = float(stretches[np.argmax(beyond != beyond[0])])
+    is_unstable = 4 * s * np.array([tanh(kh * v) for v in s]) < (1 + s**2) ** 2 * tanh(kh)
+    critical = float(stretches[np.argmax(is_unstable != is_unstable[0])])
     height = 2 * kh * critical**2 / pi
     return block(divisions, 1 - share * (1 - critical), height=height, half=False, hexahedra=hexahedra)
 
@@ -90,7 +90,7 @@ def cases() -> Iterator[tuple[str, Job]]:
             yield f"half-block, {stretch}, {kind} 8", block((8, 8), stretch, half=True, hexahedra=hexahedra)
 
 
-def at_the_solution(job: Job) -> tuple[Result, Equations, Solution]:
+def solved(job: Job) -> tuple[Result, Equations, Solution]:
     result = hpcinv.run(job, MPI.COMM_WORLD)
     model, solution = Equations(job, result.body, Timings()), result.solutions[0]
     model.put(solution.moved_to(solution.reference_nodes))
@@ -101,13 +101,15 @@ def dense(form: Any, model: Equations, diagonal: float) -> npt.NDArray[np.float6
     matrix = fem_petsc.assemble_matrix(fem.form(form), bcs=model.supports.conditions, diag=diagonal)
     matrix.assemble()
     begins, columns, values = matrix.getValuesCSR()
-    found: npt.NDArray[np.float64] = scipy.sparse.csr_matrix((values, columns, begins), matrix.getSize()).toarray()
+    matrix_values: npt.NDArray[np.float64] = scipy.sparse.csr_matrix(
+        (values, columns, begins), matrix.getSize()
+    ).toarray()
     matrix.destroy()
-    return found
+    return matrix_values
 
 
 def modes(job: Job, number: int = 3) -> list[str]:
-    _, model, _ = at_the_solution(job)
+    _, model, _ = solved(job)
     unknowns, scene = model.unknowns, model.scene("forward")
     scene.parameters.set_load(1.0)
     kin, trial = scene.kinematics, ufl.TrialFunction(unknowns.space)
@@ -130,31 +132,31 @@ def modes(job: Job, number: int = 3) -> list[str]:
 def negative(model: Equations) -> int:
     equilibrium = model.equilibrium(model.scene("forward"))
     equilibrium.system.linearise(1.0)
-    found = inertia(equilibrium.system.matrix)
+    counted = inertia(equilibrium.system.matrix)
     model.release(equilibrium)
-    assert found is not None
-    return found.negative - model.unknowns.pressure_size
+    assert counted is not None
+    return counted.negative - model.unknowns.pressure_size
 
 
 def counts(job: Job) -> list[str]:
-    result, model, solution = at_the_solution(job)
+    result, model, solution = solved(job)
     texts = []
     texts.append(str(negative(model)))
     for penalty in PENALTIES:
         # A constant of the form: one kernel serves all penalties.
         confirmation.PENALTY = fem.Constant(result.body.mesh, penalty)
-        found = confirmation.confirm(model, solution)
-        texts.append("-" if found is None else str(found.directions))
+        confirmed = confirmation.confirm(model, solution)
+        texts.append("-" if confirmed is None else str(confirmed.directions))
     return texts
 
 
 def price(job: Job) -> list[str]:
-    without = type(job.certificate).model_validate(NO_CERTIFICATE)
-    job = job.model_copy(update={"certificate": without})
+    no_certificate = type(job.certificate).model_validate(NO_CERTIFICATE)
+    job = job.model_copy(update={"certificate": no_certificate})
     seconds = []
     for _ in range(2):  # kernels are there the second time
         begin = time.perf_counter()
-        _, model, solution = at_the_solution(job)
+        _, model, solution = solved(job)
         seconds = [time.perf_counter() - begin]
         for count in (negative, partial(confirmation.confirm, solution=solution)):
             begin = time.perf_counter()
@@ -163,7 +165,7 @@ def price(job: Job) -> list[str]:
     return [str(model.unknowns.size), *(f"{value:.2f}" for value in seconds)]
 
 
-def without_factors(size: int) -> Iterator[list[str]]:
+def iteration_rows(size: int) -> Iterator[list[str]]:
     """The lowest eigenvalue by iteration after an iterative solve, which is its measure."""
     certificate = {"level": "off", "stability": True}
     for name, body, analysis in (("block", block_of, "inverse"), ("beam", beam, "forward")):
@@ -173,9 +175,9 @@ def without_factors(size: int) -> Iterator[list[str]]:
         phases = result.statistics["timings"]["phases"]
         work = ("newton", "residual", "tangent", "factorization", "linear solve", "admissibility check")
         solve = sum(phases[phase]["max"] for phase in work if phase in phases)
-        found, seconds = result.statistics, line.seconds or 0.0
-        solution = found["solutions"][0]
-        effort = [found["mesh"]["unknowns"], solution["factorizations"], solution["linear"]["iterations"]]
+        summary, seconds = result.statistics, line.seconds or 0.0
+        solution = summary["solutions"][0]
+        effort = [summary["mesh"]["unknowns"], solution["factorizations"], solution["linear"]["iterations"]]
         yield [f"{name}, {analysis}", *map(str, effort), f"{solve:.1f}", f"{seconds:.1f}", f"{seconds / solve:.2f}"]
 
 
@@ -195,7 +197,7 @@ def main() -> None:
     what = options.what
     rows: list[list[str]]
     if what == "without-factors":
-        rows = list(without_factors(options.size))
+        rows = list(iteration_rows(options.size))
     elif what == "price":
         names = ("coil-through-itself", "standing-beam")
         rows = [[name, *price(load(ROOT / "jobs" / "hard" / f"{name}.yaml"))] for name in names]

@@ -26,7 +26,7 @@ def section(bench: Bench, options: argparse.Namespace) -> list[Findings]:
 def states(bench: Bench, measured: Bodies, sizes: Sequence[int], repeat: int) -> Findings:
     """Measure jobs of one, two and five states on one rank."""
     jobs = {
-        f"{name}, {size}, {count}": (with_states({**body(size), "certificate": WITHOUT_CERTIFICATE}, count), 1)
+        f"{name}, {size}, {count}": (states_job({**body(size), "certificate": WITHOUT_CERTIFICATE}, count), 1)
         for size in sizes
         for name, body in measured.items()
         for count in _STATES
@@ -34,25 +34,27 @@ def states(bench: Bench, measured: Bodies, sizes: Sequence[int], repeat: int) ->
     runs = bench.alternating(jobs, repeat)
     seconds = {
         name: {
-            "command": median(of, lambda run: run.seconds),
-            "solver": median(of, lambda run: run.solver),
-            "others": median(of, lambda run: run.seconds - run.solver),
+            "command": median(measured_run, lambda run: run.seconds),
+            "solver": median(measured_run, lambda run: run.solver),
+            "others": median(measured_run, lambda run: run.seconds - run.solver),
         }
-        for name, of in runs.items()
+        for name, measured_run in runs.items()
     }
     rows, notes = list[tuple[str, ...]](), list[str]()
     for size in sizes:
         for name in measured:
-            one, last = (seconds[f"{name}, {size}, {count}"] for count in (_STATES[0], _STATES[-1]))
+            single, last = (seconds[f"{name}, {size}, {count}"] for count in (_STATES[0], _STATES[-1]))
             for count in _STATES:
                 key = f"{name}, {size}, {count}"
-                of = runs[key][0]
+                measured_run = runs[key][0]
                 figures = (f"{value:.2f}" for value in seconds[key].values())
-                rows.append((name, f"{of.unknowns}", str(count), f"{of.count('factorizations')}", *figures))
-            each = {title: (last[title] - one[title]) / (_STATES[-1] - _STATES[0]) for title in one}
+                rows.append(
+                    (name, f"{measured_run.unknowns}", str(count), f"{measured_run.count('factorizations')}", *figures)
+                )
+            each = {title: (last[title] - single[title]) / (_STATES[-1] - _STATES[0]) for title in single}
             notes.append(
                 f"{name}, {rows[-1][1]} unknowns: a further state takes {each['command']:.2f} s, {each['solver']:.2f} s"
-                f" of them its solve; a job of its own would take {one['others']:.2f} s beside its solve"
+                f" of them its solve; a job of its own would take {single['others']:.2f} s beside its solve"
             )
     return Findings(
         f"states: 1 rank, seconds, medians of {repeat}",
@@ -63,14 +65,14 @@ def states(bench: Bench, measured: Bodies, sizes: Sequence[int], repeat: int) ->
     )
 
 
-def with_states(job: JobData, count: int) -> JobData:
+def states_job(job: JobData, count: int) -> JobData:
     """Return a job with a number of loaded states: the given one, and others with the load turned and smaller."""
-    (effect,), found = job["effects"], []
+    (effect,), loaded_states = job["effects"], []
     for i in range(count):
         x, y, z = ((1 - i / 8) * a for a in effect["acceleration"])
         turned = effect | {"acceleration": [x, y, z] if i % 2 == 0 else [x, z, y]}
-        found.append({"name": f"state-{i}", "effects": [turned]} | ({} if i else {"given": True}))
-    return {key: value for key, value in job.items() if key != "effects"} | {"states": found}
+        loaded_states.append({"name": f"state-{i}", "effects": [turned]} | ({} if i else {"given": True}))
+    return {key: value for key, value in job.items() if key != "effects"} | {"states": loaded_states}
 
 
 if __name__ == "__main__":

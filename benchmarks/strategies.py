@@ -55,17 +55,19 @@ def strategies(bench: Bench, options: argparse.Namespace) -> list[Findings]:
         for name, solver in solvers.items()
     }
     runs = bench.alternating(jobs, options.repeat)
-    found = {name: {title: median(of, figure) for title, figure in FIGURES.items()} for name, of in runs.items()}
+    seconds = {name: {title: median(of, figure) for title, figure in FIGURES.items()} for name, of in runs.items()}
     for analysis in meshes:
-        of = {kind: found[f"{analysis}, {kind}"] for kind in ("default", "paper")}
-        found[f"{analysis}, paper / default"] = {title: of["paper"][title] / of["default"][title] for title in FIGURES}
+        of = {kind: seconds[f"{analysis}, {kind}"] for kind in ("default", "paper")}
+        seconds[f"{analysis}, paper / default"] = {
+            title: of["paper"][title] / of["default"][title] for title in FIGURES
+        }
     unknowns = next(iter(runs.values()))[0].unknowns
     return [
         Findings(
             f"strategies: silicone beam, {unknowns} unknowns, 1 rank, medians of {options.repeat}",
             ("seconds", *FIGURES),
-            [(name, *(f"{figures[title]:.3g}" for title in FIGURES)) for name, figures in found.items()],
-            data={"unknowns": unknowns, "repeat": options.repeat, "figures": found},
+            [(name, *(f"{figures[title]:.3g}" for title in FIGURES)) for name, figures in seconds.items()],
+            data={"unknowns": unknowns, "repeat": options.repeat, "figures": seconds},
         )
     ]
 

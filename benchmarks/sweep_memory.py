@@ -84,11 +84,11 @@ def main() -> None:
     print(f"{done} cases of {reuse_groups} reuse groups in one process; MB resident, communicators free")
     for number, memory, free in seen[:: max(len(seen) // 10, 1)]:
         print(f"  {number:5d}  {memory:7.1f}  {free}")
-    figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(6.0, 4.5), layout="constrained")
-    above.plot([n for n, _, _ in seen], [m for _, m, _ in seen])
-    above.set(ylabel="resident memory in MB", ylim=(0, None))
-    below.plot([n for n, _, _ in seen], [f for _, _, f in seen])
-    below.set(ylabel="communicators free", xlabel="cases solved in one process", ylim=(0, None))
+    figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(6.0, 4.5), layout="constrained")
+    upper.plot([n for n, _, _ in seen], [m for _, m, _ in seen])
+    upper.set(ylabel="resident memory in MB", ylim=(0, None))
+    lower.plot([n for n, _, _ in seen], [f for _, _, f in seen])
+    lower.set(ylabel="communicators free", xlabel="cases solved in one process", ylim=(0, None))
     for form in ("png", "svg"):
         figure.savefig(ROOT / "docs" / "pictures" / f"sweep-memory.{form}")
 

@@ -54,8 +54,8 @@ class Shared:
     def run(self, job: Job, case: Case, space: ParameterSpace) -> Result:
         begun = time.perf_counter()
         point = space.point(case.numbers)
-        found = self._neighbours.guess(point) if self.guesses else None
-        result = run(job, COMM, workspace=self.workspace, guesses=[found[0]] if found else [])
+        neighbour_guess = self._neighbours.guess(point) if self.guesses else None
+        result = run(job, COMM, workspace=self.workspace, guesses=[neighbour_guess[0]] if neighbour_guess else [])
         solution = result.solutions[0]
         if self.guesses:
             pressure = None if solution.pressure is None else solution.pressure.x.array.copy()
@@ -74,9 +74,9 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=48, help="cases, as many of each reuse group")
     options = parser.parse_args()
     plan = load_sweep(options.sweep)
-    by_reuse_group: defaultdict[str, list[Case]] = defaultdict(list)
+    grouped: defaultdict[str, list[Case]] = defaultdict(list)
     for case in plan.cases:
-        by_reuse_group[case.reuse_group].append(case)
+        grouped[case.reuse_group].append(case)
 
     ways: dict[str, Callable[[], Shared]] = {
         "nothing shared": lambda: Shared(None, guesses=False),
@@ -87,12 +87,12 @@ def main() -> None:
     }
     shared = {name: make() for name, make in ways.items()}
     count = 0
-    for cases in by_reuse_group.values():
+    for cases in grouped.values():
         space = ParameterSpace([case.numbers for case in cases])
         run(plan.job(cases[0]), COMM)  # compiles
         for way in shared.values():
             way.begin_reuse_group()
-        for case in cases[: options.cases // len(by_reuse_group)]:
+        for case in cases[: options.cases // len(grouped)]:
             job, count = plan.job(case), count + 1
             for way in shared.values():
                 way.run(job, case, space)

@@ -74,13 +74,13 @@ def main() -> None:
             SweepPlan(plan.path, plan.sweep, plan.base, plan.data, tuple(reuse_groups.values())), 1, directory / "0"
         )
         loop = shell_loop(plan, options.by_hand, directory)
-        one, two = sweep(plan, 1, directory), sweep(plan, 2, directory)
+        single, two = sweep(plan, 1, directory), sweep(plan, 2, directory)
     print(f"{len(plan.cases)} cases of {plan.path.name}; seconds per case from command to prompt")
     print(f"  a process for each, two side by side ({options.by_hand} of the cases)  {loop:.3f}")
-    print(f"  sweep, 1 rank                                             {one:.3f}")
+    print(f"  sweep, 1 rank                                             {single:.3f}")
     print(f"  sweep, 2 ranks, 1 per case                                {two:.3f}")
     print(f"sweep on 2 ranks against a process for each: {loop / two:.1f} times the throughput")
-    print(f"2 ranks against 1: {one / two:.2f} times")
+    print(f"2 ranks against 1: {single / two:.2f} times")
 
 
 if __name__ == "__main__":

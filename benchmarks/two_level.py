@@ -43,9 +43,9 @@ def main() -> None:
     forecast = estimate.finer_forecast
 
     def noted(equations: Any) -> Any:
-        found = forecast(equations)
-        operations.append(found.operations)
-        return found
+        costs = forecast(equations)
+        operations.append(costs.operations)
+        return costs
 
     estimate.finer_forecast = noted
     print(f"{'body':20}{'unknowns':>10}{'operations':>12}{'factorized':>12}{'iterated':>10}{'ratio of errors':>17}")
@@ -53,8 +53,8 @@ def main() -> None:
         for size in options.sizes:
             for analysis in ("inverse", "forward"):
                 job = hpcinv.load(BODIES[name](size, analysis=analysis, certificate={"level": "off", "estimate": True}))
-                (exact, error), (rough, found) = (estimated(job, many) for many in (math.inf, 0.0))
-                row = f"{exact:10.2f} s{rough:8.2f} s{found / error:17.3f}"
+                (exact, error), (rough, rough_error) = (estimated(job, many) for many in (math.inf, 0.0))
+                row = f"{exact:10.2f} s{rough:8.2f} s{rough_error / error:17.3f}"
                 print(f"{name + ', ' + analysis:20}{size:10}{operations[-1]:12.1e}{row}", flush=True)
 
 

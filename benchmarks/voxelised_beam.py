@@ -80,23 +80,23 @@ def put_right(image: Path, size: float, mesh: Path, path: Path) -> float:
     Returns the distance (m, root mean square) between the nodes of both surfaces.
     """
     spec = {"image": image.name, "labels": {"silicone": 1}, "size": f"{size} mm"}
-    found = read_source(MeshSpec.model_validate(spec, context={"directory": image.parent}), image)
+    voxel_mesh = read_source(MeshSpec.model_validate(spec, context={"directory": image.parent}), image)
     source = read_msh(mesh).convert_to_metres(1.0)
     beam = surface_of(source).cut(4, np.arange(len(surface_of(source).nodes)))
     true = pyvista.PolyData.from_regular_faces(beam.points, beam.corners)
-    (side,) = (group.members for group in found.groups if group.name == "silicone|outside")
-    nodes, points = np.unique(found.facets[side]), found.points.copy()
+    (side,) = (group.members for group in voxel_mesh.groups if group.name == "silicone|outside")
+    nodes, points = np.unique(voxel_mesh.facets[side]), voxel_mesh.points.copy()
     points[nodes] = true.find_closest_cell(points[nodes], return_closest_point=True)[1]
-    distance = float(np.sqrt(((points - found.points)[nodes] ** 2).sum(axis=1).mean()))
+    distance = float(np.sqrt(((points - voxel_mesh.points)[nodes] ** 2).sum(axis=1).mean()))
     share = np.ones((len(points), 1))
     while True:
-        moved = found.points + share * (points - found.points)
-        corners = moved[found.cells]
+        moved = voxel_mesh.points + share * (points - voxel_mesh.points)
+        corners = moved[voxel_mesh.cells]
         inverted = np.linalg.det(corners[:, 1:] - corners[:, :1]) <= 0
         if not inverted.any():
             break
-        share[np.unique(found.cells[inverted])] *= 0.5
-    save(path, found, moved)
+        share[np.unique(voxel_mesh.cells[inverted])] *= 0.5
+    save(path, voxel_mesh, moved)
     return distance
 
 

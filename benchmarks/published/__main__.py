@@ -23,8 +23,8 @@ ROOT = Path(__file__).parents[2]
 def rows_of(references: list[Reference], store: Path, comm: MPI.Intracomm) -> list[Row]:
     """Return the compared rows, in the order of the tables; collective."""
     compared: list[Row] = []
-    by_case = cases(references)
-    for number, case in enumerate(by_case.values(), 1):
+    grouped = cases(references)
+    for number, case in enumerate(grouped.values(), 1):
         summary = summary_of(case[0], store, comm)
         rows = [compare(reference, summary) for reference in case]
         compared += rows
@@ -32,7 +32,7 @@ def rows_of(references: list[Reference], store: Path, comm: MPI.Intracomm) -> li
             for row in rows:
                 values = f"theirs {row.reference.value}, ours {row.ours:.8g} ± {row.error:.1g} {row.reference.unit}, "
                 print(
-                    f"{number}/{len(by_case)} {row.reference.folder}/{row.reference.job} {row.reference.quantity}: "
+                    f"{number}/{len(grouped)} {row.reference.folder}/{row.reference.job} {row.reference.quantity}: "
                     f"{'' if row.missing else values}{row.verdict} {row.reason}",
                     flush=True,
                 )

@@ -143,7 +143,7 @@ def _changes(text: str) -> Iterator[tuple[str, Any]]:
 
 def cases(references: Iterable[Reference]) -> dict[tuple[str, str, str, str], list[Reference]]:
     """Return the rows by case, in the order of the table."""
-    by_case: dict[tuple[str, str, str, str], list[Reference]] = {}
+    grouped: dict[tuple[str, str, str, str], list[Reference]] = {}
     for reference in references:
-        by_case.setdefault(reference.case, []).append(reference)
-    return by_case
+        grouped.setdefault(reference.case, []).append(reference)
+    return grouped

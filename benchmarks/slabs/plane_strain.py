@@ -90,13 +90,15 @@ def solve(problem: Problem, largest: float = 0.25, steps: int = 2) -> dict[str, 
         else:
             raise RuntimeError(f"{problem.shape}: no convergence")
     displacement = state.sub(0).collapse() if is_mixed else state
-    found: dict[str, Any] = {"unknowns": space.dofmap.index_map.size_global * space.dofmap.index_map_bs}
+    values: dict[str, Any] = {"unknowns": space.dofmap.index_map.size_global * space.dofmap.index_map_bs}
     tree = dolfinx.geometry.bb_tree(mesh, 2)
     for name, (x, y) in problem.points.items():
-        at = np.array([[x, y, 0.0]])
-        near = dolfinx.geometry.compute_colliding_cells(mesh, dolfinx.geometry.compute_collisions_points(tree, at), at)
-        found[name] = displacement.eval(at[0], near.links(0)[:1]).tolist()
-    return found
+        point = np.array([[x, y, 0.0]])
+        colliding = dolfinx.geometry.compute_colliding_cells(
+            mesh, dolfinx.geometry.compute_collisions_points(tree, point), point
+        )
+        values[name] = displacement.eval(point[0], colliding.links(0)[:1]).tolist()
+    return values
 
 
 def _newton(residual: Any, tangent: Any, conditions: list[Any], state: fem.Function) -> float:
@@ -154,9 +156,9 @@ def _tags(mesh: Any, problem: Problem) -> tuple[Any, dict[str, int]]:
     mesh.topology.create_connectivity(1, 2)
     facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)
     middles = dolfinx.mesh.compute_midpoints(mesh, 1, facets)
-    found, numbers = np.zeros(len(facets), dtype=np.int32), {}
+    tags, numbers = np.zeros(len(facets), dtype=np.int32), {}
     for number, (name, is_on) in enumerate(OUTLINES[problem.shape].lines.items(), start=1):
-        on_it = [bool(is_on(*(0 if abs(c) < 1e-13 else float(c) for c in middle[:2]))) for middle in middles]
-        found[np.array(on_it)] = number
+        is_on_line = [bool(is_on(*(0 if abs(c) < 1e-13 else float(c) for c in middle[:2]))) for middle in middles]
+        tags[np.array(is_on_line)] = number
         numbers[name] = number
-    return dolfinx.mesh.meshtags(mesh, 1, facets, found), numbers
+    return dolfinx.mesh.meshtags(mesh, 1, facets, tags), numbers

@@ -32,8 +32,8 @@ class Outline:
         corners = []
         for i in range(len(self.xs)):
             for j in range(len(self.ys)):
-                around = [(i - a, j - b) in self.rectangles for a in (0, 1) for b in (0, 1)]
-                if sum(around) == 3:
+                quadrants = [(i - a, j - b) in self.rectangles for a in (0, 1) for b in (0, 1)]
+                if sum(quadrants) == 3:
                     corners.append((self.xs[i], self.ys[j]))
         return [*corners, *ends]
 
@@ -88,7 +88,7 @@ def build(
             geo.mesh.setTransfiniteCurve(made, max(1, round(2 * int(n) * length)) + 1)
         return lines[a, b]
 
-    surfaces, around = [], []
+    surfaces, loops = [], []
     for i, j in outline.rectangles:
         corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
         loop = [line(a, b) for a, b in pairwise([*corners, corners[0]])]
@@ -96,11 +96,11 @@ def build(
         geo.mesh.setTransfiniteSurface(surfaces[-1], cornerTags=[points[c] for c in corners])
         if hexahedra:
             geo.mesh.setRecombine(2, surfaces[-1])
-        around.append([(abs(tag), a, b) for tag, (a, b) in zip(loop, pairwise([*corners, corners[0]]), strict=True)])
+        loops.append([(abs(tag), a, b) for tag, (a, b) in zip(loop, pairwise([*corners, corners[0]]), strict=True)])
     made = geo.extrude([(2, s) for s in surfaces], 0, 0, thickness, [1], recombine=hexahedra)
     geo.synchronize()
     groups: dict[str, list[int]] = {"z0": surfaces, "z1": [tag for _, tag in made[::6]]}
-    for number, edges in enumerate(around):
+    for number, edges in enumerate(loops):
         for (_, a, b), (_, side) in zip(edges, made[6 * number + 2 : 6 * number + 6], strict=True):
             x, y = ((c[k] + c[m]) / 2 for c, k, m in ((outline.xs, a[0], b[0]), (outline.ys, a[1], b[1])))
             for name, is_on in outline.lines.items():

@@ -65,7 +65,7 @@ def attempt(
     observer: Observer,
     last_trial: Trial | None,
 ) -> Trial:
-    """Solve and estimate one discretisation, from the solution of the one ``before``; collective."""
+    """Solve and estimate one discretisation, from the solution of ``last_trial``; collective."""
     observed = _Steps(observer, last_trial)
     with _measured(timings) as solved:
         check_points(job.quantities, body)

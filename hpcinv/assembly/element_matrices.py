@@ -90,7 +90,7 @@ class Block:
         return self.rows.components, self.columns.components, self.rows.count, self.columns.count
 
     def add(self, place: int, weights: Floats, test: Floats, trial: Floats) -> None:
-        """Add moduli from place ``at`` on, of functions tabulated as (directions, points, functions)."""
+        """Add moduli from ``place`` on, of functions tabulated as (directions, points, functions)."""
         self._places.append((place, len(test), len(trial)))
         products = np.einsum("q,aqi,bqj->qabij", weights, test, trial, optimize=True)
         table = products.reshape(-1, test.shape[2] * trial.shape[2])

@@ -38,7 +38,7 @@ def can_isolate(group: MPI.Intracomm) -> bool:
     """Return whether processes can be started for a group: for one rank, or on one machine by mpiexec. Collective."""
     if group.size == 1:
         return True
-    identity = Identity.of_this_process()
+    identity = Identity.current()
     machines = set(group.allgather(identity.machine or identity.host))
     return len(machines) == 1 and bool(group.bcast(_mpiexec()))
 

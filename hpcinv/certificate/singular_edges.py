@@ -175,7 +175,7 @@ def _highest_angles(excess: Floats, pair: Ints, facets: int) -> tuple[Floats, Fl
 def _is_sharp(angle: Any, neighbour_angle: Any) -> Any:
     """Return whether a re-entrant angle is not one between facets of a curved surface.
 
-    Facets of a curved surface meet their neighbours on the other side under nearly the same angle ``beside``.
+    Facets of a curved surface meet their neighbours on the other side under nearly the same angle ``neighbour_angle``.
     """
     return (angle > CURVED) | ((angle > LEAST) & (angle >= SHARPER * neighbour_angle))
 

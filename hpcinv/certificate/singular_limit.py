@@ -48,7 +48,7 @@ class SingularLimit:
         order: with which that part of the error falls with the size of cells.
         factor: ratio of the whole error to the part that the estimate finds.
         is_reliable: whether the estimate is, on one mesh.
-        name, at: the edge that has most of it, and one of its points (m).
+        name, point: the edge that has most of it, and one of its points (m).
         missed: factor of each owned cell, by which its share of the estimate is too small.
         orders: order of the errors of each owned cell; infinite in those that touch no singular edge.
     """

@@ -109,7 +109,7 @@ def _curved_cells(mesh: Mesh) -> npt.NDArray[np.bool_]:
 
 
 def _moduli_of_cells(moduli: Sequence[CompiledModuli], chosen: npt.NDArray[np.bool_]) -> Iterator[CompiledModuli]:
-    """Yield the moduli of those cells that are among the owned cells ``of``."""
+    """Yield the moduli of those cells that are among the owned cells ``chosen``."""
     for entry in moduli:
         cells = np.arange(len(chosen), dtype=np.int32) if entry.cells is None else entry.cells
         yield replace(entry, cells=cells[chosen[cells]])

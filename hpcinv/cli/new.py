@@ -61,7 +61,7 @@ class _Source:
     Attributes:
         box: box (m) around the body; ``None`` if its regions have names.
         frame: what is known of its position in space, for a comment.
-        beside: a file of the mesh that is written beside the job.
+        mesh_file: a file of the mesh that is written beside the job.
         write: writes that file.
         is_example: the body is an example.
         ends: names of the ends of a wall.

@@ -43,7 +43,7 @@ class DirectoryLock:
                 _lock(descriptor, self._path, self._goes_on)
                 if _is_at(descriptor, self._path):  # otherwise the last holder has just removed the file
                     now = datetime.now(UTC).isoformat(timespec="seconds")
-                    content = {"holder": Identity.of_this_process().as_json(), "since": now}
+                    content = {"holder": Identity.current().as_json(), "since": now}
                     os.ftruncate(descriptor, 0)
                     os.pwrite(descriptor, json.dumps(content).encode(), 0)
                     return descriptor
@@ -84,7 +84,7 @@ def _lock(descriptor: int, path: Path, goes_on: str = _RESUME) -> None:
         raise _refusal(path, *_written(path), goes_on) from None
     except OSError:  # the file system has no locks
         holder, start = _written(path)
-        if holder is not None and Identity.of_this_process().runs(holder) is not False:
+        if holder is not None and Identity.current().runs(holder) is not False:
             raise _refusal(path, holder, start, goes_on, only_told=True) from None
 
 

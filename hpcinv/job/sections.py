@@ -393,7 +393,7 @@ class Support(Spec):
         """The constants of the formulas by place."""
         return {("constants", name): Number(value, None) for name, value in self.constants.items()}
 
-    def with_number(self, place: KeyPath, number: float) -> Self:
+    def number_replaced(self, place: KeyPath, number: float) -> Self:
         """A copy with another constant (SI) at one of the places of `numbers`."""
         return self.model_copy(update={"constants": replace_scalar(self.constants, place[1:], number)})
 

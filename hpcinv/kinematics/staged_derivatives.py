@@ -30,7 +30,7 @@ def stage(expression: Callable[[Any], Any]) -> cached_property[Any]:
 
 
 def gradient(scalar: Any, variable: Variable) -> Any:
-    """Return ``∂scalar/∂by``, of the shape of ``by``, with all other variables fixed."""
+    """Return ``∂scalar/∂variable``, of the shape of ``variable``, with all other variables fixed."""
     whole = ufl.variable(scalar)
     stages = [e for e in unique_post_traversal(whole) if isinstance(e, Variable)]  # from ``by`` to the scalar
     adjoints: dict[Any, Any] = {whole: None}

@@ -219,12 +219,12 @@ class MaterialLaw(Ingredient):
         """Return the derivative of a modulus by a number in which it is linear."""
         # A step of the size of the moduli loses no digits.
         step = float(self.shear_modulus(self._parameters()))
-        start, end = (self.with_number(place, x)._parameters() for x in (0.0, step))
+        start, end = (self.number_replaced(place, x)._parameters() for x in (0.0, step))
         return float(modulus(end) - modulus(start)) / step
 
     def _solved(self, modulus: Callable[[Any], Any], value: float, place: KeyPath) -> float:
         """Return the number at a place for which a modulus has a given value."""
-        return (value - float(modulus(self.with_number(place, 0.0)._parameters()))) / self._slope(modulus, place)
+        return (value - float(modulus(self.number_replaced(place, 0.0)._parameters()))) / self._slope(modulus, place)
 
     def _parameter_value(self, parameter: str, value: float) -> Any:
         """Return a value at the place of a parameter, with 0 in the other entries of a list."""
@@ -262,7 +262,7 @@ class MaterialLaw(Ingredient):
             raise Problems(((next(name for name in NAMES if name in data),), str(error))) from None
         if shear is not None and finds_shear:
             solved = law._solved(law.shear_modulus, mu, law.place_of(shear))
-            law, own = law.with_number(law.place_of(shear), solved), cls.put(shear, solved, own)
+            law, own = law.number_replaced(law.place_of(shear), solved), cls.put(shear, solved, own)
         if finds_bulk:
             finite = math.isfinite(kappa)
             own = cls.put(bulk, law._solved(law.bulk_modulus, kappa, (bulk,)) if finite else "incompressible", own)

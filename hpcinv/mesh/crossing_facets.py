@@ -44,7 +44,7 @@ def _crossing_facets(triangles: Triangles, candidate_pairs: Ints | None = None) 
     """Distinct pairs of facets with triangles that cross, (n, 2), and a point (n, 3) of each.
 
     Args:
-        among: the distinct pairs of facets (m, 2) that are in question; all if ``None``.
+        candidate_pairs: the distinct pairs of facets (m, 2) that are in question; all if ``None``.
     """
     shrunk = _shrunk(triangles)
     triangle_pairs = meeting(shrunk, triangles.corners)

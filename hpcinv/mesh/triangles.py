@@ -52,7 +52,7 @@ def crossing(points: Floats, first: Ints, second: Ints) -> tuple[npt.NDArray[np.
 
 
 def _straddles(points: Floats, base: Ints, tested: Ints) -> npt.NDArray[np.bool_]:
-    """Return whether corners of ``other`` lie on both sides of the plane of ``one``."""
+    """Return whether corners of ``tested`` lie on both sides of the plane of ``base``."""
     a, b, c = (points[base[:, k]] for k in range(3))
     heights = np.einsum("nki,ni->nk", points[tested] - a[:, None], np.cross(b - a, c - a))
     heights[(tested[:, :, None] == base[:, None, :]).any(axis=2)] = 0.0

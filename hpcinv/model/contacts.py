@@ -164,7 +164,7 @@ class Contacts:
         """Set the pressures and penalties of rigid obstacles to those of a solution.
 
         Args:
-            on_mesh: returns a function of the solution's mesh on that of these contacts, which has the same cells.
+            transfer: returns a function of the solution's mesh on that of these contacts, which has the same cells.
         """
         for contact, report in zip(self._all, reports, strict=True):
             contact.restore(report, scales, transfer)

@@ -104,7 +104,7 @@ class Supports:
 
         Args:
             variant: the support of this number as a function of a parameter.
-            at: value of the parameter at which to differentiate.
+            value: value of the parameter at which to differentiate.
         """
         step, changes = step_at(value), []
         specs = [variant(value + k * step) for k in POINTS]

@@ -54,9 +54,9 @@ class RunReport(Observer):
     def failing(self, lines: Sequence[str]) -> None:
         self.hints = lines
 
-    def ended(self, found: SolvedDirection) -> None:
-        if found.unused_options is not None:
-            self.unused_options = found.unused_options
+    def ended(self, solved: SolvedDirection) -> None:
+        if solved.unused_options is not None:
+            self.unused_options = solved.unused_options
 
     def conclude(self, result: Result) -> Result:
         """Write and print the summary of a converged run, with all lines of its certificate."""
@@ -101,22 +101,22 @@ class RunReport(Observer):
         self._finish(self._unfinished(solutions, line), why.text, advice)
         raise SolveError(f"{where}: {why.text}", advice)
 
-    def check_not_stopped(self, before: Sequence[Solution], found: SolvedDirection, state: str) -> None:
+    def check_not_stopped(self, earlier: Sequence[Solution], solved: SolvedDirection, state: str) -> None:
         """Raise ``Interrupted`` if a request to stop ended the run before its last solve.
 
-        The summary then has the solutions ``before`` this direction, and the load factor that it reached.
+        The summary then has the solutions before this direction (``earlier``), and the load factor that it reached.
         """
         job = self.job
-        if not found.stopped or (found.load == 1.0 and len(before) + 1 == len(job.directions)):
+        if not solved.stopped or (solved.load == 1.0 and len(earlier) + 1 == len(job.directions)):
             return
         why = "stopped by a signal"
-        of_state = f" of state '{state}'" if state else ""
-        where = f"{why} in the {found.direction} solve{of_state} at load factor {found.load:.6g}"
+        state_text = f" of state '{state}'" if state else ""
+        where = f"{why} in the {solved.direction} solve{state_text} at load factor {solved.load:.6g}"
         if self.store.path is None:
             raise Interrupted(f"{where}; nothing was saved")
-        line = Line("load factor", found.load, "", "must reach 1", Verdict.FAIL, why, state=state)
-        self._write(self._unfinished(before, line), why)
-        saved = not job.accuracy and (bool(before) or found.can_restart)
+        line = Line("load factor", solved.load, "", "must reach 1", Verdict.FAIL, why, state=state)
+        self._write(self._unfinished(earlier, line), why)
+        saved = not job.accuracy and (bool(earlier) or solved.can_restart)
         raise Interrupted(
             f"{where}; {'its state is saved' if saved else 'there was no state to save yet'}",
             self._go_on(self.store.path, "Go on with" if saved else "Start it again with"),
@@ -132,9 +132,9 @@ class RunReport(Observer):
         except HpcinvError as error:
             if solutions:
                 line = Line("run", None, "", "must reach its end", Verdict.FAIL, error.message)
-                found = replace(self._unfinished(solutions, line), quantities=dict(quantities))
+                unfinished = replace(self._unfinished(solutions, line), quantities=dict(quantities))
                 with suppress(OutputError):  # the first error is the one to show
-                    self._write(found, error.message, error.advice)
+                    self._write(unfinished, error.message, error.advice)
             raise
 
     def end_stopped(self, solutions: Sequence[Solution]) -> NoReturn:
@@ -155,8 +155,8 @@ class RunReport(Observer):
         equations, store = self.equations, self.store
         result = replace(result, directory=store.path, accuracy=self.record, totals=self.totals)
         size = equations.unknowns.size
-        found = statistics(result, status, size, self.unused_options, equations.timings, store.comm, advice=advice)
-        found["unwritten"] = [error.message for error in store.unwritten]
+        content = statistics(result, status, size, self.unused_options, equations.timings, store.comm, advice=advice)
+        content["unwritten"] = [error.message for error in store.unwritten]
         if (path := store.path) is not None:
             store.check_in_place()
             if status == "converged" and self.job.output.fields:
@@ -173,27 +173,27 @@ class RunReport(Observer):
                     on_root(store.comm, write)
             # Last is summary.json, which marks the run as finished.
             others = [form for form in self.job.output.summary if form != "json"]
-            write_summary(path, found, store.comm, formats=others)
+            write_summary(path, content, store.comm, formats=others)
             try:
                 if self.job.output.report:
                     from hpcinv.reports.of_run import write_run_report  # loads VTK
 
-                    on_root(store.comm, lambda: write_run_report(path, found))
+                    on_root(store.comm, lambda: write_run_report(path, content))
             finally:  # the results are kept if there is an error in the report, which 'report' writes again
-                write_summary(path, found, store.comm, formats=["json"])
-        return replace(result, statistics=found)
+                write_summary(path, content, store.comm, formats=["json"])
+        return replace(result, statistics=content)
 
 
 def _not_finite(result: Result) -> Iterator[Line]:
     """Yield a warning if quantities of interest have no finite value."""
     known = [(q, result.quantities[q.name]) for q in result.job.quantities if q.name in result.quantities]
-    if found := [fault for quantity, value in known if (fault := fault_of(quantity, value))]:
+    if faults := [fault for quantity, value in known if (fault := fault_of(quantity, value))]:
         rule = "number; warning above 0"
         yield Line(
             "quantities without a finite value",
-            float(len(found)),
+            float(len(faults)),
             "",
             rule,
             Verdict.WARN,
-            f"{'; '.join(found)}; {NOT_FINITE}",
+            f"{'; '.join(faults)}; {NOT_FINITE}",
         )

@@ -33,7 +33,7 @@ class Identity:
     restart: int
 
     @classmethod
-    def of_this_process(cls, environment: Mapping[str, str] = os.environ) -> Identity:
+    def current(cls, environment: Mapping[str, str] = os.environ) -> Identity:
         host, pid = os.uname().nodename, os.getpid()
         job = environment.get("SLURM_JOB_ID", "")  # different for each task of an array
         return cls(

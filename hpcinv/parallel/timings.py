@@ -25,7 +25,7 @@ class Timings:
 
     Attributes:
         seconds: by phase; all time within `as_one` is in the phase named there.
-        within: time within `as_one` by phase.
+        inner_seconds: time within `as_one` by phase.
     """
 
     def __init__(self) -> None:

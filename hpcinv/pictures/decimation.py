@@ -19,7 +19,7 @@ class Decimated:
     Attributes:
         points: rows of the points that are kept, in order, (n,).
         triangles: rows of ``points``, (m, 3).
-        of: the original triangle whose values each triangle has, (m,).
+        rows: the original triangle whose values each triangle has, (m,).
     """
 
     points: Ints

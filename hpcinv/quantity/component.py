@@ -53,7 +53,7 @@ class Ingredient(Spec):
             for place, scalar in scalars(getattr(self, name), (name,))
         }
 
-    def with_number(self, place: KeyPath, number: float) -> Self:
+    def number_replaced(self, place: KeyPath, number: float) -> Self:
         """A copy with another number (SI), which is not checked, at one of the places of `numbers`."""
         name, *rest = place
         return self.model_copy(update={str(name): replace_scalar(getattr(self, str(name)), tuple(rest), number)})
@@ -63,7 +63,7 @@ class Ingredient(Spec):
         number = self.numbers()[place]
         assert isinstance(number, Number)
         derivatives = rate(
-            lambda x: {n: v for n, (v, _) in self.with_number(place, x).quantities().items()}, number.value
+            lambda x: {n: v for n, (v, _) in self.number_replaced(place, x).quantities().items()}, number.value
         )
         return {
             n: (derivatives[n], dimension)

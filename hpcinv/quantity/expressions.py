@@ -355,7 +355,7 @@ def _depth(tree: ast.expr, known_depths: Mapping[str, int] = MappingProxyType({}
     """Depth of a syntax tree, found without recursion; a sum of any number of terms counts as one level.
 
     Args:
-        of_names: depths of defined names.
+        known_depths: depths of defined names.
     """
     deepest, depth, level = 0, 0, [tree]
     while level:

@@ -37,7 +37,7 @@ def cases_page(
     """Return the page of a sweep or a study.
 
     Args:
-        found: what was found, in one sentence; ``notes``: more.
+        finding: what was found, in one sentence; ``notes``: more.
         columns: a list for each column, with one entry for each case; the first one numbers them.
         units: of columns, as far as they are known.
         parameters, results: columns of the parallel coordinates and of the map.

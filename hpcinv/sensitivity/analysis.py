@@ -214,7 +214,7 @@ def _prescribed(equations: Equations, parameter: Parameter) -> list[Floats]:
     owner = parameter.owner
     assert isinstance(owner, Support)
     number = equations.job.supports.index(owner)
-    return equations.supports.rates(number, partial(owner.with_number, parameter.place), parameter.value)
+    return equations.supports.rates(number, partial(owner.number_replaced, parameter.place), parameter.value)
 
 
 def _reference(

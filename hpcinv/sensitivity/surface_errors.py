@@ -90,7 +90,7 @@ class SurfaceSpread:
     """Standard deviations that errors of the given surface cause.
 
     Attributes:
-        found: of all shapes and quantities.
+        sensitivities: of all shapes and quantities.
         states: that were solved, by the state whose shape this found.
         seconds: that they took.
         failure: why they are not known; then there is nothing else.

@@ -82,7 +82,7 @@ class Bordering:
         """Return the tangent of the path at one of its points, with new factors; ``None`` if these are singular.
 
         Args:
-            along: a vector with which the tangent makes an acute angle; without it, ``direction`` orients the tangent.
+            chord: a vector with which the tangent makes an acute angle; without it, ``direction`` orients the tangent.
             direction: 1 if λ grows along the tangent, -1 if it falls.
         """
         self.equations.system.set_state(x)

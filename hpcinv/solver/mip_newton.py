@@ -57,7 +57,7 @@ class ExtrapolatedStress:
         """Return the term, for ``System.tangent``.
 
         Args:
-            before: the state from which a linear step has led to the present one.
+            start: the state from which a linear step has led to the present one.
             first: increment of the first step of the solve.
         """
         term = self._term

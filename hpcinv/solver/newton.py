@@ -101,9 +101,9 @@ class NewtonMonitor:
     history: list[NewtonIteration] = field(default_factory=list)
 
     # Far from the solution the first corrections may shrink by chance: a tangent assembled there must not be kept.
-    near_correction = 0.02
+    close_correction = 0.02
     # A first correction as small as this keeps its tangent if the initial state is known to be near the solution.
-    first_near_correction = 5e-3
+    first_close_correction = 5e-3
     # Corrections smaller than this that no longer shrink are rounding errors.
     round_off = 1e-8
     # A correction below this share of the floor is a rounding error. A larger share ends solves earlier, with fewer
@@ -128,12 +128,12 @@ class NewtonMonitor:
         if not self.history:
             return not (self.predicted and self.reuse)
         last = self.history[-1]
-        if len(self.history) == 1 and self.begins_near and last.correction <= self.first_near_correction * last.state:
+        if len(self.history) == 1 and self.begins_near and last.correction <= self.first_close_correction * last.state:
             return False
         theta = self.contraction
         if len(self.history) == 1 and self.predicted:
             theta = last.correction / self.predicted
-        return not (theta <= self.reuse and last.correction <= self.near_correction * last.state)
+        return not (theta <= self.reuse and last.correction <= self.close_correction * last.state)
 
     def accepts(self, correction: float, state: float) -> bool:
         """Return whether a correction by a kept tangent is good enough; else it needs a new tangent at the same state.
@@ -143,7 +143,7 @@ class NewtonMonitor:
         if self.floor.exceeds(correction, self.rounding):
             return True
         if not self.history:
-            return correction <= self.reuse * self.predicted and correction <= self.near_correction * state
+            return correction <= self.reuse * self.predicted and correction <= self.close_correction * state
         return correction <= self.renewal * self.history[-1].correction
 
     def is_too_large(self, increment: Increment) -> bool:

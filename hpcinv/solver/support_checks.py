@@ -126,7 +126,7 @@ def parts_of(body: Body, *, joined_by_facets: bool = False) -> tuple[int, Ints]:
     Parts are numbered in the order of the source's cells.
 
     Args:
-        by_facets: parts that share no facet, but may share nodes.
+        joined_by_facets: parts that share no facet, but may share nodes.
     """
     comm, topology = body.mesh.comm, body.mesh.topology
     if joined_by_facets:

@@ -32,7 +32,7 @@ def plot(
 
     Args:
         quantity: a column of the table, or ``failures``.
-        over: one or two columns of parameters; ``failures`` needs two.
+        axes: one or two columns of parameters; ``failures`` needs two.
 
     Raises:
         JobError: there is no such column, or it has no values yet.

@@ -51,7 +51,7 @@ def spheres() -> Iterator[Case]:
 
     radius = {"of": "norm(X, Y, Z)", "reduce": "mean"}
     yield Case("sphere", wall(0.2, hexahedra=True), radius | {"on": "inner"}, inner(0.2), 1e-3)
-    outer = sphere.before(inner(0.2))
+    outer = sphere.outer_radius(inner(0.2))
     yield Case("sphere, finer", wall(0.2, hexahedra=True), radius | {"on": "outer"}, outer, 1e-5)
     yield Case(
         "sphere, Mooney–Rivlin, at a point",
@@ -98,8 +98,8 @@ def cylinders() -> Iterator[Case]:
     yield Case("cylinder", wall("inverse", hexahedra=True), radius("X, Y", "inner"), cylinder.A, 1e-4)
     yield Case("cylinder, forward", wall("forward", hexahedra=True), radius("x, y", "outer"), 1.5, 1e-5)
     yield Case("cylinder of tetrahedra", wall("inverse", hexahedra=False), radius("X, Y", "inner"), cylinder.A, 1e-3)
-    at = {"of": "sxx", "at": [1.25, 0.0, 0.125]}
-    yield Case("stress in the cylinder", wall("inverse", hexahedra=True), at, radial_stress(1.25), 1e-3)
+    stress = {"of": "sxx", "at": [1.25, 0.0, 0.125]}
+    yield Case("stress in the cylinder", wall("inverse", hexahedra=True), stress, radial_stress(1.25), 1e-3)
     yield Case("cylinder of tetrahedra, forward", wall("forward", hexahedra=False), radius("x, y", "inner"), 1.0, 2e-4)
 
 
@@ -110,8 +110,8 @@ def stretch(load: float) -> float:
 
 def unloaded(density_in: str) -> float:
     """Length of the column that is 1 m long under its weight."""
-    at, weights = np.polynomial.legendre.leggauss(30)
-    z, w = (1 + at) / 2, weights / 2
+    nodes, weights = np.polynomial.legendre.leggauss(30)
+    z, w = (1 + nodes) / 2, weights / 2
     if density_in == "current":
         return float(sum(b / stretch(DENSITY * GRAVITY * (1 - a)) for a, b in zip(z, w, strict=True)))
 

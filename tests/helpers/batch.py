@@ -41,10 +41,10 @@ class Batch:
 
     def watch(self, text: str) -> list[str]:
         """The ids of the jobs that a command says to have submitted."""
-        found = re.findall(r"^(?:Submitted batch )?job (\d+)", text, re.MULTILINE)
-        assert found, text
-        self._ids += found
-        return found
+        ids = re.findall(r"^(?:Submitted batch )?job (\d+)", text, re.MULTILINE)
+        assert ids, text
+        self._ids += ids
+        return ids
 
     def cancel(self) -> None:
         """End the jobs that are left, and wait until they are gone."""

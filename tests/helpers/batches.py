@@ -85,11 +85,11 @@ class Batches:
         Tests of the system by themselves take longest. Batches follow each other: as one worker begins with the first
         half of all tests, two batches seldom run at the same time.
         """
-        of_ranks: dict[int, list[str]] = defaultdict(list)
+        rank_tests: dict[int, list[str]] = defaultdict(list)
         for item in items:
-            of_ranks[ranks_of(item)].append(item.nodeid)
-        of_ranks.pop(1, None)
-        for ranks, tests in sorted(of_ranks.items()):
+            rank_tests[ranks_of(item)].append(item.nodeid)
+        rank_tests.pop(1, None)
+        for ranks, tests in sorted(rank_tests.items()):
             for start in range(0, len(tests), LARGEST):
                 batch = Batch(f"{ranks}-ranks-{start}", ranks, tests[start : start + LARGEST], config.rootpath)
                 self.batch_of |= dict.fromkeys(batch.tests, batch)

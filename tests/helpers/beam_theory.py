@@ -66,17 +66,18 @@ def curled_axis(
 
     def bent(moment: float) -> Floats:
         """``a`` and ``b r`` by Newton's method, with differences for the derivative."""
-        found, wanted = np.array([1.0, 0.0]), np.array([0.0, -moment / radius**3])
+        coefficients, wanted = np.array([1.0, 0.0]), np.array([0.0, -moment / radius**3])
         for _ in range(100):
-            residual = resultants(*found) - wanted
+            residual = resultants(*coefficients) - wanted
             tangent = np.stack(
-                [(resultants(*(found + h)) - resultants(*(found - h))) / 2e-6 for h in 1e-6 * np.eye(2)], 1
+                [(resultants(*(coefficients + h)) - resultants(*(coefficients - h))) / 2e-6 for h in 1e-6 * np.eye(2)],
+                1,
             )
             step = -np.linalg.solve(tangent, residual)
-            found += min(1.0, 0.5 * found[0] / np.abs(step).sum()) * step
+            coefficients += min(1.0, 0.5 * coefficients[0] / np.abs(step).sum()) * step
             if np.abs(step).max() < 1e-12:
                 break
-        return found
+        return coefficients
 
     ds = length / steps
     positions = (np.arange(steps) + 0.5) * ds

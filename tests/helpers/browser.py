@@ -82,7 +82,7 @@ class Page:
         """Addresses that the page has asked for, other than itself and data within it."""
         messages = (json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance"))
         sent = [m["params"] for m in messages if m["method"] == "Network.requestWillBeSent"]
-        own = [one["request"]["url"] for one in sent if one["documentURL"] == self.driver.current_url]
+        own = [request["request"]["url"] for request in sent if request["documentURL"] == self.driver.current_url]
         assert self.driver.current_url in own  # the log is kept
         return [url for url in own if url != self.driver.current_url and not url.startswith(("data:", "blob:"))]
 

@@ -118,13 +118,13 @@ def _configure(place: Path) -> None:
 
 def _free_ports() -> list[int]:
     """Two ports on which nothing listens, outside the range from which the system gives ports away by itself."""
-    found: list[int] = []
-    while len(found) < 2:
+    ports: list[int] = []
+    while len(ports) < 2:
         port = random.randrange(20000, 30000)
         with socket.socket() as probe:
-            if port not in found and probe.connect_ex(("127.0.0.1", port)) != 0:
-                found.append(port)
-    return found
+            if port not in ports and probe.connect_ex(("127.0.0.1", port)) != 0:
+                ports.append(port)
+    return ports
 
 
 def _commands(place: Path) -> Iterator[list[str]]:
@@ -172,7 +172,7 @@ def _end(daemons: list[subprocess.Popen[bytes]], environment: dict[str, str]) ->
     if len(daemons) == len(DAEMONS) and all(daemon.poll() is None for daemon in daemons):
         _tool(environment, "scancel", "--user", getpass.getuser())
         deadline = time.monotonic() + 15
-        while time.monotonic() < deadline and (_tool(environment, "squeue", "-h") or _of_jobs(environment)):
+        while time.monotonic() < deadline and (_tool(environment, "squeue", "-h") or _job_processes(environment)):
             time.sleep(0.1)
     for daemon in reversed(daemons):
         daemon.terminate()
@@ -181,14 +181,14 @@ def _end(daemons: list[subprocess.Popen[bytes]], environment: dict[str, str]) ->
         except subprocess.TimeoutExpired:
             daemon.kill()
             daemon.wait()
-    for process in _of_jobs(environment):
+    for process in _job_processes(environment):
         os.kill(process, signal.SIGKILL)
 
 
-def _of_jobs(environment: dict[str, str]) -> list[int]:
+def _job_processes(environment: dict[str, str]) -> list[int]:
     """Processes of this cluster's jobs: Slurm's own for each step, and what they started."""
     mark = f"SLURM_CONF={environment['SLURM_CONF']}".encode()
-    found = []
+    processes = []
     for path in Path("/proc").glob("[0-9]*/environ"):
         try:
             variables = path.read_bytes().split(b"\0")
@@ -197,5 +197,5 @@ def _of_jobs(environment: dict[str, str]) -> list[int]:
             continue
         job = any(variable.startswith(b"SLURM_JOB_ID=") for variable in variables)
         if mark in variables and (job or name == "slurmstepd"):
-            found.append(int(path.parent.name))
-    return found
+            processes.append(int(path.parent.name))
+    return processes

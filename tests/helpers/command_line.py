@@ -142,10 +142,10 @@ class Started:
 
     def _processes(self) -> list[int]:
         """All that descend from mpirun."""
-        found: list[int] = []
-        for parent in iter_growing(self.mpirun.pid, found):
-            found += _children(parent)
-        return found
+        processes: list[int] = []
+        for parent in iter_growing(self.mpirun.pid, processes):
+            processes += _children(parent)
+        return processes
 
 
 def iter_growing(first: int, more: list[int]) -> Iterator[int]:
@@ -155,14 +155,14 @@ def iter_growing(first: int, more: list[int]) -> Iterator[int]:
 
 
 def _children(parent: int) -> list[int]:
-    found = []
+    children = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:
             if int(path.read_text().rpartition(")")[2].split()[1]) == parent:
-                found.append(int(path.parent.name))
+                children.append(int(path.parent.name))
         except OSError:  # it has ended meanwhile
             continue
-    return found
+    return children
 
 
 def _is_alive(process: int) -> bool:

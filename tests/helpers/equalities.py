@@ -102,8 +102,8 @@ def block(rng: np.random.Generator, *, hexahedra: bool, n: int = 2) -> Scene:
     ticks = np.arange(n + 1)
     grid = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 3)
     points = grid / n
-    inside = (grid > 0) & (grid < n)
-    points = points + inside * rng.uniform(-0.08, 0.08, points.shape)
+    is_inner = (grid > 0) & (grid < n)
+    points = points + is_inner * rng.uniform(-0.08, 0.08, points.shape)
 
     def number(place: np.ndarray) -> np.ndarray:
         return np.asarray((place[..., 0] * (n + 1) + place[..., 1]) * (n + 1) + place[..., 2])
@@ -137,17 +137,17 @@ def drawn(rng: np.random.Generator, *, most: int = 2, degrees: tuple[int, ...] =
     scene = block(rng, hexahedra=bool(rng.integers(2)))
     law = str(rng.choice(list(laws())))
     names = sorted(rng.choice(list(effects()), size=rng.integers(1, most + 1), replace=False).tolist())
-    return of(scene, law, names, str(rng.choice(["forward", "inverse"])), int(rng.choice(degrees)))
+    return scene_of(scene, law, names, str(rng.choice(["forward", "inverse"])), int(rng.choice(degrees)))
 
 
-def of(scene: Scene, law: str, names: list[str], direction: str, degree: int) -> Scene:
+def scene_of(scene: Scene, law: str, names: list[str], direction: str, degree: int) -> Scene:
     """The scene of a law and effects on a mesh; loads are in proportion to the stiffness."""
     material = laws()[law].model_validate(laws()[law].example)
     shear = float(material.shear_modulus(next(iter(material.cases()))))
-    found = [effects()[name].model_validate(effects()[name].example) for name in names]
-    if all(effect.holds for effect in found):
-        found.append(effects()["gravity"].model_validate(effects()["gravity"].example))
-    families = dict.fromkeys([*material.families, *(f for effect in found for f in effect.families)])
+    scene_effects = [effects()[name].model_validate(effects()[name].example) for name in names]
+    if all(effect.holds for effect in scene_effects):
+        scene_effects.append(effects()["gravity"].model_validate(effects()["gravity"].example))
+    families = dict.fromkeys([*material.families, *(f for effect in scene_effects for f in effect.families)])
     directions = [[2 / 3, -1 / 3, 2 / 3], [2 / 3, 2 / 3, -1 / 3], [-1 / 3, 2 / 3, 2 / 3]]
     stiffer = LOAD * shear / MODULUS
     title = f"{law}, {' and '.join(names)}, {direction}, degree {degree}, {len(scene.cells)} cells"
@@ -157,7 +157,7 @@ def of(scene: Scene, law: str, names: list[str], direction: str, degree: int) ->
         data={
             "analysis": direction,
             "material": material.model_dump(mode="json", exclude_none=True),
-            "effects": [with_quantities(e, lambda v, d: np.multiply(v, stiffer**d.mass)) for e in found],
+            "effects": [changed_quantities(e, lambda v, d: np.multiply(v, stiffer**d.mass)) for e in scene_effects],
             "fibres": {
                 f: {"direction": a, "given_on": "reference"} for f, a in zip(families, directions, strict=False)
             },
@@ -172,7 +172,7 @@ def of(scene: Scene, law: str, names: list[str], direction: str, degree: int) ->
     )
 
 
-def with_quantities(ingredient: Any, change: Callable[[Any, Dimension], Any]) -> dict[str, Any]:
+def changed_quantities(ingredient: Any, change: Callable[[Any, Dimension], Any]) -> dict[str, Any]:
     """Data (SI) of a law or an effect with each quantity changed, which is given with its dimension."""
     data: dict[str, Any] = ingredient.model_dump(mode="json", exclude_none=True)
     for name, (value, dimension) in ingredient.quantities().items():
@@ -200,7 +200,7 @@ def transformed(scene: Scene, matrix: np.ndarray) -> Scene:
     cells = scene.cells
     if np.linalg.det(matrix) < 0:
         cells = oriented(points, cells) if cells.shape[1] == 4 else cells[:, [4, 5, 6, 7, 0, 1, 2, 3]]
-    moved = scene.changed(effects=[with_quantities(effect, change) for effect in given], fibres=fibres)
+    moved = scene.changed(effects=[changed_quantities(effect, change) for effect in given], fibres=fibres)
     return dataclasses.replace(moved, points=points, cells=cells)
 
 
@@ -215,7 +215,9 @@ def renumbered(scene: Scene, rng: np.random.Generator) -> Scene:
         quarter, tip = [3, 0, 1, 2, 7, 4, 5, 6], [4, 5, 1, 0, 7, 6, 2, 3]
         turns = [tuple(range(8))]
         for turn in turns:
-            turns += [t for t in (tuple(turn[i] for i in by) for by in (quarter, tip)) if t not in turns]
+            turns += [
+                t for t in (tuple(turn[i] for i in permutation) for permutation in (quarter, tip)) if t not in turns
+            ]
     cells = np.array([row[list(turns[rng.integers(len(turns))])] for row in scene.cells])
     sides = {name: place[rng.permutation(rows)] for name, rows in scene.sides.items()}
     return dataclasses.replace(
@@ -223,15 +225,15 @@ def renumbered(scene: Scene, rng: np.random.Generator) -> Scene:
     )
 
 
-def in_halves(scene: Scene) -> Scene:
+def halved_loads(scene: Scene) -> Scene:
     """The scene with each load, foundation and obstacle as two with half the force."""
-    found = []
+    halves = []
     for data in scene.data["effects"]:
         effect = effects()[data["effect"]].model_validate(data)
         has_force = any(d.mass for value, d in effect.quantities().values() if value is not None)
-        half = with_quantities(effect, lambda v, d: np.multiply(v, 0.5**d.mass))
-        found += [half, half] if has_force else [data]
-    return scene.changed(effects=found)
+        half = changed_quantities(effect, lambda v, d: np.multiply(v, 0.5**d.mass))
+        halves += [half, half] if has_force else [data]
+    return scene.changed(effects=halves)
 
 
 def written_otherwise(scene: Scene) -> Scene:
@@ -260,7 +262,7 @@ def equalities(scene: Scene, rng: np.random.Generator) -> Iterator[Equality]:
     mirror = np.diag([1.0, 1.0, -1.0]) @ rotation(rng)
     yield Equality("mirrored", transformed(scene, mirror), mirror)
     yield Equality("renumbered", renumbered(scene, rng))
-    yield Equality("loads in halves", in_halves(scene))
+    yield Equality("loads in halves", halved_loads(scene))
     yield Equality("law written otherwise", written_otherwise(scene))
 
 

@@ -30,11 +30,11 @@ def check(solved: Solved, F: np.ndarray, stress: np.ndarray, origin: tuple[float
     """``∂x/∂X = F``, the displacement (m) at the origin of the given cube, and the Cauchy stress (Pa)."""
     H = F - np.eye(3) if solved.kinematics.direction == "forward" else np.eye(3) - np.linalg.inv(F)
     displacement, length = solved.model.unknowns.displacement(), solved.body.length_scale
-    u, at = displacement.x.array.reshape(-1, 3), displacement.function_space.tabulate_dof_coordinates()
+    u, points = displacement.x.array.reshape(-1, 3), displacement.function_space.tabulate_dof_coordinates()
     means = CellMeans(solved.scene.cauchy_stress, solved.body.mesh, solved.model.quadrature_degree)()
     sigma = means.x.array.reshape(-1, 3, 3) * solved.model.scales.stress
     errors = {
-        "displacement": np.abs((u - at @ H.T) * length - origin).max(),
+        "displacement": np.abs((u - points @ H.T) * length - origin).max(),
         "stress / mu": np.abs(sigma - stress).max() / MU,
     }
     print(f"{solved.kinematics.direction}:", ", ".join(f"{name} {error:.1e}" for name, error in errors.items()))

@@ -34,7 +34,7 @@ def write_msh22(
     lines += ["$Nodes", str(len(nodes))]
     lines += [f"{i} {' '.join(f'{c:.17g}' for c in node)}" for i, node in enumerate(nodes, 1)]
     lines += ["$EndNodes", "$Elements", str(len(elements))]
-    for i, (kind, physical, entity, on) in enumerate(elements, 1):
-        lines.append(f"{i} {kind} 2 {physical} {entity} {' '.join(map(str, on))}")
+    for i, (kind, physical, entity, numbers) in enumerate(elements, 1):
+        lines.append(f"{i} {kind} 2 {physical} {entity} {' '.join(map(str, numbers))}")
     path.write_text("\n".join([*lines, "$EndElements", ""]))
     return path

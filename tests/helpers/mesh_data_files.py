@@ -38,7 +38,7 @@ ARRAYS = {
 
 def values(nodes: np.ndarray, centres: np.ndarray) -> dict[str, np.ndarray]:
     """Values of the arrays at nodes, and in cells that have the mean of their vertices at ``centres``."""
-    return {name: linear(nodes if on == "nodes" else centres, k) for name, (on, k) in ARRAYS.items()}
+    return {name: linear(nodes if place == "nodes" else centres, k) for name, (place, k) in ARRAYS.items()}
 
 
 def block(meshes: Path, hexahedra: bool, degree: int) -> MeshSource:
@@ -51,14 +51,14 @@ def write_vtu(path: Path, mesh: MeshSource) -> Path:
     """Nodes and cells in a random order, surface cells among them with values of their own, and a node of no cell."""
     random = np.random.default_rng(2)
     count = len(mesh.points) + 1
-    to = random.permutation(count)  # row of each node, the last being of no cell
+    new_rows = random.permutation(count)  # row of each node, the last being of no cell
     points = np.empty((count, 3))
-    points[to] = [*mesh.points, (9, 9, 9)]
+    points[new_rows] = [*mesh.points, (9, 9, 9)]
     kinds = (mesh.kind, FACET_KIND[mesh.kind])
     cells = []
     for kind, nodes in zip(kinds, (mesh.cells, mesh.facets), strict=True):
         vtk_type = pyvista.CellType(VTK_TYPES[kind][mesh.degree - 1])
-        rows = to[nodes[:, np.argsort(vtk_order(kind, mesh.degree))]]
+        rows = new_rows[nodes[:, np.argsort(vtk_order(kind, mesh.degree))]]
         cells += [(vtk_type, row) for row in rows.tolist()]
     shuffled = [cells[i] for i in random.permutation(len(cells))]
     connectivity = np.concatenate([[len(row), *row] for _, row in shuffled])
@@ -68,7 +68,7 @@ def write_vtu(path: Path, mesh: MeshSource) -> Path:
     centres = np.array([points[row[:corners]].mean(axis=0) for _, row in shuffled])  # VTK has vertices first too
     for name, array in values(points, centres).items():
         if ARRAYS[name][0] == "nodes":
-            array[to[-1]] = np.nan
+            array[new_rows[-1]] = np.nan
             grid.point_data[name] = array
         else:
             array[~solid] = np.nan
@@ -84,9 +84,9 @@ def write_xdmf(path: Path, mesh: MeshSource) -> Path:
     )
     with dolfinx.io.XDMFFile(MPI.COMM_SELF, str(path), "w") as file:
         file.write_mesh(made)
-        for name, (on, components) in ARRAYS.items():
+        for name, (place, components) in ARRAYS.items():
             shape = {1: (), 3: (3,), 9: (3, 3)}[components]
-            family = ("Lagrange", mesh.degree, shape) if on == "nodes" else ("DG", 0, shape)
+            family = ("Lagrange", mesh.degree, shape) if place == "nodes" else ("DG", 0, shape)
             function = dolfinx.fem.Function(dolfinx.fem.functionspace(made, family), name=name)
             file.write_function(function, 0.0)
             function.interpolate(lambda x, k=components: linear(x.T, k).T)
@@ -115,9 +115,9 @@ def write_msh(path: Path, meshes: Path, hexahedra: bool, degree: int, version: f
     finally:
         gmsh.finalize()
     with path.open("a") as file:
-        for name, (on, components) in ARRAYS.items():
-            where = points if on == "nodes" else centres
-            section = "NodeData" if on == "nodes" else "ElementData"
+        for name, (place, components) in ARRAYS.items():
+            where = points if place == "nodes" else centres
+            section = "NodeData" if place == "nodes" else "ElementData"
             file.write(f'${section}\n1\n"{name}"\n1\n0.0\n3\n0\n{components}\n{len(where)}\n')
             for tag in reversed(where):
                 file.write(f"{tag} {' '.join(f'{v:.17g}' for v in linear(where[tag], components))}\n")

@@ -33,7 +33,7 @@ def owners(body: Body) -> np.ndarray:
     return np.array([ranks[cell] for cell in range(len(ranks))])
 
 
-def in_input_order(body: Body, dim: int, entities: np.ndarray) -> set[frozenset[int]]:
+def input_vertex_sets(body: Body, dim: int, entities: np.ndarray) -> set[frozenset[int]]:
     """Vertex sets, numbered as in the source, of local entities of all ranks; known to every rank."""
     nodes = dolfinx.mesh.entities_to_geometry(body.mesh, dim, entities) if len(entities) else np.zeros((0, 1), int)
     nodes = nodes[:, : VERTICES[body.source.kind, dim]]

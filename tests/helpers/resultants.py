@@ -44,10 +44,10 @@ class Loaded:
         self.scene = self.model.scene(direction)
         self.scene.parameters.set_load(1.0)
         unknowns = self.scene.unknowns
-        at = unknowns.space.tabulate_dof_coordinates()
-        unknowns.state.x.array[:] = (state(at * length) / length).ravel()
+        points = unknowns.space.tabulate_dof_coordinates()
+        unknowns.state.x.array[:] = (state(points * length) / length).ravel()
         u = unknowns.state.x.array.reshape(-1, 3)
-        self.x = at + u if direction == "forward" else at
+        self.x = points + u if direction == "forward" else points
         self.pull = -fem.assemble_vector(fem.form(self.scene.residual, jit_options=JIT_OPTIONS)).array.reshape(-1, 3)
 
     def volume(self) -> tuple[float, np.ndarray]:

@@ -23,14 +23,14 @@ def energy(stretch: float) -> float:
     return MU / 2 * (stretch**2 - 1 - 2 * log(stretch)) + LAM / 2 * log(stretch) ** 2
 
 
-def at_rest(rotating: float, density_in: str, steps: int = 500) -> float:
+def rest_length(rotating: float, density_in: str, steps: int = 500) -> float:
     """Length at rest of the bar that is ``rotating`` m long."""
 
     def slope(x: float, y: np.ndarray) -> np.ndarray:
         """Of ``X`` and ``λ`` along ``x``."""
         _, stretch = y
-        per_current = DENSITY * SPIN**2 * x / (stretch if density_in == "reference" else 1)
-        return np.array([1 / stretch, -per_current / stiffness(stretch)])
+        density = DENSITY * SPIN**2 * x / (stretch if density_in == "reference" else 1)
+        return np.array([1 / stretch, -density / stiffness(stretch)])
 
     def first_integral(x: float, stretch: float) -> float:
         part = stretch * stress(stretch) - energy(stretch) if density_in == "reference" else stress(stretch)
@@ -49,5 +49,5 @@ def at_rest(rotating: float, density_in: str, steps: int = 500) -> float:
 def lengthening(direction: str, density_in: str) -> float:
     """Of the bar that is 1 m long at rest (forward) or as it rotates (inverse), from the differential equation."""
     if direction == "inverse":
-        return LENGTH - at_rest(LENGTH, density_in)
-    return root(lambda length: at_rest(length, density_in) - LENGTH, LENGTH, 1.4 * LENGTH) - LENGTH
+        return LENGTH - rest_length(LENGTH, density_in)
+    return root(lambda length: rest_length(length, density_in) - LENGTH, LENGTH, 1.4 * LENGTH) - LENGTH

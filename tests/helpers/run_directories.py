@@ -20,22 +20,22 @@ STRESS = np.array([[3.0, 1.0, 0.0], [1.0, -2.0, 0.5], [0.0, 0.5, 1.0]]) * 1e3  #
 def cube(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Points (m) and outward triangles of the surface of a block with ``n`` squares along each side."""
     grid = np.stack(np.meshgrid(*3 * [np.arange(n + 1)], indexing="ij"), axis=-1).reshape(-1, 3)
-    outside = ((grid == 0) | (grid == n)).any(axis=1)
+    is_outer = ((grid == 0) | (grid == n)).any(axis=1)
     number = np.full((n + 1) ** 3, -1)
-    number[outside] = np.arange(outside.sum())
+    number[is_outer] = np.arange(is_outer.sum())
     triangles = []
-    i, j = (one.ravel() for one in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    i, j = (axis_numbers.ravel() for axis_numbers in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
     for axis in range(3):
         for side in (0, n):
             squares = []
             for a, b in ((0, 0), (1, 0), (1, 1), (0, 1)):
-                at = np.empty((len(i), 3), dtype=int)
-                at[:, axis], at[:, (axis + 1) % 3], at[:, (axis + 2) % 3] = side, i + a, j + b
-                squares.append(number[(at * [(n + 1) ** 2, n + 1, 1]).sum(axis=1)])
+                places = np.empty((len(i), 3), dtype=int)
+                places[:, axis], places[:, (axis + 1) % 3], places[:, (axis + 2) % 3] = side, i + a, j + b
+                squares.append(number[(places * [(n + 1) ** 2, n + 1, 1]).sum(axis=1)])
             p, q, r, s = squares
             both = np.concatenate([np.stack([p, q, r], axis=1), np.stack([p, r, s], axis=1)])
             triangles.append(both if side else both[:, ::-1])
-    return grid[outside] * (SIZE / n), np.concatenate(triangles)
+    return grid[is_outer] * (SIZE / n), np.concatenate(triangles)
 
 
 def displaced(points: np.ndarray, load: float = 1.0) -> np.ndarray:
@@ -108,7 +108,7 @@ def summary(states: Sequence[str] = ("",), *, status: str = "converged", **more:
     named = {s: {"given": s == states[0], "rest": False, "solution": i} for i, s in enumerate(states) if s}
     effects = [gravity, {"effect": "pressure", "region": "top", "pressure": 100.0}]
     verdict = "pass" if status == "converged" else "fail"
-    found = {
+    content = {
         "status": status,
         "job": {
             "job": "block <&> beam",
@@ -160,7 +160,7 @@ def summary(states: Sequence[str] = ("",), *, status: str = "converged", **more:
         },
         "peak_memory": {"ranks": [200_000_000, 210_000_000], "phases": {"certificate": {"max": 210_000_000}}},
     }
-    return found | more
+    return content | more
 
 
 def run_directory(

@@ -27,5 +27,5 @@ def kind_of(content: Mapping[str, Any]) -> type[Spec]:
 
 def refusals(content: Mapping[str, Any]) -> list[str]:
     """What the schema refuses in the content of a file."""
-    found = validator(kind_of(content)).iter_errors(content)
-    return [f"{error.json_path}: {error.message[:200]}" for error in found]
+    errors = validator(kind_of(content)).iter_errors(content)
+    return [f"{error.json_path}: {error.message[:200]}" for error in errors]

@@ -26,11 +26,11 @@ SOLVES = (
 def made_up(
     body: Body, direction: Any, u: Field, *, degree: int = 2, pressure: Field | None = None, **other: Any
 ) -> Solution:
-    """A solution on the body's mesh with these fields; the values in cells are those of `in_cells`."""
+    """A solution on the body's mesh with these fields; the values in cells are those of `cell_values`."""
     nodes = body.given_nodes
     cells = {name: fem.Function(fem.functionspace(body.mesh, ("DG", 0, shape))) for name, shape in CELLS.items()}
     for name, function in cells.items():
-        values = in_cells(name, corners(body).mean(axis=1))
+        values = cell_values(name, corners(body).mean(axis=1))
         function.x.array.reshape(values.shape)[function.function_space.dofmap.list[:, 0]] = values
     made: dict[str, Any] = {
         "job": SimpleNamespace(state=other.pop("state", "")),
@@ -51,7 +51,7 @@ def made_up(
 CELLS: dict[str, tuple[int, ...]] = {"J": (), "cauchy_stress": (3, 3)}
 
 
-def in_cells(name: str, centres: np.ndarray) -> np.ndarray:
+def cell_values(name: str, centres: np.ndarray) -> np.ndarray:
     """Values for cells with their corners' mean at ``centres`` (n, 3), of n cells as rows."""
     sums = centres @ np.array([1.0, 2.0, 3.0])
     return sums[:, None] if name == "J" else sums[:, None] * 1e5 + np.arange(9.0)

@@ -18,10 +18,10 @@ def carried(A: float, c1: float, c2: float) -> float:
     def g(stretch: float) -> float:
         return c1 * (4 / stretch + stretch**-4) + c2 * (2 / stretch**2 - 4 * stretch)
 
-    return g(OUTER / before(A)) - g(INNER / A)
+    return g(OUTER / outer_radius(A)) - g(INNER / A)
 
 
-def before(A: float) -> float:
+def outer_radius(A: float) -> float:
     """The outer radius that belongs to an inner one."""
     return float((OUTER**3 - INNER**3 + A**3) ** (1 / 3))
 

@@ -43,5 +43,5 @@ def type_in(line: str, directory: Path, *, ends: int = 0) -> None:
     settings = environment() | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}
     settings["MPIEXEC_TIMEOUT"] = "1800"  # that of other tests is for short runs
     settings["PATH"] = os.pathsep.join([PROGRAMS, os.environ["PATH"]])
-    found = subprocess.run(line, shell=True, cwd=directory, env=settings, capture_output=True, text=True, timeout=1800)
-    assert found.returncode == ends, f"{line}\n{found.stdout[-2000:]}\n{found.stderr[-2000:]}"
+    ended = subprocess.run(line, shell=True, cwd=directory, env=settings, capture_output=True, text=True, timeout=1800)
+    assert ended.returncode == ends, f"{line}\n{ended.stdout[-2000:]}\n{ended.stderr[-2000:]}"

@@ -78,9 +78,9 @@ class Solved:
         form = fem.form(integrand * ufl.dx(self.body.mesh, degree=degree))
         return float(self.body.mesh.comm.allreduce(fem.assemble_scalar(form), op=MPI.SUM))
 
-    def relative_error(self, found: Any, exact: Any) -> float:
+    def relative_error(self, computed: Any, exact: Any) -> float:
         """Relative L² error of a field; the exact one must not vanish."""
-        error = self.integral(ufl.inner(found - exact, found - exact))
+        error = self.integral(ufl.inner(computed - exact, computed - exact))
         return float(np.sqrt(error / self.integral(ufl.inner(exact, exact))))
 
     @property

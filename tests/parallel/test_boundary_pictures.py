@@ -53,27 +53,27 @@ def test_the_boundary_is_closed_and_has_the_solution(comm: MPI.Intracomm, run_di
     assert np.isclose(np.einsum("ti,ti->", corners.mean(axis=1), areas) / 3, 1.0)  # the volume: normals point outwards
     sides = np.sort(np.concatenate([boundary.triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))]), axis=1)
     assert (np.unique(sides, axis=0, return_counts=True)[1] == 2).all()  # no point is there twice
-    (found,) = boundary.results
-    assert np.allclose(found.displacement, boundary.points[:, [1]] * [0.2, 0, 0], atol=1e-9)
-    assert np.allclose(found.others, boundary.points + found.displacement)
+    (entry,) = boundary.results
+    assert np.allclose(entry.displacement, boundary.points[:, [1]] * [0.2, 0, 0], atol=1e-9)
+    assert np.allclose(entry.others, boundary.points + entry.displacement)
     x = corners[boundary.regions["x1"]][:, :, 0]
     assert x.size
     assert np.allclose(x, 1.0)
     mu = 10e3  # simple shear γ of a neo-Hookean body: σ = μ (b - I), b - I = [[γ², γ, 0], [γ, 0, 0], [0, 0, 0]]
     expected = np.sqrt(0.2**4 + 3 * 0.2**2) * mu
-    assert np.allclose(measure("von_mises", found), expected, rtol=1e-6)
-    assert np.allclose(found.J, 1.0, atol=1e-8)
+    assert np.allclose(measure("von_mises", entry), expected, rtol=1e-6)
+    assert np.allclose(entry.J, 1.0, atol=1e-8)
     # F = I + γ e_x e_y: stretches from the eigenvalues of C, and what was along y leans.
-    assert np.allclose(found.stretches, np.sqrt(np.linalg.eigvalsh(F.T @ F)[::-1]), atol=1e-8)
+    assert np.allclose(entry.stretches, np.sqrt(np.linalg.eigvalsh(F.T @ F)[::-1]), atol=1e-8)
     up = np.array([0.0, 1.0, 0.0])
     for of_body, name, direction in (
         (boundary.fibres, "upright", up),
-        (found.fibres, "upright", F @ up),
+        (entry.fibres, "upright", F @ up),
         (boundary.fibres, "leaning", np.linalg.inv(F) @ up),
-        (found.fibres, "leaning", up),
+        (entry.fibres, "leaning", up),
     ):
         assert np.allclose(of_body[name], direction / np.linalg.norm(direction), atol=1e-8), name
-    assert not found.crossing.any()
+    assert not entry.crossing.any()
 
 
 @pytest.mark.parallel(2)

@@ -26,11 +26,11 @@ def test_means_are_those_of_the_volume_and_ranges_those_of_the_points(comm: MPI.
 
     # ∫ x xᵀ dV / V = (Σ vᵢ vᵢᵀ + Σvᵢ Σvᵢᵀ) / 20 on a tetrahedron with vertices vᵢ
     means = CellMeans([(ufl.outer(x, x) + ufl.as_matrix([[0, 1, 0]] + 2 * [[0, 0, 0]]), None)], body.mesh, 2)()
-    found = means.x.array.reshape(-1, 3, 3)[means.function_space.dofmap.list[:, 0]]
+    mean_stress = means.x.array.reshape(-1, 3, 3)[means.function_space.dofmap.list[:, 0]]
     total = v.sum(axis=1)
     exact = (np.einsum("cvi,cvj->cij", v, v) + np.einsum("ci,cj->cij", total, total)) / 20
     exact[:, 0, 1] += 1
-    assert comm.allreduce(len(found) == owned > 0 and np.allclose(found, exact, rtol=1e-13), op=MPI.LAND)
+    assert comm.allreduce(len(mean_stress) == owned > 0 and np.allclose(mean_stress, exact, rtol=1e-13), op=MPI.LAND)
 
     points, _ = quadrature("tetrahedron", 3)
     barycentric = np.insert(points, 0, 1 - points.sum(axis=1), axis=1)

@@ -62,9 +62,9 @@ def test_the_recovered_shape_is_measured_from_the_expected_one(comm: MPI.Intraco
         X = x - np.stack([0.5 * x[:, 1], 0 * x[:, 0], 0 * x[:, 0]], axis=1)
         return u(X)
 
-    found = distance(deformed, made_up(deformed, "inverse", back), expected)
-    assert found["max"] < 1e-14
-    assert found["relative"] == found["max"] / length
+    distances = distance(deformed, made_up(deformed, "inverse", back), expected)
+    assert distances["max"] < 1e-14
+    assert distances["relative"] == distances["max"] / length
 
     # A round trip that misses by 1 mm along z at one end.
     second = made_up(body, "inverse", lambda x: u(x) + 1e-3 / 3 * x[:, [0]] * np.array([0, 0, 1]))

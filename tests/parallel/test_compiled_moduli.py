@@ -79,11 +79,11 @@ def test_products_are_those_of_the_matrix(data: dict[str, Any], comm: MPI.Intrac
     system.matrix.mult(x, expected)
     moduli = compiled_moduli(scene.residual, unknowns, JIT_OPTIONS)
     product = TangentProduct(moduli, unknowns, unknowns, model.quadrature_degree)
-    found = expected.duplicate()
-    found.array[:] = product(np.array(x.array, dtype=np.float32))
-    found.array[held[: x.local_size]] = 0.0
-    found.axpy(-1.0, expected)
-    error = found.norm(PETSc.NormType.INFINITY) / expected.norm(PETSc.NormType.INFINITY)
+    products = expected.duplicate()
+    products.array[:] = product(np.array(x.array, dtype=np.float32))
+    products.array[held[: x.local_size]] = 0.0
+    products.axpy(-1.0, expected)
+    error = products.norm(PETSc.NormType.INFINITY) / expected.norm(PETSc.NormType.INFINITY)
     print(f"{error:.1e}")
     assert error < 1e-5
 
@@ -114,8 +114,8 @@ def test_moduli_of_straight_cells_at_rest_serve_finer_spaces(
     system.matrix.mult(x, y)
     moduli = compiled_moduli(model.scene(direction).residual, model.unknowns, JIT_OPTIONS)
     product = TangentProduct(moduli, model.unknowns, finer.unknowns, finer.quadrature_degree)
-    found = product(np.array(x.array, dtype=np.float32))
-    errors = comm.allgather((np.abs(found - y.array)[free].max(initial=0.0), np.abs(y.array).max(initial=0.0)))
+    products = product(np.array(x.array, dtype=np.float32))
+    errors = comm.allgather((np.abs(products - y.array)[free].max(initial=0.0), np.abs(y.array).max(initial=0.0)))
     worst, size = np.max(errors, axis=0)
     print(f"{worst / size:.1e}")
     assert worst < 1e-5 * size
@@ -171,8 +171,8 @@ def test_moduli_are_derived_once(comm: MPI.Intracomm, tmp_path: Path, monkeypatc
         """How often moduli are derived in a new model, and their values."""
         data = TWO_REGIONS | {"discretisation": {"displacement": 2, "quadrature": degree}}
         before, model = derived, model_of(data, comm)
-        found = compiled_moduli(model.scene("inverse").residual, model.unknowns, options)
-        return derived - before, [one.expression.eval(model.unknowns.mesh, one.cells) for one in found]
+        moduli = compiled_moduli(model.scene("inverse").residual, model.unknowns, options)
+        return derived - before, [part.expression.eval(model.unknowns.mesh, part.cells) for part in moduli]
 
     count, first = values()
     assert count == 1

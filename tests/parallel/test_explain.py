@@ -28,17 +28,17 @@ def test_parts_bring_what_they_must_and_nothing_else(comm: MPI.Intracomm) -> Non
         supports=HELD,
         discretisation={"displacement": 1},
     )
-    found = explain(case, comm)
-    law, gravity, pressure = found.rows
-    assert (found.cells, found.displacements, found.pressures) == (12, 36, 0)
+    explanation = explain(case, comm)
+    law, gravity, pressure = explanation.rows
+    assert (explanation.cells, explanation.displacements, explanation.pressures) == (12, 36, 0)
     assert (law.integrals, law.constants, law.fields) == ({"volume": 1}, 1 + 2, 0)
     assert (gravity.integrals, gravity.constants) == ({}, 3 + 1)
     assert (pressure.integrals, pressure.constants) == ({"surface": 1}, 1)
-    assert found.total.integrals == {"volume": 1, "surface": 1}
-    assert found.total.compile > 0
-    assert found.total.assembly > 0
-    assert found.linear_solver == "direct"
-    assert found.iteration > found.factorization > 0
+    assert explanation.total.integrals == {"volume": 1, "surface": 1}
+    assert explanation.total.compile > 0
+    assert explanation.total.assembly > 0
+    assert explanation.linear_solver == "direct"
+    assert explanation.iteration > explanation.factorization > 0
 
 
 @pytest.mark.parallel(2)
@@ -50,9 +50,9 @@ def test_the_iterative_solver_is_timed_as_well(comm: MPI.Intracomm) -> None:
         discretisation={"displacement": 1},  # which compiles in a moment, while the other rank waits
         solver={"linear": "iterative"},
     )
-    found = explain(case, comm)
-    assert found.linear_solver == "iterative"
-    assert min(found.factorization, found.solution) > 0
+    explanation = explain(case, comm)
+    assert explanation.linear_solver == "iterative"
+    assert min(explanation.factorization, explanation.solution) > 0
 
 
 def test_costs_below_what_is_measured_are_not_negative(capsys: pytest.CaptureFixture[str]) -> None:
@@ -60,8 +60,8 @@ def test_costs_below_what_is_measured_are_not_negative(capsys: pytest.CaptureFix
     law = PartCosts("neo-hookean", Counter(volume=1), 3, 0, 1.0, 2e-3, 5e-3)
     effect = PartCosts("effects[0] gravity", Counter(), 4, 0, -0.2, -1e-4, 3e-4)
     case = job(mesh=box((1, 1, 1)), material={"law": "neo-hookean", "mu": 1e4, "lam": 4e4}, supports=HELD)
-    found = Explanation("forward", 6, 24, 0, (), (law, effect), law, "direct", 1e-3, 1e-4)
-    show(case, found)
+    explanation = Explanation("forward", 6, 24, 0, (), (law, effect), law, "direct", 1e-3, 1e-4)
+    show(case, explanation)
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("effects[0] gravity")]
     assert re.fullmatch(r"effects\[0\] gravity +- +\+4 +\+0 +~0 +~0 +\+0\.3 ms +\+2\.5%", line.strip())
 

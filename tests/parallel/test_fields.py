@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.mesh_cases import spec
-from helpers.solutions import Field, in_cells, made_up
+from helpers.solutions import Field, cell_values, made_up
 
 import hpcinv.mesh.io.vtu_writer
 from hpcinv.errors import OutputError
@@ -60,10 +60,10 @@ def check(directory: Path, source: MeshSource, field: Field, *, is_linear: bool,
     corners = 8 if source.kind == "hexahedron" else 4
     nodes = np.array([grid.get_cell(i).point_ids for i in range(grid.n_cells)])
     centres = points[nodes[:, :corners]].mean(axis=1)
-    assert np.allclose(grid.cell_data["J"], in_cells("J", centres).ravel(), rtol=1e-13)
-    assert np.allclose(grid.cell_data["cauchy_stress"], in_cells("cauchy_stress", centres), rtol=1e-13)
+    assert np.allclose(grid.cell_data["J"], cell_values("J", centres).ravel(), rtol=1e-13)
+    assert np.allclose(grid.cell_data["cauchy_stress"], cell_values("cauchy_stress", centres), rtol=1e-13)
     assert np.all(grid.cell_data[f"region:{region}"] == 1)
-    stress = in_cells("cauchy_stress", centres).reshape(-1, 3, 3)
+    stress = cell_values("cauchy_stress", centres).reshape(-1, 3, 3)
     stress = (stress + stress.transpose(0, 2, 1)) / 2
     assert np.allclose(grid.cell_data["principal_stress"], np.linalg.eigvalsh(stress)[:, ::-1], rtol=1e-5, atol=1)
     # The mean over cells around a vertex, by volume: exact for one value, and here between those of the cells.
@@ -71,10 +71,10 @@ def check(directory: Path, source: MeshSource, field: Field, *, is_linear: bool,
     smooth = grid.point_data["J_projected"]
     assert low * (1 - 1e-6) <= smooth.min() < smooth.max() <= high * (1 + 1e-6)
     # Cells, which no rank writes twice, and where the source has curved ones all their nodes, are where they were.
-    found, expected = (points[nodes], source.points[source.cells])
-    count = min(found.shape[1], expected.shape[1])
+    written, expected = (points[nodes], source.points[source.cells])
+    count = min(written.shape[1], expected.shape[1])
     assert count == expected.shape[1]
-    middles = [np.unique(c[:, :count].mean(axis=1).round(12), axis=0) for c in (found, expected)]
+    middles = [np.unique(c[:, :count].mean(axis=1).round(12), axis=0) for c in (written, expected)]
     assert middles[0].shape == middles[1].shape == (len(source.cells), 3)
     assert np.allclose(*middles, rtol=0, atol=2e-12)
 

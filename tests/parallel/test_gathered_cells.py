@@ -57,8 +57,8 @@ def transferred(coarse: Body, fine: Body, degree: int, exact_degree: int) -> tup
     cells = GatheredCells(coarse.mesh, coarse.length_scale)
     places = cells.find(points)
     element = basix.ufl.element("Lagrange", coarse.mesh.basix_cell(), degree)
-    found, exact = cells.evaluate(places, element, cells.values(function)), polynomial(exact_degree, points.T).T
-    return places, float((np.abs(found - exact).max() if len(points) else 0.0) / np.abs(exact).max(initial=1.0))
+    interpolated, exact = cells.evaluate(places, element, cells.values(function)), polynomial(exact_degree, points.T).T
+    return places, float((np.abs(interpolated - exact).max() if len(points) else 0.0) / np.abs(exact).max(initial=1.0))
 
 
 @pytest.mark.parallel([1, 2, 3])

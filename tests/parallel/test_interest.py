@@ -28,7 +28,7 @@ def displacement(x: np.ndarray) -> np.ndarray:
     return np.stack([0.1 * x[:, 0] + 0.01 * x[:, 1], -0.5 * x[:, 0], 0.3 * x[:, 2]], axis=1)
 
 
-def check(found: dict[str, Any], source: MeshSource, sign: int) -> None:
+def check(quantities: dict[str, Any], source: MeshSource, sign: int) -> None:
     """Compare reductions over regions with those over the nodes of the source, each taken once."""
     facets = {g.name: source.facets[g.members] for g in source.groups if g.dim == 2}
     clamp = facets["clamp"]
@@ -47,7 +47,7 @@ def check(found: dict[str, Any], source: MeshSource, sign: int) -> None:
             "rms": np.sqrt(v @ v / v.size),
         }
         for name, value in exact.items():
-            assert found[f"{name}-{region}"] == pytest.approx(value, rel=1e-11, abs=1e-16), name
+            assert quantities[f"{name}-{region}"] == pytest.approx(value, rel=1e-11, abs=1e-16), name
 
 
 @pytest.mark.parallel([1, 3])
@@ -69,20 +69,20 @@ def test_points_and_regions_have_the_values_of_the_formulas(comm: MPI.Intracomm,
         for direction, sign in (("forward", 1), ("inverse", -1)):
             solution = made_up(body, direction, displacement)
             body.place(solution.other_nodes)  # moved on, to the next solution
-            found = evaluate([*at_points, *in_formula, *on.values()], body, solution)
-            assert comm.allgather(found) == [found] * comm.size
+            quantities = evaluate([*at_points, *in_formula, *on.values()], body, solution)
+            assert comm.allgather(quantities) == [quantities] * comm.size
             for i, p in enumerate(points):
                 point = np.array([p])
                 u = displacement(point)
                 # Quadratic cells do not hold a linear displacement exactly off their nodes.
                 close = {"rtol": 1e-12 if degree == 1 else 1e-2, "atol": 1e-14 if degree == 1 else 2e-5}
-                assert np.allclose(found[f"u{i}"], u[0], **close)
+                assert np.allclose(quantities[f"u{i}"], u[0], **close)
                 X, x = (point, point + u) if sign == 1 else (point - u, point)
-                if f"f{i}" in found:
+                if f"f{i}" in quantities:
                     value = x[0, 0] + 2 * X[0, 0] + 3 * u[0, 0] * x[0, 1] / X[0, 1] + 5 * u[0, 2] + X[0, 2]
-                    assert np.allclose(found[f"f{i}"], value, **close)
+                    assert np.allclose(quantities[f"f{i}"], value, **close)
 
-            on_root(comm, lambda: check(found, body.source, sign))  # noqa: B023
+            on_root(comm, lambda: check(quantities, body.source, sign))  # noqa: B023
 
 
 @pytest.mark.parallel([2])
@@ -119,6 +119,6 @@ def test_nodes_of_a_region_count_once_where_it_ends_between_ranks(comm: MPI.Intr
     solution = made_up(body, "forward", np.zeros_like)
     for k in range(8):
         means = [quantity(f"{side}{k}", "X", on=f"{side}{k}", reduce="mean") for side in "ba"]
-        found = evaluate(means, body, solution)
-        assert found[f"b{k}"] == pytest.approx(k / 2, rel=1e-12)  # four nodes at each of 0, 1, …, k
-        assert found[f"a{k}"] == pytest.approx((k + 9) / 2, rel=1e-12)
+        quantities = evaluate(means, body, solution)
+        assert quantities[f"b{k}"] == pytest.approx(k / 2, rel=1e-12)  # four nodes at each of 0, 1, …, k
+        assert quantities[f"a{k}"] == pytest.approx((k + 9) / 2, rel=1e-12)

@@ -102,10 +102,10 @@ def test_layers_are_inf_sup_stable_whatever_their_shape(cell: CellType, comm: MP
         "all": np.arange(len(points)),
         **{f"random {n}": random.integers(0, n, len(points)) for n in (2, 4, 10)},
     }
-    found = {name: smallest_inf_sup(mesh, layers.astype(np.int64)) for name, layers in others.items()}
-    print(f"{whole:.3f} whole, {layered:.3f} in layers, {found}")
+    constants = {name: smallest_inf_sup(mesh, layers.astype(np.int64)) for name, layers in others.items()}
+    print(f"{whole:.3f} whole, {layered:.3f} in layers, {constants}")
     assert layered > 0.9 * whole
-    assert min(found.values()) > 0.15
+    assert min(constants.values()) > 0.15
 
 
 def lying(pieces: int, comm: MPI.Intracomm, *, hexahedra: bool, **changes: Any) -> Any:
@@ -129,11 +129,11 @@ def jumping(layers: np.ndarray) -> Callable[[np.ndarray, int], np.ndarray]:
 
 def filled(space: fem.FunctionSpace, layers: np.ndarray) -> fem.Function:
     """That pressure, in m."""
-    found, points, pressure = fem.Function(space), space.tabulate_dof_coordinates(), jumping(np.array([0, 1]))
+    positions, points, pressure = fem.Function(space), space.tabulate_dof_coordinates(), jumping(np.array([0, 1]))
     for layer in (0, 1):
         dofs = np.unique(space.dofmap.list[layers == layer])
-        found.x.array[dofs] = pressure(points[dofs], layer)
-    return found
+        positions.x.array[dofs] = pressure(points[dofs], layer)
+    return positions
 
 
 @pytest.mark.parallel(3)
@@ -209,8 +209,8 @@ def test_layers_that_become_the_same_are_one_again(comm: MPI.Intracomm) -> None:
     def run(mu: str, workspace: Workspace | None) -> list[float]:
         material = {**LAYERED, "elsewhere": {**LAYERED["elsewhere"], "mu": mu}}
         quantity = {"name": "pull", "of": "ux", "on": "x1", "reduce": "mean"}
-        one = lying(2, comm, hexahedra=True, material=material, quantities=[quantity])
-        result = hpcinv.run(one, comm, workspace=workspace)
+        case = lying(2, comm, hexahedra=True, material=material, quantities=[quantity])
+        result = hpcinv.run(case, comm, workspace=workspace)
         p = result.solutions[0].pressure
         assert p is not None
         return [result.quantities["pull"], float(len(p.x.array))]

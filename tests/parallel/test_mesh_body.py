@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.mesh_cases import conditions, spec
-from helpers.partitions import facet_sets, in_input_order, owners, slow_edge_cut
+from helpers.partitions import facet_sets, input_vertex_sets, owners, slow_edge_cut
 
 from hpcinv.errors import OutputError
 from hpcinv.job.job import load
@@ -85,11 +85,11 @@ def test_regions_hold_the_same_entities_on_any_number_of_ranks(
         body = build_body(mesh, conditions(**named), comm)
         for name in same:
             assert np.array_equal(body.facets(name), body.facets(f"{name}-too"))
-            assert body.regions[name].facet_count == len(in_input_order(body, 2, body.facets(name))) > 5
+            assert body.regions[name].facet_count == len(input_vertex_sets(body, 2, body.facets(name))) > 5
         assert comm.allreduce(len(body.cells("silicone"))) == body.regions["silicone"].cell_count
-        ends = len(in_input_order(body, 2, np.concatenate([body.facets(n) for n in ("clamp", "tip", "side")])))
+        ends = len(input_vertex_sets(body, 2, np.concatenate([body.facets(n) for n in ("clamp", "tip", "side")])))
         assert ends == body.regions["boundary"].facet_count
-        half = in_input_order(body, 3, body.cells("half"))
+        half = input_vertex_sets(body, 3, body.cells("half"))
 
         def against_the_source(body: Body = body, half: set[frozenset[int]] = half) -> None:
             points, corners = body.source.points, body.source.cells[:, :4]
@@ -106,12 +106,12 @@ def test_regions_hold_the_same_entities_on_any_number_of_ranks(
         generator.write_text(TWO_BLOCKS)
     comm.barrier()
     body = build_body(spec(generator), {}, comm)
-    inner = in_input_order(body, 2, body.facets("interface"))
+    inner = input_vertex_sets(body, 2, body.facets("interface"))
     assert len(inner) == body.regions["interface"].facet_count > 4
     x = body.mesh.geometry.x * body.length_scale
     for name, low, high in (("left", 0, 1), ("right", 1, 2)):
         cells = body.cells(name)
-        assert len(in_input_order(body, 3, cells)) == body.regions[name].cell_count
+        assert len(input_vertex_sets(body, 3, cells)) == body.regions[name].cell_count
         where = x[body.mesh.geometry.dofmaps[0][cells]][..., 0]
         assert np.all((where >= low) & (where <= high))
 
@@ -144,16 +144,16 @@ def test_what_is_written_is_read_back_bit_for_bit(comm: MPI.Intracomm, meshes: P
             again = build_body(spec(path, partition="scotch"), {}, comm)
             assert (again.source.kind, again.source.degree) == (body.source.kind, body.source.degree)
             expected = reorder_to_source(body, moved)
-            found = reorder_to_source(again, again.mesh.geometry.x * again.length_scale)
+            nodes = reorder_to_source(again, again.mesh.geometry.x * again.length_scale)
             assert len(expected) == len(body.source.points)
             assert (len(expected) == 0) == (comm.rank > 0)
-            assert np.array_equal(found, expected)
+            assert np.array_equal(nodes, expected)
             for array in ("node_tags", "cells", "cell_tags"):
                 assert np.array_equal(getattr(again.source, array), getattr(body.source, array)), array
             assert list(run_directory.glob(".*partial*")) == []
             for dim, select in ((2, Body.facets), (3, Body.cells)):
                 for group in (g for g in body.source.groups if g.dim == dim):
-                    sets = [in_input_order(b, dim, select(b, group.name)) for b in (body, again)]
+                    sets = [input_vertex_sets(b, dim, select(b, group.name)) for b in (body, again)]
                     assert sets[0] == sets[1]
             tags = [{(g.name, g.dim, g.tag) for g in b.source.groups} for b in (body, again)]
             assert tags[0] == tags[1]

@@ -64,8 +64,8 @@ def assert_right(body: Body) -> None:
         assert function.ufl_shape == {1: (), 3: (3,), 9: (3, 3)}[components]
         # DOLFINx's own positions of the dofs; those of constants are the cells' midpoints.
         dofs = function.function_space.tabulate_dof_coordinates() * body.length_scale
-        found = function.x.array.reshape(len(dofs), components)
-        assert np.abs(found - linear(dofs, components)).max() < CLOSE
+        local_values = function.x.array.reshape(len(dofs), components)
+        assert np.abs(local_values - linear(dofs, components)).max() < CLOSE
         assert function.function_space.element.basix_element.degree == (body.source.degree if on == "nodes" else 0)
 
 

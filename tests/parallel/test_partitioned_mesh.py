@@ -15,7 +15,7 @@ import pytest
 from helpers.command_line import BLOCK, NO_CERTIFICATE, write_job
 from helpers.mesh_cases import TETRAHEDRON, conditions, spec, write_msh22
 from helpers.mesh_data_files import ARRAYS, block, linear, values
-from helpers.partitions import in_input_order, owners, slow_edge_cut
+from helpers.partitions import input_vertex_sets, owners, slow_edge_cut
 
 import hpcinv
 from hpcinv.__main__ import main
@@ -128,9 +128,9 @@ def test_a_partitioned_body_is_the_whole_one(comm: MPI.Intracomm, meshes: Path, 
         assert sum(body.partition.cells) == len(whole.cells)
         corners = {2: 4, 3: 8} if hexahedra else {2: 3, 3: 4}
         for group in whole.groups:
-            found = (Body.cells if group.dim == 3 else Body.facets)(body, group.name)
+            entities = (Body.cells if group.dim == 3 else Body.facets)(body, group.name)
             expected = {frozenset(row[: corners[group.dim]]) for row in members(whole, group)}
-            assert in_input_order(body, group.dim, found) == expected
+            assert input_vertex_sets(body, group.dim, entities) == expected
         assert body.regions["corner"].facet_count > 0
         x = body.mesh.geometry.x * body.length_scale
         centres = x[body.mesh.geometry.dofmaps[0][:, : corners[3]]].mean(axis=1)
@@ -362,9 +362,9 @@ def test_the_command_takes_a_mesh_a_generator_or_a_job(
     whole = read_source(spec(meshes / "box.py", parameters=parameters, geometry_degree=2), meshes / "box.py")
     for name in asked:
         assert main(["mesh", "gather", str(tmp_path / name), str(tmp_path / "whole.vtu")]) == 0
-        found = read_source(spec(tmp_path / "whole.vtu"), tmp_path / "whole.vtu")
-        assert np.array_equal(found.points, whole.points)
-        assert np.array_equal(found.cells, whole.cells)
+        mesh_read = read_source(spec(tmp_path / "whole.vtu"), tmp_path / "whole.vtu")
+        assert np.array_equal(mesh_read.points, whole.points)
+        assert np.array_equal(mesh_read.cells, whole.cells)
 
     capsys.readouterr()
     wrong = (

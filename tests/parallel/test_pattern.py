@@ -24,7 +24,7 @@ def test_rows_have_the_columns_that_a_compiled_form_has(
 ) -> None:
     unknowns = Unknowns(create_unit_cube(comm, 2, 2, 3, cell), *degrees)
     assert unknowns.has_whole_nodes
-    found, space = pattern_of(unknowns), unknowns.space
+    pattern, space = pattern_of(unknowns), unknowns.space
     mass: Any = ufl.TrialFunction(space)[0] * ufl.TestFunction(space)[0] * ufl.dx
     theirs = fem.create_sparsity_pattern(fem.form(mass, jit_options=JIT_OPTIONS))
     theirs.finalize()
@@ -32,10 +32,10 @@ def test_rows_have_the_columns_that_a_compiled_form_has(
     known = graph.index_map(1)
     names = known.local_to_global(np.arange(known.size_local + known.num_ghosts, dtype=np.int32))
     rows = len(graph.indptr) - 1
-    assert len(found.starts) - 1 == bs * rows
+    assert len(pattern.starts) - 1 == bs * rows
     for row in range(bs * rows):
         blocks = names[graph.indices[graph.indptr[row // bs] : graph.indptr[row // bs + 1]]]
-        columns = found.columns[found.starts[row] : found.starts[row + 1]]
+        columns = pattern.columns[pattern.starts[row] : pattern.starts[row + 1]]
         assert (np.diff(columns) > 0).all()
-        assert sorted(found.names[columns]) == sorted((bs * blocks[:, None] + np.arange(bs)).ravel())
-    assert np.array_equal(found.names[: bs * rows], (bs * names[:rows, None] + np.arange(bs)).ravel())
+        assert sorted(pattern.names[columns]) == sorted((bs * blocks[:, None] + np.arange(bs)).ravel())
+    assert np.array_equal(pattern.names[: bs * rows], (bs * names[:rows, None] + np.arange(bs)).ravel())

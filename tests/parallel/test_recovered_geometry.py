@@ -40,9 +40,9 @@ def sagging(mesh: dict[str, Any], **changes: Any) -> Any:
 
 
 def round_trip(result: Any) -> float:
-    (found,) = [line.value for line in result.certificate.lines if line.name.startswith("round trip")]
-    assert found is not None
-    return float(found)
+    (entry,) = [line.value for line in result.certificate.lines if line.name.startswith("round trip")]
+    assert entry is not None
+    return float(entry)
 
 
 @pytest.mark.parallel(RANKS)

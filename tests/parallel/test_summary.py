@@ -112,26 +112,26 @@ def test_a_summary_is_finite_the_same_in_both_files_and_documented(comm: MPI.Int
     if comm.rank == 0:
         with timings("only on rank 0"):
             time.sleep(0.02)
-    found = statistics(result(comm), "converged", 1234, ["snes_view"], timings, comm)
-    assert comm.allgather(found) == [found] * comm.size
-    write_summary(run_directory, found, comm)
-    write_summary(run_directory, found, comm)  # a resumed run writes it again
+    content = statistics(result(comm), "converged", 1234, ["snes_view"], timings, comm)
+    assert comm.allgather(content) == [content] * comm.size
+    write_summary(run_directory, content, comm)
+    write_summary(run_directory, content, comm)  # a resumed run writes it again
     if comm.rank > 0:
         return
     assert sorted(p.name for p in run_directory.iterdir()) == ["summary.h5", "summary.json"]
     text = (run_directory / "summary.json").read_text()
-    assert json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in JSON")) == found
+    assert json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in JSON")) == content
     with h5py.File(run_directory / "summary.h5") as file:
-        assert same(read(file), found)
+        assert same(read(file), content)
         table = file["solutions/0/solves/1/iterations"]
         assert table.dtype["correction"].kind == "f"
         assert table["new_tangent"].tolist() == [True, False]
 
-    assert found["job"]["solver"]["petsc"] == {"snes_view": None, "mat_mumps_icntl_14": 60}
-    assert found["fingerprint"] == json.loads(json.dumps(fingerprint(job())))
-    assert found["mesh"]["cells"] == sum(found["partition"]["cells"]) == 48
-    assert found["mesh"]["nodes"] == 27
-    inverse, forward = found["solutions"]
+    assert content["job"]["solver"]["petsc"] == {"snes_view": None, "mat_mumps_icntl_14": 60}
+    assert content["fingerprint"] == json.loads(json.dumps(fingerprint(job())))
+    assert content["mesh"]["cells"] == sum(content["partition"]["cells"]) == 48
+    assert content["mesh"]["nodes"] == 27
+    inverse, forward = content["solutions"]
     assert (inverse["direction"], inverse["formulation"], inverse["degrees"]["pressure"]) == ("inverse", "mixed", 1)
     assert (forward["direction"], forward["formulation"], forward["degrees"]["pressure"]) == (
         "forward",
@@ -141,26 +141,26 @@ def test_a_summary_is_finite_the_same_in_both_files_and_documented(comm: MPI.Int
     assert inverse["J"] == {"min": 0.9, "max": None}
     assert (inverse["load"], inverse["factorizations"], inverse["newton_iterations"]) == (1.0, 4, 5)
     assert [s["outcome"] for s in inverse["solves"]] == ["INVERTED", "CONVERGED", "ROUND_OFF"]
-    assert found["quantities"] == {"tip": [1.0, -2.0, None], "volume": 2.5}
-    assert all(found["versions"].values())
+    assert content["quantities"] == {"tip": [1.0, -2.0, None], "volume": 2.5}
+    assert all(content["versions"].values())
 
-    phases, total = found["timings"]["phases"], found["timings"]["total"]
+    phases, total = content["timings"]["phases"], content["timings"]["total"]
     assert phases["tangent"]["min"] >= 0.05
     assert phases["tangent"]["max"] >= 0.05 * comm.size
     assert (phases["only on rank 0"]["min"] == 0) == (comm.size > 1)
     assert sum(p["min"] for p in phases.values()) <= total <= sum(p["max"] for p in phases.values()) * (1 + 1e-12)
-    assert 1 - phases["tangent"]["max"] / total - 1e-9 <= found["timings"]["overhead"] < 1
-    assert len(found["peak_memory"]["ranks"]) == comm.size
-    assert all(3e7 < m < 1e11 for m in found["peak_memory"]["ranks"])
-    sizes = found["peak_memory"]["phases"]
+    assert 1 - phases["tangent"]["max"] / total - 1e-9 <= content["timings"]["overhead"] < 1
+    assert len(content["peak_memory"]["ranks"]) == comm.size
+    assert all(3e7 < m < 1e11 for m in content["peak_memory"]["ranks"])
+    sizes = content["peak_memory"]["phases"]
     assert sizes.keys() == {"tangent", "other"} | {"only on rank 0"}
-    assert all(3e7 < size["max"] <= max(found["peak_memory"]["ranks"]) for size in sizes.values())
+    assert all(3e7 < size["max"] <= max(content["peak_memory"]["ranks"]) for size in sizes.values())
 
     # Every key has its row, and every row its key.
     text = (ROOT / "docs" / "reference" / "summary.md").read_text()
     rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `")]
     documented = {key for row in rows for key in re.findall(r"`([^`]+)`", row)} - NOT_OF_EVERY_JOB
-    there = {*keys(found)}
+    there = {*keys(content)}
     assert [k for k in there if not any(k == d or k.startswith(f"{d}.") for d in documented)] == []
     assert [d for d in documented if not any(k == d or k.startswith(f"{d}.") for k in there)] == []
     outcomes = set(re.findall(r"`([A-Z_]+)`", text))

@@ -108,10 +108,10 @@ def test_unknowns_of_a_node_that_are_apart_on_one_rank_are_no_matrix_to_fill(
     dofs: Any = fem.DofMap.list
 
     def apart(dofmap: fem.DofMap) -> Any:
-        found = dofs.fget(dofmap).copy()
+        swapped = dofs.fget(dofmap).copy()
         if comm.rank == 1:
-            found[:, [1, 3]] = found[:, [3, 1]]
-        return found
+            swapped[:, [1, 3]] = swapped[:, [3, 1]]
+        return swapped
 
     monkeypatch.setattr(fem.DofMap, "list", property(apart))
     assert chosen() is CompiledTangent
@@ -171,8 +171,8 @@ def test_a_rank_with_other_flags_takes_kernels_of_its_own(comm: MPI.Intracomm, t
     cells = np.arange(1, dtype=np.int32)
     (usual,) = compiled_moduli(scene.residual, scene.unknowns, JIT_OPTIONS)
     for _ in range(2):  # without a record, and with that of rank 0
-        (found,) = compiled_moduli(scene.residual, scene.unknowns, options)
-        files = comm.allgather(found.expression.file)
+        (moduli,) = compiled_moduli(scene.residual, scene.unknowns, options)
+        files = comm.allgather(moduli.expression.file)
         assert files[0] != files[1]
         expected = usual.expression.eval(scene.unknowns.mesh, cells)
-        assert np.array_equal(found.expression.eval(scene.unknowns.mesh, cells), expected)
+        assert np.array_equal(moduli.expression.eval(scene.unknowns.mesh, cells), expected)

@@ -134,9 +134,9 @@ def test_moduli_of_the_registry_make_the_compiled_tangent(
 @pytest.mark.parametrize(("direction", "formulation"), [kind for kind in KINDS if kind != ("inverse", "mixed")])
 def test_every_part_of_a_scene_has_moduli(of: Any, direction: str, formulation: str, comm: MPI.Intracomm) -> None:
     model = model_of(of(**common(direction, formulation)), comm)
-    found = moduli_of(model.scene(model.job.directions[0]).residual, model.unknowns)
-    assert len(found) == len(model.job.laws)
-    assert all(len(moduli.pairs) >= (1 if formulation == "displacement" else 3) for moduli in found)
+    part_moduli = moduli_of(model.scene(model.job.directions[0]).residual, model.unknowns)
+    assert len(part_moduli) == len(model.job.laws)
+    assert all(len(moduli.pairs) >= (1 if formulation == "displacement" else 3) for moduli in part_moduli)
 
 
 SECOND_GRADIENT = '''

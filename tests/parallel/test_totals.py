@@ -39,13 +39,13 @@ def totals(comm: MPI.Intracomm, **job: Any) -> Totals:
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("density", [1000, {"block": 1000}, "2000*X/(10 cm)"])
 def test_a_cube_has_the_size_mass_and_weight_it_has(comm: MPI.Intracomm, density: Any) -> None:
-    found = totals(comm, **block(0.1, effects=[GRAVITY | {"density": density}]))
-    assert found.size == pytest.approx((0.1, 0.1, 0.1), rel=1e-14)
-    assert found.volume == pytest.approx(1e-3, rel=1e-13)
-    assert found.mass == pytest.approx(1.0, rel=1e-12)
-    assert found.load == pytest.approx((0, 0, -9.81), rel=1e-12, abs=0)
-    assert found.weight_strain == pytest.approx(1000 * 9.81 * 0.1 / 3e3, rel=1e-12)
-    assert found.warnings == ()
+    body_totals = totals(comm, **block(0.1, effects=[GRAVITY | {"density": density}]))
+    assert body_totals.size == pytest.approx((0.1, 0.1, 0.1), rel=1e-14)
+    assert body_totals.volume == pytest.approx(1e-3, rel=1e-13)
+    assert body_totals.mass == pytest.approx(1.0, rel=1e-12)
+    assert body_totals.load == pytest.approx((0, 0, -9.81), rel=1e-12, abs=0)
+    assert body_totals.weight_strain == pytest.approx(1000 * 9.81 * 0.1 / 3e3, rel=1e-12)
+    assert body_totals.warnings == ()
 
 
 @pytest.mark.parametrize("hexahedra", [False, True])
@@ -55,10 +55,10 @@ def test_curved_cells_have_their_volume_and_surface_loads_their_resultant(hexahe
     mesh = {"file": str(ROOT / "meshes" / "thick_sphere.py"), "geometry_degree": 2}
     mesh |= {"parameters": {"hexahedra": hexahedra}}  # type: ignore[dict-item]
     supports = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
-    found = totals(MPI.COMM_SELF, **block(1, mesh=mesh, effects=[pressure], supports=supports))
-    assert found.volume == pytest.approx(math.pi / 6 * (1 - 0.125), rel=2e-4)
-    assert (found.mass, found.weight_strain) == (None, None)
-    assert found.load == pytest.approx(np.full(3, 500 * math.pi / 4 * 0.25), rel=2e-3)
+    body_totals = totals(MPI.COMM_SELF, **block(1, mesh=mesh, effects=[pressure], supports=supports))
+    assert body_totals.volume == pytest.approx(math.pi / 6 * (1 - 0.125), rel=2e-4)
+    assert (body_totals.mass, body_totals.weight_strain) == (None, None)
+    assert body_totals.load == pytest.approx(np.full(3, 500 * math.pi / 4 * 0.25), rel=2e-3)
 
 
 def test_loads_that_cancel_have_no_resultant() -> None:

@@ -77,9 +77,9 @@ CASES = {
 
 
 def estimate(data: dict[str, Any], comm: MPI.Intracomm) -> Estimate:
-    found = hpcinv.run(job(certificate=ONLY, **data), comm).estimate
-    assert found is not None
-    return found
+    estimated = hpcinv.run(job(certificate=ONLY, **data), comm).estimate
+    assert estimated is not None
+    return estimated
 
 
 @pytest.mark.everyday("sphere of tetrahedra", "incompressible", "follower load")
@@ -110,12 +110,12 @@ def compare(name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(two_level, "MANY", 0.0)
     monkeypatch.setattr(two_level, "correct", recorded)
-    found = estimate(CASES[name], comm)
-    print(name, outcomes, found.shape / exact.shape, found.quantities["q"], exact.quantities["q"])  # type: ignore[operator]
+    estimated = estimate(CASES[name], comm)
+    print(name, outcomes, estimated.shape / exact.shape, estimated.quantities["q"], exact.quantities["q"])  # type: ignore[operator]
     assert outcomes == [True]
-    assert found.shape == pytest.approx(exact.shape, rel=0.2)
-    assert found.quantities["q"] == pytest.approx(exact.quantities["q"], rel=0.2, abs=0.05 * exact.shape)
-    assert found.unknowns == exact.unknowns
+    assert estimated.shape == pytest.approx(exact.shape, rel=0.2)
+    assert estimated.quantities["q"] == pytest.approx(exact.quantities["q"], rel=0.2, abs=0.05 * exact.shape)
+    assert estimated.unknowns == exact.unknowns
 
 
 @pytest.mark.parametrize("hexahedra", [False, True])
@@ -134,9 +134,9 @@ def test_moduli_of_slightly_curved_cells_may_be_extended(
     assert 0 < change < 0.01  # 0.0018 and 0.0025
 
 
-def nodes(found: Estimate) -> np.ndarray:
-    assert found.correction is not None
-    return found.correction.nodes
+def nodes(estimated: Estimate) -> np.ndarray:
+    assert estimated.correction is not None
+    return estimated.correction.nodes
 
 
 def test_residuals_without_moduli_are_differentiated(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,8 +157,8 @@ def test_iterations_that_do_not_converge_are_followed_by_a_factorization(
     exact = estimate(standing(), comm)
     monkeypatch.setattr(two_level, "MANY", 0.0)
     monkeypatch.setattr(two_level, "_CYCLES", 1)
-    found = estimate(standing(), comm)
-    assert found.shape == pytest.approx(exact.shape, rel=1e-6)
+    estimated = estimate(standing(), comm)
+    assert estimated.shape == pytest.approx(exact.shape, rel=1e-6)
 
 
 STIFF: dict[str, dict[str, Any]] = {

@@ -35,8 +35,8 @@ def test_parts_of_the_mixed_space_are_the_functions_that_they_seem(comm: MPI.Int
         inside = np.einsum("v,cvi->ci", [0.1, 0.2, 0.3, 0.4], corners)
         taken, pressures = unknowns.displacement(), unknowns.pressure()
         assert pressures is not None
-        for found, exact in ((taken, u), (pressures, p)):
-            values = found.eval(inside, cells)
+        for part_values, exact in ((taken, u), (pressures, p)):
+            values = part_values.eval(inside, cells)
             assert np.abs(values - exact(inside.T).reshape(-1, len(cells)).T).max() < 1e-13
         before = unknowns.state.x.array.copy()
         unknowns.state.x.array[:] = np.nan

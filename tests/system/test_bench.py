@@ -84,30 +84,30 @@ def benchmark_script(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_figures_of_a_run(benchmark_script: Any) -> None:
-    found = run()
-    assert found.solver == pytest.approx(10.0)  # without mesh, compilation and certificate
-    assert benchmark_script("strategies").total(found) == pytest.approx(20.0)
-    assert found.memory == [3 * 10**8, 7 * 10**8]
+    result = run()
+    assert result.solver == pytest.approx(10.0)  # without mesh, compilation and certificate
+    assert benchmark_script("strategies").total(result) == pytest.approx(20.0)
+    assert result.memory == [3 * 10**8, 7 * 10**8]
 
 
 def test_ranks_are_compared_by_their_medians(tmp_path: Path) -> None:
     played = Played({"a, 7000, on 1": run(), "a, 7000, on 2": run(scale=0.5)}, tmp_path)
-    found = ranks(played, {"a": lambda size: {}}, [7_000], [1, 2], 3)  # type: ignore[arg-type]
-    assert found.rows[1] == ("a", "50000", "2", "5.00", *5 * ("2.00",), "700")
-    assert found.notes == ["a, 50000 unknowns: fastest from command to prompt on 2"]
+    table = ranks(played, {"a": lambda size: {}}, [7_000], [1, 2], 3)  # type: ignore[arg-type]
+    assert table.rows[1] == ("a", "50000", "2", "5.00", *5 * ("2.00",), "700")
+    assert table.notes == ["a, 50000 unknowns: fastest from command to prompt on 2"]
 
 
 def test_a_further_state_costs_what_it_adds(tmp_path: Path, benchmark_script: Any) -> None:
     script = benchmark_script("states")
     played = Played({f"a, 7000, {n}": run(scale=1 + 0.1 * n) for n in (1, 2, 5)}, tmp_path)
     cube = bodies(Played({}, tmp_path))["cube"](100)  # type: ignore[arg-type]
-    found = script.states(played, {"a": lambda size: cube}, [7_000], 3)
-    assert found.rows[2] == ("a", "50000", "5", "3", "33.00", "15.00", "18.00")
+    result = script.states(played, {"a": lambda size: cube}, [7_000], 3)
+    assert result.rows[2] == ("a", "50000", "5", "3", "33.00", "15.00", "18.00")
     text = (
         "a further state takes 2.20 s, 1.00 s of them its solve; a job of its own would take 13.20 s beside its solve"
     )
-    assert found.notes == [f"a, 50000 unknowns: {text}"]
-    job = script.with_states(bodies(Played({}, tmp_path))["rod"](100), 3)  # type: ignore[arg-type]
+    assert result.notes == [f"a, 50000 unknowns: {text}"]
+    job = script.states_job(bodies(Played({}, tmp_path))["rod"](100), 3)  # type: ignore[arg-type]
     planned = [(solve.job.state, solve.direction) for solve in parse(job, tmp_path / "job.yaml").plan]
     assert planned == [("state-0", "inverse"), ("state-1", "forward"), ("state-2", "forward")]
 
@@ -120,9 +120,9 @@ def test_linear_solvers_cross(tmp_path: Path) -> None:
     assert crossover(sizes, [1.0, 1.0, 1.0], [2.0, 2.0, 2.0]) is None
     failed = MeasuredRun(1.0, None, "exit code 3: out of memory")
     played = Played({"direct": run(), "iterative": failed}, tmp_path)
-    found = linear(played, {"a": lambda size: {}}, [7_000], 2)  # type: ignore[arg-type]
-    assert found.rows[0] == ("a", "50000", "10.00", "-", "1000", "-", "- / -")
-    assert "a, about 7000 unknowns, iterative: exit code 3: out of memory" in found.notes
+    table = linear(played, {"a": lambda size: {}}, [7_000], 2)  # type: ignore[arg-type]
+    assert table.rows[0] == ("a", "50000", "10.00", "-", "1000", "-", "- / -")
+    assert "a, about 7000 unknowns, iterative: exit code 3: out of memory" in table.notes
 
 
 def test_ranks_that_do_not_find_each_other_are_named(tmp_path: Path) -> None:
@@ -138,11 +138,11 @@ def test_from_the_command_line(tmp_path: Path) -> None:
     command = [sys.executable, str(ROOT / "benchmarks/machine.py"), *arguments]
     done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    found = json.loads((tmp_path / "found.json").read_text())["linear"]["series"]
-    assert found["cube"][0]["unknowns"] == 3 * 3**3 + 2**3
-    assert found["rod"][0]["unknowns"] == 3 * 3 * 3 * 21 + 2 * 2 * 11
-    assert found["cube"][0]["direct seconds"] > 0
-    assert found["cube"][0]["iterative Krylov iterations"] >= found["cube"][0]["iterative Newton iterations"]
+    content = json.loads((tmp_path / "found.json").read_text())["linear"]["series"]
+    assert content["cube"][0]["unknowns"] == 3 * 3**3 + 2**3
+    assert content["rod"][0]["unknowns"] == 3 * 3 * 3 * 21 + 2 * 2 * 11
+    assert content["cube"][0]["direct seconds"] > 0
+    assert content["cube"][0]["iterative Krylov iterations"] >= content["cube"][0]["iterative Newton iterations"]
     assert done.stdout.startswith("linear: inverse, 1 rank, medians of 1\n")
     command = [sys.executable, str(ROOT / "benchmarks/machine.py"), "setup", "--ranks", "1", "--out", "/dev/full"]
     full = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)

@@ -299,7 +299,9 @@ def test_a_quantity_that_is_not_finite_costs_no_run_its_results(certificate: dic
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["quantities"]["bad"] is summary["quantities"]["pole"] is None
     assert summary["quantities"]["top"] < 0
-    (line,) = [one for one in summary["certificate"]["lines"] if one["name"] == "quantities without a finite value"]
+    (line,) = [
+        entry for entry in summary["certificate"]["lines"] if entry["name"] == "quantities without a finite value"
+    ]
     assert "bad: '1/(ux-ux)' has no finite value somewhere on 'block'; pole: '1/x' has no finite value" in line["note"]
 
 

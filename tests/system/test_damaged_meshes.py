@@ -86,9 +86,9 @@ def test_the_meshes_that_are_damaged_here_are_right_otherwise(tmp_path: Path) ->
 def test_a_damaged_vtu_file_is_told(
     tmp_path: Path, changes: dict[str, str], message: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    found = refused(tmp_path / "a.vtu", VTU.format(**IN_VTU | changes))
-    assert len(found.splitlines()) <= 3
-    assert re.search(message, found), found
+    faults = refused(tmp_path / "a.vtu", VTU.format(**IN_VTU | changes))
+    assert len(faults.splitlines()) <= 3
+    assert re.search(message, faults), faults
     assert capfd.readouterr() == ("", "")  # nothing of VTK's own
 
 
@@ -137,8 +137,8 @@ def test_a_damaged_xdmf_file_is_told(
     with h5py.File(tmp_path / "text.h5", "w") as file:
         file["name"] = "text"
         file.create_dataset("huge", (10**12, 4), dtype=np.int64, chunks=(1000, 4))
-    found = refused(tmp_path / "a.xdmf", XDMF.format(**IN_XDMF | changes))
-    assert re.search(message, found), found
+    faults = refused(tmp_path / "a.xdmf", XDMF.format(**IN_XDMF | changes))
+    assert re.search(message, faults), faults
     assert capfd.readouterr() == ("", "")  # nothing of HDF5's own
 
 

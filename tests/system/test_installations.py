@@ -37,11 +37,11 @@ def test_an_unsuitable_part_is_named(tmp_path: Path, module: str, text: str, tol
     (tmp_path / module / "__init__.py").write_text(text)
     command = [sys.executable, "-m", "hpcinv", "run", str(ROOT / "jobs" / "column.yaml"), "--output", "out"]
     settings = environment(PYTHONPATH=os.pathsep.join([str(tmp_path), str(ROOT)]))
-    found = subprocess.run(command, cwd=tmp_path, env=settings, capture_output=True, text=True, timeout=120)
-    assert found.returncode == 5, found.stderr
-    assert told in found.stderr
-    assert "docs/start/installing.md" in found.stderr
-    assert "Traceback" not in found.stderr
+    ended = subprocess.run(command, cwd=tmp_path, env=settings, capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 5, ended.stderr
+    assert told in ended.stderr
+    assert "docs/start/installing.md" in ended.stderr
+    assert "Traceback" not in ended.stderr
     assert not (tmp_path / "out").exists()
 
 
@@ -57,9 +57,9 @@ def test_an_unsuitable_part_is_named(tmp_path: Path, module: str, text: str, tol
 def test_a_package_that_is_missing_is_named_without_a_traceback(
     arguments: list[str], missing: str, tmp_path: Path
 ) -> None:
-    found = _without(missing, [sys.executable, "-m", "hpcinv", *arguments], tmp_path)
-    assert found.returncode == 5, found.stderr
-    told, advice = found.stderr.splitlines()
+    ended = _without(missing, [sys.executable, "-m", "hpcinv", *arguments], tmp_path)
+    assert ended.returncode == 5, ended.stderr
+    told, advice = ended.stderr.splitlines()
     assert told == f"{missing} cannot be imported: No module named '{missing}'"
     assert sys.executable in advice
     assert "docs/start/installing.md" in advice
@@ -68,19 +68,19 @@ def test_a_package_that_is_missing_is_named_without_a_traceback(
 @pytest.mark.parametrize("missing", ["pydantic", "rich"])
 def test_on_several_ranks_it_is_named_once(missing: str, tmp_path: Path) -> None:
     """Only rank 0 imports rich."""
-    found = _without(missing, command(2, "run", "column.yaml"), tmp_path)
-    assert found.returncode == 5, found.stderr
-    assert found.stderr.count(f"{missing} cannot be imported") == 1
-    assert len(found.stderr.splitlines()) == 2, found.stderr
+    ended = _without(missing, command(2, "run", "column.yaml"), tmp_path)
+    assert ended.returncode == 5, ended.stderr
+    assert ended.stderr.count(f"{missing} cannot be imported") == 1
+    assert len(ended.stderr.splitlines()) == 2, ended.stderr
 
 
 def test_a_sweep_names_it_though_other_processes_solve_its_cases(tmp_path: Path) -> None:
     sweep = {"sweep": "column", "job": "column.yaml", "store": "store", "axes": [{"grid": {"material.mu": [1e4, 2e4]}}]}
     (tmp_path / "sweep.yaml").write_text(json.dumps(sweep))
-    found = _without("cffi", command(1, "sweep", "run", "sweep.yaml"), tmp_path)
-    assert found.returncode == 5, found.stderr
-    assert found.stderr.startswith("dolfinx cannot be imported: No module named 'cffi'\n")
-    assert "Traceback" not in found.stdout + found.stderr
+    ended = _without("cffi", command(1, "sweep", "run", "sweep.yaml"), tmp_path)
+    assert ended.returncode == 5, ended.stderr
+    assert ended.stderr.startswith("dolfinx cannot be imported: No module named 'cffi'\n")
+    assert "Traceback" not in ended.stdout + ended.stderr
 
 
 def test_errors_in_imports_of_hpcinv_or_python_stay_what_they_are() -> None:

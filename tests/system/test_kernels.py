@@ -172,9 +172,9 @@ def test_kernels_that_cannot_be_relied_on_are_compiled_again(
     job: Path, kernels: Path, compiler: Path, tmp_path: Path
 ) -> None:
     shutil.copytree(kernels, tmp_path / "kernels")
-    found = sorted((tmp_path / "kernels").glob("*.so"))
-    assert len(found) > len(DAMAGE)
-    damaged = dict(zip(DAMAGE, found, strict=False))
+    paths = sorted((tmp_path / "kernels").glob("*.so"))
+    assert len(paths) > len(DAMAGE)
+    damaged = dict(zip(DAMAGE, paths, strict=False))
     for name, kernel in damaged.items():
         DAMAGE[name](kernel)
     done = hpcinv(1, "run", job, "--output", "results", cwd=tmp_path, HPCINV_KERNELS=str(tmp_path / "kernels"))

@@ -64,8 +64,8 @@ def test_the_package_that_factorizes_is_that_of_the_job_or_refused(
     job = write_job(tmp_path / "job.yaml", BLOCK, analysis=analysis, solver={"petsc": petsc})
     done = hpcinv(ranks, "run", job, "--output", "out", cwd=tmp_path)
     if done.returncode == 0:
-        found = re.findall(r"package used to perform factorization: (\w+)", done.stdout)
-        assert set(found) == {package}
+        matches = re.findall(r"package used to perform factorization: (\w+)", done.stdout)
+        assert set(matches) == {package}
         assert (package == "mumps") != ("with pc_factor_mat_solver_type of solver.petsc" in done.stdout)
     else:
         assert package != "mumps"

@@ -64,8 +64,8 @@ OWN = {
 
 
 def droop(run: Path) -> float:
-    found: float = json.loads((run / "summary.json").read_text())["quantities"]["droop"]
-    return found
+    value: float = json.loads((run / "summary.json").read_text())["quantities"]["droop"]
+    return value
 
 
 @pytest.fixture(scope="module")

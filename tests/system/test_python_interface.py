@@ -133,11 +133,11 @@ def test_quantities_have_units_and_pictures_are_told_in_one_line(comm: MPI.Intra
         {"name": "ratio", "of": "J", "on": "block", "reduce": "mean"},
     ]
     result = hpcinv.run(BLOCK | {"quantities": quantities}, comm, progress=False)
-    found: Any = result.quantities
-    assert found.units == {"top": "m", "force": "N", "volume": "m^3", "area": "m^2"}
-    assert found.shown("volume") == "1 m^3"
-    assert found.shown("area") == "1 m^2"
-    assert "'volume': 1 m^3" in repr(found)
+    values: Any = result.quantities
+    assert values.units == {"top": "m", "force": "N", "volume": "m^3", "area": "m^2"}
+    assert values.shown("volume") == "1 m^3"
+    assert values.shown("area") == "1 m^2"
+    assert "'volume': 1 m^3" in repr(values)
     assert "top = -0.0" in repr(result)
     assert " m, force = [" in repr(result)
     assert len(repr(Picture(bytes(100_000)))) < 100

@@ -119,21 +119,21 @@ def test_the_cut_moves(page: Page) -> None:
 
 
 def test_colours_are_those_of_the_values(page: Page) -> None:
-    found, factor = {}, 2 - 1 / 36 - 1 / 36  # the middles of the first and the last triangles are a third inside
+    colour_ends, factor = {}, 2 - 1 / 36 - 1 / 36  # the middles of the first and the last triangles are a third inside
     for name in ("von-mises", "pressure", "principal-stress-1", "principal-stress-2", "principal-stress-3", "sxy", "J"):
         page.set("colour", name)
-        found[name] = ends(page)
+        colour_ends[name] = ends(page)
     principal = np.linalg.eigvalsh(STRESS)[::-1]
     deviator = STRESS - np.trace(STRESS) / 3 * np.eye(3)
     expected = np.sqrt(1.5 * (deviator**2).sum())
-    assert found["von-mises"][0] == pytest.approx(expected, rel=1e-3)
-    assert found["von-mises"][2] / found["von-mises"][0] == pytest.approx(factor, abs=0.06)
-    assert found["principal-stress-1"][0] == pytest.approx(principal[0], rel=1e-3)
-    assert found["principal-stress-2"][0] == pytest.approx(principal[1], rel=1e-3)
-    assert found["principal-stress-3"][2] == pytest.approx(principal[2], rel=1e-3)
-    assert found["sxy"][0] == pytest.approx(1e3, rel=1e-3)
-    assert found["pressure"][2] == pytest.approx(-np.trace(STRESS) / 3, rel=1e-3)
-    assert found["J"] == pytest.approx([1, 1.005, 1.01], abs=1e-3)
+    assert colour_ends["von-mises"][0] == pytest.approx(expected, rel=1e-3)
+    assert colour_ends["von-mises"][2] / colour_ends["von-mises"][0] == pytest.approx(factor, abs=0.06)
+    assert colour_ends["principal-stress-1"][0] == pytest.approx(principal[0], rel=1e-3)
+    assert colour_ends["principal-stress-2"][0] == pytest.approx(principal[1], rel=1e-3)
+    assert colour_ends["principal-stress-3"][2] == pytest.approx(principal[2], rel=1e-3)
+    assert colour_ends["sxy"][0] == pytest.approx(1e3, rel=1e-3)
+    assert colour_ends["pressure"][2] == pytest.approx(-np.trace(STRESS) / 3, rel=1e-3)
+    assert colour_ends["J"] == pytest.approx([1, 1.005, 1.01], abs=1e-3)
 
 
 def test_values_of_steps_are_not_those_of_the_last_one(page: Page) -> None:

@@ -97,10 +97,10 @@ def test_the_table_is_filtered_with_its_diagrams_and_sorted(sweep: tuple[SweepPl
     visible = "return [...document.querySelectorAll('#table tbody tr:not([hidden])')].length"
     marks = "return document.querySelectorAll('#map [data-case]').length"
     lines = "return document.querySelectorAll('#parallel path[data-case]').length"
-    assert [page.run(one) for one in (visible, marks, lines)] == [COUNT, COUNT, COUNT]
+    assert [page.run(part) for part in (visible, marks, lines)] == [COUNT, COUNT, COUNT]
     page.set("filter", "status = converged, material.young > 15e3")
     stiff = sum(float(case.parameters["material.young"]) > 15e3 for case in plan.cases[:-1])
-    assert [page.run(one) for one in (visible, marks, lines)] == [stiff, stiff, stiff]
+    assert [page.run(part) for part in (visible, marks, lines)] == [stiff, stiff, stiff]
     assert page.text("#filter-count") == f"{stiff} of {COUNT} cases"
     page.set("filter", "turn inside out")
     assert page.run(visible) == soft(plan)

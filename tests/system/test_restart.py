@@ -85,8 +85,8 @@ def newest(run: Path, age: int = 0) -> Path:
 
 
 def state(checkpoint: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((checkpoint / "state.json").read_text())["position"]
-    return found
+    position: dict[str, Any] = json.loads((checkpoint / "state.json").read_text())["position"]
+    return position
 
 
 def steps_behind(position: dict[str, Any]) -> int:
@@ -95,18 +95,18 @@ def steps_behind(position: dict[str, Any]) -> int:
 
 
 def summary(run: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((run / "summary.json").read_text())
-    return found
+    content: dict[str, Any] = json.loads((run / "summary.json").read_text())
+    return content
 
 
 def assert_same_result(run: Path, whole: Path) -> None:
     shape, expected = (read_source(spec(r / "shape.msh"), r / "shape.msh") for r in (run, whole))
     np.testing.assert_array_equal(shape.cells, expected.cells)
     assert np.abs(shape.points - expected.points).max() <= 1e-9 * LENGTH
-    found, reference = summary(run), summary(whole)
-    assert found["status"] == "converged"
-    assert all(error["max"] < 1e-9 * LENGTH for error in found["errors"].values())
-    for solution, other in zip(found["solutions"], reference["solutions"], strict=False):
+    content, reference = summary(run), summary(whole)
+    assert content["status"] == "converged"
+    assert all(error["max"] < 1e-9 * LENGTH for error in content["errors"].values())
+    for solution, other in zip(content["solutions"], reference["solutions"], strict=False):
         assert solution["J"] == pytest.approx(other["J"], rel=1e-9)
         assert solution["strain_energy"] == pytest.approx(other["strain_energy"], rel=1e-9)
         assert [s["load"] for s in solution["solves"]] == [s["load"] for s in other["solves"]]
@@ -369,12 +369,12 @@ def test_at_full_load_no_strategy_solves_anything_again(changes: dict[str, Any],
     job = write_job(tmp_path / "block.yaml", BLOCK, **changes)
     assert hpcinv(1, "run", job, "--output", "run", cwd=tmp_path).returncode == 0
     run = tmp_path / "run"
-    found, before = summary(run), sorted((run / "checkpoints").iterdir())
+    content, before = summary(run), sorted((run / "checkpoints").iterdir())
     (run / "summary.json").unlink()
     done = hpcinv(1, "resume", run, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("  load ") == 0
-    assert summary(run)["quantities"] == pytest.approx(found["quantities"], rel=1e-12)
+    assert summary(run)["quantities"] == pytest.approx(content["quantities"], rel=1e-12)
     assert sorted((run / "checkpoints").iterdir()) == before
 
 
@@ -412,14 +412,14 @@ _ENDS = ("-return.vtu", "-sagging.vtu", "-turned.vtu")
 
 
 def assert_same_states(run: Path, states: Path) -> None:
-    found, reference = summary(run), summary(states)
-    assert found["status"] == "converged"
+    content, reference = summary(run), summary(states)
+    assert content["status"] == "converged"
     for name in ("rest", "turned", "return"):
         shapes = [read_source(spec(r / f"shape-{name}.msh"), r / f"shape-{name}.msh").points for r in (run, states)]
         assert np.abs(shapes[0] - shapes[1]).max() <= 1e-9 * LENGTH
-    assert [s["state"] for s in found["solutions"]] == ["sagging", "turned", "return"]
+    assert [s["state"] for s in content["solutions"]] == ["sagging", "turned", "return"]
     for name, tip in reference["quantities"].items():
-        assert found["quantities"][name] == pytest.approx(tip, abs=1e-9 * LENGTH)
+        assert content["quantities"][name] == pytest.approx(tip, abs=1e-9 * LENGTH)
     files = {f"{body}{end}" for body in ("undeformed", "deformed") for end in (".pvd", *_ENDS)}
     assert {p.name for p in (run / "fields").iterdir()} == files
 

@@ -74,8 +74,8 @@ def sending(directory: Path, where: str, *, when: str = "before", rank: int = 1)
 
 
 def summary(run: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((run / "summary.json").read_text())
-    return found
+    content: dict[str, Any] = json.loads((run / "summary.json").read_text())
+    return content
 
 
 @pytest.fixture(scope="module")
@@ -112,11 +112,11 @@ def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_aga
     done = hpcinv(3, "resume", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("  load ") == 0
-    found = summary(run)
-    assert found["status"] == "converged"
-    assert found["solutions"][0]["factorizations"] == whole["solutions"][0]["factorizations"]
-    assert found["quantities"]["top"] == pytest.approx(whole["quantities"]["top"], rel=1e-9)
-    lines = [[(line["name"], line["verdict"]) for line in s["certificate"]["lines"]] for s in (found, whole)]
+    content = summary(run)
+    assert content["status"] == "converged"
+    assert content["solutions"][0]["factorizations"] == whole["solutions"][0]["factorizations"]
+    assert content["quantities"]["top"] == pytest.approx(whole["quantities"]["top"], rel=1e-9)
+    lines = [[(line["name"], line["verdict"]) for line in s["certificate"]["lines"]] for s in (content, whole)]
     assert lines[0] == lines[1]
     assert len([*(run / "checkpoints").iterdir()]) == 1
 
@@ -129,7 +129,7 @@ def test_a_signal_in_the_certificate_keeps_both_directions(tmp_path: Path) -> No
     done = hpcinv(1, "resume", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("  load ") == 0
-    assert [one["direction"] for one in summary(tmp_path / "run")["solutions"]] == ["inverse", "forward"]
+    assert [solution["direction"] for solution in summary(tmp_path / "run")["solutions"]] == ["inverse", "forward"]
 
 
 def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_again(tmp_path: Path) -> None:
@@ -165,8 +165,8 @@ def test_a_signal_before_the_solve_leaves_a_run_that_begins_again(tmp_path: Path
     stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script)
     assert stopped.returncode == 75, stopped.stderr
     assert stopped.stderr.count("at load factor 0; there was no state to save yet") == 1
-    found = summary(tmp_path / "run")
-    assert found["status"] == "stopped by a signal"
+    content = summary(tmp_path / "run")
+    assert content["status"] == "stopped by a signal"
     done = hpcinv(2, "resume", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert summary(tmp_path / "run")["status"] == "converged"

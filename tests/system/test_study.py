@@ -56,9 +56,9 @@ def test_the_front_is_what_no_other_point_beats() -> None:
 @pytest.mark.parametrize("sizes", [(0.4, 0.2, 0.1), (0.5, 0.3, 0.22)])
 @pytest.mark.parametrize("order", [0.8, 1.7, 4.0])
 def test_richardson_finds_limit_and_order_on_meshes_of_any_sizes(sizes: tuple[float, ...], order: float) -> None:
-    limit, found = richardson(sizes, [2.0 - 3.0 * h**order for h in sizes])
+    limit, observed_order = richardson(sizes, [2.0 - 3.0 * h**order for h in sizes])
     assert limit == pytest.approx(2.0, abs=1e-10)
-    assert found == pytest.approx(order, abs=1e-9)
+    assert observed_order == pytest.approx(order, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -168,9 +168,9 @@ def test_only_kernels_that_were_not_found_count_as_compiled(
     mesh = {"file": str(write_msh(tmp_path / "block.msh", ROOT / "meshes", False, 1, 4.1))}
     given = {k: v for k, v in COLUMN.items() if k != "quantities"} | {"mesh": mesh, "certificate": NO_CERTIFICATE}
     given |= {"discretisation": {"displacement": 1}, "supports": [{"region": "z0", "fix": ["x", "y", "z"]}]}
-    one = parse(given, tmp_path / "column.yaml")
+    column_job = parse(given, tmp_path / "column.yaml")
     claim: Any = None
-    task = StudyTask("one", one, claim, 1, 1)
+    task = StudyTask("one", column_job, claim, 1, 1)
     with StudyRunner(comm) as runner, SilentProgress(comm) as progress:
         compiled = [runner.run(task, progress, lambda: False)["compiled"] for _ in range(2)]
     assert compiled == [True, False]
@@ -208,11 +208,11 @@ def test_a_damaged_record_is_done_again(begin: Begin, tmp_path: Path) -> None:
 def test_two_schedules_share_the_runs_and_each_waits_for_the_other(begin: Begin, tmp_path: Path) -> None:
     study = plan(tmp_path, repeat=2, series=[{"name": "P2", "vary": {"mesh.parameters.nz": [1, 2]}}])
     here, there = begin(study, tmp_path), begin(study, tmp_path)
-    one, other = here.next(), there.next()
-    assert isinstance(one, StudyTask)
+    mine, other = here.next(), there.next()
+    assert isinstance(mine, StudyTask)
     assert isinstance(other, StudyTask)
-    assert titles([one, other]) == ["P2, 1", "P2, 2"]
-    assert here.executions.ledger.commit(one.claim, good(1.0))
+    assert titles([mine, other]) == ["P2, 1", "P2, 2"]
+    assert here.executions.ledger.commit(mine.claim, good(1.0))
     # The second execution of the run whose first one the other has in hand is not begun before that is over.
     second = here.next()
     assert isinstance(second, StudyTask)
@@ -364,8 +364,8 @@ def test_statistics_over_cases_and_the_ratio_of_times(begin: Begin, tmp_path: Pa
         for e, t in ((1.0, 2.0), (2.0, 3.0), (3.0, 5.0), (6.0, 7.0))
         for record in (good(10 - e, total=1.05), BAD if e == 3.0 else good(10 + 2 * e, total=t + 0.05))
     ]
-    _, found = rows_and_accuracy(begin, study, tmp_path, records)
-    base, other = found.points
+    _, accuracies = rows_and_accuracy(begin, study, tmp_path, records)
+    base, other = accuracies.points
     assert base.errors == pytest.approx((1, 2, 3, 6))
     names = ("average", "minimum", "maximum", "failed")
     assert [base.statistics[name] for name in names] == pytest.approx([3.0, 1.0, 6.0, 0])
@@ -373,7 +373,7 @@ def test_statistics_over_cases_and_the_ratio_of_times(begin: Begin, tmp_path: Pa
     assert (other.average, other.statistics["failed"]) == pytest.approx((6.0, 1))
     assert base.statistics["ratio"] is None
     assert other.statistics["ratio"] == pytest.approx((2 + 3 + 7) / 3)
-    assert [point.is_on_front for point in found.points] == [True, False]
+    assert [point.is_on_front for point in accuracies.points] == [True, False]
 
 
 def test_errors_against_the_finest_run_and_richardsons_limit(begin: Begin, tmp_path: Path) -> None:
@@ -383,17 +383,17 @@ def test_errors_against_the_finest_run_and_richardsons_limit(begin: Begin, tmp_p
         return [good(5 + h**order, unknowns=n, total=n) for h, n in sizes]
 
     study = plan(tmp_path, repeat=1, reference="finest")
-    rows, found = rows_and_accuracy(begin, study, tmp_path, values(2.0))
+    rows, accuracies = rows_and_accuracy(begin, study, tmp_path, values(2.0))
     assert [row.size for row in rows] == [1, 0.5, 0.25, 1, 0.5]
-    assert found.errors == pytest.approx((1 - 0.0625, 0.25 - 0.0625, None, 1 - 0.0625, 0.25 - 0.0625))
-    assert found.references[0].origin == "finest run: P2, 4"
+    assert accuracies.errors == pytest.approx((1 - 0.0625, 0.25 - 0.0625, None, 1 - 0.0625, 0.25 - 0.0625))
+    assert accuracies.references[0].origin == "finest run: P2, 4"
 
     study = plan(tmp_path, repeat=1, reference="richardson")
-    _, found = rows_and_accuracy(begin, study, tmp_path, [])
-    assert found.references[0].value == pytest.approx(5.0, abs=1e-12)
-    assert found.errors == pytest.approx((1, 0.25, 0.0625, 1, 0.25))
-    assert found.orders == pytest.approx((None, 2, 2, None, 2))
-    assert found.fitted == pytest.approx({"P2": 2, "P3": 2})
+    _, accuracies = rows_and_accuracy(begin, study, tmp_path, [])
+    assert accuracies.references[0].value == pytest.approx(5.0, abs=1e-12)
+    assert accuracies.errors == pytest.approx((1, 0.25, 0.0625, 1, 0.25))
+    assert accuracies.orders == pytest.approx((None, 2, 2, None, 2))
+    assert accuracies.fitted == pytest.approx({"P2": 2, "P3": 2})
 
     with pytest.raises(JobError, match=r"reference\.all: richardson needs a series with 3 meshes; take finest or a"):
         plan(tmp_path, repeat=1, reference={"richardson": "P3"})
@@ -433,12 +433,14 @@ def test_a_series_of_meshes_that_does_not_refine_is_told(begin: Begin, tmp_path:
 def test_effectivity_is_the_estimated_over_the_true_error(begin: Begin, tmp_path: Path) -> None:
     study = plan(tmp_path, repeat=1, series=[{"name": "P2"}], reference=2.0, time="certified")
     estimate = {"estimate": {"quantities": {"length": 0.4}}}
-    [row], found = rows_and_accuracy(begin, study, tmp_path, [good(1.5, total=3.0, compile_=0.5, certificate=estimate)])
-    assert found.effectivities == pytest.approx((0.8,))
-    assert (found.points[0].average, found.points[0].promised) == (0.5, 0.4)
+    [row], accuracies = rows_and_accuracy(
+        begin, study, tmp_path, [good(1.5, total=3.0, compile_=0.5, certificate=estimate)]
+    )
+    assert accuracies.effectivities == pytest.approx((0.8,))
+    assert (accuracies.points[0].average, accuracies.points[0].promised) == (0.5, 0.4)
     assert row.time == row.costs["certified"] == pytest.approx(3.0 - 0.5)
     assert row.costs["run"] == pytest.approx(3.0 - 0.5 - 0.05)
-    drawn = work_precision(study.study, found, "seconds", {"P2": ""})["svg"]
+    drawn = work_precision(study.study, accuracies, "seconds", {"P2": ""})["svg"]
     assert b'id="estimates-0"' in drawn
     assert b"dotted: as estimated by the certificate" in drawn
 
@@ -690,7 +692,7 @@ def test_stopped_by_a_signal_and_killed_it_goes_on_and_does_nothing_twice(place:
     assert done.returncode == 0, done.stderr
     assert f"{len(killed)} executions were done before" in done.stdout
     assert done.stdout.count("\n[") == len(kept(place / "long")) - len(killed)
-    assert {p: found for p, found in kept(place / "long").items() if p in killed} == killed
+    assert {p: entry for p, entry in kept(place / "long").items() if p in killed} == killed
     assert killed.items() >= stopped.items()
     assert all(CaseRecord.decoded(content).converged for _, content in kept(place / "long").values())
     with h5py.File(place / "long" / "table.h5") as file:

@@ -143,14 +143,14 @@ def test_everything_that_is_wrong_with_the_runs_is_told_before_any_begins(tmp_pa
 
 
 def test_runs_are_case_by_case_series_by_series_step_by_step(tmp_path: Path) -> None:
-    found = plan(tmp_path, cases=[{"grid": {"material.mu": ["10 kPa", 2e4]}}])
-    assert [run.place.title for run in found.runs] == [
+    sweep_plan = plan(tmp_path, cases=[{"grid": {"material.mu": ["10 kPa", 2e4]}}])
+    assert [run.place.title for run in sweep_plan.runs] == [
         f"{name}, mu {mu}" for mu in ("10 kPa", "20000") for name in ("P2, 1", "P2, 2", "P2, 4", "P3, 1", "P3, 2")
     ]
-    assert [run.job.mesh.parameters["nz"] for run in found.runs] == [1, 2, 4, 1, 2] * 2
-    assert [run.job.discretisation.displacement for run in found.runs] == [2, 2, 2, 3, 3] * 2
-    assert [law.mu for run in found.runs for law in run.job.laws.values()] == [1e4] * 5 + [2e4] * 5  # type: ignore[attr-defined]
-    assert {run.job.mesh.parameters["lx"] for run in found.runs} == {0.2}  # what nothing changes stays
+    assert [run.job.mesh.parameters["nz"] for run in sweep_plan.runs] == [1, 2, 4, 1, 2] * 2
+    assert [run.job.discretisation.displacement for run in sweep_plan.runs] == [2, 2, 2, 3, 3] * 2
+    assert [law.mu for run in sweep_plan.runs for law in run.job.laws.values()] == [1e4] * 5 + [2e4] * 5  # type: ignore[attr-defined]
+    assert {run.job.mesh.parameters["lx"] for run in sweep_plan.runs} == {0.2}  # what nothing changes stays
 
 
 def test_every_kind_of_series_that_is_asked_for_can_be_written(tmp_path: Path) -> None:
@@ -185,11 +185,11 @@ def test_cases_are_combined_side_by_side_and_drawn_at_random(tmp_path: Path) -> 
         "sample": {"axes": [{"random": random, "count": 60, "seed": 3}]},
     }
     cases = [{"branches": branches}]
-    found = plan(tmp_path, series=[{"name": "all"}], cases=cases)
-    assert found.cases == 6 + 2 + 2 + 1 + 60
-    pairs = [tuple(run.place.parameters.values())[1:] for run in found.runs]
+    sweep_plan = plan(tmp_path, series=[{"name": "all"}], cases=cases)
+    assert sweep_plan.cases == 6 + 2 + 2 + 1 + 60
+    pairs = [tuple(run.place.parameters.values())[1:] for run in sweep_plan.runs]
     assert pairs[:8] == [(1, 10), (1, 20), (1, 30), (2, 10), (2, 20), (2, 30), (1, 10), (2, 20)]
-    (first, second) = (next(iter(run.job.laws.values())) for run in found.runs[8:10])
+    (first, second) = (next(iter(run.job.laws.values())) for run in sweep_plan.runs[8:10])
     for law_, nu in ((first, 0.2), (second, 0.4)):
         assert law_.lam == pytest.approx(1e6 * nu / ((1 + nu) * (1 - 2 * nu)))  # type: ignore[attr-defined]
     drawn = pairs[11:]

@@ -40,9 +40,9 @@ def test_regions_that_are_marked_by_1_are_kept_in_all_formats(names: tuple[str, 
     source = type(source)(**{**vars(source), "groups": groups})
     save_msh(tmp_path / "two.msh", source, source.points)
     save_vtu(tmp_path / "again.vtu", source, source.points)
-    for found in (read_msh(tmp_path / "two.msh"), read_vtu(tmp_path / "again.vtu")):
-        assert [list(group.members) for group in found.groups] == [[0], [1]]
-        assert len({group.tag for group in found.groups}) == 2
+    for mesh_read in (read_msh(tmp_path / "two.msh"), read_vtu(tmp_path / "again.vtu")):
+        assert [list(group.members) for group in mesh_read.groups] == [[0], [1]]
+        assert len({group.tag for group in mesh_read.groups}) == 2
 
 
 def test_tags_that_gmsh_refuses_are_numbered_anew(tmp_path: Path) -> None:

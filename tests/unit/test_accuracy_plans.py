@@ -103,8 +103,8 @@ def test_orders_and_costs_are_learnt() -> None:
 
 
 def test_orders_are_presumed_with_care() -> None:
-    one = RefinementForecast(steps([1.0], [2]), [1.0], 10.0)
-    assert (one.order(2), one.order(3), one.is_known(2)) == (3.0, 4.0, False)
+    single_step = RefinementForecast(steps([1.0], [2]), [1.0], 10.0)
+    assert (single_step.order(2), single_step.order(3), single_step.is_known(2)) == (3.0, 4.0, False)
     two = RefinementForecast(steps([1.0, 0.5], [2, 2]), [1.0, 2**-2.5], 10.0)
     assert (two.order(2), two.order(3)) == (pytest.approx((2.5 + 3) / 2), 4.0)
     rough = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 0.5, 0.25], 10.0)
@@ -112,9 +112,9 @@ def test_orders_are_presumed_with_care() -> None:
     raised = RefinementForecast(steps([1.0, 1.0], [2, 3]), [1.0, 0.05], 10.0)
     assert raised.gain(2) == pytest.approx(0.05)
     factors = [1.5, 2.0, 3.0, 4.0, 6.0, 8.0]
-    assert cautious(one, one.everywhere(8.0, 2), factors) == CAREFUL
+    assert cautious(single_step, single_step.everywhere(8.0, 2), factors) == CAREFUL
     assert cautious(rough, rough.everywhere(8.0, 2), factors) == BOLD
-    assert cautious(one, one.everywhere(1.5, 2), factors) == 1.5
+    assert cautious(single_step, single_step.everywhere(1.5, 2), factors) == 1.5
 
 
 def test_the_cheapest_that_is_enough_is_chosen() -> None:
@@ -155,13 +155,13 @@ def test_marks_take_the_fewest_cells() -> None:
         error = float(np.sum(shares * 2.0 ** (-order * np.array(levels))))
         best[levels] = (error, sum(8.0**level for level in levels))
     for reduction in (2.0, 5.0, 20.0, 100.0):
-        found = plan(shares, reduction, order)
-        error, cells = best[tuple(found.levels.tolist())]
+        sweep_plan = plan(shares, reduction, order)
+        error, cells = best[tuple(sweep_plan.levels.tolist())]
         assert error <= 1 / reduction
-        assert error == pytest.approx(found.places.error)
-        assert found.places.cells == pytest.approx(1 + CLOSURE * (cells / 5 - 1))
+        assert error == pytest.approx(sweep_plan.places.error)
+        assert sweep_plan.places.cells == pytest.approx(1 + CLOSURE * (cells / 5 - 1))
         fewest = min(c for e, c in best.values() if e <= 1 / reduction)
-        print(f"error divided by {reduction}: {found.levels.tolist()}, {cells:.0f} cells, fewest {fewest:.0f}")
+        print(f"error divided by {reduction}: {sweep_plan.levels.tolist()}, {cells:.0f} cells, fewest {fewest:.0f}")
         assert cells <= 4 * fewest  # cells are halved whole, and all with the same threshold
 
 
@@ -173,18 +173,18 @@ def findings(error: Any, sizes: Sequence[float], seen: float = 1.0, unseen: Any 
     ]
 
 
-def judged(found: Sequence[Finding], order: float | None) -> list[Assessment]:
+def judged(trials: Sequence[Finding], order: float | None) -> list[Assessment]:
     made: list[Assessment] = []
-    for i in range(len(found)):
-        made.append(assess(found[: i + 1], {"q": 1e-3}, order, made[-1] if made else None))
+    for i in range(len(trials)):
+        made.append(assess(trials[: i + 1], {"q": 1e-3}, order, made[-1] if made else None))
     return made
 
 
 @pytest.mark.parametrize("seen", [0.4, 0.7, 1.0, 1.4])
 @pytest.mark.parametrize("order", [1.0, 3.0])
 def test_an_estimate_that_sees_too_little_is_found_out(seen: float, order: float) -> None:
-    found = findings(lambda h: 0.05 * h**order, [1.0, 0.5, 0.25], seen)
-    for assessment, finding in list(zip(judged(found, None), found, strict=True))[1:]:
+    trials = findings(lambda h: 0.05 * h**order, [1.0, 0.5, 0.25], seen)
+    for assessment, finding in list(zip(judged(trials, None), trials, strict=True))[1:]:
         value = finding.values["q"]
         assert isinstance(value, float)
         assert abs(value - 1) <= assessment.bounds["q"] <= 8 * abs(value - 1)
@@ -193,22 +193,22 @@ def test_an_estimate_that_sees_too_little_is_found_out(seen: float, order: float
 @pytest.mark.parametrize("order", [1.0, 2.0, 3.0])
 @pytest.mark.parametrize("sizes", [(1.0, 0.5), (1.0, 0.5, 0.4), (1.0, 0.8, 0.4, 0.3)])
 def test_what_the_estimate_does_not_see_is_told_by_other_meshes(order: float, sizes: Sequence[float]) -> None:
-    found = findings(lambda h: 1e-9 * h**3, sizes, unseen=lambda h: 0.01 * h**order)
-    *_, last = judged(found, min(order, 2.0))
+    trials = findings(lambda h: 1e-9 * h**3, sizes, unseen=lambda h: 0.01 * h**order)
+    *_, last = judged(trials, min(order, 2.0))
     error = 0.01 * sizes[-1] ** order
     assert error <= last.bounds["q"] <= 5 * error
 
 
 def test_one_mesh_cannot_tell_of_its_shape() -> None:
-    found = findings(lambda h: 1e-6, [1.0])
-    assert judged(found, None)[0].excess == pytest.approx(2 * 1e-6 / 1e-3)
-    assert math.isinf(judged(found, 2.0)[0].excess)
+    trials = findings(lambda h: 1e-6, [1.0])
+    assert judged(trials, None)[0].excess == pytest.approx(2 * 1e-6 / 1e-3)
+    assert math.isinf(judged(trials, 2.0)[0].excess)
 
 
 def test_errors_of_vectors_are_lengths() -> None:
-    found = Finding(0, 1.0, 2, {"q": [1.0, 0.0, 0.0]}, {"q": [1.0, 3e-4, 4e-4]})
-    assert assess([found], {"q": 1e-3}, None).errors["q"] == pytest.approx(5e-4)
-    assert hindsight([found], {"q": 1e-3}) == [pytest.approx(0.5)]
+    trials = Finding(0, 1.0, 2, {"q": [1.0, 0.0, 0.0]}, {"q": [1.0, 3e-4, 4e-4]})
+    assert assess([trials], {"q": 1e-3}, None).errors["q"] == pytest.approx(5e-4)
+    assert hindsight([trials], {"q": 1e-3}) == [pytest.approx(0.5)]
 
 
 @pytest.mark.parametrize("left_out", ["", ", the error of the geometry is not included"])
@@ -227,17 +227,17 @@ def test_an_estimate_that_falls_faster_than_its_value_changes_is_not_believed() 
     """Of the corner of hexahedra: the estimate falls by 20, and the change of the value leaves a far larger error."""
     values, estimates = [-0.13833, -0.14151], [-4.3e-3, -2.2e-4]
     ratio = 0.33  # that the corner allows
-    found = [
+    trials = [
         Finding(i, 0.5**i, 2, {"q": q}, {"q": q + e}, ratio * i, is_reliable=False)
         for i, (q, e) in enumerate(zip(values, estimates, strict=True))
     ]
-    first = assess(found[:1], {"q": 1e-3}, None)
+    first = assess(trials[:1], {"q": 1e-3}, None)
     assert first.bounds["q"] == math.inf  # one mesh, on which errors may cancel
-    second = assess(found, {"q": 1e-3}, None, first)
+    second = assess(trials, {"q": 1e-3}, None, first)
     assert second.bounds["q"] >= 3.17e-3 * ratio / (1 - ratio)
     assert second.bounds["q"] >= 8.0e-4  # the true error
     assert second.excess > 1
-    trusted = assess([replace(f, ratio=0.0, is_reliable=True) for f in found[:1]], {"q": 1e-2}, None)
+    trusted = assess([replace(f, ratio=0.0, is_reliable=True) for f in trials[:1]], {"q": 1e-2}, None)
     assert trusted.bounds["q"] == pytest.approx(2 * 4.3e-3)  # with nothing singular, by the estimate alone
 
 

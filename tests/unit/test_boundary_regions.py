@@ -45,14 +45,14 @@ def body(**regions: str) -> Body:
 
 @pytest.mark.parallel([1, 2, 3])
 def test_regions_by_normals_and_cavities() -> None:
-    found = body(
+    region_body = body(
         bottom="nz < -cos(30 deg) and z < 0.5 m",
         outer="cavity < 1",
         large="cavity > 0 and cavity < 2",
         small="cavity > 1",
         roofs="cavity > 0 and nz < 0",  # outer normals point into the cavity
     ).regions
-    counts = {name: (region.facet_count, region.cell_count) for name, region in found.items()}
+    counts = {name: (region.facet_count, region.cell_count) for name, region in region_body.items()}
     assert counts["bottom"] == (25, 0)
     assert counts["outer"] == (2 * 25 + 4 * 15, 0)
     assert counts["large"] == (10, 0)

@@ -38,12 +38,12 @@ def test_balls_of_two_sizes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     arguments = ["compare", str(small), str(large), "--unit", "mm", "--json", str(figures), "--to", str(distances)]
     assert main(arguments) == 0
     assert "overlap (Dice): 0.8" in capsys.readouterr().out
-    found = json.loads(figures.read_text())
-    assert found["one"]["mean"] == pytest.approx(-1e-3, rel=0.02)  # inside the other one
-    assert found["other"]["mean"] == pytest.approx(1e-3, rel=0.02)
-    assert found["other"]["largest"] == pytest.approx(1e-3, rel=0.02)
-    assert found["one"]["volume"] == pytest.approx(4 / 3 * np.pi * 1e-6, rel=0.01)
-    assert found["dice"] == pytest.approx(2 * 10**3 / (10**3 + 11**3), abs=0.01)
+    content = json.loads(figures.read_text())
+    assert content["one"]["mean"] == pytest.approx(-1e-3, rel=0.02)  # inside the other one
+    assert content["other"]["mean"] == pytest.approx(1e-3, rel=0.02)
+    assert content["other"]["largest"] == pytest.approx(1e-3, rel=0.02)
+    assert content["one"]["volume"] == pytest.approx(4 / 3 * np.pi * 1e-6, rel=0.01)
+    assert content["dice"] == pytest.approx(2 * 10**3 / (10**3 + 11**3), abs=0.01)
     assert pyvista.read(distances)["distance"] == pytest.approx(-1e-3, rel=0.05)
 
 
@@ -67,11 +67,11 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
 
 def test_a_body_that_was_moved_is_moved_back() -> None:
     turned = egg().rotate_z(12).rotate_x(5).translate([0.004, -0.001, 0.002])
-    found = compare(turned, egg(), (turned, egg()))
-    print(f"{found.first.largest:.1e} m left, turned by {np.degrees(found.rotation):.2f} degrees")
-    assert found.first.largest < 2e-5
-    assert found.rotation == pytest.approx(np.radians(np.hypot(12, 5)), rel=0.05)
-    assert found.dice > 0.99
+    comparison = compare(turned, egg(), (turned, egg()))
+    print(f"{comparison.first.largest:.1e} m left, turned by {np.degrees(comparison.rotation):.2f} degrees")
+    assert comparison.first.largest < 2e-5
+    assert comparison.rotation == pytest.approx(np.radians(np.hypot(12, 5)), rel=0.05)
+    assert comparison.dice > 0.99
     left = compare(turned, egg())
     assert left.first.largest > 3e-3
     assert (left.rotation, left.translation) == (0, 0)
@@ -79,11 +79,11 @@ def test_a_body_that_was_moved_is_moved_back() -> None:
 
 def test_a_mesh_beside_a_surface(meshes: Path, tmp_path: Path) -> None:
     pyvista.Cube(center=(0.5, 0.5, 0.5)).triangulate().save(tmp_path / "cube.stl")
-    found = compare(surface_in(meshes / "box.py", 1.0).surface, surface_in(tmp_path / "cube.stl", 1.0).surface)
-    assert found.first.largest < 1e-7
-    assert found.first.centre == pytest.approx([0.5, 0.5, 0.5])
-    assert found.first.volume == pytest.approx(found.second.volume, rel=1e-6)
-    assert found.dice == pytest.approx(1, abs=0.05)
+    comparison = compare(surface_in(meshes / "box.py", 1.0).surface, surface_in(tmp_path / "cube.stl", 1.0).surface)
+    assert comparison.first.largest < 1e-7
+    assert comparison.first.centre == pytest.approx([0.5, 0.5, 0.5])
+    assert comparison.first.volume == pytest.approx(comparison.second.volume, rel=1e-6)
+    assert comparison.dice == pytest.approx(1, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -128,21 +128,21 @@ def written(path: Path, direction: tuple[float, ...] = (1, 0, 0, 0, 1, 0, 0, 0, 
 def test_an_image_beside_a_surface(direction: tuple[float, ...], tmp_path: Path) -> None:
     """Volume, place and distances of a ball, also with axes that are turned and mirrored."""
     image = surface_in(written(tmp_path / "ball.nii.gz", direction), None)
-    found = compare(image.surface, surface_in(ball(tmp_path / "ball.stl", centre=(50, 0, 0)), 1e-3).surface)
-    print(f"rms {found.first.rms:.1e}, largest {found.first.largest:.1e} m, Dice {found.dice:.4f}")
+    comparison = compare(image.surface, surface_in(ball(tmp_path / "ball.stl", centre=(50, 0, 0)), 1e-3).surface)
+    print(f"rms {comparison.first.rms:.1e}, largest {comparison.first.largest:.1e} m, Dice {comparison.dice:.4f}")
     assert image.surface.volume == pytest.approx(4224e-9, rel=2e-3)  # that of its voxels
-    assert found.first.centre == pytest.approx([0.05, 0, 0], abs=2e-5)
-    assert found.first.largest < 0.5e-3
-    assert found.first.rms < 0.25e-3
+    assert comparison.first.centre == pytest.approx([0.05, 0, 0], abs=2e-5)
+    assert comparison.first.largest < 0.5e-3
+    assert comparison.first.rms < 0.25e-3
     half = surface_in(tmp_path / "ball.nii.gz", None, labels=[3])
     assert half.surface.volume == pytest.approx(2112e-9, rel=2e-3)
 
 
 def test_principal_axes_of_an_ellipsoid() -> None:
     turned = egg().rotate_z(30)
-    found = compare(turned, turned).first
-    assert np.abs(found.axes[0]) == pytest.approx([0, 0, 1], abs=1e-6)
-    assert np.abs(found.axes[1]) == pytest.approx([0.5, 3**0.5 / 2, 0], abs=2e-3)
+    comparison = compare(turned, turned).first
+    assert np.abs(comparison.axes[0]) == pytest.approx([0, 0, 1], abs=1e-6)
+    assert np.abs(comparison.axes[1]) == pytest.approx([0.5, 3**0.5 / 2, 0], abs=2e-3)
 
 
 def test_alignment_by_regions(meshes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -156,8 +156,8 @@ def test_alignment_by_regions(meshes: Path, tmp_path: Path, capsys: pytest.Captu
     out = tmp_path / "figures.json"
     command = ["compare", str(tmp_path / "one.msh"), str(tmp_path / "other.msh"), "--json", str(out)]
     assert main([*command, "--align", "z0"]) == 0
-    found = json.loads(out.read_text())
-    assert found["one"]["largest"] == pytest.approx(0.2, abs=1e-3)
-    assert found["moved"]["translation"] == pytest.approx(np.hypot(0.3, 0.1), rel=1e-2)
+    content = json.loads(out.read_text())
+    assert content["one"]["largest"] == pytest.approx(0.2, abs=1e-3)
+    assert content["moved"]["translation"] == pytest.approx(np.hypot(0.3, 0.1), rel=1e-2)
     assert main([*command, "--align", "z9"]) == 2
     assert "one.msh: there is no region of the surface 'z9'" in capsys.readouterr().err

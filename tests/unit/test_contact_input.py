@@ -108,8 +108,8 @@ def test_signed_distance_and_direction(
         for name, (value, dimension) in obstacle.quantities().items()
     }
     par |= {name: par[name] / HALF for name in ("radius", "metre") if name in par}
-    found, towards = obstacle.distance(ufl.as_vector([c / HALF for c in point]), SimpleNamespace(**par))
-    assert float(ufl.as_ufl(found)(())) * HALF == pytest.approx(distance)
+    signed_distance, towards = obstacle.distance(ufl.as_vector([c / HALF for c in point]), SimpleNamespace(**par))
+    assert float(ufl.as_ufl(signed_distance)(())) * HALF == pytest.approx(distance)
     assert [float(towards[i](())) for i in range(3)] == pytest.approx(direction, abs=1e-12)
 
 

@@ -163,8 +163,8 @@ def test_whole_images_are_read_as_by_an_independent_program(name: str, tmp_path:
     known = SimpleITK.ReadImage(str(path))
     assert np.array_equal(SimpleITK.GetArrayFromImage(known).transpose(), block())
     for index in ((0, 0, 0), (8, 7, 6), (3, 0, 5)):
-        found = image.positions(np.array([index]) * image.spacing)[0]
-        assert found == pytest.approx(known.TransformIndexToPhysicalPoint(index), abs=1e-6)
+        positions = image.positions(np.array([index]) * image.spacing)[0]
+        assert positions == pytest.approx(known.TransformIndexToPhysicalPoint(index), abs=1e-6)
 
 
 FAULTS: dict[str, tuple[str, Callable[[], bytes], str]] = {

@@ -97,10 +97,10 @@ def test_reasons_are_told_apart(case: str, comm: MPI.Intracomm) -> None:
     make, reason = HOPELESS[case]
     hopeless = make()
     solves = tried(hopeless, comm)
-    found = diagnose(hopeless.directions[0], solves)
+    diagnosis = diagnose(hopeless.directions[0], solves)
     load = max((s.load for s in solves if s.outcome.accepted), default=0.0)
-    print(f"{case}: {found.name} at load factor {load:.4f}; {attempts(solves)}")
-    assert found is reason
+    print(f"{case}: {diagnosis.name} at load factor {load:.4f}; {attempts(solves)}")
+    assert diagnosis is reason
 
 
 def path(*loads: float, turning: tuple[float, ...] = (), end: Outcome) -> list[Solve]:

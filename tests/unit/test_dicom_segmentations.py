@@ -93,8 +93,8 @@ def test_segments_by_name_and_number(kind: str, tmp_path: Path) -> None:
         assert image.volume(label) == pytest.approx(mask.sum() * voxel)
         middle = np.argwhere(mask).mean(axis=0) * [STEP, *SPACING]  # along slices, rows, columns
         expected = ORIGIN + middle[0] * np.cross(*AXES) + middle[1] * AXES[1] + middle[2] * AXES[0]
-        found = np.argwhere(image.voxels == label).mean(axis=0) * image.spacing
-        assert image.positions(found[None])[0] * 1e3 == pytest.approx(expected)
+        positions = np.argwhere(image.voxels == label).mean(axis=0) * image.spacing
+        assert image.positions(positions[None])[0] * 1e3 == pytest.approx(expected)
 
 
 def test_faults_are_told(tmp_path: Path) -> None:

@@ -101,8 +101,8 @@ def test_help_has_a_sentence_examples_and_a_page(parser: argparse.ArgumentParser
 
 def test_generated_pages_are_what_the_generator_writes() -> None:
     command = [sys.executable, str(ROOT / "docs" / "generate.py"), "--check"]
-    found = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert found.returncode == 0, found.stdout + found.stderr + "run: python3 -m uv run python docs/generate.py"
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 0, ended.stdout + ended.stderr + "run: python3 -m uv run python docs/generate.py"
 
 
 def test_outputs_that_pages_show_are_of_scripts_and_tests_that_exist() -> None:
@@ -141,12 +141,12 @@ def test_sweeps_and_studies_in_the_pages_are_valid(block: str, tmp_path: Path) -
 def fragments() -> Iterator[Any]:
     """The parts of jobs in all pages, and whether they name files that only the reader has."""
     for page in PAGES:
-        found = re.findall(
+        matches = re.findall(
             r"^(<!-- with files of the reader -->\n)?(?:<!-- file: \S+ -->\n)?( *)```yaml\n(.*?)^ *```",
             page.read_text(),
             re.M | re.S,
         )
-        for number, (mark, _, block) in enumerate(found, start=1):
+        for number, (mark, _, block) in enumerate(matches, start=1):
             if not re.match(r" *(sweep|study):", block):
                 yield pytest.param(textwrap.dedent(block), bool(mark), id=f"{page.relative_to(ROOT)}:{number}")
 

@@ -37,8 +37,8 @@ def derivatives() -> Callable[[str, float], Any]:
 
     def evaluate(name: str, value: float) -> Any:
         at.value = value
-        found = compiled.eval(mesh, np.array([0], dtype=np.int32)).reshape(3, -1)
-        return found[:, [*names, "polynomial"].index(name)]
+        evaluated = compiled.eval(mesh, np.array([0], dtype=np.int32)).reshape(3, -1)
+        return evaluated[:, [*names, "polynomial"].index(name)]
 
     return evaluate
 
@@ -72,8 +72,8 @@ def test_logarithms_keep_their_digits(
 ) -> None:
     for x in ABOVE_MINUS_1:
         exact = log1p_family(x)[name]
-        for order, (found, expected, tolerance) in enumerate(zip(derivatives(name, x), exact, tolerances, strict=True)):
-            assert found == pytest.approx(expected, rel=tolerance, abs=0), (x, order)
+        for order, (entry, expected, tolerance) in enumerate(zip(derivatives(name, x), exact, tolerances, strict=True)):
+            assert entry == pytest.approx(expected, rel=tolerance, abs=0), (x, order)
 
 
 def test_exponential_less_1_keeps_its_digits(derivatives: Callable[[str, float], Any]) -> None:
@@ -81,8 +81,10 @@ def test_exponential_less_1_keeps_its_digits(derivatives: Callable[[str, float],
         for x in [0.0, *TINY, *MEDIUM, *BIG, 300.0, -2.0, -10.0, -40.0]:
             value, slope, curvature = derivatives("expm1", x)
             assert value == pytest.approx(float(mp.expm1(mp.mpf(x))), rel=4e-15, abs=0), x
-            for found in (slope, curvature):
-                assert found == pytest.approx(float(mp.exp(mp.mpf(x))), rel=1e-13 if x > 0 else 4e-16, abs=4e-16), x
+            for derivative in (slope, curvature):
+                assert derivative == pytest.approx(
+                    float(mp.exp(mp.mpf(x))), rel=1e-13 if x > 0 else 4e-16, abs=4e-16
+                ), x
 
 
 def test_kinks_and_plain_functions(derivatives: Callable[[str, float], Any]) -> None:

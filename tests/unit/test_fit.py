@@ -103,8 +103,8 @@ def test_exact_tests_give_back_the_parameters(law: str, values: dict[str, Any]) 
     compressible = "incompressible" not in values.values()
     modes = tuple(MEASURES) if compressible else tuple(MEASURES)[:4]
     tests = exact(law.partition(":")[0], values, modes, cauchy=True)
-    found = fit(candidate(law, {}, compressible=compressible), tests)
-    pairs = {p.place: v for p, v in zip(found.candidate.parameters, found.values, strict=True)}
+    fitted_law = fit(candidate(law, {}, compressible=compressible), tests)
+    pairs = {p.place: v for p, v in zip(fitted_law.candidate.parameters, fitted_law.values, strict=True)}
     if law == "ogden:2" and pairs["alpha", 0] < 0:  # its terms have no order
         pairs = {(name, 1 - i): v for (name, i), v in pairs.items()}
     for (name, *index), value in pairs.items():
@@ -121,10 +121,10 @@ def test_confidence_region_holds_the_parameters_as_often_as_it_says(known: bool)
     inside = 0
     for _ in range(repeats):
         noisy = [Test(t.name, t.mode, t.measure, t.stress + deviation * generator.normal(size=len(t))) for t in tests]
-        found = fit(law, set_deviations(noisy, [f"{deviation} Pa"] if known else []))
-        miss = found.values - true
-        distance = miss @ np.linalg.solve(found.covariance, miss)
-        limit = scipy.stats.chi2.ppf(0.95, 2) if known else 2 * scipy.stats.f.ppf(0.95, 2, found.freedom)
+        fitted_law = fit(law, set_deviations(noisy, [f"{deviation} Pa"] if known else []))
+        miss = fitted_law.values - true
+        distance = miss @ np.linalg.solve(fitted_law.covariance, miss)
+        limit = scipy.stats.chi2.ppf(0.95, 2) if known else 2 * scipy.stats.f.ppf(0.95, 2, fitted_law.freedom)
         inside += bool(distance < limit)
     print(f"coverage of 95 % regions: {inside / repeats:.3f}")
     assert abs(inside / repeats - 0.95) < 4 * 0.011
@@ -152,13 +152,13 @@ def test_published_fits_of_treloars_rubber_are_found() -> None:
 def test_ogden_describes_all_of_treloars_tests_better_than_his_own_parameters() -> None:
     """Ogden (1972), doi:10.1098/rspa.1972.0026, fitted by hand; his law has the least criterion of all here."""
     modes = ("uniaxial", "equibiaxial", "planar")
-    found, others = fitted("ogden", *modes), [fitted(law, *modes) for law in ("yeoh", "gent", "mooney-rivlin")]
-    published = next(iter(found.candidate.published()))
-    stress = [found.response.stress(t.mode, t.measure, published)[0] - t.stress for t in found.tests]
-    assert found.chi_squared < (np.concatenate(stress) ** 2).sum()
-    assert found.r_squared > 0.998
-    assert all(found.aicc < other.aicc for other in others)
-    assert all(r.lost_at is None for r in CheckedFit.check(found).ranges)
+    ogden, others = fitted("ogden", *modes), [fitted(law, *modes) for law in ("yeoh", "gent", "mooney-rivlin")]
+    published = next(iter(ogden.candidate.published()))
+    stress = [ogden.response.stress(t.mode, t.measure, published)[0] - t.stress for t in ogden.tests]
+    assert ogden.chi_squared < (np.concatenate(stress) ** 2).sum()
+    assert ogden.r_squared > 0.998
+    assert all(ogden.aicc < other.aicc for other in others)
+    assert all(r.lost_at is None for r in CheckedFit.check(ogden).ranges)
 
 
 def test_stability_ends_where_the_closed_form_does() -> None:
@@ -188,8 +188,8 @@ def test_the_same_test_in_other_units_and_columns(tmp_path: Path) -> None:
         rows = "\n".join(f"{a:.16g}{mark} {b:.16g}" for a, b in zip(measure, values, strict=True))
         path = written(tmp_path / f"{name}.csv", f"\ufeff{head}\n{titles}\n\n{rows}\n")
         (read,) = read_tests(path)
-        found = fit(candidate("yeoh", {}, compressible=False), [read])
-        np.testing.assert_allclose(found.values, list(YEOH.values()), rtol=1e-9, err_msg=name)
+        fitted_law = fit(candidate("yeoh", {}, compressible=False), [read])
+        np.testing.assert_allclose(fitted_law.values, list(YEOH.values()), rtol=1e-9, err_msg=name)
 
 
 YEOH = {"c1": 2e5, "c2": -3e3, "c3": 500.0}
@@ -275,7 +275,7 @@ def test_a_lack_of_memory_has_a_message(
 def test_fewer_data_than_parameters_leave_combinations_free() -> None:
     few = Linearised(np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 2.0]]))
     assert len(few.combinations) == 3
-    assert [one.involved for one in few.free()] == [[1, 2]]
+    assert [combination.involved for combination in few.free()] == [[1, 2]]
 
 
 @pytest.mark.parametrize(
@@ -343,9 +343,9 @@ def test_a_law_that_cannot_be_fitted_does_not_stop_the_others(
 
 def test_parameters_that_the_user_fixes_are_kept() -> None:
     law = candidate("mooney-rivlin", {"c2": "50 kPa", "jm": "3"}, compressible=False)
-    found = fit(law, treloar("planar"))
-    assert [p.name for p in found.candidate.parameters] == ["c1"]
-    assert found.law.c2 == 5e4  # type: ignore[attr-defined]
+    fitted_law = fit(law, treloar("planar"))
+    assert [p.name for p in fitted_law.candidate.parameters] == ["c1"]
+    assert fitted_law.law.c2 == 5e4  # type: ignore[attr-defined]
 
 
 def test_a_law_by_formula_begins_at_its_own_values() -> None:
@@ -363,9 +363,9 @@ def test_values_that_a_law_does_not_admit_are_refused() -> None:
 
 
 def test_deviations_are_given_for_all_tests_or_none() -> None:
-    (one,) = treloar("planar")
+    (planar,) = treloar("planar")
     with pytest.raises(JobError, match="has no column 'standard deviation'"):
-        set_deviations([*set_deviations([one], ["2 kPa"]), one], [])
+        set_deviations([*set_deviations([planar], ["2 kPa"]), planar], [])
 
 
 def test_neo_hookean_law_is_not_elliptic_beyond_the_volume_of_the_closed_form() -> None:
@@ -399,7 +399,7 @@ def test_strong_ellipticity_is_a_positive_energy_of_all_waves(law: dict[str, Any
     mode, none, step = MODES["planar"], np.zeros(0), 1e-3
     measure = np.concatenate([np.linspace(0.35, 0.95, 13), np.linspace(1.05, 4, 13)])
     measure = measure[np.isfinite(model.state(mode, measure, none)).all(axis=1)]
-    found = is_elliptic(model, none, mode, measure)
+    elliptic = is_elliptic(model, none, mode, measure)
     a, b = generator.normal(size=(2, 2000, 3))
     b[range(1000), generator.integers(0, 3, 1000)] = 0.0  # loss often begins in a principal plane
     a[:1000] = np.abs(b[:1000]) * np.sign(a[:1000])  # along which the energy is least
@@ -416,8 +416,11 @@ def test_strong_ellipticity_is_a_positive_energy_of_all_waves(law: dict[str, Any
             for t in (step, 0.0, -step)
         )
         lost.append(((ahead - 2 * here + behind) / step**2).min() < 0)
-    print(f"{law}: elliptic at {found.sum()} of {len(found)} stretches, {np.sum(found != ~np.array(lost))} differ")
-    assert 0 < found.sum() < len(found)
+    print(
+        f"{law}: elliptic at {elliptic.sum()} of {len(elliptic)} stretches,"
+        f" {np.sum(elliptic != ~np.array(lost))} differ"
+    )
+    assert 0 < elliptic.sum() < len(elliptic)
     # Random directions miss those of least energy by some, so that a state at the very edge may look elliptic.
-    assert (found <= ~np.array(lost)).all()
-    assert (found != ~np.array(lost)).sum() <= 1
+    assert (elliptic <= ~np.array(lost)).all()
+    assert (elliptic != ~np.array(lost)).sum() <= 1

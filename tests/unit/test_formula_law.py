@@ -135,16 +135,18 @@ def test_a_law_that_is_none_is_refused_in_one_sentence(data: dict[str, Any], mes
 
 def test_parameters_must_have_names_and_values_of_their_own() -> None:
     taken = dict.fromkeys(("I1", "J", "I2_bar", "I4_f", "I8_f_s", "ln", "max", "pi", "kappa"), 1)
-    found = problems(energy="(1 Pa)*(I1_bar - 3)", kappa=1.0, parameters=taken)
+    faults = problems(energy="(1 Pa)*(I1_bar - 3)", kappa=1.0, parameters=taken)
     told = "is already the name of something else; 'hpcinv formulas' lists the reserved names"
-    assert found == [f"parameters.{name}: {told}" for name in taken]
+    assert faults == [f"parameters.{name}: {told}" for name in taken]
     words = dict.fromkeys(("lambda", "c-1", "_a", "if"), 1)
-    found = problems(energy="(1 Pa)*(I1_bar - 3)", kappa=1.0, parameters=words)
-    assert found == [
+    faults = problems(energy="(1 Pa)*(I1_bar - 3)", kappa=1.0, parameters=words)
+    assert faults == [
         f"parameters.{n}: cannot be a name in a formula; choose a name of letters, digits and _" for n in words
     ]
-    found = problems(energy="c*(I1_bar - 3)", kappa=1.0, parameters={"c": "2 kPascal", "d": True, "e": None})
-    assert [re.match(r"parameters\.(\w): .*(unknown unit|not (True|None))", p) is not None for p in found] == 3 * [True]
+    faults = problems(energy="c*(I1_bar - 3)", kappa=1.0, parameters={"c": "2 kPascal", "d": True, "e": None})
+    assert [re.match(r"parameters\.(\w): .*(unknown unit|not (True|None))", p) is not None for p in faults] == 3 * [
+        True
+    ]
     free = Formula.model_validate(
         {"energy": "kappa*(J - 1)**2 + kappa*(I1 - 3 - 2*ln(J))", "parameters": {"kappa": "2 kPa"}}
     )

@@ -131,8 +131,8 @@ def test_lengths_reach_a_generator_in_the_unit_it_works_in(tmp_path: Path) -> No
     path.write_text(
         "def build(gmsh, *, length: Length, size: Size = 2e-6, side: Area = 4e-12, mu: Stress = 1e3, n: int = 2): ..."
     )
-    found = converted_parameters(path, {"length": 1.82e-6, "mu": 5.0}, 1e-6)
-    assert found == {"length": 1.82, "size": 2.0, "side": 4.0, "mu": 5.0}
+    parameters = converted_parameters(path, {"length": 1.82e-6, "mu": 5.0}, 1e-6)
+    assert parameters == {"length": 1.82, "size": 2.0, "side": 4.0, "mu": 5.0}
     path.write_text("def build(gmsh, *, length: Length = HALF): ...")
     with pytest.raises(ValueError, match="needs a number for length"):
         converted_parameters(path, {}, 1e-6)

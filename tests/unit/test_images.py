@@ -115,9 +115,9 @@ def test_it_lies_where_the_header_says(ending: str, tmp_path: Path) -> None:
 def test_a_folded_surface_does_not_cross_itself(tmp_path: Path) -> None:
     """Folds like those of this body cross at first, five facets, and are meshed again with cells between them."""
     noise = ndimage.gaussian_filter(np.random.default_rng(2).standard_normal((20, 20, 20)), 2.2, mode="constant")
-    found, _ = ndimage.label(noise > np.quantile(noise, 0.6))
-    largest = np.bincount(found.ravel())[1:].argmax() + 1
-    body = np.pad((found == largest).astype(np.uint8), 2).transpose()
+    blobs, _ = ndimage.label(noise > np.quantile(noise, 0.6))
+    largest = np.bincount(blobs.ravel())[1:].argmax() + 1
+    body = np.pad((blobs == largest).astype(np.uint8), 2).transpose()
     source = meshed(written(tmp_path / "folds.mha", body), size="3.5 mm")
     assert find_overlap(surface_of(source)).pairs == 0
     assert volumes(source)["ball"] == pytest.approx(body.sum() * 1e-9, rel=0.01)
@@ -154,11 +154,11 @@ def test_all_formats_have_the_same_voxels_in_the_same_places(ending: str, tmp_pa
     if ending != name:
         other = tmp_path / f"packed{ending}"
         other.write_bytes(gzip.compress((tmp_path / f"other{name}").read_bytes()))
-    one, two = (read_labels(path, {"a": [2], "b": [1]}, 1e-3) for path in (first, other))
-    assert np.array_equal(one.voxels, two.voxels)
-    assert np.array_equal(one.voxels == 1, voxels == 2)
-    places = np.indices(voxels.shape).reshape(3, -1).T * one.spacing
-    assert two.positions(places) == pytest.approx(one.positions(places), abs=1e-9)
+    first_image, two = (read_labels(path, {"a": [2], "b": [1]}, 1e-3) for path in (first, other))
+    assert np.array_equal(first_image.voxels, two.voxels)
+    assert np.array_equal(first_image.voxels == 1, voxels == 2)
+    places = np.indices(voxels.shape).reshape(3, -1).T * first_image.spacing
+    assert two.positions(places) == pytest.approx(first_image.positions(places), abs=1e-9)
     other.write_bytes(other.read_bytes()[: len(other.read_bytes()) // 2])
     with pytest.raises(MeshError, match=other.name):
         read_labels(other, {"a": [2]}, 1e-3)
@@ -282,9 +282,9 @@ def test_labels_that_touch_share_their_facets(tmp_path: Path) -> None:
     voxels = np.where(radii < 5, 7, np.where(radii < BALL, 2, 0)).astype(np.uint8)[:, :, 12:]
     image = written(tmp_path / "shells.nii.gz", voxels)
     source = meshed(image, labels={"shell": 2, "core": 7}, size="3 mm")
-    found = volumes(source)
-    assert found["core"] == pytest.approx((voxels == 7).sum() * 1e-9, rel=0.01)
-    assert found["shell"] == pytest.approx((voxels == 2).sum() * 1e-9, rel=0.01)
+    region_volumes = volumes(source)
+    assert region_volumes["core"] == pytest.approx((voxels == 7).sum() * 1e-9, rel=0.01)
+    assert region_volumes["shell"] == pytest.approx((voxels == 2).sum() * 1e-9, rel=0.01)
     assert {g.name for g in source.groups if g.dim == 2} == {"shell|outside", "shell|core", "cut"}
     assert area(source, "shell|core") == pytest.approx(2 * np.pi * 25e-6, rel=0.1)
     assert area(source, "cut") == pytest.approx(np.pi * 100e-6, rel=0.1)
@@ -298,13 +298,13 @@ def test_cavities_and_neighbours_are_regions(tmp_path: Path) -> None:
     voxels[(radii > 12) & (x > 8)] = 9
     image = written(tmp_path / "heart.nii.gz", voxels)
     spec = {"labels": {"wall": 1}, "neighbours": {"bone": 9}, "size": "4 mm"}
-    found = meshed(image, **spec)
-    assert {g.name for g in found.groups} == {"wall", "wall|outside", "wall|cavity", "wall|bone"}
-    assert area(found, "wall|cavity") == pytest.approx(4 * np.pi * 36e-6, rel=0.15)
-    bone = found.points[found.facets[next(g.members for g in found.groups if g.name == "wall|bone")]]
+    mesh_read = meshed(image, **spec)
+    assert {g.name for g in mesh_read.groups} == {"wall", "wall|outside", "wall|cavity", "wall|bone"}
+    assert area(mesh_read, "wall|cavity") == pytest.approx(4 * np.pi * 36e-6, rel=0.15)
+    bone = mesh_read.points[mesh_read.facets[next(g.members for g in mesh_read.groups if g.name == "wall|bone")]]
     assert bone[..., 0].min() * 1e3 - 14.5 > 3  # 8 less two and a half voxels, and less half a cell
-    found = meshed(image, **spec | {"neighbours": {"blood": 7, "bone": 9}})
-    assert {g.name for g in found.groups} == {"wall", "wall|outside", "wall|blood", "wall|bone"}
+    mesh_read = meshed(image, **spec | {"neighbours": {"blood": 7, "bone": 9}})
+    assert {g.name for g in mesh_read.groups} == {"wall", "wall|outside", "wall|blood", "wall|bone"}
     with pytest.raises(MeshError, match="no voxel has the label 3"):
         meshed(image, **spec | {"neighbours": {"blood": 3}})
     with pytest.raises(JobError, match=r"mesh\.neighbours\.blood: has the number 1, which 'wall' has too"):
@@ -335,9 +335,9 @@ def test_a_neighbour_behind_a_thin_wall_is_not_next_to_its_other_side(tmp_path: 
     radii = np.linalg.norm(grid(30), axis=-1)
     voxels = np.where(radii < 9.5, 7, np.where(radii < 12, 1, 0)).astype(np.uint8)
     image = written(tmp_path / "vessel.nii.gz", voxels)
-    found = meshed(image, labels={"wall": 1}, neighbours={"blood": 7}, size="5 mm")
-    assert area(found, "wall|blood") == pytest.approx(4 * np.pi * 9.5e-3**2, rel=0.15)
-    assert area(found, "wall|outside") == pytest.approx(4 * np.pi * 12e-3**2, rel=0.15)
+    mesh_read = meshed(image, labels={"wall": 1}, neighbours={"blood": 7}, size="5 mm")
+    assert area(mesh_read, "wall|blood") == pytest.approx(4 * np.pi * 9.5e-3**2, rel=0.15)
+    assert area(mesh_read, "wall|outside") == pytest.approx(4 * np.pi * 12e-3**2, rel=0.15)
 
 
 def test_islands_are_left_out_and_told(tmp_path: Path) -> None:
@@ -387,10 +387,10 @@ def test_what_cannot_be_meshed_is_told(voxels: Callable[[], np.ndarray], fault: 
 
 def test_labels_that_touch_in_edges_only_are_joined_before_they_are_filled() -> None:
     """Cubes of one label side by side, over an edge, and in a corner; two labels in turn stay."""
-    found = np.zeros((6, 6, 6), dtype=np.int64)
-    found[1, 1, 1] = found[2, 2, 1] = found[4, 4, 3] = found[4, 4, 4] = 1
-    joined = _fill_touching_edges(found)
-    assert joined.sum() == found.sum() + 1
+    labels = np.zeros((6, 6, 6), dtype=np.int64)
+    labels[1, 1, 1] = labels[2, 2, 1] = labels[4, 4, 3] = labels[4, 4, 4] = 1
+    joined = _fill_touching_edges(labels)
+    assert joined.sum() == labels.sum() + 1
     assert joined[1, 2, 1] + joined[2, 1, 1] == 1
     assert np.array_equal(_fill_touching_edges(joined), joined)
     parts, label_of = _parts(np.where(np.indices((4, 4, 4)).sum(axis=0) % 2, 1, 2))
@@ -409,9 +409,9 @@ def test_only_clean_surfaces_are_filled(voxels: str, tmp_path: Path) -> None:
     }[voxels]
     image = written(tmp_path / "image.nii.gz", (labels * (radii < BALL)).astype(np.uint8))
     source = meshed(image, said, labels={"one": 1, "two": 2})
-    found = volumes(source)
-    assert found["one"] == pytest.approx(((labels == 1) & (radii < BALL)).sum() * 1e-9, rel=0.01)
-    assert found["two"] == pytest.approx(((labels == 2) & (radii < BALL)).sum() * 1e-9, rel=0.01)
+    region_volumes = volumes(source)
+    assert region_volumes["one"] == pytest.approx(((labels == 1) & (radii < BALL)).sum() * 1e-9, rel=0.01)
+    assert region_volumes["two"] == pytest.approx(((labels == 2) & (radii < BALL)).sum() * 1e-9, rel=0.01)
     is_told = any("labels meet along curves or in points: meshed from a lattice" in line for line in said)
     assert is_told == (voxels == "touching")
 

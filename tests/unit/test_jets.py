@@ -127,8 +127,8 @@ def exact_stress(law: Formula, H: np.ndarray) -> Any:
         return np.array([[derivative(i, j) for j in range(3)] for i in range(3)])
 
 
-def relative_error(found: np.ndarray, exact: Any) -> float:
-    return float(np.abs(found - exact).max() / np.abs(exact).max())
+def relative_error(computed: np.ndarray, exact: Any) -> float:
+    return float(np.abs(computed - exact).max() / np.abs(exact).max())
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -266,9 +266,9 @@ CASES: list[tuple[dict[str, Any], str]] = [
 def test_each_mistake_is_told_by_its_place(
     problems: Callable[[Edit], list[str]], change: dict[str, Any], message: str
 ) -> None:
-    found = problems(lambda job: job.update(change))
-    assert [p for p in found if message in p], found
-    for problem in found:
+    faults = problems(lambda job: job.update(change))
+    assert [p for p in faults if message in p], faults
+    for problem in faults:
         assert not JARGON.search(problem)
 
 
@@ -319,12 +319,12 @@ def test_junk_anywhere_ends_in_a_job_or_in_plain_words(load: Loader, tmp_path: P
     for where in places(full):
         contents = copy.deepcopy(full)
         functools.reduce(lambda part, key: part[key], where[:-1], contents)[where[-1]] = junk
-        found: tuple[str, ...] = ()
+        faults: tuple[str, ...] = ()
         try:
             parse(contents, tmp_path / "jobs" / "arm.yaml")
         except JobError as error:
-            found = error.problems
-        assert not [problem for problem in found if JARGON.search(problem)]
+            faults = error.problems
+        assert not [problem for problem in faults if JARGON.search(problem)]
 
 
 def test_all_mistakes_are_told_at_once(problems: Callable[[Edit], list[str]]) -> None:
@@ -464,8 +464,13 @@ def test_the_fingerprint_of_an_xdmf_mesh_covers_its_hdf5_file(load: Loader, tmp_
     ],
 )
 def test_levels_of_the_certificate(load: Loader, given: Any, switches: tuple[Any, ...]) -> None:
-    found = load(lambda j: j.update(certificate=given)).certificate
-    assert (found.round_trip, found.stability, found.estimate, found.overlap) == switches
+    settings_read = load(lambda j: j.update(certificate=given)).certificate
+    assert (
+        settings_read.round_trip,
+        settings_read.stability,
+        settings_read.estimate,
+        settings_read.overlap,
+    ) == switches
 
 
 def test_a_misspelt_level_of_the_certificate(problems: Callable[[Edit], list[str]]) -> None:
@@ -504,10 +509,10 @@ def test_long_lists_are_refused_before_anything_in_them_is_checked(problems: Cal
 
 
 def test_the_first_of_many_problems_are_told_and_the_others_counted(problems: Callable[[Edit], list[str]]) -> None:
-    found = problems(lambda j: j.update({f"unknown{i}": 1 for i in range(9000)}))
-    assert len(found) == 51
-    assert found[0].startswith("unknown0: unknown key")
-    assert found[-1] == "and 8,950 more problems like these"
+    faults = problems(lambda j: j.update({f"unknown{i}": 1 for i in range(9000)}))
+    assert len(faults) == 51
+    assert faults[0].startswith("unknown0: unknown key")
+    assert faults[-1] == "and 8,950 more problems like these"
 
 
 @pytest.mark.parametrize(

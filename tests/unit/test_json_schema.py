@@ -86,8 +86,8 @@ def places(value: Any) -> Iterator[tuple[Any, Any]]:
 
 def damaged(content: dict[str, Any], dice: random.Random) -> dict[str, Any]:
     """A copy with one key left out or misspelt, or another value at it."""
-    found = copy.deepcopy(content)
-    owner, key = dice.choice(list(places(found)))
+    changed_content = copy.deepcopy(content)
+    owner, key = dice.choice(list(places(changed_content)))
     match dice.choice(("other", "other", "without", "misspelt")):
         case "without":
             del owner[key]
@@ -95,7 +95,7 @@ def damaged(content: dict[str, Any], dice: random.Random) -> dict[str, Any]:
             owner[f"{key}x"] = owner.pop(key)
         case _:
             owner[key] = dice.choice(_OTHERS)
-    return found
+    return changed_content
 
 
 def test_schema_and_validate_agree_on_damaged_jobs() -> None:

@@ -68,9 +68,9 @@ def required() -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_an_example_is_a_material_and_can_change_its_volume(law: str) -> None:
-    found = job(LAWS[law].example)
-    assert found.material == LAWS[law].model_validate(LAWS[law].example)
-    assert not found.laws["material"].is_incompressible
+    case_job = job(LAWS[law].example)
+    assert case_job.material == LAWS[law].model_validate(LAWS[law].example)
+    assert not case_job.laws["material"].is_incompressible
 
 
 @pytest.mark.parametrize("law", LAWS)

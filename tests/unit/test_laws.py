@@ -166,14 +166,14 @@ class Reference:
         squared = C * C
         I2 = (I1**2 - squared[0, 0] - squared[1, 1] - squared[2, 2]) / 2
         J13 = mp.cbrt(J)
-        found = {"I1": I1, "I2": I2, "J": J, "I1_bar": I1 / J13**2, "I2_bar": I2 / J13**4}
+        invariants = {"I1": I1, "I2": I2, "J": J, "I1_bar": I1 / J13**2, "I2_bar": I2 / J13**4}
         if any(name.startswith("lambda") and name.endswith("_bar") for name in self.formula.names):
             squares = mp.eigsy(C, eigvals_only=True)
-            found |= {f"lambda{i + 1}_bar": mp.sqrt(squares[i]) / J13 for i in range(3)}
+            invariants |= {f"lambda{i + 1}_bar": mp.sqrt(squares[i]) / J13 for i in range(3)}
         for f, a in self.fibres.items():
-            found |= {f"I4_{f}": (a.T * C * a)[0], f"I5_{f}": (a.T * squared * a)[0]}
-            found |= {f"I8_{f}_{s}": (a.T * C * b)[0] - (a.T * b)[0] for s, b in self.fibres.items() if s != f}
-        return found
+            invariants |= {f"I4_{f}": (a.T * C * a)[0], f"I5_{f}": (a.T * squared * a)[0]}
+            invariants |= {f"I8_{f}_{s}": (a.T * C * b)[0] - (a.T * b)[0] for s, b in self.fibres.items() if s != f}
+        return invariants
 
 
 def fibre_names(law: MaterialLaw) -> list[str]:
@@ -190,11 +190,11 @@ def fibre_names(law: MaterialLaw) -> list[str]:
     return [name(*item) for item in law.families.items()]
 
 
-def assert_close(found: State, expected: State, what: str, tolerance: float = 1e-10) -> float:
+def assert_close(computed: State, expected: State, what: str, tolerance: float = 1e-10) -> float:
     """The relative error of the stress, after a check of it and of the energy."""
-    error = float(np.linalg.norm(found.P - expected.P) / np.linalg.norm(expected.P))
+    error = float(np.linalg.norm(computed.P - expected.P) / np.linalg.norm(expected.P))
     assert error <= tolerance, f"{what}: relative error {error:.1e} of the stress"
-    assert found.energy == pytest.approx(expected.energy, rel=tolerance, abs=0), what
+    assert computed.energy == pytest.approx(expected.energy, rel=tolerance, abs=0), what
     return error
 
 
@@ -204,9 +204,9 @@ def test_energy_and_stress_are_those_of_the_formula(name: str) -> None:
     errors = []
     for what, F in DEFORMATIONS.items():
         H = F - np.eye(3)
-        found = law(H)
-        errors.append(assert_close(found, reference.state(H), what))
-        assert (found.domain > 0).all()
+        response = law(H)
+        errors.append(assert_close(response, reference.state(H), what))
+        assert (response.domain > 0).all()
     print(f"{name}, moderate deformations: {max(errors):.1e}")
 
 
@@ -286,10 +286,10 @@ def test_small_strain_moduli_are_those_that_the_law_states(name: str) -> None:
         strains += [np.eye(3), (general + general.T) / 2]
     small = 1e-6
     for e in strains:
-        found = (law(small * e).P - law(-small * e).P) / (2 * small)
+        slope = (law(small * e).P - law(-small * e).P) / (2 * small)
         dev = e - np.trace(e) / 3 * np.eye(3)
         expected = 2 * mu * dev + kappa * np.trace(e) * np.eye(3)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.linalg.norm(expected))
+        np.testing.assert_allclose(slope, expected, rtol=0, atol=1e-8 * np.linalg.norm(expected))
 
 
 def moduli(law: MaterialLaw) -> tuple[float, float]:

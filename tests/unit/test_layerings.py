@@ -25,8 +25,8 @@ def layered(material: Any, **changes: Any) -> Job:
     return job(**data | changes)
 
 
-def classes(one: Job) -> list[Any]:
-    return [layering.as_data() for layering in one.layerings]
+def classes(layered_job: Job) -> list[Any]:
+    return [layering.as_data() for layering in layered_job.layerings]
 
 
 @pytest.mark.parametrize(
@@ -61,9 +61,9 @@ def test_all_states_have_the_layers_of_each() -> None:
         {"name": "loaded", "given": True, "effects": [{"effect": "pressure", "region": "z1", "pressure": "1 kPa"}]},
         {"name": "grown", "effects": [GROWTH]},
     ]
-    one = layered(SOFT, states=states)
-    assert classes(one) == [[None, {"core": 0, "elsewhere": 1}]]
-    assert [solve.job.layerings for solve in one.plan] == 2 * [one.layerings]
+    states_job = layered(SOFT, states=states)
+    assert classes(states_job) == [[None, {"core": 0, "elsewhere": 1}]]
+    assert [solve.job.layerings for solve in states_job.plan] == 2 * [states_job.layerings]
     assert len({structure_of(solve.job, str) for solve in layered(SOFT, states=states[:1]).plan}) == 1
 
 
@@ -71,7 +71,7 @@ def test_jobs_with_other_layers_share_no_equations_and_no_checkpoints() -> None:
     equal, soft, stiff = (
         layered({"core": SOFT, "elsewhere": SOFT | {"mu": mu}}) for mu in ("10 kPa", "5 kPa", "20 kPa")
     )
-    groups = [reuse_group_of(one, str) for one in (equal, soft, stiff)]
+    groups = [reuse_group_of(variant, str) for variant in (equal, soft, stiff)]
     assert groups[0] != groups[1] == groups[2]
     assert "layers" not in fingerprint(equal, str)["discretisation"]
     assert fingerprint(soft, str)["discretisation"] != fingerprint(equal, str)["discretisation"]
@@ -79,8 +79,8 @@ def test_jobs_with_other_layers_share_no_equations_and_no_checkpoints() -> None:
 
 def test_the_displacement_form_has_no_layers() -> None:
     compressible = {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"}
-    one = layered({"core": compressible, "elsewhere": compressible | {"mu": "5 kPa"}})
-    assert "layers" not in fingerprint(one, str)["discretisation"]
+    displacement_job = layered({"core": compressible, "elsewhere": compressible | {"mu": "5 kPa"}})
+    assert "layers" not in fingerprint(displacement_job, str)["discretisation"]
 
 
 def test_regions_with_numbers_that_vary_are_layers_though_they_are_equal_now() -> None:

@@ -160,10 +160,10 @@ def test_jobs_with_other_definitions_are_other_problems() -> None:
         law = {"law": "neo-hookean", "mu": "stiff*(1 + x/(1 m))", "lam": "1 kPa"}
         return elastic(let={"stiff": "10 kPa", "base": "1 m", "idle": "3"} | let, material=law, **parts)
 
-    one, other, idle = of({}), of({"stiff": "20 kPa"}), of({"idle": "4"})
-    assert fingerprint(one) != fingerprint(other)
-    assert reuse_group_of(one) != reuse_group_of(other)
-    assert fingerprint(one) == fingerprint(idle)
+    plain, other, idle = of({}), of({"stiff": "20 kPa"}), of({"idle": "4"})
+    assert fingerprint(plain) != fingerprint(other)
+    assert reuse_group_of(plain) != reuse_group_of(other)
+    assert fingerprint(plain) == fingerprint(idle)
     asked = [{"name": "q", "of": "x/base", "on": "x1", "reduce": "mean"}]
     long, short = of({}, quantities=asked), of({"base": "2 m"}, quantities=asked)
     assert fingerprint(long) == fingerprint(short)

@@ -165,8 +165,8 @@ def test_what_a_tag_or_an_alias_cannot_mean_is_refused_with_its_line(tmp_path: P
 
 
 def test_an_alias_stands_for_what_its_anchor_has(tmp_path: Path) -> None:
-    found = read(tmp_path, "a: &one [1, &two {b: 2}]\nc: *two\nd: [*one, *one]\ne: &f text\ng: *f")
-    assert found == {"a": [1, {"b": 2}], "c": {"b": 2}, "d": [[1, {"b": 2}]] * 2, "e": "text", "g": "text"}
+    document = read(tmp_path, "a: &one [1, &two {b: 2}]\nc: *two\nd: [*one, *one]\ne: &f text\ng: *f")
+    assert document == {"a": [1, {"b": 2}], "c": {"b": 2}, "d": [[1, {"b": 2}]] * 2, "e": "text", "g": "text"}
 
 
 def bomb(levels: int) -> str:

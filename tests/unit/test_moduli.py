@@ -29,10 +29,10 @@ ISOTROPIC = {name: law for name, law in laws().items() if law.replaceable is not
 def others(law: type[MaterialLaw]) -> dict[str, Any]:
     """What an example of a law says besides the two parameters that moduli determine."""
     assert law.replaceable is not None
-    found = {key: value for key, value in law.example.items() if key not in law.replaceable}
+    settings_read = {key: value for key, value in law.example.items() if key not in law.replaceable}
     if law.example["law"] == "ogden":
-        found["mu"] = law.example["mu"][:-1]
-    return found
+        settings_read["mu"] = law.example["mu"][:-1]
+    return settings_read
 
 
 def moduli(law: MaterialLaw) -> tuple[float, float]:
@@ -52,8 +52,8 @@ def test_any_two_moduli_determine_the_others(pair: tuple[str, str]) -> None:
 def test_every_isotropic_law_takes_them(name: str) -> None:
     law = ISOTROPIC[name]
     for pair in combinations(ALL, 2):
-        found = law.model_validate({**others(law), **{modulus: ALL[modulus] for modulus in pair}})
-        assert moduli(found) == pytest.approx((ALL["shear_modulus"], ALL["bulk_modulus"]), rel=1e-12), pair
+        settings_read = law.model_validate({**others(law), **{modulus: ALL[modulus] for modulus in pair}})
+        assert moduli(settings_read) == pytest.approx((ALL["shear_modulus"], ALL["bulk_modulus"]), rel=1e-12), pair
 
 
 @pytest.mark.parametrize("name", ISOTROPIC)
@@ -135,8 +135,8 @@ FAULTS = [
 def test_moduli_that_cannot_be_are_refused_at_their_key(given: dict[str, Any], key: str, told: str) -> None:
     with pytest.raises(ValidationError) as caught:
         laws()["gent"].model_validate({"law": "gent", "jm": 30} | given)
-    found = {error["loc"]: error["msg"] for error in caught.value.errors()}
-    assert told in found[key,]
+    messages = {error["loc"]: error["msg"] for error in caught.value.errors()}
+    assert told in messages[key,]
 
 
 def test_validate_names_the_convention_of_a_modulus_that_no_one_means(

@@ -100,9 +100,9 @@ def test_a_liver_from_a_scan_runs(tmp_path: Path) -> None:
     given = ("--label", "liver=5", "--label", "tumour=7", "--size", "25 mm")
     assert typed("liver", "--image", scan(tmp_path / "scan.nii.gz"), *given, file) == 0
     job = package.load(file).with_({"certificate": "quick"})
-    found = package.run(job, MPI.COMM_SELF)
-    assert found.certificate.verdict.value in ("pass", "warning")
-    assert 1e-3 < float(found.quantities["largest-displacement"]) < 0.05
+    result = package.run(job, MPI.COMM_SELF)
+    assert result.certificate.verdict.value in ("pass", "warning")
+    assert 1e-3 < float(result.quantities["largest-displacement"]) < 0.05
 
 
 @pytest.mark.parametrize("kind", ["artery", "ventricle"])
@@ -194,8 +194,8 @@ def test_the_ends_of_a_vessel_are_counted_before_it_is_meshed(
 @pytest.mark.parametrize("kind", KINDS)
 def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
     assert typed(kind, tmp_path / "job.yaml") == 0
-    found = package.run(package.load(tmp_path / "job.yaml"), MPI.COMM_SELF)
-    assert found.certificate.verdict.value in ("pass", "warning")
+    result = package.run(package.load(tmp_path / "job.yaml"), MPI.COMM_SELF)
+    assert result.certificate.verdict.value in ("pass", "warning")
 
 
 @pytest.mark.parametrize(

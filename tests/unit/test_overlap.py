@@ -57,12 +57,12 @@ def along_arc(angle: float, bent: tuple[float, float], middle: float = 0.0, z: f
     return move
 
 
-def exactly_crossing(one: np.ndarray, other: np.ndarray, common: int) -> bool | None:
+def exactly_crossing(first: np.ndarray, other: np.ndarray, common: int) -> bool | None:
     """Whether two triangles meet on a segment, in fractions: what each of them has of the line of their planes.
 
     The first ``common`` corners are the same. ``None`` where another corner lies in the other's plane.
     """
-    triangles = [[[Fraction(int(c)) for c in p] for p in t] for t in (one, other)]
+    triangles = [[[Fraction(int(c)) for c in p] for p in t] for t in (first, other)]
 
     def minus(a: list[Fraction], b: list[Fraction]) -> list[Fraction]:
         return [x - y for x, y in zip(a, b, strict=True)]
@@ -104,19 +104,19 @@ def test_crossings_of_triangles_are_those_that_fractions_have(common: int, slive
     exact = [exactly_crossing(p[:3], p[3:], common) for p in points]
     place = 6 * np.arange(len(points))[:, None] + np.arange(6)
     second = np.concatenate([place[:, :common], place[:, 3 + common :]], axis=1)
-    found, where = crossing(points.reshape(-1, 3).astype(float), place[:, :3], second)
+    crosses, where = crossing(points.reshape(-1, 3).astype(float), place[:, :3], second)
     judged = np.array([e is not None for e in exact])
-    assert np.array_equal(found[judged], np.array(exact)[judged].astype(bool))
-    assert 0.02 * len(points) < found.sum() < 0.9 * len(points)
+    assert np.array_equal(crosses[judged], np.array(exact)[judged].astype(bool))
+    assert 0.02 * len(points) < crosses.sum() < 0.9 * len(points)
     assert judged.sum() > 0.9 * len(points)
     # Where they cross is in the planes of both, and inside of their boxes.
-    for triangles in (points[found, :3], points[found, 3:]):
+    for triangles in (points[crosses, :3], points[crosses, 3:]):
         a, b, c = np.moveaxis(triangles, 1, 0)
         normal = np.cross(b - a, c - a)
-        height = np.einsum("ni,ni->n", normal, where[found] - a) / np.linalg.norm(normal, axis=1)
+        height = np.einsum("ni,ni->n", normal, where[crosses] - a) / np.linalg.norm(normal, axis=1)
         assert np.abs(height).max() < 1e-6
-        assert (where[found] > triangles.min(axis=1) - 1e-6).all()
-        assert (where[found] < triangles.max(axis=1) + 1e-6).all()
+        assert (where[crosses] > triangles.min(axis=1) - 1e-6).all()
+        assert (where[crosses] < triangles.max(axis=1) + 1e-6).all()
 
 
 @pytest.mark.parametrize("count", [1, 13, 64])
@@ -134,8 +134,8 @@ def test_triangles_whose_boxes_meet_are_found_each_pair_once(count: int) -> None
         for j in range(i + 1, count)
         if (low[i] <= high[j]).all() and (low[j] <= high[i]).all()
     }
-    found = [(int(i), int(j)) for i, j in meeting(points, corners)]
-    assert sorted(found) == sorted(expected)
+    pairs_met = [(int(i), int(j)) for i, j in meeting(points, corners)]
+    assert sorted(pairs_met) == sorted(expected)
 
 
 def facets(kind: str, degree: int, tags: Any, nodes: Any) -> Surface:
@@ -189,11 +189,11 @@ def test_touching_is_not_crossing_and_no_overlap_hides_behind_edges_on_edges(
     for shift in ((3, 0, 0), (3, 1, 2), (3, 3, 0), (-3, -3, -6), (0, 0, 6), (3 - 1e-11, 1, 0), (0.3, 0.4, 6 + 1e-12)):
         assert find_overlap(side_by_side(surface, shift)) == Overlap(0, None), shift
     for shift in ((2, 0, 0), (1, 1, 3), (0, 0, 3), (3 - 1e-6, 0, 0), (2.5, 2.5, 5.5), (3 - 1e-6, 0.2, 0.1)):
-        found = find_overlap(side_by_side(surface, shift))
-        assert found.pairs > 0, shift
+        overlap = find_overlap(side_by_side(surface, shift))
+        assert overlap.pairs > 0, shift
         low, high = np.maximum(shift, 0), np.array([3, 3, 6]) + np.minimum(shift, 0)
-        assert (found.point > low - 1e-7).all(), shift
-        assert (found.point < high + 1e-7).all(), shift
+        assert (overlap.point > low - 1e-7).all(), shift
+        assert (overlap.point < high + 1e-7).all(), shift
 
 
 @pytest.mark.parametrize("hexahedra", [False, True])
@@ -230,10 +230,10 @@ def test_arms_tubes_slabs_and_spheres_that_pass_through_themselves(
         alone = body_of(meshes / "box.py", MPI.COMM_SELF, degree, **shape)
         for angle, z, crosses in ((np.pi, 0.0, False), (4.3, 0.0, True), (4.3, 1.2, False), (4.3, 0.9, True)):
             arms = along_arc(angle, (4.0, 8.0), 0.5, z)
-            found = moved(bar, arms)
-            assert (found.pairs > 0) == (found.point is not None) == crosses, (degree, hexahedra, angle, z, found)
-            assert comm.allgather(found) == [found] * comm.size
-            assert moved(alone, arms) == found  # to the last digit, on any number of ranks
+            overlap = moved(bar, arms)
+            assert (overlap.pairs > 0) == (overlap.point is not None) == crosses, (degree, hexahedra, angle, z, overlap)
+            assert comm.allgather(overlap) == [overlap] * comm.size
+            assert moved(alone, arms) == overlap  # to the last digit, on any number of ranks
 
         slab = body_of(meshes / "box.py", comm, degree, lx=10.0, ly=0.1, lz=3.0, nx=20, ny=1, nz=3, hexahedra=hexahedra)
         assert moved(slab, along_arc(3.0, (4.0, 6.0))).pairs == 0
@@ -273,11 +273,11 @@ def test_arms_tubes_slabs_and_spheres_that_pass_through_themselves(
         return lambda x: x + np.outer(np.clip(2 - 2 * np.linalg.norm(x, axis=1), 0, 1), [by, 0, 0])
 
     assert moved(sphere, shifted(0.3)).pairs == 0
-    found = moved(sphere, shifted(0.7))
-    assert found.pairs > 0
+    overlap = moved(sphere, shifted(0.7))
+    assert overlap.pairs > 0
     # Both spheres: |x| = 1 and |x - 0.7| = 0.5 meet on a ring at x = 0.886
-    assert found.point is not None
-    assert found.point[0] == pytest.approx(0.886, abs=0.05)
+    assert overlap.point is not None
+    assert overlap.point[0] == pytest.approx(0.886, abs=0.05)
 
 
 def test_no_false_alarm_on_what_is_thin_flat_or_curved(comm: MPI.Intracomm, meshes: Path) -> None:

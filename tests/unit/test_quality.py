@@ -40,10 +40,10 @@ def test_mean_ratios_are_those_known() -> None:
     tetrahedra = np.stack([REGULAR, 1e-3 * REGULAR @ turn, corner, flat, corner * np.array([1, 1, 1e-4])])
     # 3V = 1/2 and edges of 1 and √2; of the flat one 3V = 1e-4/2, and three edges of its foot hold all the length
     exact = [1, 1, 12 * 0.5 ** (2 / 3) / 9, 0, 12 * (1e-4 / 2) ** (2 / 3) / (4 + 2 + 3e-8)]
-    found = mean_ratio(tetrahedra)
-    assert np.abs(found) == pytest.approx(exact, rel=1e-12, abs=1e-16)
-    assert found[2] > 0
-    assert mean_ratio(mirrored(tetrahedra)) == pytest.approx(-found, rel=1e-12, abs=1e-16)
+    shapes = mean_ratio(tetrahedra)
+    assert np.abs(shapes) == pytest.approx(exact, rel=1e-12, abs=1e-16)
+    assert shapes[2] > 0
+    assert mean_ratio(mirrored(tetrahedra)) == pytest.approx(-shapes, rel=1e-12, abs=1e-16)
 
     # The other form of it, 3 det(S)^(2/3) / tr SᵀS, where S takes the regular tetrahedron to the cell
     random = rng.normal(size=(50, 4, 3))
@@ -75,8 +75,8 @@ def test_curvature_is_that_of_a_middle_moved_along_its_edge(kind: str) -> None:
     on_edge = middle & (straight[:, 1:] == 0).all(axis=1) if kind == "tetrahedron" else middle
     for delta in (0.0, 0.05, 0.3):
         moved = straight + delta * np.outer(on_edge, [1, 0, 0])
-        found = curvature(kind, 2, moved[None], straight)
-        assert found == pytest.approx([(1 - 4 * delta) / (1 + 4 * delta)], abs=1e-14)
+        shapes = curvature(kind, 2, moved[None], straight)
+        assert shapes == pytest.approx([(1 - 4 * delta) / (1 + 4 * delta)], abs=1e-14)
 
 
 @pytest.mark.parallel([1, 2])
@@ -87,22 +87,22 @@ def test_the_worst_cell_of_a_body_is_found_where_it_is(comm: MPI.Intracomm, mesh
             body = build_body(spec(meshes / "box.py", parameters=parameters, geometry_degree=degree), {}, comm)
             given = nodes_of(body)
             # Of the six tetrahedra of a unit cube the worst have edges of 1, 1, √2, √2, √2, √3.
-            found = worst_cells(body, given, 7 * given, 4)
-            assert [w.measure for w in found] == ([name] if degree == 1 else [name, "curvature"])
-            assert [found[0].value, found[0].given_value] == pytest.approx([whole] * 2, rel=1e-10)
-            assert [w.value for w in found[1:]] == pytest.approx(
+            worst = worst_cells(body, given, 7 * given, 4)
+            assert [w.measure for w in worst] == ([name] if degree == 1 else [name, "curvature"])
+            assert [worst[0].value, worst[0].given_value] == pytest.approx([whole] * 2, rel=1e-10)
+            assert [w.value for w in worst[1:]] == pytest.approx(
                 [1.0] * (degree - 1), abs=1e-10
             )  # as gmsh has its nodes
             # One corner of the block is pushed in along the diagonal: a cube is flat there at 2/3 of it.
             at_corner = (given < 1e-6).all(axis=1)
             for depth in (0.2, 0.9):
-                found = worst_cells(body, given, given + depth * np.outer(at_corner, [1, 1, 1]), 4)
-                assert comm.allgather(found) == [found] * comm.size
-                assert found[0].given_value == pytest.approx(whole, rel=1e-10)
-                assert (found[0].value < 0) == (depth > 2 / 3)
-                assert found[0].value < 0.95 * whole
-                assert np.abs(np.array(found[0].point) - 0.5).max() < 0.5
-                assert degree == 1 or (found[1].value < 0.1 and np.abs(np.array(found[1].point) - 0.5).max() < 0.5)
+                worst = worst_cells(body, given, given + depth * np.outer(at_corner, [1, 1, 1]), 4)
+                assert comm.allgather(worst) == [worst] * comm.size
+                assert worst[0].given_value == pytest.approx(whole, rel=1e-10)
+                assert (worst[0].value < 0) == (depth > 2 / 3)
+                assert worst[0].value < 0.95 * whole
+                assert np.abs(np.array(worst[0].point) - 0.5).max() < 0.5
+                assert degree == 1 or (worst[1].value < 0.1 and np.abs(np.array(worst[1].point) - 0.5).max() < 0.5)
 
     # A mesh that is numbered left-handed throughout is as good as its mirror image.
     if comm.size == 1:
@@ -153,9 +153,9 @@ def test_a_body_that_went_through_its_planes_of_symmetry(comm: MPI.Intracomm, me
     assert symmetry_planes(three, body, given, 1.3 * given) == still
     # r -> (1 - r)²/… as far as the inner radius has gone through the centre by 0.1
     through = given * (1.2 - 0.7 / np.linalg.norm(given, axis=1, keepdims=True))
-    found = symmetry_planes(three, body, given, through)
-    assert [p.crossed for p in found] == pytest.approx([0.1] * 3, rel=1e-12)
-    assert [(p.region, p.axis) for p in found] == [("x0", "x"), ("y0", "y"), ("z0", "z")]
+    planes = symmetry_planes(three, body, given, through)
+    assert [p.crossed for p in planes] == pytest.approx([0.1] * 3, rel=1e-12)
+    assert [(p.region, p.axis) for p in planes] == [("x0", "x"), ("y0", "y"), ("z0", "z")]
 
     block = {"file": "../meshes/box.py", "parameters": {"nx": 2, "ny": 2, "nz": 2}}
     others = [

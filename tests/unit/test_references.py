@@ -17,10 +17,10 @@ MADE = re.compile(r"> ([\w./-]+)$", re.MULTILINE)  # by a command of the same do
 
 
 def documents() -> list[Path]:
-    found = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")]
+    paths = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")]
     for directory, kind in (("jobs", "yaml"), ("slurm", "s*"), ("benchmarks", "py"), ("hpcinv", "py")):
-        found += (ROOT / directory).rglob(f"*.{kind}")
-    return sorted(found)
+        paths += (ROOT / directory).rglob(f"*.{kind}")
+    return sorted(paths)
 
 
 @pytest.mark.parametrize("path", documents(), ids=lambda path: str(path.relative_to(ROOT)))

@@ -193,8 +193,8 @@ def test_data_go_along(meshes: Path) -> None:
         }
         object.__setattr__(source, "data", arrays)
         for refined, parent in refinements(source):
-            found = refined.data["field"].values
-            assert np.abs(found - field(refined.points, source.degree)).max() < 2e-12  # gmsh puts middles that exactly
+            values = refined.data["field"].values
+            assert np.abs(values - field(refined.points, source.degree)).max() < 2e-12  # gmsh puts middles that exactly
             assert np.array_equal(refined.data["number"].values[:, 0], parent)
 
 

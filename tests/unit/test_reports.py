@@ -42,10 +42,10 @@ def test_arrays_keep_numbers_to_a_part_of_their_range() -> None:
     for kept in (arrays.add(values), arrays.add(constant), arrays.add(np.array([1.0, np.nan]))):
         assert kept == arrays.specs.index(arrays.specs[kept])
     arrays.add_whole(whole)
-    found = [decoded(*one) for one in zip(arrays.specs, arrays.texts(), strict=True)]
-    assert (np.abs(found[0] - values).max(axis=0) <= np.ptp(values, axis=0) / 65535).all()
-    assert np.array_equal(found[1][:, 0], constant)
-    assert np.array_equal(found[3], whole)
+    decoded_arrays = [decoded(*packed) for packed in zip(arrays.specs, arrays.texts(), strict=True)]
+    assert (np.abs(decoded_arrays[0] - values).max(axis=0) <= np.ptp(values, axis=0) / 65535).all()
+    assert np.array_equal(decoded_arrays[1][:, 0], constant)
+    assert np.array_equal(decoded_arrays[3], whole)
 
 
 @pytest.mark.parametrize("most", [300, 2_000])
@@ -77,8 +77,10 @@ def test_a_surface_of_20000_points_makes_less_than_five_megabytes() -> None:
     assert len(made.points) > 20_000
     random = np.random.default_rng(0)
     rough = [  # nothing that compresses
-        type(one)(**vars(one) | {"stress": random.normal(size=one.stress.shape), "J": random.normal(size=one.J.shape)})
-        for one in made.results
+        type(entry)(
+            **vars(entry) | {"stress": random.normal(size=entry.stress.shape), "J": random.normal(size=entry.J.shape)}
+        )
+        for entry in made.results
     ]
     made = type(made)(**vars(made) | {"results": tuple(rough)})
     rows = np.arange(len(made.points))
@@ -97,11 +99,11 @@ def test_a_larger_surface_is_drawn_with_fewer_points_and_says_so() -> None:
 
 def test_text_of_users_is_not_executed(tmp_path: Path) -> None:
     run = run_directory(tmp_path / "run", 3)
-    found = json.loads((run / "summary.json").read_text())
+    content = json.loads((run / "summary.json").read_text())
     attack = "</script><script>alert(1)</script>"
-    found["job"]["job"] = attack
-    found["certificate"]["lines"][0]["note"] = attack
-    page = run_page(found, boundary(3), []).decode()
+    content["job"]["job"] = attack
+    content["certificate"]["lines"][0]["note"] = attack
+    page = run_page(content, boundary(3), []).decode()
     assert "alert(1)</script>" not in page
     assert len(re.findall("<script", page)) == len(re.findall("</script>", page))
 
@@ -145,11 +147,11 @@ def test_damaged_directories_get_a_message(damage: Any, message: str, tmp_path: 
     run = run_directory(tmp_path / "run", 3)
     damage(run)
     try:
-        found = json.loads((run / "summary.json").read_text())
+        content = json.loads((run / "summary.json").read_text())
     except (OSError, ValueError):
-        found = None
+        content = None
     with pytest.raises(OutputError, match=message):
-        write_run_report(run, found)
+        write_run_report(run, content)
     assert not (run / "report.html").exists()
 
 
@@ -168,10 +170,10 @@ def test_a_file_with_changed_bytes_gets_a_message_or_is_read(tmp_path: Path) -> 
 
 def test_a_summary_without_a_part_gets_a_message(tmp_path: Path) -> None:
     run = run_directory(tmp_path / "run", 3)
-    found = summary()
-    del found["certificate"]["lines"]
+    content = summary()
+    del content["certificate"]["lines"]
     with pytest.raises(OutputError, match="does not have what a report needs"):
-        write_run_report(run, found)
+        write_run_report(run, content)
 
 
 def test_a_run_without_a_shape_has_a_report(tmp_path: Path) -> None:
@@ -186,19 +188,19 @@ def test_snapshots_are_thinned(tmp_path: Path) -> None:
     points, values = np.arange(4), np.random.default_rng(0).normal(size=(4, 3))
     for solves in range(1, 12):
         write_snapshot(tmp_path / SNAPSHOTS, Snapshot(0, solves, "", solves / 12, np.nan, points, values * solves), 5)
-    found = read_snapshots(tmp_path / SNAPSHOTS)
-    assert len(found) <= 5
-    assert found[-1].solves == 11
-    assert np.diff([one.solves for one in found]).max() <= 5
-    for one in found:
-        assert np.allclose(one.displacement, values * one.solves, atol=1e-3)
+    snapshots = read_snapshots(tmp_path / SNAPSHOTS)
+    assert len(snapshots) <= 5
+    assert snapshots[-1].solves == 11
+    assert np.diff([snapshot.solves for snapshot in snapshots]).max() <= 5
+    for snapshot in snapshots:
+        assert np.allclose(snapshot.displacement, values * snapshot.solves, atol=1e-3)
 
 
 @pytest.mark.parametrize("verdict", ["pass", "not checked", "not decided", "warning", "fail"])
 def test_each_verdict_has_words(verdict: str) -> None:
-    found = summary()
-    found["certificate"]["verdict"] = found["certificate"]["lines"][0]["verdict"] = verdict
-    said = words(found, overlapping=False)
+    content = summary()
+    content["certificate"]["verdict"] = content["certificate"]["lines"][0]["verdict"] = verdict
+    said = words(content, overlapping=False)
     assert said.verdict == verdict
     assert said.next
     assert ("Use the shape" in said.next[0]) == (verdict == "pass")

@@ -144,8 +144,8 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
         monkeypatch.setattr(run_report, "statistics", statistics)
         given["files"] = []
 
-        def write_summary(_path: Path, found: dict[str, Any], *_: Any, formats: Sequence[str]) -> None:
-            given.update(written=found)
+        def write_summary(_path: Path, content: dict[str, Any], *_: Any, formats: Sequence[str]) -> None:
+            given.update(written=content)
             given["files"] += formats
 
         def write_run_report(_path: Path, _found: dict[str, Any]) -> None:
@@ -169,7 +169,7 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
         path = tmp_path if directory else None
         store: Any = SimpleNamespace(path=path, comm=MPI.COMM_SELF, check_in_place=lambda: None, unwritten=[])
         progress: Any = SimpleNamespace(
-            warn=given["warnings"].append, finish=lambda found: given.update(printed=found["status"])
+            warn=given["warnings"].append, finish=lambda content: given.update(printed=content["status"])
         )
         totals: Any = SimpleNamespace(
             warnings=(), after=lambda size, nominal: SimpleNamespace(warnings=(f"moves {size} m",))
@@ -187,41 +187,41 @@ type MakeReport = Callable[..., tuple[RunReport, dict[str, Any]]]
 
 
 def test_a_converged_run_is_written_printed_and_warned_about(report: MakeReport) -> None:
-    one, given = report()
-    one.check_reached([solution(1.0, solve(1.0))])
-    one.check_not_stopped([], ended(1.0, solve(1.0), stopped=True), "")  # the request came after the last solve
-    one.ended(ended(1.0, solve(1.0)))
+    run_report, given = report()
+    run_report.check_reached([solution(1.0, solve(1.0))])
+    run_report.check_not_stopped([], ended(1.0, solve(1.0), stopped=True), "")  # the request came after the last solve
+    run_report.ended(ended(1.0, solve(1.0)))
     certificate: Any = SimpleNamespace(lines=())
-    result = Result(one.job, one.equations.body, (solution(1.0, solve(1.0)),), certificate, {"tip": 0.5})
-    found = one.conclude(result)
-    assert (given["status"], given["printed"], given["written"]) == ("converged", "converged", found.statistics)
+    result = Result(run_report.job, run_report.equations.body, (solution(1.0, solve(1.0)),), certificate, {"tip": 0.5})
+    concluded = run_report.conclude(result)
+    assert (given["status"], given["printed"], given["written"]) == ("converged", "converged", concluded.statistics)
     assert given["warnings"] == ["moves 1e-09 m"]
     assert given["unused"] == ["snes_view"]
-    assert found.quantities == {"tip": 0.5}
+    assert concluded.quantities == {"tip": 0.5}
 
 
 @pytest.mark.parametrize("report_fails", [False, True])
 def test_the_summary_that_marks_completion_is_the_last_file(report_fails: bool, report: MakeReport) -> None:
-    one, given = report(report_fails=report_fails)
+    run_report, given = report(report_fails=report_fails)
     certificate: Any = SimpleNamespace(lines=())
-    result = Result(one.job, one.equations.body, (solution(1.0, solve(1.0)),), certificate)
+    result = Result(run_report.job, run_report.equations.body, (solution(1.0, solve(1.0)),), certificate)
     with pytest.raises(OutputError, match="report") if report_fails else nullcontext():
-        one.conclude(result)
+        run_report.conclude(result)
     assert given["files"] == ["h5", "report", "json"]
 
 
 def test_a_load_that_is_not_reached_is_a_solve_error_with_a_summary(report: MakeReport) -> None:
-    one, given = report()
+    run_report, given = report()
     with pytest.raises(SolveError, match=r"stopped at load factor 0\.25 of 1: "):
-        one.check_reached([solution(0.25, solve(0.25), solve(0.5, Outcome.ITERATION_LIMIT))])
+        run_report.check_reached([solution(0.25, solve(0.25), solve(0.5, Outcome.ITERATION_LIMIT))])
     [line] = given["result"].certificate.lines
     assert (line.name, line.value, line.verdict) == ("load factor", 0.25, Verdict.FAIL)
     assert given["written"] == {"status": given["status"], "unwritten": []}
     assert "solver.maximum_iterations" in given["advice"]
-    one, given = report()
+    run_report, given = report()
     fixed_point = solve(1.0, Outcome.FIXED_POINT_LIMIT, position_residual=0.125)
     with pytest.raises(SolveError, match=r"stopped 0\.125 m from the given shape: the fixed-point method"):
-        one.check_reached([solution(0.0, fixed_point)])
+        run_report.check_reached([solution(0.0, fixed_point)])
     [line] = given["result"].certificate.lines
     assert (line.name, line.value) == ("position residual", 0.125)
 
@@ -230,9 +230,9 @@ def test_a_load_that_is_not_reached_is_a_solve_error_with_a_summary(report: Make
 def test_a_stopped_run_says_whether_it_can_be_resumed(
     before: int, can_restart: bool, saved: bool, report: MakeReport
 ) -> None:
-    one, given = report(directions=2)
+    run_report, given = report(directions=2)
     with pytest.raises(Interrupted) as caught:
-        one.check_not_stopped([solution(1.0)] * before, ended(0.5, stopped=True, can_restart=can_restart), "")
+        run_report.check_not_stopped([solution(1.0)] * before, ended(0.5, stopped=True, can_restart=can_restart), "")
     assert "stopped by a signal in the inverse solve at load factor 0.5" in caught.value.message
     assert ("is saved" in caught.value.message) == saved
     assert caught.value.advice.startswith("Go on with" if saved else "Start it again with")
@@ -241,7 +241,7 @@ def test_a_stopped_run_says_whether_it_can_be_resumed(
 
 
 def test_a_stopped_run_without_a_directory_saves_nothing(report: MakeReport) -> None:
-    one, given = report(directory=False)
+    run_report, given = report(directory=False)
     with pytest.raises(Interrupted, match="nothing was saved"):
-        one.check_not_stopped([], ended(0.5, stopped=True), "")
+        run_report.check_not_stopped([], ended(0.5, stopped=True), "")
     assert "written" not in given

@@ -57,16 +57,16 @@ def edges_of(comm: MPI.Intracomm, **data: Any) -> SingularEdges | None:
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_edges_of_a_clamped_block(comm: MPI.Intracomm, hexahedra: bool) -> None:
-    found = edges_of(
+    edges = edges_of(
         comm, mesh=box((2, 2, 2), hexahedra=hexahedra), supports=[{"region": "z0", "fix": ["x", "y", "z"]}]
     )
-    assert found is not None
-    assert len(found.segments) == 8  # two on each side of the bottom
-    assert np.abs(found.segments[:, :, 2]).max() == 0.0
-    assert found.segment_kinds == pytest.approx(0.7112, abs=2.5e-3)
-    assert set(np.array(found.names)[found.kinds[found.kinds >= 0]]) <= {"edge of the support 'z0'"}
-    at_bottom = comm.allreduce(int(np.count_nonzero(found.exponents < SMOOTH)), op=MPI.SUM)
-    assert 0 < at_bottom < comm.allreduce(len(found.exponents), op=MPI.SUM)
+    assert edges is not None
+    assert len(edges.segments) == 8  # two on each side of the bottom
+    assert np.abs(edges.segments[:, :, 2]).max() == 0.0
+    assert edges.segment_kinds == pytest.approx(0.7112, abs=2.5e-3)
+    assert set(np.array(edges.names)[edges.kinds[edges.kinds >= 0]]) <= {"edge of the support 'z0'"}
+    at_bottom = comm.allreduce(int(np.count_nonzero(edges.exponents < SMOOTH)), op=MPI.SUM)
+    assert 0 < at_bottom < comm.allreduce(len(edges.exponents), op=MPI.SUM)
 
 
 def test_planes_of_symmetry_end_in_no_singular_edge(comm: MPI.Intracomm) -> None:
@@ -77,26 +77,26 @@ def test_planes_of_symmetry_end_in_no_singular_edge(comm: MPI.Intracomm) -> None
 
 
 def test_a_support_that_ends_within_a_face_counts(comm: MPI.Intracomm) -> None:
-    found = edges_of(
+    edges = edges_of(
         comm,
         mesh=box((2, 2, 2), hexahedra=True),
         regions={"half": "z < 1e-6 m and x < 0.5001 m"},
         supports=[{"region": "half", "fix": ["x", "y", "z"]}],
     )
-    assert found is not None
-    within = found.segment_kinds[np.abs(found.segments[:, :, 0] - 0.5).max(axis=1) < 1e-9]
+    assert edges is not None
+    within = edges.segment_kinds[np.abs(edges.segments[:, :, 0] - 0.5).max(axis=1) < 1e-9]
     assert within == pytest.approx([0.5] * 2, abs=2.5e-3)
 
 
 def test_a_reentrant_edge_is_found_and_named(comm: MPI.Intracomm) -> None:
     slab = {"file": "../benchmarks/slabs/slab.py", "parameters": {"shape": "corner", "n": 1, "hexahedra": True}}
     supports = [{"region": "left", "fix": ["x", "y"]}, *({"region": side, "fix": ["z"]} for side in ("z0", "z1"))]
-    found = edges_of(comm, mesh=slab, supports=supports)
-    assert found is not None
-    at_corner = np.abs(found.segments[:, :, :2] - 1.0).max(axis=(1, 2)) < 1e-9
-    assert found.segment_kinds[at_corner] == pytest.approx([0.5445], abs=2.5e-3)
-    assert found.segment_kinds[~at_corner] == pytest.approx([0.7112] * 2, abs=2.5e-3)
-    assert "re-entrant edge of 270°" in {found.names[kind] for kind in found.kinds if kind >= 0}
+    edges = edges_of(comm, mesh=slab, supports=supports)
+    assert edges is not None
+    at_corner = np.abs(edges.segments[:, :, :2] - 1.0).max(axis=(1, 2)) < 1e-9
+    assert edges.segment_kinds[at_corner] == pytest.approx([0.5445], abs=2.5e-3)
+    assert edges.segment_kinds[~at_corner] == pytest.approx([0.7112] * 2, abs=2.5e-3)
+    assert "re-entrant edge of 270°" in {edges.names[kind] for kind in edges.kinds if kind >= 0}
 
 
 def test_errors_at_an_edge_fall_by_its_order() -> None:

@@ -42,8 +42,8 @@ def power_sum() -> Callable[..., list[Any]]:
 
     def evaluate(h: Any, direction: Any, exponent: float) -> list[Any]:
         H_value.value[...], G.value[...], alpha.value = h, direction, exponent
-        found = compiled.eval(mesh, np.array([0], dtype=np.int32)).ravel()
-        return [found[0], found[1:10].reshape(3, 3), found[10:].reshape(3, 3)]
+        evaluated = compiled.eval(mesh, np.array([0], dtype=np.int32)).ravel()
+        return [evaluated[0], evaluated[1:10].reshape(3, 3), evaluated[10:].reshape(3, 3)]
 
     return evaluate
 
@@ -92,10 +92,10 @@ def compare(power_sum: Callable[..., list[Any]], H: Any, alphas: tuple[float, ..
     G = np.random.default_rng(21).standard_normal((3, 3))
     h, inverse = np.abs(H).max(), np.linalg.norm(np.linalg.inv(I + H), 2)
     for alpha in alphas:
-        found, expected = power_sum(H, G, alpha), exact(H, G, alpha)
+        sums, expected = power_sum(H, G, alpha), exact(H, G, alpha)
         for order in range(3):
             rounding = 2e-14 * alpha**2 * h ** (2 - order) * inverse**order
-            error, size = np.abs(found[order] - expected[order]).max(), np.abs(expected[order]).max()
+            error, size = np.abs(sums[order] - expected[order]).max(), np.abs(expected[order]).max()
             assert error <= rtol * size + rounding, (alpha, order, error, size)
 
 
@@ -168,5 +168,5 @@ def test_extreme_deformations_give_numbers(power_sum: Callable[..., list[Any]]) 
     cases = Cases()
     for stretches in ((1e3, 0.03, 0.03), (1e-4, 100.0, 100.0), (1e4, 1e-2, 1e-2), (1e3, 1e3, 1e-6)):
         for alpha in (5.0, -5.0):
-            found = power_sum(cases.stretched(*stretches), I, alpha)
-            assert all(np.isfinite(part).all() for part in found), (stretches, alpha)
+            sums = power_sum(cases.stretched(*stretches), I, alpha)
+            assert all(np.isfinite(part).all() for part in sums), (stretches, alpha)

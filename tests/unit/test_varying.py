@@ -56,10 +56,10 @@ def test_what_does_not_depend_on_the_position_is_one_number(value: Any, pascal: 
 
 
 def test_a_formula_is_evaluated_in_si() -> None:
-    found = mu("1 kPa*(1 + X/(10 mm))")
-    assert found == ByFormula(Expression("1 kPa*(1 + X/(10 mm))"))
-    assert not is_uniform(found)
-    assert found.formula.evaluate(X=[0.0, 0.01, 0.03]) == pytest.approx([1e3, 2e3, 4e3], rel=1e-15)
+    modulus = mu("1 kPa*(1 + X/(10 mm))")
+    assert modulus == ByFormula(Expression("1 kPa*(1 + X/(10 mm))"))
+    assert not is_uniform(modulus)
+    assert modulus.formula.evaluate(X=[0.0, 0.01, 0.03]) == pytest.approx([1e3, 2e3, 4e3], rel=1e-15)
 
 
 def test_a_value_for_each_region_is_read_with_its_unit() -> None:
@@ -67,17 +67,17 @@ def test_a_value_for_each_region_is_read_with_its_unit() -> None:
 
 
 def test_data_of_the_mesh_have_a_unit() -> None:
-    found = mu({"data": "stiffness", "unit": "kPa"})
-    assert found == ByData("stiffness", "kPa")
-    assert found.factor == 1000.0
+    modulus = mu({"data": "stiffness", "unit": "kPa"})
+    assert modulus == ByData("stiffness", "kPa")
+    assert modulus.factor == 1000.0
     assert mu({"data": "stiffness"}).factor == 1.0  # SI
 
 
 def test_vectors_may_mix_numbers_and_fields() -> None:
     effect = {"effect": "traction", "region": "x1", "area_in": "reference", "traction": ["1 kPa", "2 Pa*Y/(1 m)", 0]}
-    (found,) = job(**data(effects=[effect])).effects
-    assert found.traction == (1000.0, ByFormula(Expression("2 Pa*Y/(1 m)")), 0.0)  # type: ignore[attr-defined]
-    assert not is_uniform(found.traction)  # type: ignore[attr-defined]
+    (entry,) = job(**data(effects=[effect])).effects
+    assert entry.traction == (1000.0, ByFormula(Expression("2 Pa*Y/(1 m)")), 0.0)  # type: ignore[attr-defined]
+    assert not is_uniform(entry.traction)  # type: ignore[attr-defined]
 
 
 REFUSED: list[tuple[Any, str]] = [
@@ -128,22 +128,22 @@ def test_the_field_is_named_in_regions_effects_and_vectors() -> None:
 def test_bounds_hold_in_each_region_and_above_the_one_law() -> None:
     law = {"law": "holzapfel-gasser-ogden", "mu": 1, "k1": 1, "k2": 1, "kappa": 9}
     families = {"fibre1": HELIX, "fibre2": HELIX}
-    found = problems(fibres=families, material=law | {"dispersion": {"core": 0.1, "skin": 0.34}})
-    assert found[0] == "material.dispersion: in region 'skin': must be at least 0 and at most 0.333333, not 0.34"
+    faults = problems(fibres=families, material=law | {"dispersion": {"core": 0.1, "skin": 0.34}})
+    assert faults[0] == "material.dispersion: in region 'skin': must be at least 0 and at most 0.333333, not 0.34"
     assert problems(material={"law": "neo-hookean", "mu": {"core": 1, "skin": -3}, "lam": 9}) == [
         "material: the shear modulus that follows from these parameters must be positive, but is -3 Pa"
     ]
 
 
 def test_no_region_of_a_law_is_incompressible_alone() -> None:
-    [found] = problems(material=SOFT | {"kappa": {"core": "incompressible", "skin": "5 kPa"}})
-    assert found == ("material.kappa: in region 'core': cannot be 'incompressible'; give that region a separate law")
+    [faults] = problems(material=SOFT | {"kappa": {"core": "incompressible", "skin": "5 kPa"}})
+    assert faults == ("material.kappa: in region 'core': cannot be 'incompressible'; give that region a separate law")
 
 
 def test_moduli_that_vary_leave_the_form_to_the_job_unless_the_law_is_incompressible() -> None:
     graded = SOFT | {"mu": "1 kPa*(1 + X/(1 m))"}
-    [found] = problems(material=graded, discretisation={})
-    assert found == (
+    [faults] = problems(material=graded, discretisation={})
+    assert faults == (
         "discretisation.formulation: must be stated, displacement or mixed, since the moduli of material vary over "
         "the body"
     )
@@ -210,10 +210,10 @@ def test_a_job_comes_back_from_json_from_another_rank_and_from_its_run_directory
 
 
 def test_another_field_is_another_problem() -> None:
-    one = fingerprint(job(**data(material=SOFT | {"mu": {"core": "1 kPa", "elsewhere": 2000}})))
+    print_of_region = fingerprint(job(**data(material=SOFT | {"mu": {"core": "1 kPa", "elsewhere": 2000}})))
     same = fingerprint(job(**data(material=SOFT | {"mu": {"core": 1000, "elsewhere": "2 kPa"}})))
     other = fingerprint(job(**data(material=SOFT | {"mu": {"core": "1 kPa", "elsewhere": 2001}})))
     formula = fingerprint(job(**data(material=SOFT | {"mu": "1 kPa*(1 + X/(1 m))"})))
-    assert one == same
-    assert one != other
-    assert one != formula
+    assert print_of_region == same
+    assert print_of_region != other
+    assert print_of_region != formula

@@ -155,11 +155,11 @@ def read(path: Path) -> Solid:
 def test_files_hold_the_solid(suffix: str, sphere: MeshSource, tmp_path: Path) -> None:
     solid = solid_of(sphere, None, 1e-5).scaled(1e3)
     write(tmp_path / f"a{suffix}", solid, "mm")
-    found = read(tmp_path / f"a{suffix}")
-    assert found.is_closed
-    assert found.volume == pytest.approx(solid.volume, rel=1e-6)
-    assert len(found.triangles) == len(solid.triangles)
-    np.testing.assert_allclose(found.size, OUTER * 1e3, rtol=1e-3)
+    mesh_read = read(tmp_path / f"a{suffix}")
+    assert mesh_read.is_closed
+    assert mesh_read.volume == pytest.approx(solid.volume, rel=1e-6)
+    assert len(mesh_read.triangles) == len(solid.triangles)
+    np.testing.assert_allclose(mesh_read.size, OUTER * 1e3, rtol=1e-3)
     assert [path.name for path in tmp_path.iterdir()] == [f"a{suffix}"]
 
 
@@ -248,8 +248,8 @@ def test_shapes_of_a_run(direction: str, tmp_path: Path, capsys: pytest.CaptureF
         path = tmp_path / f"{shape}.3mf"
         assert main(["export", str(run), "--to", str(path), "--shape", shape, "--scale", "1.02"]) == 0
         volumes[shape] = read(path).volume / (VOLUME * 1.02**3)
-    found = "undeformed" if direction == "inverse" else "deformed"
-    assert volumes.pop(found) == pytest.approx(1.1**3, rel=1e-6)
+    computed_shape = "undeformed" if direction == "inverse" else "deformed"
+    assert volumes.pop(computed_shape) == pytest.approx(1.1**3, rel=1e-6)
     assert volumes.popitem()[1] == pytest.approx(1.0, rel=1e-6)
     assert "ratio 1.000000" in capsys.readouterr().out
 

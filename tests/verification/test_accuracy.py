@@ -66,11 +66,11 @@ def test_a_curved_body_is_searched_with_curved_cells(comm: MPI.Intracomm) -> Non
     """Unless the job says otherwise: with straight ones, the error is mostly one of the geometry."""
     (case,) = (case for case in cases() if case.name == "sphere of straight tetrahedra")
     mesh = {name: value for name, value in case.data["mesh"].items() if name != "geometry_degree"}
-    found = package.run(case.job(mesh=mesh, accuracy={"q": 1e-4}), comm)
-    assert found.accuracy is not None
-    row = found.accuracy.rows[found.accuracy.chosen]
-    assert found.accuracy.ending.name == "MET"
-    assert abs(found.quantities["q"] - case.exact) <= found.accuracy.bounds["q"] <= 1e-4
+    result = package.run(case.job(mesh=mesh, accuracy={"q": 1e-4}), comm)
+    assert result.accuracy is not None
+    row = result.accuracy.rows[result.accuracy.chosen]
+    assert result.accuracy.ending.name == "MET"
+    assert abs(result.quantities["q"] - case.exact) <= result.accuracy.bounds["q"] <= 1e-4
     assert row.unknowns < 10_000
 
 
@@ -80,11 +80,11 @@ def test_the_promise_holds_on_more_ranks(comm: MPI.Intracomm) -> None:
     names = ("column, density of the body at rest",)
     for case in cases():
         if case.name in names:
-            found = package.run(case.job(), comm)
-            assert kept(case, found)
-            steps = found.statistics["accuracy"]["steps"]
+            result = package.run(case.job(), comm)
+            assert kept(case, result)
+            steps = result.statistics["accuracy"]["steps"]
             assert comm.bcast(steps) == steps  # one decision for all
-            assert found.statistics["mesh"]["unknowns"] == steps[found.statistics["accuracy"]["chosen"]]["unknowns"]
+            assert result.statistics["mesh"]["unknowns"] == steps[result.statistics["accuracy"]["chosen"]]["unknowns"]
 
 
 @pytest.mark.release
@@ -126,11 +126,11 @@ def test_a_demand_on_a_quantity_that_is_not_finite_is_refused(comm: MPI.Intracom
 def test_two_kinds_of_cells_agree_where_the_stress_is_singular(comm: MPI.Intracomm) -> None:
     tips, bounds = [], []
     for hexahedra in (False, True):
-        found = package.run(clamped(2e-3, hexahedra=hexahedra), comm)
-        assert found.accuracy is not None
-        print("\n".join(row.text for row in found.accuracy.rows))
-        tips.append(np.array(found.quantities["tip"]))
-        bounds.append(found.accuracy.bounds["tip"])
+        result = package.run(clamped(2e-3, hexahedra=hexahedra), comm)
+        assert result.accuracy is not None
+        print("\n".join(row.text for row in result.accuracy.rows))
+        tips.append(np.array(result.quantities["tip"]))
+        bounds.append(result.accuracy.bounds["tip"])
     assert max(bounds) <= 2e-3
     assert np.linalg.norm(tips[1] - tips[0]) <= sum(bounds)
 
@@ -166,10 +166,10 @@ def test_a_demand_that_is_not_met_is_reported_with_what_was_reached(tmp_path: Pa
     assert done.returncode == 6, done.stdout + done.stderr
     assert "fail: error of tip" in done.stdout
     assert "not met" in done.stdout
-    found = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert found["accuracy"]["ending"] == "LIMIT"
-    assert found["accuracy"]["bounds"]["tip"] > 1e-6
-    assert found["mesh"]["unknowns"] == found["accuracy"]["steps"][found["accuracy"]["chosen"]]["unknowns"] <= 600
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["accuracy"]["ending"] == "LIMIT"
+    assert summary["accuracy"]["bounds"]["tip"] > 1e-6
+    assert summary["mesh"]["unknowns"] == summary["accuracy"]["steps"][summary["accuracy"]["chosen"]]["unknowns"] <= 600
     assert (tmp_path / "out" / "shape.vtu").exists()
 
 

@@ -212,9 +212,9 @@ def test_a_correction_that_wanders_to_another_path_fails() -> None:
     for y in (0.2, 0.45):
         start = system.position()
         start.array[:] = 0.5, y
-        found = bordering.correct(start, 0.5, t, 1e-10, direction=1, scale=1.0)
-        ends[y] = found.solve.outcome
-        assert not found.solve.outcome.accepted or abs(found.x.array[1]) < 1e-8
+        corrected = bordering.correct(start, 0.5, t, 1e-10, direction=1, scale=1.0)
+        ends[y] = corrected.solve.outcome
+        assert not corrected.solve.outcome.accepted or abs(corrected.x.array[1]) < 1e-8
     assert ends == {0.2: Outcome.CONVERGED, 0.45: Outcome.DIVERGED}
 
 
@@ -227,9 +227,9 @@ def test_two_shapes_carry_the_same_tension(analysis: str, comm: MPI.Intracomm) -
     for limit_points, low, high in ((0, 1.0, J_LIMIT), (1, J_LIMIT, 20.0)):
         result = hpcinv.run(cube(0.9, analysis, limit_points=limit_points), comm)
         J = root(lambda J: tension(J) - 0.9 * LIMIT, low, high)
-        found = result.solutions[0].J.x.array
-        print(f"{analysis}, {limit_points} limit points: J = {found[0]:.10f}, closed form {J:.10f}")
-        assert np.abs(found - J).max() < 1e-9 * J
+        ratios = result.solutions[0].J.x.array
+        print(f"{analysis}, {limit_points} limit points: J = {ratios[0]:.10f}, closed form {J:.10f}")
+        assert np.abs(ratios - J).max() < 1e-9 * J
         assert sum(s.limit_point for s in result.solutions[0].solves) == limit_points
 
 
@@ -314,9 +314,9 @@ def test_balloon_before_and_beyond_its_largest_pressure(
     low, high = (A_LIMIT, 6.0) if limit_points else (1.0, A_LIMIT)
     a = root(lambda a: pressure(a) - 0.9 * pressure(A_LIMIT), low, high)
     result = balloon(comm, 0.9, hexahedra=hexahedra, limit_points=limit_points)
-    found = result.quantities["radius"]
-    print(f"{limit_points} limit points: inner radius {found:.6f}, closed form {a:.6f}")
-    assert found == pytest.approx(a, rel=radius_within)
+    value = result.quantities["radius"]
+    print(f"{limit_points} limit points: inner radius {value:.6f}, closed form {a:.6f}")
+    assert value == pytest.approx(a, rel=radius_within)
     turned = [solve.load for solve in result.solutions[0].solves if solve.limit_point]
     assert len(turned) == limit_points
     for load in turned:
@@ -364,8 +364,8 @@ def soft_sphere(comm: MPI.Intracomm, n: int, p: float, *, hexahedra: bool, **sol
 
 def out_of_round(sphere: Result) -> float:
     """How much the inner radii at rest differ, relative to their mean."""
-    found = sphere.quantities
-    return (found["largest"] - found["least"]) / found["radius"]
+    quantities = sphere.quantities
+    return (quantities["largest"] - quantities["least"]) / quantities["radius"]
 
 
 @pytest.mark.everyday("hexes")
@@ -392,30 +392,31 @@ def test_first_root_and_largest_pressure_of_a_sphere_that_softens(
 def test_second_root_of_a_sphere_that_softens_where_it_is_elliptic(comm: MPI.Intracomm) -> None:
     """Compared at the same share of the largest pressure: next to it, its own error decides on the radius."""
     p = 1.058
-    found = soft_sphere(comm, 3, p, hexahedra=True, limit_points=1)
-    (limit,) = (p * solve.load for solve in found.solutions[0].solves if solve.limit_point)
+    result = soft_sphere(comm, 3, p, hexahedra=True, limit_points=1)
+    (limit,) = (p * solve.load for solve in result.solutions[0].solves if solve.limit_point)
     second = root(lambda A: soft_pressure(A) - p / limit * SOFT_LIMIT, ELLIPTIC_FROM, A_SOFT_LIMIT)
-    A = found.quantities["radius"]
+    A = result.quantities["radius"]
     print(f"largest pressure {limit:.5f} Pa, closed form {SOFT_LIMIT:.5f}")
     print(
-        f"at {p / limit:.5f} of it: radius {A:.5f}, closed form {second:.5f}, out of round by {out_of_round(found):.4f}"
+        f"at {p / limit:.5f} of it: radius {A:.5f}, closed form {second:.5f},"
+        f" out of round by {out_of_round(result):.4f}"
     )
     assert limit == pytest.approx(SOFT_LIMIT, rel=0.01)
     assert pytest.approx(second, rel=0.03) == A  # the first root is 6 % larger
-    assert out_of_round(found) < 0.02
+    assert out_of_round(result) < 0.02
 
 
 def test_wrinkles_are_not_taken_for_the_second_root(comm: MPI.Intracomm) -> None:
     """On coarse tetrahedra the path is lost just beyond the limit, at 1.0445 Pa."""
-    found, said = None, ""
+    result, said = None, ""
     try:
-        found = soft_sphere(comm, 2, 1.04, hexahedra=False, limit_points=1)
+        result = soft_sphere(comm, 2, 1.04, hexahedra=False, limit_points=1)
     except SolveError as error:
         said = str(error)
-    if found is None:
+    if result is None:
         assert "beyond the solution at full load that the path" in said
     else:
-        assert out_of_round(found) < 0.05
+        assert out_of_round(result) < 0.05
 
 
 def test_the_other_root_where_it_is_lost_is_said_with_advice_that_holds(comm: MPI.Intracomm) -> None:

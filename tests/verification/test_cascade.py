@@ -56,10 +56,10 @@ def winners(result: Result) -> list[str]:
 @pytest.mark.release
 def test_arc_length_reaches_a_load_of_which_the_smallest_step_is_too_large(comm: MPI.Intracomm) -> None:
     result = hpcinv.run(sphere(30.0, radial=4, minimum_step=0.02), comm)
-    found, exact = result.quantities["radius"], root(lambda a: carried(a) - 30.0, 1.01, 2.0)
+    radius, exact = result.quantities["radius"], root(lambda a: carried(a) - 30.0, 1.01, 2.0)
     failed, won = attempts(result.solutions[0].solves)
-    print(f"inner radius {found:.5f}, closed form {exact:.5f}; {failed}, {won}")
-    assert found == pytest.approx(exact, rel=1e-3)
+    print(f"inner radius {radius:.5f}, closed form {exact:.5f}; {failed}, {won}")
+    assert radius == pytest.approx(exact, rel=1e-3)
     assert (failed.strategy, failed.load, won.strategy, won.load) == ("load steps", None, "arc-length", 1.0)
     assert won.outcome.accepted
     assert failed.factorizations + won.factorizations == result.solutions[0].factorizations
@@ -121,11 +121,13 @@ def test_the_cascade_goes_on_to_the_next_and_gives_up_in_bounds(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(fallbacks, "EFFORT", dict.fromkeys(fallbacks.EFFORT, 5))
-    found = attempts(tried(sphere(30.0, radial=4, minimum_step=0.02), comm))
-    print(found)
-    assert [attempt.strategy for attempt in found] == ["load steps", "arc-length", "line-search"]
-    assert found[1].outcome is Outcome.STEP_LIMIT
-    assert all(attempt.factorizations <= 5 + 25 for attempt in found[1:])  # the one that exceeds them is finished
+    attempts_made = attempts(tried(sphere(30.0, radial=4, minimum_step=0.02), comm))
+    print(attempts_made)
+    assert [attempt.strategy for attempt in attempts_made] == ["load steps", "arc-length", "line-search"]
+    assert attempts_made[1].outcome is Outcome.STEP_LIMIT
+    assert all(
+        attempt.factorizations <= 5 + 25 for attempt in attempts_made[1:]
+    )  # the one that exceeds them is finished
 
 
 @pytest.mark.release

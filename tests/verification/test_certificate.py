@@ -12,7 +12,7 @@ import pytest
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, ROOT, write_job
 from helpers.command_line import hpcinv as command
-from helpers.thick_sphere import PRESSURE, before, carried, sphere
+from helpers.thick_sphere import PRESSURE, carried, outer_radius, sphere
 from helpers.verification import box, job
 from petsc4py import PETSc
 
@@ -38,8 +38,8 @@ ESTIMATE = NO_CERTIFICATE | {"estimate": True}
 
 
 def line(result: Result, name: str) -> Line:
-    (found,) = [one for one in result.certificate.lines if one.name.startswith(name)]
-    return found
+    (named_line,) = [entry for entry in result.certificate.lines if entry.name.startswith(name)]
+    return named_line
 
 
 def column(divisions: int, **changes: Any) -> Any:
@@ -72,16 +72,16 @@ def effectivities(result: Result, exact: dict[str, float]) -> dict[str, float]:
 @pytest.mark.parametrize(("divisions", "hexahedra"), [(2, True), (4, True), (2, False), (4, False)])
 def test_the_error_of_the_sphere_is_estimated(divisions: int, hexahedra: bool, comm: MPI.Intracomm) -> None:
     A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
-    found = effectivities(hpcinv.run(sphere(divisions, hexahedra), comm), {"inner": A, "outer": before(A)})
-    print(f"{divisions} divisions, hexahedra {hexahedra}: effectivity {found}")
-    assert all(0.5 < value < 2 for value in found.values())
+    ratios = effectivities(hpcinv.run(sphere(divisions, hexahedra), comm), {"inner": A, "outer": outer_radius(A)})
+    print(f"{divisions} divisions, hexahedra {hexahedra}: effectivity {ratios}")
+    assert all(0.5 < value < 2 for value in ratios.values())
 
 
 @pytest.mark.parametrize("divisions", [2, 4, 8])
 def test_the_error_of_the_column_is_estimated(divisions: int, comm: MPI.Intracomm) -> None:
-    found = effectivities(hpcinv.run(column(divisions), comm), {"length": 1.0802799})
-    print(f"{divisions} divisions: effectivity {found}")
-    assert 0.5 < found["length"] < 2
+    ratios = effectivities(hpcinv.run(column(divisions), comm), {"length": 1.0802799})
+    print(f"{divisions} divisions: effectivity {ratios}")
+    assert 0.5 < ratios["length"] < 2
 
 
 @pytest.mark.parallel([2])  # on one rank: those of the sphere and the column
@@ -104,9 +104,9 @@ def test_the_error_of_the_beam_is_estimated(comm: MPI.Intracomm) -> None:
         )
 
     exact = beam("3 mm", 3, NO_CERTIFICATE).quantities["tip"]
-    found = effectivities(beam("4 mm", 2, ESTIMATE), {"tip": exact})
-    print(f"{comm.size} rank(s): exact {exact:.6f} m, effectivity {found}")
-    assert 0.5 < found["tip"] < 2
+    ratios = effectivities(beam("4 mm", 2, ESTIMATE), {"tip": exact})
+    print(f"{comm.size} rank(s): exact {exact:.6f} m, effectivity {ratios}")
+    assert 0.5 < ratios["tip"] < 2
 
 
 def locked(comm: MPI.Intracomm, certificate: Any = ESTIMATE, degree: int = 1) -> Result:
@@ -146,12 +146,12 @@ def test_a_failure_is_an_error_that_was_found(comm: MPI.Intracomm, monkeypatch: 
 
 def test_the_estimate_says_where_the_error_is(comm: MPI.Intracomm) -> None:
     """A cantilever bends most at its clamp, and the clamp's edges are sharp."""
-    found = hpcinv.run(cantilever(1, ESTIMATE), comm)
-    assert found.estimate is not None
-    mesh = found.body.mesh
+    result = hpcinv.run(cantilever(1, ESTIMATE), comm)
+    assert result.estimate is not None
+    mesh = result.body.mesh
     corners = mesh.geometry.x[mesh.geometry.dofmaps[0][: mesh.topology.index_map(3).size_local]]
-    x = corners.mean(axis=1)[:, 0] * found.body.length_scale
-    clamped, free = (found.estimate.cells[where].sum() for where in (x < 1, x > 2))
+    x = corners.mean(axis=1)[:, 0] * result.body.length_scale
+    clamped, free = (result.estimate.cells[where].sum() for where in (x < 1, x > 2))
     assert clamped > 5 * free > 0
 
 
@@ -197,7 +197,7 @@ def test_rounded_factors_do_not_change_the_sign_of_a_small_eigenvalue(
 @pytest.mark.parallel([1, 2, 3])
 def test_factors_of_a_forward_solve_tell_its_inertia(comm: MPI.Intracomm) -> None:
     """Of a block that is squeezed to half its height, and may then bulge to either side."""
-    one = job(
+    column_job = job(
         analysis="forward",
         mesh=box((2, 2, 6), lz=3.0),
         material={"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},
@@ -205,7 +205,9 @@ def test_factors_of_a_forward_solve_tell_its_inertia(comm: MPI.Intracomm) -> Non
         solver={"linear": "direct"},
         certificate=NO_CERTIFICATE,
     )
-    model = Equations(one, build_body(one.mesh, one.regions, comm, resolve=one.resolve), Timings())
+    model = Equations(
+        column_job, build_body(column_job.mesh, column_job.regions, comm, resolve=column_job.resolve), Timings()
+    )
     equilibrium = model.equilibrium(model.scene("forward"))
     assert list(follow(equilibrium, model.steps, 1e-8))[-1].outcome.accepted
     equilibrium.system.linearise(1.0)
@@ -258,12 +260,12 @@ def test_factors_of_nearly_symmetric_tangents_serve_the_certificate(
 
     monkeypatch.setattr(inertia, "_factorized", recorded)
     exact = run({})
-    found = run({"pc_precision": "single"})
+    single = run({"pc_precision": "single"})
     assert not made
-    for result in (exact, found):
+    for result in (exact, single):
         assert line(result, "stability").value == 0
         assert line(result, "round trip").value == pytest.approx(0, abs=1e-9)
-    assert found.solutions[0].u == pytest.approx(exact.solutions[0].u, abs=1e-9)
+    assert single.solutions[0].u == pytest.approx(exact.solutions[0].u, abs=1e-9)
 
 
 @pytest.mark.everyday("1.05", "9.5", "8.7")
@@ -293,15 +295,17 @@ def test_a_column_beyond_its_euler_load_is_unstable(
         ),
         comm,
     )
-    found = line(result, "stability")
-    print(f"{share} of Euler's load: {found.value:.0f} negative eigenvalues, {found.verdict.value}")
-    assert found.value == unstable
+    stability = line(result, "stability")
+    print(f"{share} of Euler's load: {stability.value:.0f} negative eigenvalues, {stability.verdict.value}")
+    assert stability.value == unstable
     assert result.certificate.verdict is (Verdict.FAIL if unstable else Verdict.PASS)
 
 
 def test_balance_is_that_of_the_forces(comm: MPI.Intracomm) -> None:
-    one = column(4)
-    model = Equations(one, build_body(one.mesh, one.regions, comm, resolve=one.resolve), Timings())
+    column_job = column(4)
+    model = Equations(
+        column_job, build_body(column_job.mesh, column_job.regions, comm, resolve=column_job.resolve), Timings()
+    )
     equilibrium = model.equilibrium(model.scene("inverse"))
     (unloaded,) = equilibrium_residual(model, solution_of(model, "inverse", model.scene("inverse"), ()))
     # Undeformed, all of the weight is unbalanced but what the supports carry at once.
@@ -321,10 +325,10 @@ def test_balance_is_that_of_the_forces(comm: MPI.Intracomm) -> None:
 def test_the_way_back_closes_on_straight_cells_too(start: str, geometry_degree: int, comm: MPI.Intracomm) -> None:
     """The computed body has the degree of the displacement, whatever that of the given cells."""
     result = hpcinv.run(cantilever(geometry_degree, NO_CERTIFICATE | {"round_trip": start}), comm)
-    found = line(result, "round trip")
-    assert found.value is not None
-    assert found.value < 1e-10
-    assert found.verdict is Verdict.PASS
+    closure = line(result, "round trip")
+    assert closure.value is not None
+    assert closure.value < 1e-10
+    assert closure.verdict is Verdict.PASS
 
 
 def test_a_way_back_that_is_not_found_is_not_decided(comm: MPI.Intracomm) -> None:
@@ -340,14 +344,14 @@ def test_a_way_back_that_is_not_found_is_not_decided(comm: MPI.Intracomm) -> Non
         ),
         comm,
     )
-    found = line(result, "round trip")
-    assert found.verdict is Verdict.UNDECIDED
-    assert "stopped at load factor" in found.note
+    closure = line(result, "round trip")
+    assert closure.verdict is Verdict.UNDECIDED
+    assert "stopped at load factor" in closure.note
 
 
 @pytest.mark.parametrize("geometry_degree", [1, 2])
 def test_fixed_points_are_equilibria_on_straight_cells_too(geometry_degree: int, comm: MPI.Intracomm) -> None:
-    one = job(
+    beam_job = job(
         mesh=box((4, 2, 2), lx=1.0, ly=0.3, lz=0.3) | {"geometry_degree": geometry_degree},
         material={"law": "neo-hookean", "young": 1e6, "poisson": 0.3},
         effects=[{"effect": "gravity", "acceleration": [0, 0, -1], "density": 1000}],
@@ -355,7 +359,7 @@ def test_fixed_points_are_equilibria_on_straight_cells_too(geometry_degree: int,
         method="sellier",
         certificate="quick",
     )
-    residual = hpcinv.run(one, comm).certificate.lines[0]
+    residual = hpcinv.run(beam_job, comm).certificate.lines[0]
     print(residual)
     assert residual.verdict is Verdict.PASS
 
@@ -442,11 +446,11 @@ def test_verdict_on_screen_in_the_summary_and_in_the_exit_code(
         certificate=certificate,
     )
     ended = command(ranks, "run", path, "--output", tmp_path / "out", *options, cwd=tmp_path)
-    found = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]
     assert ended.returncode == code, ended.stdout + ended.stderr
-    assert found["verdict"] == verdict
+    assert summary["verdict"] == verdict
     assert f"certificate: {verdict}" in ended.stdout
-    assert found["lines"][0].keys() == {"name", "value", "unit", "rule", "verdict", "note", "seconds"}
+    assert summary["lines"][0].keys() == {"name", "value", "unit", "rule", "verdict", "note", "seconds"}
 
 
 @pytest.mark.parametrize(
@@ -470,7 +474,7 @@ def test_verdict_on_screen_in_the_summary_and_in_the_exit_code(
 def test_levels(certificate: Any, checked: set[str], not_checked: set[str], comm: MPI.Intracomm) -> None:
     mesh = box((1, 1, 2), lx="0.2 m", ly="0.2 m") | {"geometry_degree": 2}
     result = hpcinv.run(column(2, mesh=mesh, certificate=certificate), comm)
-    verdicts = {one.name: one.verdict for one in result.certificate.lines}
+    verdicts = {entry.name: entry.verdict for entry in result.certificate.lines}
     skipped = {name for name, verdict in verdicts.items() if verdict is Verdict.SKIPPED}
     assert {name for part in not_checked for name in skipped if name.startswith(part)} == skipped
     assert len(skipped) == len(not_checked)
@@ -499,8 +503,9 @@ def test_free_growth_has_no_limit_point(stretch: float, pressures: dict[str, int
         supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
         certificate={},
     )
-    found = line(hpcinv.run(grown, comm), LIMIT_POINTS)
-    assert (found.value, found.verdict, found.note) == (0.0, Verdict.PASS, "the same sign at each load that was solved")
+    limit_line = line(hpcinv.run(grown, comm), LIMIT_POINTS)
+    said = limit_line.value, limit_line.verdict, limit_line.note
+    assert said == (0.0, Verdict.PASS, "the same sign at each load that was solved")
 
 
 @pytest.mark.parametrize(
@@ -529,9 +534,9 @@ def test_signs_of_the_tangent_are_compared_between_equilibria(
 @pytest.mark.parallel([2])
 def test_seconds_of_the_lines_are_those_of_the_certificate(comm: MPI.Intracomm) -> None:
     result = hpcinv.run(column(2, certificate={}), comm)
-    seconds = [one.seconds for one in result.certificate.lines]
+    seconds = [entry.seconds for entry in result.certificate.lines]
     assert comm.allgather(seconds) == [seconds] * comm.size
-    by_name = {one.name: one.seconds for one in result.certificate.lines}
+    by_name = {entry.name: entry.seconds for entry in result.certificate.lines}
     assert by_name["largest volume ratio J"] is None  # with the smallest one
     total = sum(value for value in seconds if value is not None)
     assert 0 < total <= result.statistics["timings"]["phases"]["certificate"]["max"] + 0.1

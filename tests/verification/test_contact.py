@@ -75,15 +75,15 @@ LAYER = {"stiffness": "1 MPa/m"}
 @pytest.mark.parallel([1, 3])
 def test_block_stands_on_its_weight_there_and_back(comm: MPI.Intracomm, run_directory: Path) -> None:
     forward = standing(comm, run_directory / "there")
-    found = forward.solutions[0].contacts[0]
+    contact = forward.solutions[0].contacts[0]
     weight = 1000 * 10.0
-    assert found.force == pytest.approx((0, 0, weight), rel=1e-9, abs=1e-9 * weight)
-    assert found.area == pytest.approx(1)
-    assert found.largest_pressure == pytest.approx(weight, rel=0.02)  # uniform but for the discretisation
-    assert found.penetration < 2**-15  # the tolerated one is half of that
+    assert contact.force == pytest.approx((0, 0, weight), rel=1e-9, abs=1e-9 * weight)
+    assert contact.area == pytest.approx(1)
+    assert contact.largest_pressure == pytest.approx(weight, rel=0.02)  # uniform but for the discretisation
+    assert contact.penetration < 2**-15  # the tolerated one is half of that
 
     # The inverse solve knows the floor only by the pressure: where the block stands cannot be found, and is held.
-    closed = {"pressure": {"data": "contact_multiplier", "unit": "Pa"}, "penalty": found.penalty}
+    closed = {"pressure": {"data": "contact_multiplier", "unit": "Pa"}, "penalty": contact.penalty}
     back = standing(
         comm,
         analysis="inverse",
@@ -324,14 +324,14 @@ def test_certificate_shows_what_the_penalty_leaves(comm: MPI.Intracomm) -> None:
     """The line is of first order, and a penalty twice as large is a second solution."""
     cheap = NO_CERTIFICATE | {"stability": True}
     one_way: dict[str, Any] = {"analysis": "forward", "first": None, "certificate": cheap}
-    found = pressed_by_a_ball(comm, **one_way)
-    penalty = found.solutions[0].contacts[0].penalty
+    result = pressed_by_a_ball(comm, **one_way)
+    penalty = result.solutions[0].contacts[0].penalty
     assert penalty is not None
     doubled = pressed_by_a_ball(comm, penalty=2 * penalty, **one_way)
     name = "contact on 'z1': change of the shape if the penalty is doubled"
-    (line,) = (line for line in found.certificate.lines if line.name == name)
-    size = found.solutions[0].largest_displacement
-    moved = doubled.solutions[0].displacement.x.array - found.solutions[0].displacement.x.array
+    (line,) = (line for line in result.certificate.lines if line.name == name)
+    size = result.solutions[0].largest_displacement
+    moved = doubled.solutions[0].displacement.x.array - result.solutions[0].displacement.x.array
     change = np.linalg.norm(moved.reshape(-1, 3), axis=1).max() / size
     print(f"line {line.value:.3g}, second solution {change:.3g}")
     assert line.value == pytest.approx(change, rel=0.5)
@@ -345,13 +345,13 @@ def smooth() -> dict[str, Any]:
 @pytest.mark.release
 def test_a_formula_is_the_sphere_that_it_describes(smooth: dict[str, Any], comm: MPI.Intracomm) -> None:
     formula = {"shape": "level-set", "formula": "(x - 0.5 m)^2 + (y - 0.5 m)^2 + (z - 2 m)^2 - (1 m)^2"}
-    exact, found = (indented(comm, obstacle) for obstacle in (smooth, formula))
-    for result in (exact, found):
+    exact, sphere_result = (indented(comm, obstacle) for obstacle in (smooth, formula))
+    for result in (exact, sphere_result):
         missed = closing(result)
         assert missed < 1e-10
     # The formula's gap is exact to first order: it differs by its square over twice the radius.
     force = exact.solutions[0].contacts[0].force[2]
-    pressed = found.solutions[0].contacts[0].force[2]
+    pressed = sphere_result.solutions[0].contacts[0].force[2]
     assert pressed == pytest.approx(force, rel=0.01)
 
 
@@ -365,11 +365,11 @@ def test_triangles_of_a_sphere_press_as_the_sphere(
     if comm.rank == 0:
         pyvista.Sphere(radius=1000, center=(500, 500, 2000), theta_resolution=120, phi_resolution=120).save(file)
     comm.Barrier()
-    found = indented(comm, {"shape": "surface", "file": str(file), "unit": "1 mm"})
-    missed = closing(found)
+    result = indented(comm, {"shape": "surface", "file": str(file), "unit": "1 mm"})
+    missed = closing(result)
     assert missed < 1e-6  # distances settle to 2**-32 lengths, and a penalty is up to 4096 moduli per length
     exact = indented(comm, smooth).solutions[0].contacts[0]
-    pressed = found.solutions[0].contacts[0].force[2]
+    pressed = result.solutions[0].contacts[0].force[2]
     assert pressed == pytest.approx(exact.force[2], rel=0.03)
 
 

@@ -85,9 +85,9 @@ def test_tangent_is_the_derivative_of_the_residual(
     start, change = fields
 
     def residual(x: Any) -> np.ndarray:
-        found = equilibrium.system.rhs.duplicate()
-        snes.computeFunction(x, found)
-        return np.array(found.array)
+        vector = equilibrium.system.rhs.duplicate()
+        snes.computeFunction(x, vector)
+        return np.array(vector.array)
 
     snes.computeJacobian(start, equilibrium.system.matrix)
     before, slope = residual(start), np.array((equilibrium.system.matrix * change).array)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.command_line import NO_CERTIFICATE
-from helpers.equalities import TOLERANCE, Scene, block, compare, drawn, of, rotation, solved, transformed
+from helpers.equalities import TOLERANCE, Scene, block, compare, drawn, rotation, scene_of, solved, transformed
 
 import hpcinv
 from hpcinv.parallel.runtime import MPI
@@ -28,7 +28,7 @@ def test_equal_runs_of_a_drawn_scene(seed: int, tmp_path: Path) -> None:
 @pytest.mark.parallel(2)
 def test_two_ranks_find_what_one_finds(comm: MPI.Intracomm, run_directory: Path) -> None:
     rng = np.random.default_rng(4)
-    scene = of(block(rng, hexahedra=False), "neo-hookean", ["gravity", "traction"], "inverse", 1)
+    scene = scene_of(block(rng, hexahedra=False), "neo-hookean", ["gravity", "traction"], "inverse", 1)
     alone = solved(scene, run_directory / f"alone-{comm.rank}.msh", MPI.COMM_SELF)
     together = solved(scene, run_directory / "together.msh", comm)
     assert alone is not None
@@ -41,7 +41,7 @@ def pressed(scene: Scene) -> Scene:
     """A block whose top a tilted rigid plane presses down, so that it touches along an edge."""
     plane = {"shape": "plane", "point": [0.5, 0.5, 1.06], "normal": [0.1, 0.05, -1]}
     contact = {"effect": "contact", "region": "z1", "obstacle": plane, "travel": [0, 0, -0.1]}
-    return of(scene, "neo-hookean", ["gravity"], "forward", 2).changed(effects=[contact])
+    return scene_of(scene, "neo-hookean", ["gravity"], "forward", 2).changed(effects=[contact])
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.4])

@@ -229,11 +229,11 @@ def test_the_arterial_ring_has_the_undeformed_radii_that_its_header_tells(comm: 
     radii = {"inner-radius": float(ring.other(ring.inner)), "outer-radius": float(ring.other(ring.outer))}
     for radius in radii.values():
         assert f"{radius * 1e3:.7f} mm" in file.read_text()
-    found = package.run(package.load(file), comm).quantities
-    print(", ".join(f"{name} {found[name] * 1e3:.7f} mm, exact {r * 1e3:.7f} mm" for name, r in radii.items()))
+    quantities = package.run(package.load(file), comm).quantities
+    print(", ".join(f"{name} {quantities[name] * 1e3:.7f} mm, exact {r * 1e3:.7f} mm" for name, r in radii.items()))
     for name, radius in radii.items():
-        assert found[name] == pytest.approx(radius, rel=1e-5)
-    assert abs(found["out-of-round"]) < 1e-4 * radii["inner-radius"]
+        assert quantities[name] == pytest.approx(radius, rel=1e-5)
+    assert abs(quantities["out-of-round"]) < 1e-4 * radii["inner-radius"]
 
 
 # there and back

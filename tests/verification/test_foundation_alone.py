@@ -25,8 +25,8 @@ def springs(**stiffness: Any) -> dict[str, Any]:
 
 
 def test_a_foundation_alone_holds_the_body(comm: MPI.Intracomm) -> None:
-    found = run(job(**SCENE, effects=[WEIGHT, springs(normal="100 kPa/m", tangential="100 kPa/m")]), comm)
-    sunk = -found.solutions[0].u[:, 2][found.solutions[0].reference_nodes[:, 2] < 1e-9].mean()
+    result = run(job(**SCENE, effects=[WEIGHT, springs(normal="100 kPa/m", tangential="100 kPa/m")]), comm)
+    sunk = -result.solutions[0].u[:, 2][result.solutions[0].reference_nodes[:, 2] < 1e-9].mean()
     assert sunk == pytest.approx(1000 / 100e3, rel=0.1)  # weight per area over stiffness, but for what it bends
 
 

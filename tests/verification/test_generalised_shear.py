@@ -36,13 +36,13 @@ def stress_errors(direction: str, n: int, hexahedra: bool, comm: MPI.Intracomm) 
     p = 4 * K * (C1 + C2) * x_current + s[1]
     t = g * 2 * (C1 + C2)
     exact = ufl.as_tensor([[s[0] - p, t, 0], [t, s[1] - p, 0], [0, 0, s[2] - p]])
-    found = solved.cauchy_stress
+    stress_values = solved.cauchy_stress
     # The pressure is known up to a constant, which the nearly incompressible material chooses.
     volume = solved.integral(1 + 0 * x)
-    shift = solved.integral(ufl.tr(found - exact)) / 3 / volume
+    shift = solved.integral(ufl.tr(stress_values - exact)) / 3 / volume
     assert solved.strain_energy == pytest.approx(4 * K**2 * (C1 + C2) / 3, rel=1e-3)
-    whole = solved.relative_error(found - shift * ufl.Identity(3), exact)
-    return whole, solved.relative_error(ufl.dev(found), ufl.dev(exact))
+    whole = solved.relative_error(stress_values - shift * ufl.Identity(3), exact)
+    return whole, solved.relative_error(ufl.dev(stress_values), ufl.dev(exact))
 
 
 def orders(errors: list[float]) -> list[float]:

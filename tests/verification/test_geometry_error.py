@@ -17,7 +17,7 @@ from helpers import thick_cylinder as cylinder
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, hpcinv, write_job
 from helpers.mesh_cases import spec
-from helpers.thick_sphere import INNER, OUTER, PRESSURE, before, carried, sphere
+from helpers.thick_sphere import INNER, OUTER, PRESSURE, carried, outer_radius, sphere
 from helpers.verification import job
 
 import hpcinv as package
@@ -40,7 +40,7 @@ from hpcinv.parallel.runtime import MPI
 
 A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
 EXACT_WALL = math.pi / 6 * (OUTER**3 - INNER**3)
-EXACT = {"inner": A, "outer": before(A), "volume": EXACT_WALL, "point": A}
+EXACT = {"inner": A, "outer": outer_radius(A), "volume": EXACT_WALL, "point": A}
 ESTIMATE = NO_CERTIFICATE | {"estimate": True}
 MESHES = Path(__file__).parents[2] / "meshes"
 
@@ -62,28 +62,28 @@ def hollow_sphere(divisions: int, degree: int, *, hexahedra: bool) -> Job:
     return job(**(data | {"mesh": data["mesh"] | {"geometry_degree": degree}}))
 
 
-def effectivities(found: package.Result, exact: dict[str, float]) -> dict[str, float]:
-    assert found.estimate is not None
-    assert not found.estimate.without_geometry
-    return {name: found.estimate.quantities[name] / (value - found.quantities[name]) for name, value in exact.items()}
+def effectivities(result: package.Result, exact: dict[str, float]) -> dict[str, float]:
+    assert result.estimate is not None
+    assert not result.estimate.without_geometry
+    return {name: result.estimate.quantities[name] / (value - result.quantities[name]) for name, value in exact.items()}
 
 
 @pytest.mark.parallel([1, 3])
 @pytest.mark.parametrize("hexahedra", [False, pytest.param(True, marks=pytest.mark.release)])
 def test_the_error_of_straight_cells_on_a_sphere(hexahedra: bool, comm: MPI.Intracomm) -> None:
     """Without the geometry the estimate would be 0.04 to 0.23 of the error of the radii."""
-    found = effectivities(package.run(hollow_sphere(2, 1, hexahedra=hexahedra), comm), EXACT)
-    print(found)
-    assert all(0.8 < value < 1.25 for value in found.values())
+    ratios = effectivities(package.run(hollow_sphere(2, 1, hexahedra=hexahedra), comm), EXACT)
+    print(ratios)
+    assert all(0.8 < value < 1.25 for value in ratios.values())
 
 
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_the_error_of_curved_cells_on_a_sphere(hexahedra: bool, comm: MPI.Intracomm) -> None:
     """Without the geometry there would be no error of the volume, which is incompressible."""
-    found = effectivities(package.run(hollow_sphere(2, 2, hexahedra=hexahedra), comm), EXACT)
-    print(found)
-    assert 0.8 < found["volume"] < 1.25
-    assert all(0.5 < found[name] < 2 for name in ("inner", "outer"))
+    ratios = effectivities(package.run(hollow_sphere(2, 2, hexahedra=hexahedra), comm), EXACT)
+    print(ratios)
+    assert 0.8 < ratios["volume"] < 1.25
+    assert all(0.5 < ratios[name] < 2 for name in ("inner", "outer"))
 
 
 @pytest.mark.parametrize("direction", ["inverse", pytest.param("forward", marks=pytest.mark.release)])
@@ -91,7 +91,7 @@ def test_the_error_of_straight_cells_on_a_cylinder(direction: str, comm: MPI.Int
     inner, outer = (cylinder.INNER, cylinder.OUTER) if direction == "inverse" else (cylinder.A, cylinder.B)
     letters = "X, Y" if direction == "inverse" else "x, y"
     mesh = {"inner": inner, "outer": outer, "radial": 2, "around": 4, "along": 1, "length": 0.25, "hexahedra": True}
-    found = package.run(
+    result = package.run(
         job(
             analysis=direction,
             mesh={"file": "../meshes/thick_cylinder.py", "parameters": mesh},
@@ -104,7 +104,7 @@ def test_the_error_of_straight_cells_on_a_cylinder(direction: str, comm: MPI.Int
         comm,
     )
     exact = {"radius": cylinder.A if direction == "inverse" else cylinder.INNER}
-    (ratio,) = effectivities(found, exact).values()
+    (ratio,) = effectivities(result, exact).values()
     print(ratio)
     assert 0.8 < ratio < 1.25
 
@@ -147,13 +147,13 @@ def test_a_rotation_extended_to_the_true_surface_is_a_rotation(hexahedra: bool, 
     assert finer is not None
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) - np.identity(3)
     u = fem.Function(fem.functionspace(given.mesh, ("Lagrange", 2, (3,))))
-    found, expected = (fem.Function(fem.functionspace(finer.mesh, ("Lagrange", 3, (3,)))) for _ in range(2))
+    extended, expected = (fem.Function(fem.functionspace(finer.mesh, ("Lagrange", 3, (3,)))) for _ in range(2))
     u.interpolate(lambda x: turn @ x)
     expected.interpolate(lambda x: turn @ x)
-    extend(u, found)
-    assert found.x.array == pytest.approx(expected.x.array, abs=1e-12)
-    found.interpolate(transfer_function(finer.mesh, u))
-    assert comm.allreduce(np.abs(found.x.array - expected.x.array).max(), op=MPI.MAX) > 0.01
+    extend(u, extended)
+    assert extended.x.array == pytest.approx(expected.x.array, abs=1e-12)
+    extended.interpolate(transfer_function(finer.mesh, u))
+    assert comm.allreduce(np.abs(extended.x.array - expected.x.array).max(), op=MPI.MAX) > 0.01
 
 
 @pytest.mark.parallel([1, 3])
@@ -230,10 +230,10 @@ def test_nodes_lie_on_the_surface_of_the_model(
         monkeypatch.setattr(cad_surface, "_STEPS", steps)  # gmsh's own search, which takes over where ours ends
     surface = made(name, 1, **parameters).surface
     assert surface is not None
-    found, size = distance(surface.nodes), float(np.ptp(surface.nodes.reshape(-1, 3), axis=0).max())
-    curved = found[:, : surface.vertices.shape[1]].max(axis=1) < 1e-9 * size
+    gaps, size = distance(surface.nodes), float(np.ptp(surface.nodes.reshape(-1, 3), axis=0).max())
+    curved = gaps[:, : surface.vertices.shape[1]].max(axis=1) < 1e-9 * size
     assert curved.sum() > 20
-    assert found[curved].max() < 1e-7 * size  # of edges on a plane too: those of the model lie on both
+    assert gaps[curved].max() < 1e-7 * size  # of edges on a plane too: those of the model lie on both
 
 
 def test_facets_of_a_part_of_the_surface_tell_nothing() -> None:

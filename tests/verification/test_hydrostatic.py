@@ -41,8 +41,8 @@ def test_a_sunk_body_is_lifted_by_the_weight_of_the_fluid_that_it_displaces(
     volume, moment = loaded.volume()
     force, torque = -DENSITY * volume * g, -DENSITY * np.cross(moment, g)
     errors = [
-        float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
-        for found, exact in ((loaded.force, force), (loaded.torque(), torque))
+        float(np.linalg.norm(resultant - exact) / np.linalg.norm(exact))
+        for resultant, exact in ((loaded.force, force), (loaded.torque(), torque))
     ]
     print(f"{direction}, {'hexahedra' if hexahedra else 'tetrahedra'}: errors of force and torque {digits(errors)}")
     assert max(errors) < 1e-12
@@ -104,6 +104,6 @@ def test_a_column_sinks_under_a_fluid_whose_level_stays(direction: str, comm: MP
         ),
         comm,
     )
-    found = solved.model.unknowns.displacement().x.array.min() * solved.body.length_scale
-    print(f"{direction}: sinks by {-found:.7f} m, error {found / exact - 1:.1e}")
-    assert found == pytest.approx(exact, rel=1e-12)
+    sinking = solved.model.unknowns.displacement().x.array.min() * solved.body.length_scale
+    print(f"{direction}: sinks by {-sinking:.7f} m, error {sinking / exact - 1:.1e}")
+    assert sinking == pytest.approx(exact, rel=1e-12)

@@ -60,8 +60,8 @@ def job(path: Path = ROOT / "tests" / "job.yaml", **data: Any) -> Job:
 
 
 def true_values(comm: MPI.Intracomm, workspace: Workspace) -> dict[str, Any]:
-    found = hpcinv.run(job(material={"law": "neo-hookean", "mu": 9e3, "lam": 30e3}), comm, workspace=workspace)
-    return dict(found.quantities)
+    result = hpcinv.run(job(material={"law": "neo-hookean", "mu": 9e3, "lam": 30e3}), comm, workspace=workspace)
+    return dict(result.quantities)
 
 
 def section(parameters: dict[str, Any], values: dict[str, Any], sd: dict[str, float]) -> dict[str, Any]:
@@ -113,11 +113,11 @@ def test_a_sphere_at_two_pressures(comm: MPI.Intracomm, tmp_path: Path) -> None:
         def found(observed: dict[str, Any]) -> Any:
             return identify(parse(sphere | {"identify": observed}, tmp_path / "job.yaml"), comm, workspace=workspace)
 
-        one = found(by_radius).estimate
+        single = found(by_radius).estimate
         slope = (radius(0.5 + 1e-5) - radius(0.5 - 1e-5)) / 2e-5
-        print(f"c1 {one.values[0]}, sd {one.deviations[0]}, exact {1e-3 / abs(slope)}")
-        assert one.values[0] == pytest.approx(0.5, rel=5e-4)
-        assert one.deviations[0] == pytest.approx(1e-3 / abs(slope), rel=1e-3)
+        print(f"c1 {single.values[0]}, sd {single.deviations[0]}, exact {1e-3 / abs(slope)}")
+        assert single.values[0] == pytest.approx(0.5, rel=5e-4)
+        assert single.deviations[0] == pytest.approx(1e-3 / abs(slope), rel=1e-3)
         other = found(by_surface).estimate
         print(f"c1 {other.values[0]}, sd {other.deviations[0]}, probability {other.probability}")
         assert abs(other.values[0] - 0.5) < 3.5 * other.deviations[0]
@@ -147,7 +147,7 @@ def test_three_synthetic_scans(comm: MPI.Intracomm, tmp_path: Path) -> None:
                 for s in ("hanging", "lying")
             }
             hanging, lying = sources["hanging"], sources["lying"]
-            noisy = [one.points + sd * random.standard_normal(one.points.shape) for one in (hanging, lying)]
+            noisy = [state.points + sd * random.standard_normal(state.points.shape) for state in (hanging, lying)]
             save(tmp_path / "hanging.msh", hanging, noisy[0])
             given = read_source(truth.job.mesh, truth.job.resolve(truth.job.mesh.file)).points
             on_top = noisy[1][given[:, 2] > 0.999]
@@ -206,7 +206,9 @@ def test_shares_of_states() -> None:
     found = []
     for i, share in enumerate(shares_of(whole, teams_of(6, 3))):
         part = share.job(whole.with_({"identify": None}))
-        names = [one.name for one in whole.identify.observations if share.has(one, first=i == 0)]
+        names = [
+            observation.name for observation in whole.identify.observations if share.has(observation, first=i == 0)
+        ]
         keys = {p.key: [t.key for t in p.ties] for p in part.differentiated}
         found.append(([state.name for state in part.states], names, [q.name for q in part.quantities], keys))
     density = "states[{}].effects[0].density".format
@@ -228,16 +230,20 @@ def test_shares_of_states() -> None:
 
 
 def check_scans(identified: Identified, scans: int) -> None:
-    found = identified.estimate
+    estimated = identified.estimate
     deviations = [
-        (value - true) / sd for value, true, sd in zip(found.values, TRUE.values(), found.deviations, strict=True)
+        (value - true) / sd
+        for value, true, sd in zip(estimated.values, TRUE.values(), estimated.deviations, strict=True)
     ]
-    print(f"{1 + scans} scans: {found.values}, sd {found.deviations}, errors {deviations}, chi² {found.chi_squared}")
+    print(
+        f"{1 + scans} scans: {estimated.values}, sd {estimated.deviations}, errors {deviations},"
+        f" chi² {estimated.chi_squared}"
+    )
     assert max(map(abs, deviations)) < 3.5
-    assert found.probability is not None
-    assert 1e-3 < found.probability < 1 - 1e-3
-    assert not warnings(found)
-    assert len(found.history) < 12
+    assert estimated.probability is not None
+    assert 1e-3 < estimated.probability < 1 - 1e-3
+    assert not warnings(estimated)
+    assert len(estimated.history) < 12
     # The rest shape comes with it: it is that of the true material to about its standard deviation.
     assert 0 < identified.shape_deviations["rest"] < 0.02
 
@@ -269,7 +275,9 @@ def test_derivatives_of_all_kinds_of_observations(comm: MPI.Intracomm, tmp_path:
         base = evaluations.evaluate(at)
         assert base is not None
         # The deviation of the given mesh is added to that of positions.
-        assert [one.deviation for one in evaluations.observed] == pytest.approx([*3 * [5**0.5], 1.0, 1.0])
+        assert [observation.deviation for observation in evaluations.observed] == pytest.approx(
+            [*3 * [5**0.5], 1.0, 1.0]
+        )
         for i, step in enumerate(1e-3 * at):
             shift = np.eye(2)[i] * step
             ahead, behind = evaluations.evaluate(at + shift), evaluations.evaluate(at - shift)
@@ -319,10 +327,10 @@ def test_weight_alone_determines_the_modulus_over_the_density_only(comm: MPI.Int
         )
 
 
-def texts_deviation(found: Any) -> float:
+def texts_deviation(estimated: Any) -> float:
     """Relative standard deviation of the ratio that is determined."""
-    one = found.combinations[0]
-    return float(one.deviation / np.abs(one.vector).max())
+    combination = estimated.combinations[0]
+    return float(combination.deviation / np.abs(combination.vector).max())
 
 
 def test_what_the_observations_cannot_determine_is_refused(comm: MPI.Intracomm) -> None:
@@ -374,10 +382,10 @@ def test_regions_of_confidence_hold_the_true_parameters_as_often_as_they_say(com
                 n: (np.array(exact[n]) + s * random.standard_normal(np.shape(exact[n]))).tolist() for n, s in sd.items()
             }
             observed = section(dict.fromkeys(TRUE), noisy, sd)
-            found = identify(job(identify=observed), comm, workspace=workspace).estimate
-            error = found.values - np.array([*TRUE.values()])
-            pulls.append(error / np.sqrt(np.diag(found.covariance)))
-            inside += float(error @ np.linalg.solve(found.covariance, error)) < 5.991
+            estimated = identify(job(identify=observed), comm, workspace=workspace).estimate
+            error = estimated.values - np.array([*TRUE.values()])
+            pulls.append(error / np.sqrt(np.diag(estimated.covariance)))
+            inside += float(error @ np.linalg.solve(estimated.covariance, error)) < 5.991
     print(f"95 % regions hold the true values in {inside} of 100; pulls {np.std(pulls, axis=0)}")
     assert 88 <= inside <= 100
 
@@ -388,9 +396,9 @@ NEEDED: dict[str, Any] = section({"material.mu": None}, {"volume": 1.0}, {"volum
 def changed(change: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
     import copy
 
-    found = copy.deepcopy(NEEDED)
-    change(found)
-    return found
+    changed_content = copy.deepcopy(NEEDED)
+    change(changed_content)
+    return changed_content
 
 
 def parameter(**content: Any) -> dict[str, Any]:

@@ -113,8 +113,8 @@ def test_small_strains_keep_their_digits(law: str, direction: str, comm: MPI.Int
         return Solved(case(law, False, analysis=direction, supports=[HELD, PULL | {"constants": {"s": strain}}]), comm)
 
     tiny, small = solved(1e-10), solved(1e-7)
-    found, scaled = (s.model.unknowns.state.x.array / s.model.unknowns.state.x.array.max() for s in (tiny, small))
-    error = np.linalg.norm(found - scaled) / np.linalg.norm(scaled)
+    shape, scaled = (s.model.unknowns.state.x.array / s.model.unknowns.state.x.array.max() for s in (tiny, small))
+    error = np.linalg.norm(shape - scaled) / np.linalg.norm(scaled)
     print(f"{law}, {direction}: against larger strains {error:.1e}")
     assert error < 1e-6
     kind = laws()[law].model_validate(laws()[law].example)

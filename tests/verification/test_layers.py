@@ -81,18 +81,18 @@ def radii(
     return {"A": inner, "B": carried(inner)[1]}
 
 
-def effectivity(found: Result, exact: Mapping[str, float]) -> tuple[float, float]:
+def effectivity(result: Result, exact: Mapping[str, float]) -> tuple[float, float]:
     """The larger error of the two radii, and the estimated one over it."""
-    assert found.estimate is not None
-    error, name = max((abs(exact[name] - found.quantities[name]), name) for name in exact)
-    estimated = found.estimate.quantities[name]
+    assert result.estimate is not None
+    error, name = max((abs(exact[name] - result.quantities[name]), name) for name in exact)
+    estimated = result.estimate.quantities[name]
     assert isinstance(estimated, float)
-    return error, estimated / (exact[name] - found.quantities[name])
+    return error, estimated / (exact[name] - result.quantities[name])
 
 
 def test_the_closed_form_has_the_radii_known_for_it() -> None:
-    found = radii()
-    assert [found["A"], found["B"]] == pytest.approx([A, B], abs=1e-10)
+    closed_radii = radii()
+    assert [closed_radii["A"], closed_radii["B"]] == pytest.approx([A, B], abs=1e-10)
 
 
 @CELLS
@@ -100,11 +100,11 @@ def test_layers_converge_as_one_material_and_the_estimate_shows_their_error(
     hexahedra: bool, comm: MPI.Intracomm
 ) -> None:
     """One material has the orders 3.2 and 2.6 (`test_thick_sphere`); a continuous pressure has 1."""
-    found = [effectivity(hpcinv.run(wall(n, hexahedra=hexahedra), comm), {"A": A, "B": B}) for n in (2, 4)]
-    order = np.log2(found[0][0] / found[1][0])
-    print(f"errors and effectivities {digits(found)}, order {order:.2f}")
+    ratios = [effectivity(hpcinv.run(wall(n, hexahedra=hexahedra), comm), {"A": A, "B": B}) for n in (2, 4)]
+    order = np.log2(ratios[0][0] / ratios[1][0])
+    print(f"errors and effectivities {digits(ratios)}, order {order:.2f}")
     assert order > (3.2 if hexahedra else 2.6)
-    assert all(0.5 < ratio < 2 for _, ratio in found)
+    assert all(0.5 < ratio < 2 for _, ratio in ratios)
 
 
 @CELLS
@@ -166,8 +166,8 @@ def test_ranks_agree_and_the_way_back_closes(hexahedra: bool, comm: MPI.Intracom
         size = some.allreduce(float(np.abs(u).max()), op=MPI.MAX)
         back = some.allreduce(float(np.abs(solved.again() - u).max()), op=MPI.MAX) / size
         assert back < 1e-9
-        found.append([unknowns.pressure_size, *norms, *(some.allreduce(one, op=MPI.SUM) for one in sums)])
-    print(f"{found[0][0]} pressures, of which {'; '.join(digits(one, '.16g') for one in found)}")
+        found.append([unknowns.pressure_size, *norms, *(some.allreduce(entry, op=MPI.SUM) for entry in sums)])
+    print(f"{found[0][0]} pressures, of which {'; '.join(digits(entry, '.16g') for entry in found)}")
     assert found[0] == pytest.approx(found[1], rel=1e-9)
 
 
@@ -175,13 +175,13 @@ def test_ranks_agree_and_the_way_back_closes(hexahedra: bool, comm: MPI.Intracom
 def test_slopes_by_the_modulus_of_a_layer(mu: Mapping[str, float], comm: MPI.Intracomm) -> None:
     """Also where layers are the same now: then the derivative of the pressure jumps, and not the pressure."""
     material = {region: law(of_region) for region, of_region in mu.items()}
-    found = hpcinv.run(
+    result = hpcinv.run(
         wall(2, hexahedra=True, material=material, sensitivities=[f"material.{region}.mu" for region in mu]), comm
     )
-    assert found.sensitivities is not None
+    assert result.sensitivities is not None
     for region, of_region in mu.items():
         step = 1e-3 * of_region
-        one, other = (radii(mu={**mu, region: of_region + change})["A"] for change in (step, -step))
-        slope, exact = found.sensitivities.slopes["A"][f"material.{region}.mu"], (one - other) / (2 * step)
+        ahead, other = (radii(mu={**mu, region: of_region + change})["A"] for change in (step, -step))
+        slope, exact = result.sensitivities.slopes["A"][f"material.{region}.mu"], (ahead - other) / (2 * step)
         print(f"{region}: slope {slope:.5g}, exact {exact:.5g}")
         assert slope == pytest.approx(exact, rel=1e-2)

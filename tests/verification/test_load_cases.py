@@ -65,9 +65,9 @@ class LoadPath:
         return self.states[1.0]
 
 
-def gap(comm: MPI.Intracomm, found: np.ndarray, expected: np.ndarray) -> float:
+def gap(comm: MPI.Intracomm, result: np.ndarray, expected: np.ndarray) -> float:
     """Largest difference, as a share of the largest displacement."""
-    error, size = (comm.allreduce(float(np.abs(a).max(initial=0.0)), op=MPI.MAX) for a in (found - expected, expected))
+    error, size = (comm.allreduce(float(np.abs(a).max(initial=0.0)), op=MPI.MAX) for a in (result - expected, expected))
     return float(error / size)
 
 
@@ -179,7 +179,7 @@ def test_a_run_stopped_between_cases_goes_on_with_the_next(tmp_path: Path) -> No
     assert done.returncode == 0, done.stderr
     assert "load 0.5:" not in done.stdout.partition("forward:")[0]
     summaries = [json.loads((tmp_path / name / "summary.json").read_text()) for name in ("whole", "run")]
-    loads = [[[s["load"] for s in solution["solves"]] for solution in found["solutions"]] for found in summaries]
+    loads = [[[s["load"] for s in solution["solves"]] for solution in content["solutions"]] for content in summaries]
     assert loads[0] == loads[1]
     shapes = [
         read_source(spec(file), file).points for file in (tmp_path / name / "shape.msh" for name in ("whole", "run"))

@@ -39,8 +39,8 @@ def column(share: float, law: str, **changes: Any) -> Job:
     return job(**data | changes)
 
 
-def line_of(one: Job, comm: MPI.Intracomm) -> Line:
-    (line,) = (line for line in hpcinv.run(one, comm).certificate.lines if line.name.startswith("stability"))
+def line_of(column_job: Job, comm: MPI.Intracomm) -> Line:
+    (line,) = (line for line in hpcinv.run(column_job, comm).certificate.lines if line.name.startswith("stability"))
     print(f"{line.verdict.value}: {line.value} ({line.note}), {line.seconds:.2f} s")
     return line
 

@@ -92,10 +92,10 @@ def stress_error(result: Result, lower: np.ndarray, upper: np.ndarray) -> float:
     dofs = stress.function_space.dofmap.list[:, 0]
     is_lower = np.zeros(len(dofs), dtype=bool)
     is_lower[result.body.cells("lower")] = True
-    found = stress.x.array.reshape(-1, 3, 3)[dofs]
+    stress_values = stress.x.array.reshape(-1, 3, 3)[dofs]
     owned = result.body.mesh.topology.index_map(3).size_local
     assert result.body.mesh.comm.allreduce(int(is_lower[:owned].sum())) > 0
-    return largest(result.body.mesh.comm, (found - np.where(is_lower[:, None, None], lower, upper))[:owned])
+    return largest(result.body.mesh.comm, (stress_values - np.where(is_lower[:, None, None], lower, upper))[:owned])
 
 
 @pytest.mark.parallel([1, 2])

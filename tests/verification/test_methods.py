@@ -109,10 +109,10 @@ def test_dynamic_relaxation_is_that_of_irons_and_tuck_and_of_rausch() -> None:
         X, last = X - beta * R, R
         by_beta.append(X)
     for method in ("aitken", "rausch"):
-        found = iterates(method, twisted, by_mu[0], 6, relaxation)
-        np.testing.assert_allclose(found, by_mu, rtol=1e-9)
-        np.testing.assert_allclose(found, by_beta, rtol=1e-9)
-    assert np.linalg.norm(twisted(found[6])) < 0.1 * np.linalg.norm(twisted(found[0]))
+        positions = iterates(method, twisted, by_mu[0], 6, relaxation)
+        np.testing.assert_allclose(positions, by_mu, rtol=1e-9)
+        np.testing.assert_allclose(positions, by_beta, rtol=1e-9)
+    assert np.linalg.norm(twisted(positions[6])) < 0.1 * np.linalg.norm(twisted(positions[0]))
 
 
 @pytest.mark.parametrize("memory", [1, 2, 5])
@@ -129,8 +129,8 @@ def test_anderson_is_the_least_squares_problem_of_walker_and_ni(memory: int) -> 
         residuals.append(twisted(X))
     # Beyond three steps the three components are explained more than once, and lstsq takes the least γ.
     count = 6 if memory <= 2 else 5
-    found = iterates("anderson", twisted, points[0], 5, omega, memory)
-    np.testing.assert_allclose(found[:count], points[:count], rtol=1e-8)
+    positions = iterates("anderson", twisted, points[0], 5, omega, memory)
+    np.testing.assert_allclose(positions[:count], points[:count], rtol=1e-8)
 
 
 @pytest.mark.parametrize("n", [2, 4, 6])
@@ -197,12 +197,12 @@ def test_a_tetrahedron_ends_where_the_direct_method_does(law: str, density_in: s
     assert largest(direct.solutions[0].u, comm) > 0.05  # not a test of nothing
     taken = {}
     for method in UPDATES:
-        found = hpcinv.run(job(method=method, **case), comm)
-        (solution,) = found.solutions
+        result = hpcinv.run(job(method=method, **case), comm)
+        (solution,) = result.solutions
         error, residual, taken[method] = (
             largest(solution.u - direct.solutions[0].u, comm),
-            residuals(found)[-1],
-            len(residuals(found)),
+            residuals(result)[-1],
+            len(residuals(result)),
         )
         print(
             f"{law}, {density_in}, {method}: {taken[method]} iterations, residual {residual:.1e} m,"
@@ -211,7 +211,7 @@ def test_a_tetrahedron_ends_where_the_direct_method_does(law: str, density_in: s
         assert residual <= tolerance * diagonal
         # r(X) ≈ (∂r/∂X) (X - X*): the position residual tells the error to a factor of |(∂r/∂X)⁻¹|, here below 2.
         assert error <= 2 * tolerance * diagonal
-        assert residuals(found)[0] > 1e6 * residual
+        assert residuals(result)[0] > 1e6 * residual
     assert taken["aitken"] == taken["rausch"] <= taken["sellier"] / 2
     assert taken["anderson"] <= taken["sellier"] / 2
 
@@ -223,21 +223,21 @@ def test_an_incompressible_block_ends_where_the_direct_method_does(comm: MPI.Int
     assert largest(solution.u, comm) > 0.09
     taken = {}
     for method in DISTINCT:
-        found = hpcinv.run(job(method=method, **block()), comm)
-        (other,) = found.solutions
-        taken[method] = len(residuals(found))
+        result = hpcinv.run(job(method=method, **block()), comm)
+        (other,) = result.solutions
+        taken[method] = len(residuals(result))
         error = largest(other.u - solution.u, comm)
         pressure = largest(other.pressure.x.array - solution.pressure.x.array, comm) / largest(
             solution.pressure.x.array, comm
         )
         stress = largest(other.cauchy_stress.x.array - solution.cauchy_stress.x.array, comm)
-        print(f"{method}: {taken[method]} iterations, {found.solutions[0].factorizations} factorizations, "
+        print(f"{method}: {taken[method]} iterations, {result.solutions[0].factorizations} factorizations, "
               f"{error:.1e} m from direct, pressure {pressure:.1e}, stress {stress:.1e} Pa")  # fmt: skip
-        assert residuals(found)[-1] <= 1e-10 * np.sqrt(1.5**2 + 1 + 1)
+        assert residuals(result)[-1] <= 1e-10 * np.sqrt(1.5**2 + 1 + 1)
         assert error <= 2e-10 * np.sqrt(1.5**2 + 1 + 1)
         assert pressure < 1e-8
         assert stress < 1e-8 * largest(solution.cauchy_stress.x.array, comm)
-        assert np.array_equal(found.body.mesh.geometry.x, direct.body.mesh.geometry.x)
+        assert np.array_equal(result.body.mesh.geometry.x, direct.body.mesh.geometry.x)
     assert taken["anderson"] < taken["sellier"]
 
 
@@ -331,9 +331,9 @@ def test_a_search_that_comes_no_closer(comm: MPI.Intracomm) -> None:
         {"method": "anderson"},
         {"method": "sellier", "fixed_point": {"relaxation": 0.5}},
     ):
-        found = hpcinv.run(job(**case, **changes), comm)
-        print(f"{changes}: {len(residuals(found))} iterations")
-        assert largest(direct.solutions[0].u - found.solutions[0].u, comm) < 1e-9
+        result = hpcinv.run(job(**case, **changes), comm)
+        print(f"{changes}: {len(residuals(result))} iterations")
+        assert largest(direct.solutions[0].u - result.solutions[0].u, comm) < 1e-9
 
 
 def test_a_given_body_that_cannot_carry_its_load_once_more(comm: MPI.Intracomm) -> None:

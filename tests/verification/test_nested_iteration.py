@@ -135,8 +135,8 @@ def test_prescribed_displacements_are_those_of_the_given_mesh(
     u.x.array[:] = guess.displacement / length
     unknowns.set_displacement(u.x.array)
     assert len(prescribed) == 6
-    for one in prescribed:
-        assert np.abs(state[one.dofs] - one.full[one.nodes]).max(initial=0.0) < 1e-15
+    for entry in prescribed:
+        assert np.abs(state[entry.dofs] - entry.full[entry.nodes]).max(initial=0.0) < 1e-15
     assert strategies(nested) == [NESTED]
     assert strategies(alone) == ["load steps"]
     assert np.abs(nested.shape - alone.shape).max(initial=0.0) < 1e-10

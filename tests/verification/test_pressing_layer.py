@@ -43,11 +43,11 @@ def test_a_body_that_the_inverse_found_is_loaded_again(strategy: str, comm: MPI.
 
 def test_intermediate_loads_leave_nothing_behind(comm: MPI.Intracomm) -> None:
     """A solve in one step, from a state near the solution, finds the same as one along the path."""
-    one, many = (
+    single_step, many = (
         hpcinv.run(job(**BLOCK, analysis="forward", solver={"initial_step": step}, certificate="quick"), comm)
         for step in (1.0, 0.25)
     )
     assert len(many.solutions[0].solves) > 2
-    assert np.abs(one.solutions[0].u - many.solutions[0].u).max() < 1e-10
+    assert np.abs(single_step.solutions[0].u - many.solutions[0].u).max() < 1e-10
     lines = {line.name: line.value for line in many.certificate.lines}
     assert lines["equilibrium residual, relative to the load"] < 1e-10

@@ -70,9 +70,9 @@ def check_energy(solved: Solved, density: float, F: np.ndarray) -> None:
 
 
 def check_prestrain_stress(solved: Solved, expected: np.ndarray) -> None:
-    found = solved.scene.means().prestrain_stress
-    assert found is not None
-    values = found.x.array.reshape(-1, 3, 3) * solved.model.scales.stress
+    mean_stress = solved.scene.means().prestrain_stress
+    assert mean_stress is not None
+    values = mean_stress.x.array.reshape(-1, 3, 3) * solved.model.scales.stress
     assert np.abs(values - expected).max() < 1e-12 * MU
 
 
@@ -173,8 +173,8 @@ def test_fibres_of_the_law_are_carried_by_prestrain(comm: MPI.Intracomm) -> None
 def tensors(points: np.ndarray) -> np.ndarray:
     """Tensors that are linear in the position, row by row."""
     x, y, z = points.T
-    zero, one = np.zeros_like(x), np.ones_like(x)
-    return np.stack([one + 0.1 * x, 0.05 * z, zero, zero, one - 0.1 * y, zero, zero, zero, one + 0.05 * x], axis=1)
+    zero, ones = np.zeros_like(x), np.ones_like(x)
+    return np.stack([ones + 0.1 * x, 0.05 * z, zero, zero, ones - 0.1 * y, zero, zero, zero, ones + 0.05 * x], axis=1)
 
 
 FORMULAS = [["1 + 0.1*x/(1 m)", "0.05*z/(1 m)", 0], [0, "1 - 0.1*y/(1 m)", 0], [0, 0, "1 + 0.05*x/(1 m)"]]
@@ -283,9 +283,9 @@ def test_derivatives_by_components_of_the_tensor(comm: MPI.Intracomm) -> None:
         quantities=[{"name": "corner", "of": "displacement", "at": [1, 1, 1]}],
         sensitivities=keys,
     )
-    found = hpcinv.run(free, comm).sensitivities
-    assert found is not None
-    slopes = np.array([found.slopes["corner"][key] for key in keys])
+    sensitivities = hpcinv.run(free, comm).sensitivities
+    assert sensitivities is not None
+    slopes = np.array([sensitivities.slopes["corner"][key] for key in keys])
     assert np.abs(slopes - np.eye(3)).max() < 1e-10
 
 

@@ -32,9 +32,9 @@ IDS = ["displacement", "mixed"]
 def solved(comm: MPI.Intracomm, direction: str, **settings: Any) -> dict[str, Any]:
     # Round-off: the forces on the free nodes are what the reactions lack.
     solver = {"tolerance": 1e-12}
-    found = run(job(analysis=direction, material=NEO_HOOKEAN, solver=solver, **settings), comm).quantities
-    assert comm.allgather(found) == [found] * comm.size
-    return dict(found)
+    quantities = run(job(analysis=direction, material=NEO_HOOKEAN, solver=solver, **settings), comm).quantities
+    assert comm.allgather(quantities) == [quantities] * comm.size
+    return dict(quantities)
 
 
 def integral(name: str, formula: str, region: str) -> dict[str, str]:
@@ -49,7 +49,7 @@ def test_a_clamp_carries_the_weight_of_the_body(comm: MPI.Intracomm, form: dict[
     # Volume and moments of the undeformed body's mass at its current place.
     volumes = [integral("V", "1", "block"), *(integral(f"V{axis}", axis, "block") for axis in "xyz")]
     for direction in ("forward", "inverse"):
-        found = solved(
+        quantities = solved(
             comm,
             direction,
             mesh=box((2, 1, 2)),
@@ -59,13 +59,15 @@ def test_a_clamp_carries_the_weight_of_the_body(comm: MPI.Intracomm, form: dict[
             discretisation=form | {"quadrature": 6},
             quantities=REACTIONS + volumes,
         )
-        mass, centre = density * found["V"], np.array([found[f"V{axis}"] for axis in "xyz"]) / found["V"]
+        mass, centre = density * quantities["V"], np.array([quantities[f"V{axis}"] for axis in "xyz"]) / quantities["V"]
         if direction == "forward":
             assert mass == pytest.approx(density, rel=1e-12)
             assert abs(centre[0] - 0.5) > 5e-3  # the body leans, and so the current and the given arms differ
-        assert found["grip"] == pytest.approx(-mass * g, rel=1e-9)
-        assert found["torque"] == pytest.approx(-np.cross(centre, mass * g), rel=1e-9, abs=1e-9 * mass)
-        assert found["torque_about"] == pytest.approx(-np.cross(centre - ABOUT, mass * g), rel=1e-9, abs=1e-9 * mass)
+        assert quantities["grip"] == pytest.approx(-mass * g, rel=1e-9)
+        assert quantities["torque"] == pytest.approx(-np.cross(centre, mass * g), rel=1e-9, abs=1e-9 * mass)
+        assert quantities["torque_about"] == pytest.approx(
+            -np.cross(centre - ABOUT, mass * g), rel=1e-9, abs=1e-9 * mass
+        )
 
 
 @pytest.mark.parametrize("form", FORMS, ids=IDS)
@@ -73,7 +75,7 @@ def test_a_clamp_carries_the_weight_of_the_body(comm: MPI.Intracomm, form: dict[
 def test_a_clamp_carries_the_traction_on_the_opposite_face(comm: MPI.Intracomm, form: dict[str, Any]) -> None:
     t = np.array([200.0, 0.0, 500.0])
     for direction in ("forward", "inverse"):
-        found = solved(
+        quantities = solved(
             comm,
             direction,
             # Lengths in mm: the scales of force and moment are not 1.
@@ -83,10 +85,10 @@ def test_a_clamp_carries_the_traction_on_the_opposite_face(comm: MPI.Intracomm, 
             discretisation=form | {"quadrature": 6},
             quantities=[*REACTIONS, integral("A", "1", "z1"), *(integral(f"A{axis}", axis, "z1") for axis in "xyz")],
         )
-        force = t * found["A"]
-        assert found["grip"] == pytest.approx(-force, rel=1e-9, abs=1e-9 * np.linalg.norm(force))
-        moment = np.cross([found[f"A{axis}"] for axis in "xyz"], t)
-        assert found["torque"] == pytest.approx(-moment, rel=1e-9, abs=1e-9 * np.linalg.norm(moment))
+        force = t * quantities["A"]
+        assert quantities["grip"] == pytest.approx(-force, rel=1e-9, abs=1e-9 * np.linalg.norm(force))
+        moment = np.cross([quantities[f"A{axis}"] for axis in "xyz"], t)
+        assert quantities["torque"] == pytest.approx(-moment, rel=1e-9, abs=1e-9 * np.linalg.norm(moment))
 
 
 @pytest.mark.parametrize("form", FORMS, ids=IDS)
@@ -101,7 +103,7 @@ def test_prescribed_tension_takes_the_force_of_the_closed_form(comm: MPI.Intraco
         ("forward", stretch - 1, P),
         ("inverse", 1 - 1 / stretch, P / lateral**2),  # the current cross-section has unit area
     ):
-        found = solved(
+        quantities = solved(
             comm,
             direction,
             mesh=box((2, 1, 1)),
@@ -112,11 +114,11 @@ def test_prescribed_tension_takes_the_force_of_the_closed_form(comm: MPI.Intraco
         )
         side = lateral if direction == "forward" else 1.0
         near = {"rel": 1e-9, "abs": 1e-9 * force}
-        assert found["x1"] == pytest.approx([force, 0, 0], **near)
+        assert quantities["x1"] == pytest.approx([force, 0, 0], **near)
         # Nodes at the edges of x0 belong to the sum of y0 as well, but only with what y0 prescribes.
-        assert found["x0"] == pytest.approx([-force, 0, 0], **near)
-        assert found["y0"] == pytest.approx([0, 0, 0], **near)
-        assert found["moment"] == pytest.approx([0, force * side / 2, -force * side / 2], **near)
+        assert quantities["x0"] == pytest.approx([-force, 0, 0], **near)
+        assert quantities["y0"] == pytest.approx([0, 0, 0], **near)
+        assert quantities["moment"] == pytest.approx([0, force * side / 2, -force * side / 2], **near)
 
 
 def test_a_node_of_two_supports_belongs_to_both_sums(comm: MPI.Intracomm) -> None:
@@ -125,7 +127,7 @@ def test_a_node_of_two_supports_belongs_to_both_sums(comm: MPI.Intracomm) -> Non
         {"region": "x1", "fix": ["y"]},
         {"region": "x1", "displacement": ["0.2*x", None, 0]},
     ]
-    found = solved(
+    quantities = solved(
         comm,
         "forward",
         mesh=box((1, 1, 1)),
@@ -134,9 +136,9 @@ def test_a_node_of_two_supports_belongs_to_both_sums(comm: MPI.Intracomm) -> Non
         quantities=[{"name": name, "of": "reaction", "on": name} for name in ("x1", "boundary")],
     )
     P = neo_hookean_stress(uniaxial(1.2))
-    assert found["boundary"] == pytest.approx([0, 0, 0], abs=1e-9 * P[0, 0])
+    assert quantities["boundary"] == pytest.approx([0, 0, 0], abs=1e-9 * P[0, 0])
     # The test functions of the nodes of x1 add up to x, whose virtual work is that of P in the whole cube.
-    assert found["x1"][0] == pytest.approx(P[0, 0], rel=1e-9)
+    assert quantities["x1"][0] == pytest.approx(P[0, 0], rel=1e-9)
 
 
 def test_a_run_tells_reactions_and_what_is_not_known_of_them(tmp_path: Path) -> None:
@@ -151,11 +153,11 @@ def test_a_run_tells_reactions_and_what_is_not_known_of_them(tmp_path: Path) -> 
     path = write_job(tmp_path / "block.yaml", BLOCK, **changes)
     done = hpcinv(2, "run", path, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    found = json.loads(next(tmp_path.rglob("summary.json")).read_text())
-    assert list(found["quantities"]) == ["top", "grip", "torque", "torque_about"]
-    assert list(found["certificate"]["estimate"]["quantities"]) == ["top"]
-    assert list(found["sensitivities"]["quantities"]) == ["top"]
-    lines = {line.partition(":")[0]: line for line in report(found)}
+    content = json.loads(next(tmp_path.rglob("summary.json")).read_text())
+    assert list(content["quantities"]) == ["top", "grip", "torque", "torque_about"]
+    assert list(content["certificate"]["estimate"]["quantities"]) == ["top"]
+    assert list(content["sensitivities"]["quantities"]) == ["top"]
+    lines = {line.partition(":")[0]: line for line in report(content)}
     for name in ("grip", "torque", "torque_about"):
         assert "(no error estimate for reactions, no sensitivities of reactions)" in lines[name]
     assert "for reactions" not in lines["top"]

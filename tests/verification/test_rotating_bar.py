@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from helpers.closed_forms import LAM, MU, NEO_HOOKEAN
 from helpers.resultants import Loaded
-from helpers.rotating_bar import DENSITY, LENGTH, SPIN, at_rest, lengthening
+from helpers.rotating_bar import DENSITY, LENGTH, SPIN, lengthening, rest_length
 from helpers.verification import HERE, box, digits, job
 
 import hpcinv
@@ -73,8 +73,8 @@ def test_lengthening_converges_with_order_four(direction: str, density_in: str, 
 
 
 def test_the_job_that_comes_with_the_project(comm: MPI.Intracomm) -> None:
-    found = hpcinv.run(hpcinv.load(HERE.parents[1] / "jobs" / "rotating-bar.yaml"), comm).quantities
-    assert found["length-at-rest"] == pytest.approx(at_rest(LENGTH, "reference"), abs=1e-8)
+    quantities = hpcinv.run(hpcinv.load(HERE.parents[1] / "jobs" / "rotating-bar.yaml"), comm).quantities
+    assert quantities["length-at-rest"] == pytest.approx(rest_length(LENGTH, "reference"), abs=1e-8)
 
 
 @pytest.mark.parametrize("direction", DIRECTIONS)
@@ -92,8 +92,8 @@ def test_a_slow_bar_is_that_of_linear_elasticity(direction: str, comm: MPI.Intra
     def linear(X: float) -> float:
         return DENSITY * spin**2 / M * (LENGTH**2 * X / 2 - X**3 / 6)
 
-    found = rotated(direction, 4, comm, angular_velocity=spin)
-    errors = [found["middle"] / linear(LENGTH / 2) - 1, found["end"] / linear(LENGTH) - 1]
+    result = rotated(direction, 4, comm, angular_velocity=spin)
+    errors = [result["middle"] / linear(LENGTH / 2) - 1, result["end"] / linear(LENGTH) - 1]
     print(f"{direction}, 1e-6 rad/s: errors {digits(errors)}")
     assert np.abs(errors).max() < 1e-12
 

@@ -47,11 +47,11 @@ def cantilever(
 class Case:
     """A job, its model and its solution."""
 
-    def __init__(self, one: Job, comm: MPI.Intracomm) -> None:
-        without = one.model_copy(update={"certificate": type(one.certificate).model_validate("off")})
+    def __init__(self, case_job: Job, comm: MPI.Intracomm) -> None:
+        without = case_job.model_copy(update={"certificate": type(case_job.certificate).model_validate("off")})
         result = hpcinv.run(without, comm)
-        self.job, self.solution = one, result.solutions[0]
-        self.model = Equations(one, result.body, Timings())
+        self.job, self.solution = case_job, result.solutions[0]
+        self.model = Equations(case_job, result.body, Timings())
 
     def line(self, solution: Solution | None = None, start: str = "near") -> Line:
         certificate = self.job.certificate.model_copy(update={"round_trip": start})
@@ -126,8 +126,8 @@ def test_one_factorization_serves_round_trip_and_stability(
     factorized = inertia._factorized
     monkeypatch.setattr(inertia, "_factorized", factorize)
     certificate = NO_CERTIFICATE | {"round_trip": "near", "stability": True}
-    one = cantilever(direction, "mixed", curved=curved, certificate=certificate)
-    result = hpcinv.run(one, comm)
+    cantilever_job = cantilever(direction, "mixed", curved=curved, certificate=certificate)
+    result = hpcinv.run(cantilever_job, comm)
     assert count == factorizations
     verdicts = {line.name.split(",")[0]: line.verdict for line in result.certificate.lines}
     assert verdicts["stability: unstable directions"] is Verdict.PASS

@@ -76,16 +76,20 @@ def test_a_squeezed_cube(comm: MPI.Intracomm) -> None:
 def check_squeezed(analysis: str, comm: MPI.Intracomm) -> None:
     asked = {"material.mu": "0.5 kPa", "material.lam": None, **{f"effects[{i}].pressure": 30.0 for i in range(3)}}
     result = package.run(squeezed(analysis=analysis, sensitivities=asked), comm)
-    found, exact, s = of(result), slopes_of_stretch(), stretch()
-    assert comm.allgather(found.as_data()) == [found.as_data()] * comm.size
+    sensitivities, exact, s = of(result), slopes_of_stretch(), stretch()
+    assert comm.allgather(sensitivities.as_data()) == [sensitivities.as_data()] * comm.size
     given = result.solutions[0].mesh_nodes
-    pressure = sum(found.nodes[f"effects[{i}].pressure"] for i in range(3))
+    pressure = sum(sensitivities.nodes[f"effects[{i}].pressure"] for i in range(3))
     per_stretch = 1.0 if analysis == "forward" else -1 / s**2
-    by_name = {"mu": found.nodes["material.mu"], "lam": found.nodes["material.lam"], "pressure": pressure}
+    by_name = {
+        "mu": sensitivities.nodes["material.mu"],
+        "lam": sensitivities.nodes["material.lam"],
+        "pressure": pressure,
+    }
     for name, nodes in by_name.items():
         expected = per_stretch * exact[name] * given
         np.testing.assert_allclose(nodes, expected, rtol=0, atol=1e-12 * abs(exact[name]))
-    slopes = found.slopes
+    slopes = sensitivities.slopes
     assert slopes["corner"]["material.mu"] == pytest.approx(3 * [abs(per_stretch) * exact["mu"]], rel=1e-10)
     assert abs(slopes["p"]["material.mu"]) < 1e-9 * SQUEEZE / MU
     assert sum(slopes["p"][f"effects[{i}].pressure"] for i in range(3)) == pytest.approx(1, rel=1e-10)
@@ -98,12 +102,12 @@ def check_squeezed(analysis: str, comm: MPI.Intracomm) -> None:
     assert slopes["energy"]["material.mu"] == pytest.approx(by_mu, rel=1e-9)
 
     # Each of these parameters by itself, and the sum of their squares.
-    deviations = {key: 500.0 if key == "material.mu" else 30.0 for key in found.nodes if key != "material.lam"}
-    squares = sum((sd * found.nodes[key]) ** 2 for key, sd in deviations.items()).sum(axis=1)
-    assert found.deviation == pytest.approx(np.sqrt(np.concatenate(comm.allgather(squares)).max()), rel=1e-12)
-    assert found.deviation_at == pytest.approx([1, 1, 1], abs=1e-15)
+    deviations = {key: 500.0 if key == "material.mu" else 30.0 for key in sensitivities.nodes if key != "material.lam"}
+    squares = sum((sd * sensitivities.nodes[key]) ** 2 for key, sd in deviations.items()).sum(axis=1)
+    assert sensitivities.deviation == pytest.approx(np.sqrt(np.concatenate(comm.allgather(squares)).max()), rel=1e-12)
+    assert sensitivities.deviation_at == pytest.approx([1, 1, 1], abs=1e-15)
     corner = np.linalg.norm([sd * np.array(slopes["corner"][key]) for key, sd in deviations.items()], axis=0)
-    assert found.deviations["corner"] == pytest.approx(corner.tolist(), rel=1e-12)
+    assert sensitivities.deviations["corner"] == pytest.approx(corner.tolist(), rel=1e-12)
 
 
 @pytest.mark.release
@@ -113,9 +117,9 @@ def test_first_order_is_what_a_sample_has(comm: MPI.Intracomm) -> None:
     sample = np.random.default_rng(5).normal(MU, 0.02 * MU, 20_000)
     grid = np.linspace(0.85 * MU, 1.15 * MU, 301)
     spread = np.interp(sample, grid, [stretch(mu) for mu in grid]).std()
-    found = of(result).deviations["corner"]
-    print(f"first order {found}, sample {spread}")
-    assert found == pytest.approx(3 * [spread], rel=0.02)
+    deviations = of(result).deviations["corner"]
+    print(f"first order {deviations}, sample {spread}")
+    assert deviations == pytest.approx(3 * [spread], rel=0.02)
 
 
 def test_a_thick_sphere_by_its_pressure_and_modulus(comm: MPI.Intracomm) -> None:
@@ -131,10 +135,10 @@ def test_a_thick_sphere_by_its_pressure_and_modulus(comm: MPI.Intracomm) -> None
     )
     A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
     by_A = (carried(A + 1e-5, 0.5, 0.0) - carried(A - 1e-5, 0.5, 0.0)) / 2e-5
-    found = of(package.run(sphere, comm)).slopes["inner"]
+    slopes = of(package.run(sphere, comm)).slopes["inner"]
     exact = {"material.c1": -2 * PRESSURE / by_A, "effects[0].pressure": 1 / by_A}
-    print(f"found {found}, exact {exact}")
-    assert found == pytest.approx(exact, rel=2e-4)
+    print(f"found {slopes}, exact {exact}")
+    assert slopes == pytest.approx(exact, rel=2e-4)
 
 
 @pytest.mark.release
@@ -145,12 +149,12 @@ def test_a_column_on_the_mesh_that_its_accuracy_asks_for(comm: MPI.Intracomm) ->
     λ_b; so that ``dL/dρ = (1/λ_b - L)/ρ``.
     """
     (case,) = (c for c in cases() if c.name == "column, density of the body at rest")
-    found = of(package.run(case.job(sensitivities=["effects[0].density"]), comm)).slopes["q"]["effects[0].density"]
+    slopes = of(package.run(case.job(sensitivities=["effects[0].density"]), comm)).slopes["q"]["effects[0].density"]
     density, length = 1000.0, case.exact
     bottom = root(lambda s: MU * (s - 1 / s) + LAM * np.log(s) / s + density * 9.81 * length, 0.5, 1.0)
     exact = (1 / bottom - length) / density
-    print(f"dL/dρ {found}, exact {exact}")
-    assert found == pytest.approx(exact, rel=1e-4)
+    print(f"dL/dρ {slopes}, exact {exact}")
+    assert slopes == pytest.approx(exact, rel=1e-4)
 
 
 def test_a_shear_that_its_boundary_prescribes(comm: MPI.Intracomm) -> None:
@@ -159,11 +163,11 @@ def test_a_shear_that_its_boundary_prescribes(comm: MPI.Intracomm) -> None:
     key = "supports[0].constants.k"
     data = {"mesh": box(), "effects": [], "supports": [shear], "sensitivities": {key: 0.01}}
     result = package.run(squeezed(analysis="inverse", **data), comm)
-    found, exact = of(result), np.zeros((27, 3))
+    sensitivities, exact = of(result), np.zeros((27, 3))
     exact[:, 0] = result.solutions[0].mesh_nodes[:, 1]  # of X = x - u
-    np.testing.assert_allclose(found.nodes[key], exact, rtol=0, atol=1e-12)
-    assert found.slopes["energy"][key] == pytest.approx(MU * 0.3, rel=1e-10)
-    assert found.deviations["corner"] == pytest.approx([0.01, 0, 0], abs=1e-12)
+    np.testing.assert_allclose(sensitivities.nodes[key], exact, rtol=0, atol=1e-12)
+    assert sensitivities.slopes["energy"][key] == pytest.approx(MU * 0.3, rel=1e-10)
+    assert sensitivities.deviations["corner"] == pytest.approx([0.01, 0, 0], abs=1e-12)
 
 
 def test_slopes_of_stress_do_not_pass_the_kink_of_a_law(comm: MPI.Intracomm) -> None:
@@ -175,7 +179,7 @@ def test_slopes_of_stress_do_not_pass_the_kink_of_a_law(comm: MPI.Intracomm) -> 
 
     def slope(stiffness: float) -> float:
         stretch = {"region": "boundary", "displacement": ["(t - 0.0999)*x", 0, "0.2*z"], "constants": {"t": 0.1}}
-        one = job(
+        fibre_job = job(
             analysis="forward",
             mesh=box((1, 1, 1)),
             regions={"body": "x > -1 m"},
@@ -193,9 +197,9 @@ def test_slopes_of_stress_do_not_pass_the_kink_of_a_law(comm: MPI.Intracomm) -> 
             quantities=[{"name": "stress", "of": "sxx", "on": "body", "reduce": "mean"}],
             sensitivities=[key],
         )
-        found = of(package.run(one, comm)).slopes["stress"][key]
-        assert isinstance(found, float)
-        return found
+        slopes = of(package.run(fibre_job, comm)).slopes["stress"][key]
+        assert isinstance(slopes, float)
+        return slopes
 
     a = 1.0001
     strain = a**2 - 1
@@ -295,21 +299,21 @@ def differences(data: dict[str, Any], key: str, value: float, space: Workspace) 
 
 def check(data: dict[str, Any], stresses: dict[str, float], others: dict[str, float], comm: MPI.Intracomm) -> None:
     with Workspace(comm) as space:
-        found = of(package.run(written(data, sensitivities=[*stresses, *others]), comm, workspace=space))
+        sensitivities = of(package.run(written(data, sensitivities=[*stresses, *others]), comm, workspace=space))
         # On several ranks one of them will do: all are in the sum below.
         for key, value in [*(stresses | others).items()][: None if comm.size == 1 else 1]:
             nodes, quantities = differences(data, key, value, space)
             largest = comm.allreduce(float(np.abs(nodes).max()), op=MPI.MAX)
-            error = comm.allreduce(float(np.abs(found.nodes[key] - nodes).max()), op=MPI.MAX) / largest
+            error = comm.allreduce(float(np.abs(sensitivities.nodes[key] - nodes).max()), op=MPI.MAX) / largest
             errors = {
-                name: float(np.linalg.norm(found.slopes[name][key] - slope) / np.linalg.norm(slope))
+                name: float(np.linalg.norm(sensitivities.slopes[name][key] - slope) / np.linalg.norm(slope))
                 for name, slope in quantities.items()
             }
             print(f"{key}: shape {error:.1e}, " + ", ".join(f"{name} {e:.1e}" for name, e in errors.items()))
             assert error < 1e-8
             assert max(errors.values()) < 1e-7
     # Twice the moduli and twice the loads leave the body as it was.
-    parts = [value * found.nodes[key] for key, value in stresses.items()]
+    parts = [value * sensitivities.nodes[key] for key, value in stresses.items()]
     largest = comm.allreduce(max(float(np.abs(part).max()) for part in parts), op=MPI.MAX)
     left = comm.allreduce(float(np.abs(sum(parts)).max()), op=MPI.MAX)
     print(f"moduli and loads together: {left / largest:.1e} of the largest")
@@ -441,12 +445,12 @@ def test_the_job_that_comes_with_the_project_on_screen_in_the_summary_and_in_the
     path = write_job(tmp_path / "job.yaml", shipped, mesh=mesh, certificate=NO_CERTIFICATE)
     ended = hpcinv(2, "run", path, "--output", out, cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    found = json.loads((out / "summary.json").read_text())["sensitivities"]
+    sensitivities = json.loads((out / "summary.json").read_text())["sensitivities"]
     keys = ["material.young", "material.poisson", "effects[0].density"]
-    assert list(found["parameters"]) == keys
-    assert found["parameters"]["material.young"] == {"value": pytest.approx(12e3), "sd": 1e3}
-    height = found["quantities"]["height"]
-    parts = [found["parameters"][key]["sd"] * slope for key, slope in height["slopes"].items()]
+    assert list(sensitivities["parameters"]) == keys
+    assert sensitivities["parameters"]["material.young"] == {"value": pytest.approx(12e3), "sd": 1e3}
+    height = sensitivities["quantities"]["height"]
+    parts = [sensitivities["parameters"][key]["sd"] * slope for key, slope in height["slopes"].items()]
     assert height["sd"] == pytest.approx(np.linalg.norm(parts))
     with h5py.File(out / "summary.h5") as file:
         assert dict(file["sensitivities/quantities/height/slopes"].attrs) == height["slopes"]
@@ -459,6 +463,6 @@ def test_the_job_that_comes_with_the_project_on_screen_in_the_summary_and_in_the
     fields = pyvista.read(out / "fields" / "deformed.pvd")[0].point_data
     moved = {key: np.asarray(fields[f"d displacement/d {key}"]) for key in keys}
     for key, vectors in moved.items():
-        assert np.linalg.norm(vectors, axis=1).max() >= found["shape"]["largest"][key] * (1 - 1e-12)
-    squares = sum((found["parameters"][key]["sd"] * vectors) ** 2 for key, vectors in moved.items())
+        assert np.linalg.norm(vectors, axis=1).max() >= sensitivities["shape"]["largest"][key] * (1 - 1e-12)
+    squares = sum((sensitivities["parameters"][key]["sd"] * vectors) ** 2 for key, vectors in moved.items())
     np.testing.assert_allclose(fields["sd"], np.sqrt(squares.sum(axis=1)), rtol=1e-10, atol=1e-15)

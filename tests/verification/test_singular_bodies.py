@@ -54,14 +54,14 @@ def test_estimates_are_right_by_a_factor_of_2_or_say_that_they_are_not_reliable(
     name: str, incompressible: bool, hexahedra: bool, displacement: int, comm: MPI.Intracomm
 ) -> None:
     data = data_of(name, incompressible=incompressible, hexahedra=hexahedra, displacement=displacement)
-    found = package.run(job(**data), comm)
-    assert found.estimate is not None
-    assert found.estimate.limit is not None
-    true = EXACT[name, incompressible] - found.quantities["q"]
-    effectivity = found.estimate.quantities["q"] / true
-    print(f"{name}: true error {true:.1e} m, effectivity {effectivity:.2f}, {found.estimate.limit.text}")
-    (line,) = (line for line in found.certificate.lines if line.name.startswith("discretisation"))
-    if found.estimate.limit.is_reliable:
+    result = package.run(job(**data), comm)
+    assert result.estimate is not None
+    assert result.estimate.limit is not None
+    true = EXACT[name, incompressible] - result.quantities["q"]
+    effectivity = result.estimate.quantities["q"] / true
+    print(f"{name}: true error {true:.1e} m, effectivity {effectivity:.2f}, {result.estimate.limit.text}")
+    (line,) = (line for line in result.certificate.lines if line.name.startswith("discretisation"))
+    if result.estimate.limit.is_reliable:
         assert 0.5 <= effectivity <= 2
         assert "not reliable" not in line.note
     else:
@@ -75,12 +75,12 @@ def test_a_promise_at_a_reentrant_corner_is_kept(comm: MPI.Intracomm) -> None:
     """Hexahedra, incompressible: estimates fall from 4.3e-3 to 2.2e-4 m where errors fall from 4.0e-3 to 8.0e-4 m."""
     demand = 6e-4  # m
     data = data_of("corner", incompressible=True, hexahedra=True)
-    found = package.run(job(**data, accuracy={"q": demand}, solver={"maximum_unknowns": 2500}), comm)
-    record = found.accuracy
+    result = package.run(job(**data, accuracy={"q": demand}, solver={"maximum_unknowns": 2500}), comm)
+    record = result.accuracy
     assert record is not None
     print("\n".join(row.text for row in record.rows))
-    true = abs(found.quantities["q"] - EXACT["corner", True])
-    (line,) = (line for line in found.certificate.lines if line.name == "error of q")
+    true = abs(result.quantities["q"] - EXACT["corner", True])
+    (line,) = (line for line in result.certificate.lines if line.name == "error of q")
     assert true <= record.bounds["q"]
     assert true > demand  # within this limit, so that no promise may be made
     assert line.verdict is Verdict.FAIL
@@ -90,12 +90,12 @@ def test_a_promise_at_a_reentrant_corner_is_kept(comm: MPI.Intracomm) -> None:
 
 def test_tetrahedra_are_refined_towards_a_corner(comm: MPI.Intracomm) -> None:
     demand = 5e-3  # m
-    found = package.run(job(**data_of("corner", incompressible=False, hexahedra=False), accuracy={"q": demand}), comm)
-    record = found.accuracy
+    result = package.run(job(**data_of("corner", incompressible=False, hexahedra=False), accuracy={"q": demand}), comm)
+    record = result.accuracy
     assert record is not None
     print("\n".join(row.text for row in record.rows))
     assert record.ending.name == "MET"
-    assert abs(found.quantities["q"] - EXACT["corner", False]) <= record.bounds["q"] <= demand
+    assert abs(result.quantities["q"] - EXACT["corner", False]) <= record.bounds["q"] <= demand
 
 
 def test_a_region_by_a_condition_says_that_its_border_moves(comm: MPI.Intracomm) -> None:
@@ -111,8 +111,8 @@ def test_a_region_by_a_condition_says_that_its_border_moves(comm: MPI.Intracomm)
         accuracy={"q": "1 mm"},
         solver={"maximum_unknowns": 2000},
     )
-    found = package.run(stack, comm)
-    assert found.accuracy is not None
-    print("\n".join(row.text for row in found.accuracy.rows))
-    (line,) = found.accuracy.lines()
+    result = package.run(stack, comm)
+    assert result.accuracy is not None
+    print("\n".join(row.text for row in result.accuracy.rows))
+    (line,) = result.accuracy.lines()
     assert "the border of 'low' is not on the mesh, and moves with its cells" in line.note

@@ -35,8 +35,8 @@ PLANE = [{"region": "z0", "fix": ["z"]}, {"region": "z1", "fix": ["z"]}]
 """Plane strain."""
 
 
-def line_of(one: Job, comm: MPI.Intracomm) -> Line:
-    (line,) = (line for line in hpcinv.run(one, comm).certificate.lines if line.name.startswith("stability"))
+def line_of(case_job: Job, comm: MPI.Intracomm) -> Line:
+    (line,) = (line for line in hpcinv.run(case_job, comm).certificate.lines if line.name.startswith("stability"))
     print(f"{line.verdict.value}: {line.value} ({line.note})")
     return line
 
@@ -126,7 +126,7 @@ def test_a_block_buckles_where_theory_has_it(
     """Of finite bulk modulus in the displacement form; the critical strain changes by about μ/3κ."""
     critical = buckling(kh)
     assert critical == pytest.approx({0.3: 0.9730312, 1.0: 0.8358313}[kh], abs=1e-7)  # two roots known from elsewhere
-    found = job(
+    case_job = job(
         analysis="forward",
         mesh=box(divisions, ly=2 * kh * critical**2 / pi, lz=0.1, hexahedra=hexahedra),
         material=NEO_HOOKEAN | {"kappa": kappa},
@@ -140,7 +140,7 @@ def test_a_block_buckles_where_theory_has_it(
         discretisation={"formulation": "mixed" if kappa == "incompressible" else "displacement"},
         certificate=STABILITY,
     )
-    line = line_of(found, comm)
+    line = line_of(case_job, comm)
     if unstable:
         assert (line.value, line.verdict) == (1.0, Verdict.FAIL)
     else:
@@ -194,7 +194,7 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
     limit = root(lambda stretch: slope(stretch, 1.5), 1.1, 3.0)
     stretch = 1 + share * (limit - 1)
     mesh = {"inner": 1.0, "outer": 1.5, "radial": 2, "along": 2, "hexahedra": hexahedra}
-    one = job(
+    sphere_job = job(
         analysis="forward",
         mesh={"file": "../meshes/thick_sphere.py", "parameters": mesh, "geometry_degree": 2},
         material=NEO_HOOKEAN,
@@ -202,8 +202,8 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
         supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
         certificate=STABILITY,
     )
-    body = build_body(one.mesh, one.regions, comm, resolve=one.resolve)
-    model = Equations(one, body, Timings())
+    body = build_body(sphere_job.mesh, sphere_job.regions, comm, resolve=sphere_job.resolve)
+    model = Equations(sphere_job, body, Timings())
     u, p = model.state().fields
     length = body.length_scale
 
@@ -217,15 +217,15 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
     equilibrium = model.equilibrium(model.scene("forward"))
     assert equilibrium.solve(1.0, 1e-10).outcome.accepted
     model.release(equilibrium)
-    found, p = model.state().fields
-    moved = np.abs(found.x.array - u.x.array).max() / np.abs(u.x.array).max()
+    displacement, p = model.state().fields
+    moved = np.abs(displacement.x.array - u.x.array).max() / np.abs(u.x.array).max()
     assert moved < 0.08  # it is that equilibrium, and not the one beyond the limit point, about 0.2 away
     nodes = body.mesh.geometry.x * length
     solution: Any = SimpleNamespace(
-        job=one,
+        job=sphere_job,
         direction="forward",
-        fields=(found, p),
-        displacement=found,
+        fields=(displacement, p),
+        displacement=displacement,
         pressure=p,
         mesh_nodes=nodes,
         reference_nodes=nodes,
@@ -275,7 +275,7 @@ def test_without_factors_straight_cells_are_judged_too(comm: MPI.Intracomm, monk
 def test_a_half_of_a_column_says_that_it_cannot_buckle_sideways(is_half: bool, comm: MPI.Intracomm) -> None:
     """Under about twice Euler's load, about the axis that the plane of symmetry y0 excludes."""
     half = [{"region": "y0", "fix": ["y"]}] if is_half else []
-    one = job(
+    column_job = job(
         analysis="forward",
         mesh=box((10, 1 if is_half else 2, 2), lx=1.0, ly=0.05 if is_half else 0.1, lz=0.2, hexahedra=True),
         material={"law": "neo-hookean", "young": 1e6, "poisson": 0.0},
@@ -283,7 +283,7 @@ def test_a_half_of_a_column_says_that_it_cannot_buckle_sideways(is_half: bool, c
         supports=[{"region": "x0", "fix": ["x", "y", "z"]}, *half],
         certificate=STABILITY,
     )
-    line = line_of(one, comm)
+    line = line_of(column_job, comm)
     assert line.verdict is (Verdict.PASS if is_half else Verdict.FAIL)
     assert ("motions that are not symmetric about 'y0' are left out" in line.note) == is_half
 
@@ -309,7 +309,7 @@ def test_a_column_of_all_sorts_buckles(share: float, unstable: int, comm: MPI.In
         "kappa": "incompressible",
         "fibres": ["axial"],
     }
-    one = job(
+    column_job = job(
         analysis="forward",
         mesh=box((1, 1, 8), lx=side, ly=side, lz=length, hexahedra=True),
         regions={"top": "z > 0.49", "bottom": "z < 0.51"},
@@ -327,7 +327,7 @@ def test_a_column_of_all_sorts_buckles(share: float, unstable: int, comm: MPI.In
         supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
         certificate=STABILITY,
     )
-    line = line_of(one, comm)
+    line = line_of(column_job, comm)
     assert (line.value, line.verdict) == (unstable, Verdict.FAIL if unstable else Verdict.PASS)
 
 
@@ -335,7 +335,9 @@ def test_a_column_of_all_sorts_buckles(share: float, unstable: int, comm: MPI.In
 
 
 def test_what_cannot_be_confirmed_is_not_decided() -> None:
-    lines = [_unstable(2, found, is_mixed=mixed) for found in (None, Confirmed(0, 0.0)) for mixed in (True, False)]
+    lines = [
+        _unstable(2, confirmed, is_mixed=mixed) for confirmed in (None, Confirmed(0, 0.0)) for mixed in (True, False)
+    ]
     assert {(line.value, line.verdict) for line in lines} == {(2.0, Verdict.UNDECIDED)}
     assert len({line.note for line in lines}) == 3
     # Without a potential the symmetric part proves no instability.
@@ -367,7 +369,7 @@ def test_not_decided_on_screen_in_the_summary_and_in_the_exit_code(tmp_path: Pat
     }
     path, kernels = write_job(tmp_path / "block.yaml", data), tmp_path / "kernels"
     assert command(1, "compile", path, "--cache", kernels, cwd=tmp_path).returncode == 0
-    before = {found.name for found in kernels.glob("*.so")}
+    before = {paths.name for paths in kernels.glob("*.so")}
     for ranks, options, code in ((1, (), 0), (2, ("--strict", "--overwrite"), 7)):
         ended = command(
             ranks, "run", path, "--output", tmp_path / "out", *options, cwd=tmp_path, HPCINV_KERNELS=str(kernels)
@@ -375,10 +377,10 @@ def test_not_decided_on_screen_in_the_summary_and_in_the_exit_code(tmp_path: Pat
         assert ended.returncode == code, ended.stdout + ended.stderr
         assert "certificate: not decided" in ended.stdout
         assert "  not decided: stability: unstable directions 1 (" in ended.stdout
-    assert before == {found.name for found in kernels.glob("*.so")} != set()
-    found = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]
-    assert found["verdict"] == "not decided"
-    undecided = [line["name"] for line in found["lines"] if line["verdict"] == "not decided"]
+    assert before == {paths.name for paths in kernels.glob("*.so")} != set()
+    paths = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]
+    assert paths["verdict"] == "not decided"
+    undecided = [line["name"] for line in paths["lines"] if line["verdict"] == "not decided"]
     assert undecided == [
         "stability: unstable directions",
         "limit points of the path",
@@ -387,7 +389,7 @@ def test_not_decided_on_screen_in_the_summary_and_in_the_exit_code(tmp_path: Pat
 
 @pytest.mark.parametrize(("verdict", "strict"), [("pass", 0), ("not decided", 7), ("warning", 7), ("fail", 6)])
 def test_a_sweep_counts_what_is_not_decided_like_a_warning(verdict: str, strict: int) -> None:
-    found = Status("sweep", "cases", "sweep retry --failed", 1, {verdict: 1}, 0, {}, {}, None)
-    assert found.exit_code(strict=True) == strict
-    assert found.exit_code(strict=False) == (6 if verdict == "fail" else 0)
-    assert f"    1 × certificate {verdict}" in lines(found)
+    status = Status("sweep", "cases", "sweep retry --failed", 1, {verdict: 1}, 0, {}, {}, None)
+    assert status.exit_code(strict=True) == strict
+    assert status.exit_code(strict=False) == (6 if verdict == "fail" else 0)
+    assert f"    1 × certificate {verdict}" in lines(status)

@@ -50,7 +50,7 @@ def test_loaded_again_a_body_is_the_given_one(comm: MPI.Intracomm) -> None:
         return gravity(up, density="400 + 300*x*z/(1 m)/(1 m)", density_in="current")
 
     sliding = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
-    found = hpcinv.run(
+    result = hpcinv.run(
         job(
             mesh=box((2, 2, 2)) | {"geometry_degree": 2},
             material=soft,
@@ -69,21 +69,21 @@ def test_loaded_again_a_body_is_the_given_one(comm: MPI.Intracomm) -> None:
         ),
         comm,
     )
-    assert [s.state for s in found.solutions] == ["prone", "supine", "again", "tilted", "return"]
-    assert [s.direction for s in found.solutions] == ["inverse", *["forward"] * 4]
-    given, shapes = found.solutions[0], found.shapes
+    assert [s.state for s in result.solutions] == ["prone", "supine", "again", "tilted", "return"]
+    assert [s.direction for s in result.solutions] == ["inverse", *["forward"] * 4]
+    given, shapes = result.solutions[0], result.shapes
     moved = farthest(given, shapes["rest"], shapes["prone"])
     gaps = {name: farthest(given, shapes[name], shapes["prone"]) for name in ("again", "return")}
     print(f"{comm.size} rank(s): moved by {moved:.3g} m, gaps {digits(gaps.values())} m")
     assert moved > 0.04
     assert max(gaps.values()) < 1e-11
     assert farthest(given, shapes["supine"], shapes["rest"]) > 0.04
-    top = {name: found.quantities[f"top-{name}"] for name in shapes if name != "rest"}
+    top = {name: result.quantities[f"top-{name}"] for name in shapes if name != "rest"}
     assert top["prone"] > 0.04
     assert top["again"] == pytest.approx(top["prone"], rel=1e-10)  # the same material point
     assert top["return"] == pytest.approx(top["prone"], rel=1e-10)
-    lines = {(line.state, line.name): line for line in found.certificate.lines}
-    for solution in found.solutions:
+    lines = {(line.state, line.name): line for line in result.certificate.lines}
+    for solution in result.solutions:
         closure = lines[solution.state, "round trip, relative to the displacement"].value
         assert closure is not None
         assert closure < 1e-9
@@ -93,7 +93,7 @@ def test_loaded_again_a_body_is_the_given_one(comm: MPI.Intracomm) -> None:
 def test_a_column_that_stands_and_hangs_has_one_mass(comm: MPI.Intracomm) -> None:
     """Confined laterally: stress and weight above a section balance in each state, with the mass measured standing."""
     weight = {"density": 1000, "density_in": "current"}
-    found = hpcinv.run(
+    result = hpcinv.run(
         job(
             mesh=box((1, 1, 16), lx="0.2 m", ly="0.2 m"),
             **SOFT,
@@ -121,16 +121,16 @@ def test_a_column_that_stands_and_hangs_has_one_mass(comm: MPI.Intracomm) -> Non
     undeformed = float(quad(lambda z: 1 / stretch(z, -1), 0, 1, epsabs=1e-11)[0])
     assert undeformed == pytest.approx(1.0802799, abs=1e-7)
     exact = {"top-hanging": length(1), "top-on-the-moon": length(-1 / 6), "rest-standing": undeformed}
-    print(", ".join(f"{name} {found.quantities[name]:.6g}, exactly {value:.6g}" for name, value in exact.items()))
+    print(", ".join(f"{name} {result.quantities[name]:.6g}, exactly {value:.6g}" for name, value in exact.items()))
     for name, value in exact.items():
-        assert found.quantities[name] == pytest.approx(value, rel=2e-6)
-    assert found.quantities["rest-hanging"] == pytest.approx(undeformed, rel=1e-6)
+        assert result.quantities[name] == pytest.approx(value, rel=2e-6)
+    assert result.quantities["rest-hanging"] == pytest.approx(undeformed, rel=1e-6)
 
 
 def test_the_error_of_a_further_state_has_that_of_the_rest_shape_in_it(comm: MPI.Intracomm) -> None:
     """Of the length of the hanging column, half of the error is that of the rest shape."""
     weight = {"density": 1000, "density_in": "current"}
-    found = hpcinv.run(
+    result = hpcinv.run(
         job(
             mesh=box((1, 1, 16), lx="0.2 m", ly="0.2 m"),
             **SOFT | {"certificate": NO_CERTIFICATE | {"estimate": True}},
@@ -149,12 +149,12 @@ def test_the_error_of_a_further_state_has_that_of_the_rest_shape_in_it(comm: MPI
         return root(lambda s: confined(s) - up * 9810 * (1 - z), 0.5, 2.0)
 
     exact = float(quad(lambda z: stretch(z, 1) / stretch(z, -1), 0, 1, epsabs=1e-11)[0])
-    error = exact - found.quantities["top-hanging"]
-    assert found.estimate is not None
-    effectivity = found.estimate.quantities["top-hanging"] / error
+    error = exact - result.quantities["top-hanging"]
+    assert result.estimate is not None
+    effectivity = result.estimate.quantities["top-hanging"] / error
     print(f"error {error:.2e}, effectivity {effectivity:.3f}")
     assert effectivity == pytest.approx(1, abs=0.1)
-    assert "geometry" not in found.estimate.left_out
+    assert "geometry" not in result.estimate.left_out
 
 
 LOW, FULLER = (f"states[{i}].effects[0].pressure" for i in (0, 2))
@@ -198,10 +198,10 @@ def test_a_sphere_in_three_states(comm: MPI.Intracomm) -> None:
         ),
         comm,
     )
-    found, derivatives = result.quantities, result.sensitivities
-    print({name: (found[name if name in found else "rest"], value) for name, value in exact.items()})
-    assert found["rest"] == pytest.approx(exact["rest-given"], rel=3e-6)
-    assert found["inner-fuller"] == pytest.approx(exact["inner-fuller"], rel=1e-5)
+    quantities, derivatives = result.quantities, result.sensitivities
+    print({name: (quantities[name if name in quantities else "rest"], value) for name, value in exact.items()})
+    assert quantities["rest"] == pytest.approx(exact["rest-given"], rel=3e-6)
+    assert quantities["inner-fuller"] == pytest.approx(exact["inner-fuller"], rel=1e-5)
 
     # Pressures are p = 2 c1 g(A, a): twice the modulus and both pressures leave both radii as they were.
     def slope(of: Callable[[float], float], at: float) -> float:
@@ -228,7 +228,7 @@ def test_hot_cold_hot_and_other_supports(comm: MPI.Intracomm) -> None:
 
     symmetry = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
     pull = {"effect": "traction", "region": "z1", "traction": [0, 0, 5e3], "area_in": "reference"}
-    found = hpcinv.run(
+    result = hpcinv.run(
         job(
             mesh=box((1, 1, 1)) | {"geometry_degree": 2},
             **SOFT,
@@ -251,19 +251,19 @@ def test_hot_cold_hot_and_other_supports(comm: MPI.Intracomm) -> None:
         comm,
     )
     cold = 1 / 1.1
-    assert farthest(found.solutions[0], found.shapes["hot-again"], found.shapes["hot"]) < 1e-13
-    assert found.quantities["top-frozen"] == pytest.approx(0.95 * cold, rel=1e-11)
+    assert farthest(result.solutions[0], result.shapes["hot-again"], result.shapes["hot"]) < 1e-13
+    assert result.quantities["top-frozen"] == pytest.approx(0.95 * cold, rel=1e-11)
     held = root(lambda s: confined(s) - 5e3, 1.0, 2.0)
-    assert found.quantities["top-held"] == pytest.approx(held * cold, rel=1e-10)
-    assert found.quantities["side-held"] == pytest.approx(cold, rel=1e-10)
+    assert result.quantities["top-held"] == pytest.approx(held * cold, rel=1e-10)
+    assert result.quantities["side-held"] == pytest.approx(cold, rel=1e-10)
 
     # Free at the sides: μ(t² - 1) + Λ ln(s t²) = 0 across, and along it (μ(s² - 1) + Λ ln(s t²))/s = traction.
     def across(s: float) -> float:
         return root(lambda t: MU * (t * t - 1) + LAM * log(s * t * t), 0.5, 1.5)
 
     free = root(lambda s: (MU * (s * s - 1) + LAM * log(s * across(s) ** 2)) / s - 5e3, 1.0, 2.0)
-    assert found.quantities["top-free"] == pytest.approx(free * cold, rel=1e-10)
-    assert found.quantities["side-free"] == pytest.approx(across(free) * cold, rel=1e-10)
+    assert result.quantities["top-free"] == pytest.approx(free * cold, rel=1e-10)
+    assert result.quantities["side-free"] == pytest.approx(across(free) * cold, rel=1e-10)
 
 
 @pytest.mark.parallel([1, 2])
@@ -293,11 +293,11 @@ def test_a_run_that_stops_in_any_state_goes_on_to_the_same_shapes(
 def test_the_given_state_may_be_the_rest_shape(comm: MPI.Intracomm) -> None:
     whole = BLOCK | {"supports": BASE}
     states = [{"name": "printed", "given": True}, {"name": "mounted", "effects": [gravity(-1)]}]
-    found = hpcinv.run(job(**whole, states=[*states, {"name": "turned", "effects": [gravity(1)]}]), comm)
+    result = hpcinv.run(job(**whole, states=[*states, {"name": "turned", "effects": [gravity(1)]}]), comm)
     alone = hpcinv.run(job(**whole, analysis="forward", effects=[gravity(1)]), comm)
-    assert [s.direction for s in found.solutions] == ["forward", "forward"]
-    assert farthest(alone.solutions[0], found.shapes["turned"], alone.shape) < 1e-13
-    assert list(found.shapes) == ["printed", "mounted", "turned"]
+    assert [s.direction for s in result.solutions] == ["forward", "forward"]
+    assert farthest(alone.solutions[0], result.shapes["turned"], alone.shape) < 1e-13
+    assert list(result.shapes) == ["printed", "mounted", "turned"]
 
 
 def test_a_state_that_buckles_while_it_is_released_is_not_decided_to_have_a_limit_point(comm: MPI.Intracomm) -> None:
@@ -320,8 +320,8 @@ def test_a_state_that_buckles_while_it_is_released_is_not_decided_to_have_a_limi
         "supports": [*BASE, {"region": "boundary", "fix": ["x", "y"]}],
     }
     for start, verdict in (({}, "pass"), ({"start": "held"}, "not decided")):
-        found = hpcinv.run(job(**whole, states=[{"name": "cast", "given": True}, held, free | start]), comm)
-        lines = {line.name: line for line in found.certificate.lines if line.state == "free"}
+        result = hpcinv.run(job(**whole, states=[{"name": "cast", "given": True}, held, free | start]), comm)
+        lines = {line.name: line for line in result.certificate.lines if line.state == "free"}
         assert lines["stability: unstable directions"].verdict.value == "pass"
         assert lines["limit points of the path"].verdict.value == verdict
     assert "state 'held' were taken away" in lines["limit points of the path"].note
@@ -342,8 +342,8 @@ def test_states_that_differ_in_numbers_share_equations(comm: MPI.Intracomm) -> N
         assert len(model._idle) == 2  # one matrix for each direction
         states[3] |= {"supports": [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]}
         hpcinv.run(job(**BLOCK, supports=BASE, states=states), comm, workspace=workspace)
-        one, other = workspace._equations.values()
-        assert one.unknowns is other.unknowns
+        first, other = workspace._equations.values()
+        assert first.unknowns is other.unknowns
 
 
 DIFFERENTIATED: dict[str, Any] = {
@@ -395,8 +395,8 @@ def test_derivatives_of_all_states_are_differences_of_whole_runs(comm: MPI.Intra
             ahead, behind = (found(p.key, shift) for shift in (1e-3, -1e-3))
             assert list(derivatives.slopes) == list(ahead.quantities)
             for number, (state, of_state) in enumerate(derivatives.shapes.items()):
-                one, other = (r.solutions[number].other_nodes for r in (ahead, behind))
-                expected = (one - other) / (2e-3 * p.value)
+                later, other = (r.solutions[number].other_nodes for r in (ahead, behind))
+                expected = (later - other) / (2e-3 * p.value)
                 size = comm.allreduce(abs(expected).max(), op=MPI.MAX)
                 error = comm.allreduce(abs(of_state.nodes[p.key] - expected).max(), op=MPI.MAX)
                 print(f"{p.key}, {state}: {size:.3g}, difference {error:.1g}")
@@ -470,8 +470,8 @@ def test_a_ventricle_fills_as_klotz_found(comm: MPI.Intracomm) -> None:
 
     Source: Klotz et al. (2006), doi:10.1152/ajpheart.01240.2005.
     """
-    found = hpcinv.run(hpcinv.load(ROOT / "jobs" / "ventricle.yaml"), comm).quantities
-    pressure, volume = 9.0, found["volume-filled"]
+    quantities = hpcinv.run(hpcinv.load(ROOT / "jobs" / "ventricle.yaml"), comm).quantities
+    pressure, volume = 9.0, quantities["volume-filled"]
     a, c, base = 25e-3, 60e-3, 15e-3
     cavity = np.pi * a**2 * ((base - base**3 / (3 * c**2)) + 2 * c / 3)
     assert volume == pytest.approx(cavity, rel=1e-3)  # of curved cells of 8 mm
@@ -480,5 +480,5 @@ def test_a_ventricle_fills_as_klotz_found(comm: MPI.Intracomm) -> None:
     beta = np.log(pressure / 30) / np.log(volume / at_30)
     for p in (2, 4, 6, 30):
         klotz = at_30 * (p / 30) ** (1 / beta)
-        print(f"{p} mmHg: {1e6 * found[f'volume-at-{p}']:.1f} ml, Klotz {1e6 * klotz:.1f} ml")
-        assert found[f"volume-at-{p}"] == pytest.approx(klotz, rel=0.05)
+        print(f"{p} mmHg: {1e6 * quantities[f'volume-at-{p}']:.1f} ml, Klotz {1e6 * klotz:.1f} ml")
+        assert quantities[f"volume-at-{p}"] == pytest.approx(klotz, rel=0.05)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from helpers.closed_forms import LAM, MU, NEO_HOOKEAN, neo_hookean_stress, root
 from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
-from helpers.thick_sphere import INNER, OUTER, PRESSURE, before, carried
+from helpers.thick_sphere import INNER, OUTER, PRESSURE, carried, outer_radius
 from helpers.verification import Solved, box, job
 
 from hpcinv.errors import JobError, MeshError
@@ -57,9 +57,9 @@ def values(
     solution = solution_of(model, its.directions[0], model.scene(its.directions[0]), ())
     model.unload()
     body.mesh.geometry.x[:] *= 1.1  # moved on, to another solution
-    found = evaluate(quantities, body, solution, model)
-    assert str(comm.allgather(found)) == str([found] * comm.size)  # NaN is not equal to itself
-    return [found[q.name] for q in quantities]
+    evaluated = evaluate(quantities, body, solution, model)
+    assert str(comm.allgather(evaluated)) == str([evaluated] * comm.size)  # NaN is not equal to itself
+    return [evaluated[q.name] for q in quantities]
 
 
 @pytest.mark.parallel([1, 2])
@@ -196,7 +196,7 @@ def test_stresses_in_a_thick_sphere_at_a_point_and_on_its_boundary(comm: MPI.Int
     A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
     radius = 1.2
     stretch = radius / (radius**3 - INNER**3 + A**3) ** (1 / 3)
-    radial = sum(sign * 0.5 * (4 / s + s**-4) for sign, s in ((1, stretch), (-1, OUTER / before(A))))
+    radial = sum(sign * 0.5 * (4 / s + s**-4) for sign, s in ((1, stretch), (-1, OUTER / outer_radius(A))))
     around = radial + stretch**2 - stretch**-4
     inside = {"at": [float(c) for c in radius * np.array([2, 1, 1.5]) / np.sqrt(7.25)]}
     normal = "(sxx*x**2 + syy*y**2 + szz*z**2 + 2*(sxy*x*y + syz*y*z + sxz*x*z))/(x**2 + y**2 + z**2)"

@@ -80,10 +80,10 @@ def test_a_sphere_whose_surfaces_are_off(comm: MPI.Intracomm) -> None:
         model = workspace.equations(sphere, result.body, Timings())[0]
         moved = surface_normals(sphere, result.body)
         outward = Parameter("w", "mesh", None, (), 0.0, Dimension(), 1.0)
-        found = sensitivities(model, result.solutions[0], [outward], mesh={"w": moved}).slopes["inner"]["w"]
+        slopes = sensitivities(model, result.solutions[0], [outward], mesh={"w": moved}).slopes["inner"]["w"]
     exact = (inner(1e-4) - inner(-1e-4)) / 2e-4
-    print(f"dA/dw {found:.6f}, exactly {exact:.6f}")
-    assert found == pytest.approx(exact, rel=1e-3)
+    print(f"dA/dw {slopes:.6f}, exactly {exact:.6f}")
+    assert slopes == pytest.approx(exact, rel=1e-3)
 
 
 @pytest.mark.parallel([1, 3])
@@ -134,18 +134,18 @@ def test_samples_have_the_covariance_that_is_asked_for(comm: MPI.Intracomm) -> N
     errors = SurfaceErrors(sd=2.0, correlation=0.5, samples=3000, voxel=0.0)
     with Workspace(comm) as workspace:
         body = workspace.body(plain)
-        found = np.array(list(errors.displacements(plain, body).values()))
+        samples = np.array(list(errors.displacements(plain, body).values()))
         x = body.mesh.geometry.x * body.length_scale
     places = [np.abs(x - p).sum(axis=1).argmin() for p in ([0.25, 0.5, 1.0], [0.75, 0.5, 1.0])]
-    a, b = (found[:, place, 2] for place in places)
-    assert found[:, places, :2] == pytest.approx(0.0, abs=1e-12)
+    a, b = (samples[:, place, 2] for place in places)
+    assert samples[:, places, :2] == pytest.approx(0.0, abs=1e-12)
     # 3000 samples tell a variance to 2.6 % of itself; bounds are four times that.
     assert np.var(a) == pytest.approx(4.0, rel=0.11)
     assert np.mean(a * b) == pytest.approx(4.0 * np.exp(-0.5), abs=4.0 * 0.11)
     assert np.mean(a) == pytest.approx(0.0, abs=4 * 2.0 / 3000**0.5)
     inside = np.abs(x - 0.5).max(axis=1) < 0.49
     assert inside.any()
-    assert not found[:, inside].any()
+    assert not samples[:, inside].any()
 
 
 def test_the_certificate_tells_it(comm: MPI.Intracomm) -> None:
@@ -170,8 +170,8 @@ def test_a_mesh_need_not_be_better_than_its_surface(comm: MPI.Intracomm, tmp_pat
         checks = {"level": "quick", "surface": True, "estimate": True}
         weight = [WEIGHT | {"acceleration": [0, 0, -9.81]}]
         plain = block(mesh=box((2, 2, 2)) | mesh, certificate=checks, states=[], effects=weight, quantities=[])
-        found = hpcinv.run(plain, comm, directory=tmp_path / f"run-{len(mesh)}")
-        return next(line for line in found.certificate.lines if line.name == DISCRETISATION)
+        result = hpcinv.run(plain, comm, directory=tmp_path / f"run-{len(mesh)}")
+        return next(line for line in result.certificate.lines if line.name == DISCRETISATION)
 
     assert line().verdict is Verdict.WARN
     rough = line(surface_error={"sd": "10 cm", "samples": 4})
@@ -195,7 +195,7 @@ def test_contact_with_a_rigid_obstacle_has_no_derivatives(comm: MPI.Intracomm) -
         quantities=[],
     )
     with Workspace(comm) as workspace:
-        spread = SurfaceSpreads(pressed, workspace.body(pressed)).of([])
+        spread = SurfaceSpreads(pressed, workspace.body(pressed)).spread_of([])
     assert spread is not None
     (line,) = spread.lines()
     assert line.verdict is Verdict.SKIPPED

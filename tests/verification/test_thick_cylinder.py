@@ -23,7 +23,7 @@ def radii(direction: str, divisions: int, hexahedra: bool, comm: MPI.Intracomm) 
     inner, outer = (A, B) if direction == "forward" else (INNER, OUTER)
     mesh = {"radial": divisions, "around": 2 * divisions, "along": 1, "length": 0.5 / divisions, "hexahedra": hexahedra}
     radius = "norm(x, y)" if direction == "forward" else "norm(X, Y)"
-    found: dict[str, Any] = dict(
+    quantities: dict[str, Any] = dict(
         hpcinv.run(
             job(
                 analysis=direction,
@@ -45,7 +45,7 @@ def radii(direction: str, divisions: int, hexahedra: bool, comm: MPI.Intracomm) 
             comm,
         ).quantities
     )
-    return [found["inner"], found["outer"]]
+    return [quantities["inner"], quantities["outer"]]
 
 
 def test_the_closed_form_has_the_radii_known_for_it() -> None:

@@ -25,9 +25,9 @@ def nearly(poisson: float) -> dict[str, Any]:
 
 def unaccounted(job: hpcinv.Job, comm: MPI.Intracomm) -> Line | None:
     certificate = hpcinv.run(job, comm).certificate
-    found = [line for line in certificate.lines if line.name == UNACCOUNTED]
+    lines = [line for line in certificate.lines if line.name == UNACCOUNTED]
     print(*(f"{line.name} {line.value}" for line in certificate.lines if "volume" in line.name))
-    return found[0] if found else None
+    return lines[0] if lines else None
 
 
 def sheared(material: Any, divisions: int, force: float, *, effects: tuple[Any, ...] = (), **changes: Any) -> Any:

@@ -93,12 +93,12 @@ def compared(name: str, changes: Mapping[str, Any], directory: Path) -> Comparis
     loaded = source.points.copy()
     loaded[nodes] += deck.displacements(directory / "body.dat")
     [quantity] = job.quantities
-    at = np.linalg.norm(source.points - np.array(quantity.at), axis=1).argmin()
+    node = np.linalg.norm(source.points - np.array(quantity.at), axis=1).argmin()
     ours, seconds = _solved(job, directory / "forward")
     element = deck.element(source)
     back = None if element == "C3D20" else _unloaded(data, path, source, loaded, directory)
     title = f"{job.job} {data['material']['law']} {element}, {len(source.cells)} cells"
-    return Comparison(title, ours, loaded[at] - source.points[at], back, (seconds, end - begin))
+    return Comparison(title, ours, loaded[node] - source.points[node], back, (seconds, end - begin))
 
 
 def _solved(job: Job, directory: Path) -> tuple[Floats, float]:

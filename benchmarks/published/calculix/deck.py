@@ -122,7 +122,7 @@ def _forces(source: MeshSource, job: Job) -> Floats:
             first, second, third = source.points[facet[:3]]
             area = np.linalg.norm(np.cross(second - first, third - first)) * (0.5 if corners == 3 else 1.0)
             middles = facet[corners : 2 * corners] if source.degree == 2 else facet[:0]
-            at_corner, at_middle = SHARES[corners + len(middles)]
-            forces[facet[:corners]] += at_corner * area * traction
-            forces[middles] += at_middle * area * traction
+            corner_share, middle_share = SHARES[corners + len(middles)]
+            forces[facet[:corners]] += corner_share * area * traction
+            forces[middles] += middle_share * area * traction
     return forces

@@ -172,10 +172,10 @@ class _Mesh:
     def add_nodes(self, name: str) -> None:
         """Add the region of all facets whose nodes are in a set, which must have no other nodes."""
         wanted = set(self.model.nodes_of(name).tolist()) & self.number.keys()
-        inside = [key for key in self.faces if wanted.issuperset(key)]
-        keys = [key for key in inside if key in self.boundary]
+        facets = [key for key in self.faces if wanted.issuperset(key)]
+        keys = [key for key in facets if key in self.boundary]
         if set().union(*keys) != wanted:
-            keys = inside
+            keys = facets
         if not wanted or set().union(*keys) != wanted:
             raise Unsupported(f"a condition on nodes that are not those of whole facets ({name})")
         self.regions[name] = frozenset(keys)

@@ -291,13 +291,13 @@ def curve_value(points: Floats, interpolate: str, extend: str, time: float) -> f
         FebError: the interpolation between its points is not a straight line or a step.
     """
     times, values = points.T
-    beyond = not times[0] <= time <= times[-1]
-    near = np.flatnonzero(np.isclose(times, time, rtol=1e-9, atol=0))
-    if len(near) or len(points) == 1 or (beyond and extend == "CONSTANT"):
-        return float(values[near[0] if len(near) else 0 if time < times[0] else -1])
-    if not beyond and interpolate == "STEP":
+    is_outside = not times[0] <= time <= times[-1]
+    matches = np.flatnonzero(np.isclose(times, time, rtol=1e-9, atol=0))
+    if len(matches) or len(points) == 1 or (is_outside and extend == "CONSTANT"):
+        return float(values[matches[0] if len(matches) else 0 if time < times[0] else -1])
+    if not is_outside and interpolate == "STEP":
         return float(values[np.searchsorted(times, time)])
-    if not beyond and (interpolate == "LINEAR" or (interpolate == "SMOOTH" and len(points) == 2)):
+    if not is_outside and (interpolate == "LINEAR" or (interpolate == "SMOOTH" and len(points) == 2)):
         return float(np.interp(time, times, values))
     raise FebError(f"a load curve of kind {interpolate}, {extend} is not known at time {time}")
 

@@ -81,10 +81,10 @@ def _arruda_boyce(law: Entry, model: Model, block: Block) -> Law:
     """The energy of the inverse Langevin function in powers of I1, which no series of stresses is needed for."""
     chain = law.number("N")
     series = inverse_langevin(min(TERMS, int(law.number("n_term"))))
-    at_rest = sum(c * chain ** -(k + 0.5) for k, c in enumerate(series))
+    rest_sum = sum(c * chain ** -(k + 0.5) for k, c in enumerate(series))
     powers = " + ".join(f"{c / (2 * k + 2):.17g}*(I1/(3*n))**{k + 1}" for k, c in enumerate(series))
     # their W10 ln J: ksi N beta0/(3 sqrt N)
-    energy = f"ksi*n*({powers}) - ksi*{at_rest * chain**0.5 / 3:.17g}*ln(J) + k*(J**2/2 - ln(J))"
+    energy = f"ksi*n*({powers}) - ksi*{rest_sum * chain**0.5 / 3:.17g}*ln(J) + k*(J**2/2 - ln(J))"
     values = {"ksi": f"{law.number('ksi'):.17g} Pa", "n": chain, "k": f"{law.number('kappa'):.17g} Pa"}
     return Law({"law": "formula", "energy": energy, "parameters": values})
 
@@ -116,9 +116,9 @@ def _prestrained(law: Entry, model: Model, block: Block) -> Law:
     directions = inner.arrays["f"]
     if prestrain.type == "in-situ stretch":
         stretch = _mapped(prestrain, "stretch", model, len(block.nodes))[:, :, None]
-        across = 1 / np.sqrt(stretch) if prestrain.values.get("isochoric", "1") == "1" else np.ones_like(stretch)
-        along = directions[:, :, None] * directions[:, None, :]
-        gradient = stretch * along + across * (np.eye(3) - along)
+        lateral = 1 / np.sqrt(stretch) if prestrain.values.get("isochoric", "1") == "1" else np.ones_like(stretch)
+        dyads = directions[:, :, None] * directions[:, None, :]
+        gradient = stretch * dyads + lateral * (np.eye(3) - dyads)
     elif prestrain.type == "prestrain gradient":
         scale = prestrain.number("ramp", 1.0)
         gradient = np.eye(3) + scale * (_mapped(prestrain, "F0", model, len(block.nodes)).reshape(-1, 3, 3) - np.eye(3))

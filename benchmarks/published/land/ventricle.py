@@ -54,7 +54,7 @@ def build(
             points.setdefault(tuple(place), len(points) + 1) for place in np.rint(places * 1e9).astype(int).tolist()
         ]
 
-    inside, on_face = _nodes(gmsh, HEXAHEDRON, 3), _nodes(gmsh, QUADRILATERAL, 2)
+    inner_nodes, face_nodes = _nodes(gmsh, HEXAHEDRON, 3), _nodes(gmsh, QUADRILATERAL, 2)
     for corners, (low, high) in product(_squares(around // 4, distances), pairwise(np.linspace(0, 1, across + 1))):
         if quarter and corners.mean(axis=(0, 1)).min() < 0:
             continue
@@ -65,9 +65,9 @@ def build(
             flat = _rounded((1 - a)[:, None] * first + a[:, None] * second, distances)
             return np.column_stack([flat, (1 - c) * low + c * high])
 
-        cells += tags(places(inside))
+        cells += tags(places(inner_nodes))
         for axis, side in product(range(3), (0, 1)):
-            face = places(np.insert(on_face, axis, side, axis=1))
+            face = places(np.insert(face_nodes, axis, side, axis=1))
             if name := _surface(face, quarter=quarter):
                 facets.setdefault(name, []).extend(tags(face))
 

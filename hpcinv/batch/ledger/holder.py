@@ -52,7 +52,7 @@ class Holder:
     """
 
     def __init__(self, store: Path, *, beat: float = BEAT) -> None:
-        self.identity = Identity.of_this_process()
+        self.identity = Identity.current()
         self.heartbeat = store / HEARTBEATS / self.identity.token
         self._store, self._beat = store, beat
         self._process: subprocess.Popen[bytes] | None = None

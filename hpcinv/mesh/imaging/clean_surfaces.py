@@ -38,7 +38,7 @@ def cells_between_surfaces(
     The surfaces of labelled cubes are smoothed, MMG makes triangles of good shape of them, and gmsh's HXT fills them.
 
     Args:
-        found: labels of cubes, (nx, ny, nz), 0 on all sides.
+        labels: labels of cubes, (nx, ny, nz), 0 on all sides.
         begin: corner of the first one (m).
         spacing: of the cubes (m).
 

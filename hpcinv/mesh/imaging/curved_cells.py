@@ -31,7 +31,7 @@ class SmoothBoundary(Protocol):
 
     def nearest(self, points: Floats, lower: Ints, upper: Ints, reach: float) -> tuple[Floats, Floats]:
         """Points (n, 3) of the boundary between two labels near to the given ones, at most ``reach`` (m) away, and unit
-        normals (n, 3) from label ``other`` into ``one``."""
+        normals (n, 3) from label ``upper`` into ``lower``."""
 
 
 def curved(

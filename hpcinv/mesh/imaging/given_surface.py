@@ -23,7 +23,7 @@ class GivenSurface:
 
     def nearest(self, points: Floats, lower: Ints, upper: Ints, reach: float) -> tuple[Floats, Floats]:
         """Points (n, 3) of the surface nearest to the given ones, at most ``reach`` (m) away, and normals (n, 3) from
-        label ``other`` into ``one``."""
+        label ``upper`` into ``lower``."""
         _, normals = self.memberships.nearest(points, lower, upper, reach)
         _, closest = self.surface.find_closest_cell(points, return_closest_point=True)
         return limit_steps(points, np.reshape(closest, (-1, 3)), reach), normals

@@ -43,13 +43,13 @@ class Memberships:
         return np.asarray(self.evaluate(points.reshape(-1, 3)).argmax(axis=0).reshape(len(y), len(z)))
 
     def difference(self, points: Floats, lower: Ints, upper: Ints) -> Floats:
-        """Membership of label ``one`` less that of ``other``, for each point."""
+        """Membership of label ``lower`` less that of ``upper``, for each point."""
         memberships, rows = self.evaluate(points), np.arange(len(points))
         return np.asarray(memberships[lower, rows] - memberships[upper, rows])
 
     def nearest(self, points: Floats, lower: Ints, upper: Ints, reach: float) -> tuple[Floats, Floats]:
-        """Points (n, 3) near to the given ones where two labels are equally likely, and normals (n, 3) from ``other``
-        into ``one``.
+        """Points (n, 3) near to the given ones where two labels are equally likely, and normals (n, 3) from ``upper``
+        into ``lower``.
 
         Args:
             reach: largest distance (m) from the given points.
@@ -114,7 +114,7 @@ def two_label_nodes(facets: Ints, pairs: Ints, points: int, count: int) -> tuple
 
 
 def shift(outward: Floats, lower: Ints, upper: Ints) -> Floats:
-    """Distance of boundaries into label ``one`` where labels grow ``outward`` (m), of which 0 is the outside."""
+    """Distance of boundaries into label ``lower`` where labels grow ``outward`` (m), of which 0 is the outside."""
     return np.where(lower == 0, outward[upper], 0.5 * (outward[upper] - outward[lower]))
 
 

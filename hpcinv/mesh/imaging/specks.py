@@ -82,7 +82,7 @@ def represented_volumes(
     """Volumes of labels without parts, such as nodules, that no cell of the lattice represents; these are reported.
 
     Args:
-        found: labels of the lattice's cells.
+        cell_labels: labels of the lattice's cells.
         first: the middle of the first of them in voxels, (3,).
         spacing: of the lattice (m).
         volumes: of the labels.

@@ -56,7 +56,7 @@ def write_vtu(
     """Write a file; collective.
 
     Args:
-        in_cells: in the order of the kinds of cells.
+        cell_arrays: in the order of the kinds of cells.
         numbers: of the whole grid, by name.
 
     Returns:

@@ -44,7 +44,7 @@ def add_inner_nodes(mesh: MeshSource, parents: MeshSource, parent: Ints, corners
         mesh: pieces of the cells of ``parents``, with the nodes of ``parents``.
         parents: its nodes in the middle of entities of ``mesh``, if it has any, are used again.
         parent: parent (m,) of each cell.
-        at: reference coordinates (m, k, 3) of the vertices of each cell in its parent.
+        corners: reference coordinates (m, k, 3) of the vertices of each cell in its parent.
     """
     kind, facet_kind = mesh.kind, FACET_KIND[mesh.kind]
     cells, facets = pad_entities(kind, mesh.cells), pad_entities(facet_kind, mesh.facets)
@@ -98,7 +98,7 @@ def _middles(fine: MeshSource, dim: int, sets: Ints) -> Ints:
 
 
 def mapped(source: MeshSource, values: Floats, cell: Ints, reference_points: Floats) -> Floats:
-    """Nodal ``values`` (n, c) at reference coordinates ``at`` (m, 3) of the cells ``cell`` (m,).
+    """Nodal ``values`` (n, c) at reference coordinates ``reference_points`` (m, 3) of the cells ``cell`` (m,).
 
     If all nodes of an edge or a face have the same value, its points have exactly that value too, so that conditions
     such as ``x >= 1 m`` remain true on a plane end of the body.

@@ -15,8 +15,8 @@ class Pieces:
 
     Attributes:
         vertices: of each piece (s, k).
-        of: parent (s,) of each piece.
-        at: reference coordinates (s, k, d) of the vertices in the parent.
+        parents: parent (s,) of each piece.
+        positions: reference coordinates (s, k, d) of the vertices in the parent.
     """
 
     vertices: Ints

@@ -36,7 +36,7 @@ class Shape:
     aspect: float
 
     @classmethod
-    def of_operations(cls, operations: float, unknowns: int) -> Shape:
+    def equal_rod(cls, operations: float, unknowns: int) -> Shape:
         """Return the shape of the rod whose factorization takes as many operations.
 
         A body of many branches has its separators, and multigrid has as much trouble with it. Blocks up to 2.6 times

@@ -114,7 +114,7 @@ class Chooser:
         self._is_analysed = True
         operations = operations_of(matrix(), unknowns)
         if operations is not None and _UNLIKE * operations < self.forecast.operations:
-            self.forecast = replace(self.forecast, shape=Shape.of_operations(operations, self.forecast.unknowns))
+            self.forecast = replace(self.forecast, shape=Shape.equal_rod(operations, self.forecast.unknowns))
 
     def choose(self, solver: Solver) -> Choice:
         """Return the configuration that ``solver.linear`` names, or the faster one for which there is memory."""

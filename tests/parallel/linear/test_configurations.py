@@ -168,9 +168,9 @@ def factor_type(comm: MPI.Intracomm, **data: Any) -> str:
     equilibrium = solved.model.equilibrium(solved.scene)
     equilibrium.system.linearise(1.0)
     equilibrium.linear.factorize()
-    found: str = equilibrium.linear.ksp.pc.getType()
+    kind: str = equilibrium.linear.ksp.pc.getType()
     equilibrium.destroy()
-    return found
+    return kind
 
 
 @pytest.mark.parallel([1, 2])

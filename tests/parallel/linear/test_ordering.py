@@ -38,13 +38,13 @@ def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Equations:
 
 def places_of(unknowns: Unknowns) -> np.ndarray:
     """Coordinates of all unknowns of all ranks, by their global numbers, and 1 for pressures."""
-    found = np.zeros((len(unknowns.state.x.array), 4))
+    positions = np.zeros((len(unknowns.state.x.array), 4))
     spaces = [unknowns.displacement_space, *([] if unknowns.p is None else [unknowns.pressure_space])]
     for part, (dofs, space) in enumerate(zip(unknowns.dofs_of_cells(), spaces, strict=True)):
-        found[dofs, :3] = space.tabulate_dof_coordinates()[space.dofmap.list][:, :, None]
-        found[dofs, 3] = part
+        positions[dofs, :3] = space.tabulate_dof_coordinates()[space.dofmap.list][:, :, None]
+        positions[dofs, 3] = part
     dofmap = unknowns.space.dofmap
-    owned = found[: dofmap.index_map.size_local * dofmap.index_map_bs]
+    owned = positions[: dofmap.index_map.size_local * dofmap.index_map_bs]
     return np.concatenate(unknowns.mesh.comm.allgather(owned))
 
 

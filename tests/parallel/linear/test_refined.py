@@ -38,10 +38,10 @@ def solved(comm: MPI.Intracomm, **data: Any) -> tuple[Result, dict[str, Any]]:
     return result, linear
 
 
-def difference(comm: MPI.Intracomm, one: Result, other: Result) -> float:
+def difference(comm: MPI.Intracomm, first: Result, other: Result) -> float:
     """Largest difference of the shapes, relative to the displacement."""
-    largest = float(np.abs(one.shape - other.shape).max(initial=0.0))
-    return float(comm.allreduce(largest, op=MPI.MAX)) / one.solutions[0].largest_displacement
+    largest = float(np.abs(first.shape - other.shape).max(initial=0.0))
+    return float(comm.allreduce(largest, op=MPI.MAX)) / first.solutions[0].largest_displacement
 
 
 @pytest.mark.everyday("-incompressible-forward", "-compressible-inverse")

@@ -38,10 +38,10 @@ def diagonal(comm: Any, entries: np.ndarray, test: Settling | None, tolerance: f
     A.mult(exact, b)
     ksp.solve(b, x)
     x.axpy(-1.0, exact)
-    found = norm(x) / norm(exact), ksp.getIterationNumber()
+    figures = norm(x) / norm(exact), ksp.getIterationNumber()
     for part in (A, ksp, x, b, exact):
         part.destroy()
-    return found
+    return figures
 
 
 @pytest.mark.parallel([1, 2])

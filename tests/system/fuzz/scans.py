@@ -67,7 +67,7 @@ class Scans:
     def fault_of(self, original: Path, path: Path) -> str | None:
         """What is wrong with the answer to a damaged file."""
         try:
-            found = reading(path)
+            voxels = reading(path)
         except HpcinvError as error:
             self.answers["refused" if "crashed" not in str(error) else "refused after a crash"] += 1
             if "too long" in str(error):
@@ -76,7 +76,7 @@ class Scans:
         except BaseException as error:
             return "".join(traceback.format_exception(error)[-4:])
         self.answers["read"] += 1
-        return difference(self.right[original], found, path, original)
+        return difference(self.right[original], voxels, path, original)
 
 
 def reading(path: Path) -> tuple[int, Any]:
@@ -89,10 +89,10 @@ def reading(path: Path) -> tuple[int, Any]:
     return int(np.count_nonzero(image.voxels)), image.spacing
 
 
-def difference(right: tuple[int, Any], found: tuple[int, Any], path: Path, original: Path) -> str | None:
+def difference(right: tuple[int, Any], voxels: tuple[int, Any], path: Path, original: Path) -> str | None:
     """What is wrong with a body, unless its file says so."""
-    if isinstance(found[1], set):
-        moved, count = len(found[1] - right[1]), found[0] - right[0]
+    if isinstance(voxels[1], set):
+        moved, count = len(voxels[1] - right[1]), voxels[0] - right[0]
         if not count and moved <= CHANGED:
             return None
         if path.suffix == ".obj" and vertex_lines(path) != vertex_lines(original):  # the format has no counts
@@ -102,17 +102,17 @@ def difference(right: tuple[int, Any], found: tuple[int, Any], path: Path, origi
         except MeshError:  # such as indices that are off by one: the surface cuts itself
             return None
         return f"{moved} nodes were moved, and there are {count:+} triangles"
-    if abs(found[0] - right[0]) > (8 * CHANGED if path.suffix == ".dcm" else CHANGED):
-        return f"has {found[0]} voxels, which were {right[0]}"
-    ratio = found[1] / right[1]
+    if abs(voxels[0] - right[0]) > (8 * CHANGED if path.suffix == ".dcm" else CHANGED):
+        return f"has {voxels[0]} voxels, which were {right[0]}"
+    ratio = voxels[1] / right[1]
     if abs(ratio - ratio[0]).max() < 1e-6 and np.isclose(ratio[0], (1e-3, 1, 1e3)).any():  # of another unit
         return None
     if path.name.endswith((".nii", ".nii.gz")) and abs(ratio - 1).max() < 0.01:  # sform says the same but for rounding
         return None
     content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
     numbers = {abs(float(word)) for word in re.findall(rb"[-+]?[\d.]+(?:[eE][-+]?\d+)?", content) if is_number(word)}
-    unsaid = [x for x in found[1] if not any(np.isclose(x, number, rtol=1e-6) for number in numbers)]
-    return f"has voxels of {found[1]}, which its header does not say" if unsaid else None
+    unsaid = [x for x in voxels[1] if not any(np.isclose(x, number, rtol=1e-6) for number in numbers)]
+    return f"has voxels of {voxels[1]}, which its header does not say" if unsaid else None
 
 
 def vertex_lines(path: Path) -> int:

@@ -72,15 +72,15 @@ def test_cases_that_crash_are_told_and_all_others_are_solved(ranks: int, per_cas
     sweep = crashing(tmp_path, how, good=4)
     ended = hpcinv(ranks, "sweep", "run", sweep, "--ranks-per-case", per_case, cwd=tmp_path)
     assert ended.returncode == 3, ended.stdout + ended.stderr
-    found = statuses(sweep)
-    assert found[:4] == ["converged"] * 4
+    status_by_case = statuses(sweep)
+    assert status_by_case[:4] == ["converged"] * 4
     expected = {
         "SIGSEGV": "ended by SIGSEGV",
         "abort": "ended by SIGABRT",
         "exit 0": "ended with exit code 0",
         "MPI_Abort": "ended with exit code 3",
     }
-    for name, status in zip(how, found[4:], strict=True):
+    for name, status in zip(how, status_by_case[4:], strict=True):
         assert status.startswith(f"its process crashed 2 times: {expected[name]}"), status
     assert "converged: 4" in ended.stdout
     assert f"failed: {len(how)};" in ended.stdout
@@ -138,9 +138,9 @@ def test_cases_that_take_too_long_are_told_and_all_others_are_solved(tmp_path: P
     begun = time.monotonic()
     ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
     assert ended.returncode == 3, ended.stdout + ended.stderr
-    found = statuses(sweep)
-    assert found.count("took longer than its limit of 2.0 s") == 4, ended.stdout
-    assert found.count("converged") == 2
+    status_by_case = statuses(sweep)
+    assert status_by_case.count("took longer than its limit of 2.0 s") == 4, ended.stdout
+    assert status_by_case.count("converged") == 2
     assert ended.stdout.count("and did not stop: its process was killed") == 2
     assert "4 × took longer than its limit of 2.0 s" in ended.stdout
     assert time.monotonic() - begun < 100

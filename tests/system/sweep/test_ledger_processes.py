@@ -62,9 +62,9 @@ class Workers:
 
 @pytest.fixture
 def workers(tmp_path: Path) -> Iterator[Workers]:
-    found = Workers(tmp_path)
-    yield found
-    for process in found.running:
+    all_workers = Workers(tmp_path)
+    yield all_workers
+    for process in all_workers.running:
         if process.poll() is None:
             process.kill()
             process.wait()
@@ -175,10 +175,10 @@ def test_a_process_killed_before_each_of_its_operations_in_turn(tmp_path: Path) 
 
 def wait_for(workers: Workers, what: str) -> Event:
     deadline = time.monotonic() + PATIENCE
-    while not (found := [event for event in workers.events() if event.what.startswith(what)]):
+    while not (events := [event for event in workers.events() if event.what.startswith(what)]):
         assert time.monotonic() < deadline
         time.sleep(0.01)
-    return found[0]
+    return events[0]
 
 
 def test_one_who_wakes_up_after_his_case_was_taken_over_changes_nothing(workers: Workers) -> None:

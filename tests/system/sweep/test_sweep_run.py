@@ -39,9 +39,9 @@ def alone(sweep: Path, number: int) -> float:
     plan = load_sweep(sweep)
     case = plan.cases[number]
     if case.key not in _ALONE:
-        found = run(plan.job(case), MPI.COMM_SELF).quantities["top"]
-        assert isinstance(found, float)
-        _ALONE[case.key] = found
+        result = run(plan.job(case), MPI.COMM_SELF).quantities["top"]
+        assert isinstance(result, float)
+        _ALONE[case.key] = result
     return _ALONE[case.key]
 
 
@@ -202,21 +202,21 @@ def test_a_killed_case_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
 
 def _wait_for_checkpoint(directory: Path) -> Path:
     deadline = time.monotonic() + PATIENCE
-    while not (found := list(directory.glob("store/cases/*/*/run-*/checkpoints/[0-9]*"))):
+    while not (paths := list(directory.glob("store/cases/*/*/run-*/checkpoints/[0-9]*"))):
         assert time.monotonic() < deadline
         time.sleep(0.01)
-    return found[0]
+    return paths[0]
 
 
 def test_two_allocations_at_once_share_the_work(tmp_path: Path) -> None:
     sweep = write_sweep(tmp_path, [{"sobol": {"material.mu": ["8 kPa", "20 kPa"]}, "count": 32}])
     with (
-        Started(1, "sweep", "run", sweep, "--shard", "1/2", cwd=tmp_path) as one,
+        Started(1, "sweep", "run", sweep, "--shard", "1/2", cwd=tmp_path) as first,
         Started(2, "sweep", "run", sweep, "--shard", "2/2", cwd=tmp_path) as two,
     ):
-        assert one.exit_code() == 0, one.text
+        assert first.exit_code() == 0, first.text
         assert two.exit_code() == 0, two.text
-        done = [re.findall(r"(?<!first: )case (\d+), ", started.text) for started in (one, two)]
+        done = [re.findall(r"(?<!first: )case (\d+), ", started.text) for started in (first, two)]
     assert all(done)
     assert sorted(done[0] + done[1]) == sorted(str(i) for i in range(32))
 
@@ -230,9 +230,9 @@ def test_the_case_of_a_vanished_node_is_taken_over_after_the_lease(tmp_path: Pat
     ended = hpcinv(2, "sweep", "run", sweep, "--lease", 15, cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert re.findall(r"(?<!first: )case (\d+), ", ended.stdout)[-1] == "3"
-    found = records_of(sweep)[3]
-    assert found is not None
-    assert found.attempts == 2
+    record = records_of(sweep)[3]
+    assert record is not None
+    assert record.attempts == 2
     refused = hpcinv(1, "sweep", "run", sweep, "--lease", 5, cwd=tmp_path)
     assert refused.returncode == 2
     assert "must be 15 or more" in refused.stderr
@@ -365,8 +365,8 @@ def test_kills_at_random_moments_lose_nothing_and_repeat_nothing(tmp_path: Path)
     reported += re.findall(r"(?<!first: )case (\d+), ", ended.stdout)
     assert len(reported) == len(set(reported)) <= count
     assert all((path.stat().st_ino, path.read_bytes()) == now for path, now in committed.items())
-    found = [record for record in records_of(sweep).values() if record is not None]
-    assert len(found) == count == len(_records(tmp_path))
+    finished = [record for record in records_of(sweep).values() if record is not None]
+    assert len(finished) == count == len(_records(tmp_path))
     for number in range(0, count, 7):
         assert top(records_of(sweep)[number]) == pytest.approx(alone(sweep, number), rel=1e-10)
 

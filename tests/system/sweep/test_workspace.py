@@ -121,14 +121,14 @@ def test_a_region_moves_with_a_name_that_is_swept(
     content["mesh"] = content["mesh"] | {"file": str(ROOT / "meshes" / "box.py")}
     if comm.rank == 0:
         write_sweep(run_directory, [{"grid": {"let.c": list(names)}}], job=content)
-    found = sweep(run_directory / "sweep.yaml", comm, ranks_per_case=comm.size)
+    result = sweep(run_directory / "sweep.yaml", comm, ranks_per_case=comm.size)
     lengths = {"0.066 m": 2 / 15, "0.133 m": 1 / 15}  # of whole cells, each 1/30 m long, beyond the plane
-    assert found["V"] == pytest.approx([1e-2 * lengths[name] for name in names], rel=1e-12)
+    assert result["V"] == pytest.approx([1e-2 * lengths[name] for name in names], rel=1e-12)
 
 
-def differs(one: Result, other: Result) -> float:
+def differs(first: Result, other: Result) -> float:
     """Largest difference of shapes, relative to the displacement."""
-    solution = one.solutions[-1]
+    solution = first.solutions[-1]
     gap = float(np.abs(solution.other_nodes - other.solutions[-1].other_nodes).max(initial=0.0))
     return solution.displacement.function_space.mesh.comm.allreduce(gap, op=MPI.MAX) / solution.largest_displacement
 
@@ -141,14 +141,14 @@ def test_a_run_after_another_finds_what_it_finds_alone(pair: str, comm: MPI.Intr
     alone = run(after, comm)
     with Workspace(comm) as workspace:
         run(before, comm, workspace=workspace)
-        found = run(after, comm, workspace=workspace)
+        result = run(after, comm, workspace=workspace)
         again = run(before, comm, workspace=workspace)
-    assert differs(alone, found) < 1e-11
+    assert differs(alone, result) < 1e-11
     assert differs(run(before, comm), again) < 1e-11
-    assert found.solutions[0].strain_energy == pytest.approx(alone.solutions[0].strain_energy, rel=1e-10)
-    assert found.quantities == pytest.approx(alone.quantities, rel=1e-10)
+    assert result.solutions[0].strain_energy == pytest.approx(alone.solutions[0].strain_energy, rel=1e-10)
+    assert result.quantities == pytest.approx(alone.quantities, rel=1e-10)
     assert np.abs(
-        found.solutions[0].cauchy_stress.x.array - alone.solutions[0].cauchy_stress.x.array
+        result.solutions[0].cauchy_stress.x.array - alone.solutions[0].cauchy_stress.x.array
     ).max() < 1e-8 * np.abs(alone.solutions[0].cauchy_stress.x.array).max(initial=1.0)
 
 
@@ -204,9 +204,9 @@ NAMED: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("section", NAMED)
 def test_a_name_in_a_formula_counts_by_its_value(section: str) -> None:
     sections = NAMED[section]
-    one, other = (block(**sections | {"let": {"c": c} | sections.get("let", {})}) for c in ("0.9", "1.9"))
-    assert (reuse_group_of(one), numbers_of(one)) != (reuse_group_of(other), numbers_of(other))
-    assert content_key(one) != content_key(other)
+    first, other = (block(**sections | {"let": {"c": c} | sections.get("let", {})}) for c in ("0.9", "1.9"))
+    assert (reuse_group_of(first), numbers_of(first)) != (reuse_group_of(other), numbers_of(other))
+    assert content_key(first) != content_key(other)
 
 
 def test_what_decides_about_a_mesh_or_a_check_counts(tmp_path: Path) -> None:
@@ -230,8 +230,8 @@ def test_what_decides_about_a_mesh_or_a_check_counts(tmp_path: Path) -> None:
         with_mesh(surface="a.stl", unit="mm", surface_error={"sd": "1 mm"}),
         with_mesh(surface="a.stl", unit="mm", surface_error={"sd": "2 mm"}),
     ]
-    assert len({content_key(one) for one in jobs}) == len(jobs)
-    assert len({_mesh_of(one) for one in jobs}) == len(jobs)
+    assert len({content_key(variant) for variant in jobs}) == len(jobs)
+    assert len({_mesh_of(variant) for variant in jobs}) == len(jobs)
     assert content_key(with_mesh(**scan, unit="mm")) == content_key(jobs[0])
 
 

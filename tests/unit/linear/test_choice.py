@@ -52,17 +52,17 @@ def test_operations_and_entries_are_what_mumps_counts(
 
 @pytest.mark.parallel([1, 2, 3])
 def test_shape_of_a_block(comm: MPI.Intracomm) -> None:
-    found = shape_of(model(box((3, 3, 12), lz=4.0), comm).unknowns)
+    block_shape = shape_of(model(box((3, 3, 12), lz=4.0), comm).unknowns)
     nodes_across = 7 * 7  # of degree 2
-    assert found.aspect == pytest.approx(4.0, rel=0.2)
-    assert found.cut == pytest.approx(3 * nodes_across, rel=0.2)
+    assert block_shape.aspect == pytest.approx(4.0, rel=0.2)
+    assert block_shape.cut == pytest.approx(3 * nodes_across, rel=0.2)
 
 
 @pytest.mark.parametrize("shape", [Shape(cut=300.0, aspect=4.0), Shape(cut=108.0, aspect=30.0)])
 def test_a_shape_is_found_from_its_operations(shape: Shape) -> None:
     unknowns = round(shape.aspect * shape.cut**1.5 / 3**0.5)
-    found = Shape.of_operations(Forecast(unknowns, 2, shape).operations, unknowns)
-    assert (found.cut, found.aspect) == pytest.approx((shape.cut, shape.aspect), rel=1e-3)
+    equal_rod = Shape.equal_rod(Forecast(unknowns, 2, shape).operations, unknowns)
+    assert (equal_rod.cut, equal_rod.aspect) == pytest.approx((shape.cut, shape.aspect), rel=1e-3)
 
 
 @pytest.mark.parallel([1, 2, 3])

@@ -30,8 +30,8 @@ MU, LAM, DENSITY = "material.mu", "material.lam", "effects[0].density"
 
 def cube(count: int, parameters: int, seed: int = 1) -> Floats:
     """Points of a Sobol sample in [-1, 1]."""
-    found: Floats = 2 * qmc.Sobol(parameters, rng=seed).random(count) - 1
-    return found
+    points: Floats = 2 * qmc.Sobol(parameters, rng=seed).random(count) - 1
+    return points
 
 
 def indices_of(points: Floats, normal: list[bool], values: Floats) -> Indices:
@@ -51,8 +51,8 @@ def test_polynomials_are_orthonormal() -> None:
     z, wz = np.polynomial.hermite_e.hermegauss(8)
     points = np.array([(a, b) for a in x for b in z])
     weights = np.array([a * b for a in wx / wx.sum() for b in wz / wz.sum()])
-    found = polynomials(points, [False, True], powers)
-    np.testing.assert_allclose((found * weights[:, None]).T @ found, np.eye(21), atol=1e-12)
+    products = polynomials(points, [False, True], powers)
+    np.testing.assert_allclose((products * weights[:, None]).T @ products, np.eye(21), atol=1e-12)
 
 
 def test_leave_one_out_errors_are_those_of_fits_without_each_case() -> None:
@@ -76,13 +76,13 @@ def test_a_polynomial_is_found_whatever_the_sample() -> None:
     surrogate = regression.fit(values[:, None])
     other = np.array([[0.3, -0.7], [1.0, 1.0]])
     np.testing.assert_allclose(surrogate.predict(other, [False, False])[:, 0], [1.6 - 0.63, 6.0], rtol=1e-12)
-    found = indices_of(points, [False, False], values)
-    assert found.q2 == pytest.approx(1)
-    assert found.decided
-    assert [i.value for i in found.first] == pytest.approx([(4 / 3) / (7 / 3), 0], abs=1e-12)
-    assert [i.value for i in found.total] == pytest.approx([1, 1 / (7 / 3)])
-    assert found.interactions == pytest.approx(1 / (7 / 3))
-    assert found.sd.value == pytest.approx(math.sqrt(7 / 3))
+    indices = indices_of(points, [False, False], values)
+    assert indices.q2 == pytest.approx(1)
+    assert indices.decided
+    assert [i.value for i in indices.first] == pytest.approx([(4 / 3) / (7 / 3), 0], abs=1e-12)
+    assert [i.value for i in indices.total] == pytest.approx([1, 1 / (7 / 3)])
+    assert indices.interactions == pytest.approx(1 / (7 / 3))
+    assert indices.sd.value == pytest.approx(math.sqrt(7 / 3))
     assert mean(regression, surrogate, 0.95).value == pytest.approx(1)
 
 
@@ -101,11 +101,11 @@ def test_a_linear_quantity_has_the_shares_of_its_variances() -> None:
     points = np.array([[d.standard(v) for d, v in zip(distributions, row, strict=True)] for row in drawn])
     values = np.array([3 * a - 4 * b for a, b, _ in drawn])
     variances = np.array([9 * 4, 16 * 36 / 12, 0])
-    found = indices_of(points, [True, False, True], values)
-    assert found.degree == 1
-    for parts in (found.first, found.total):
+    indices = indices_of(points, [True, False, True], values)
+    assert indices.degree == 1
+    for parts in (indices.first, indices.total):
         np.testing.assert_allclose([i.value for i in parts], variances / variances.sum(), atol=1e-10)
-    assert found.sd.value == pytest.approx(math.sqrt(variances.sum()))
+    assert indices.sd.value == pytest.approx(math.sqrt(variances.sum()))
 
 
 def test_ishigami() -> None:
@@ -116,11 +116,11 @@ def test_ishigami() -> None:
     first, total = [v1 / v, v2 / v, 0.0], [(v1 + v13) / v, v2 / v, v13 / v]
     points = cube(512, 3)
     x, y, z = math.pi * points.T
-    found = indices_of(points, [False] * 3, np.sin(x) + a * np.sin(y) ** 2 + b * z**4 * np.sin(x))
-    assert found.q2 > 0.99
-    assert found.decided
-    assert math.sqrt(v) == pytest.approx(found.sd.value, rel=0.005)
-    for index, exact in zip((*found.first, *found.total), (*first, *total), strict=True):
+    indices = indices_of(points, [False] * 3, np.sin(x) + a * np.sin(y) ** 2 + b * z**4 * np.sin(x))
+    assert indices.q2 > 0.99
+    assert indices.decided
+    assert math.sqrt(v) == pytest.approx(indices.sd.value, rel=0.005)
+    for index, exact in zip((*indices.first, *indices.total), (*first, *total), strict=True):
         assert index.value == pytest.approx(exact, abs=0.005)
         assert index.low <= exact <= index.high
         assert index.high - index.low < 0.03
@@ -134,9 +134,9 @@ def test_a_product_of_lognormal_factors() -> None:
     v = np.expm1(s**2)
     whole = np.prod(1 + v) - 1
     points = scipy.stats.norm.ppf(qmc.Sobol(3, rng=4).random(256))
-    found = indices_of(points, [True] * 3, np.exp(points @ s))
-    np.testing.assert_allclose([i.value for i in found.first], v / whole, atol=1e-3)
-    np.testing.assert_allclose([i.value for i in found.total], v * np.prod(1 + v) / (1 + v) / whole, atol=1e-3)
+    indices = indices_of(points, [True] * 3, np.exp(points @ s))
+    np.testing.assert_allclose([i.value for i in indices.first], v / whole, atol=1e-3)
+    np.testing.assert_allclose([i.value for i in indices.total], v * np.prod(1 + v) / (1 + v) / whole, atol=1e-3)
 
 
 def test_scipy_estimates_the_same_indices() -> None:
@@ -156,9 +156,9 @@ def test_scipy_estimates_the_same_indices() -> None:
     shares = qmc.Sobol(3, rng=6).random(256)
     drawn = [[d.quantile(share) for d, share in zip(distributions, row, strict=True)] for row in shares.tolist()]
     points = np.array([[d.standard(v) for d, v in zip(distributions, row, strict=True)] for row in drawn])
-    found = indices_of(points, [False, True, False], f(np.array(drawn).T))
-    np.testing.assert_allclose([i.value for i in found.first], expected.first_order, atol=0.01)
-    np.testing.assert_allclose([i.value for i in found.total], expected.total_order, atol=0.01)
+    indices = indices_of(points, [False, True, False], f(np.array(drawn).T))
+    np.testing.assert_allclose([i.value for i in indices.first], expected.first_order, atol=0.01)
+    np.testing.assert_allclose([i.value for i in indices.total], expected.total_order, atol=0.01)
 
 
 @pytest.mark.parametrize("kind", ["kinks", "noise"])
@@ -180,8 +180,8 @@ def test_intervals_contain_the_indices_as_often_as_they_say(kind: str) -> None:
         values = points @ c + 0.1 * rng.standard_normal(50)
         if kind == "kinks":
             values = np.prod(1 + c * np.abs(points), axis=1)
-        found = indices_of(points, [False] * 2, values)
-        of = np.array([*found.first, *found.total])
+        indices = indices_of(points, [False] * 2, values)
+        of = np.array([*indices.first, *indices.total])
         inside.append((of[:, 1] <= exact) & (exact <= of[:, 2]))
     coverage = np.mean(inside, axis=0)
     print(kind, coverage)
@@ -198,10 +198,10 @@ def test_intervals_that_a_long_tail_makes_too_narrow_are_told() -> None:
     inside, told = [], []
     for _ in range(100):
         points = rng.standard_normal((60, 2))
-        found = indices_of(points, [True] * 2, np.exp(points @ s))
-        of = np.array([*found.first, *found.total])
+        indices = indices_of(points, [True] * 2, np.exp(points @ s))
+        of = np.array([*indices.first, *indices.total])
         inside.append((of[:, 1] <= exact) & (exact <= of[:, 2]))
-        told.append(found.has_long_tail)
+        told.append(indices.has_long_tail)
     print("long tail", np.mean(inside, axis=0), np.mean(told))
     assert np.mean(told) > 0.9
     uniform = rng.uniform(-1, 1, (60, 2))
@@ -210,9 +210,9 @@ def test_intervals_that_a_long_tail_makes_too_narrow_are_told() -> None:
 
 def test_noise_is_not_decided() -> None:
     points = cube(64, 2)
-    found = indices_of(points, [False] * 2, np.random.default_rng(8).standard_normal(64))
-    assert not found.decided
-    assert found.q2 < 0.3
+    indices = indices_of(points, [False] * 2, np.random.default_rng(8).standard_normal(64))
+    assert not indices.decided
+    assert indices.q2 < 0.3
 
 
 # The command
@@ -231,9 +231,11 @@ def solve(tmp_path: Path) -> Callable[..., None]:
         with Holder(tmp_path / "store") as holder:
             ledger = Ledger(tmp_path / "store", holder)
             for case in plan.cases[:first]:
-                found = quantities(case.parameters[MU], case.parameters[DENSITY])
-                statistics = {"quantities": found, "certificate": {"verdict": "pass", "estimate": None}}
-                record = CaseRecord("converged" if found else "no equilibrium", "", statistics if found else {}, 2.0, 1)
+                values = quantities(case.parameters[MU], case.parameters[DENSITY])
+                statistics = {"quantities": values, "certificate": {"verdict": "pass", "estimate": None}}
+                record = CaseRecord(
+                    "converged" if values else "no equilibrium", "", statistics if values else {}, 2.0, 1
+                )
                 finish(ledger, case.key, record)
 
     return done
@@ -339,10 +341,10 @@ def test_the_spread_of_a_shape(tmp_path: Path, solve: Callable[..., None], capsy
     """Node 1 moves with one parameter, node 3 with both in different directions, the others not at all."""
 
     def position(mu: float, density: float) -> Floats:
-        found = TETRAHEDRON.copy()
-        found[1, 1] += 1e-5 * mu
-        found[3] += [2e-5 * mu, 0.0, 1e-3 * density]
-        return found
+        mesh_read = TETRAHEDRON.copy()
+        mesh_read[1, 1] += 1e-5 * mu
+        mesh_read[3] += [2e-5 * mu, 0.0, 1e-3 * density]
+        return mesh_read
 
     plan = draw(tmp_path, 16)
     solve(plan, linear)
@@ -350,14 +352,14 @@ def test_the_spread_of_a_shape(tmp_path: Path, solve: Callable[..., None], capsy
     shape = tmp_path / "spread.vtu"
     assert main(["sweep", "indices", str(plan.path), "--shape", str(shape)]) == 0
     assert "largest standard deviation of a node 0.03055 m" in capsys.readouterr().out
-    found = read_vtu(shape)
+    mesh_read = read_vtu(shape)
     of_mu, of_density = (2e-5 * 500) ** 2, (1e-3 * 100) ** 2 / 12
-    values = {name: array.values[:, 0] for name, array in found.data.items()}
+    values = {name: array.values[:, 0] for name, array in mesh_read.data.items()}
     np.testing.assert_allclose(values["sd"], [0, 5e-3, 0, math.sqrt(of_mu + of_density)], atol=1e-12)
     np.testing.assert_allclose(values[f"total index of {MU}"][[1, 3]], [1, of_mu / (of_mu + of_density)])
     assert np.isnan(values[f"first-order index of {DENSITY}"][[0, 2]]).all()
     assert values["dominating parameter"].tolist() == [-1, 0, -1, 1]
-    np.testing.assert_allclose(found.points * 1e-3, position(1e4, 200.0), atol=1e-12)
+    np.testing.assert_allclose(mesh_read.points * 1e-3, position(1e4, 200.0), atol=1e-12)
 
 
 def test_a_shape_that_does_not_change(

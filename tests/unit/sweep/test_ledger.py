@@ -383,7 +383,7 @@ def test_clocks_that_are_wrong_change_nothing(
 
 
 def identity(**changes: Any) -> Identity:
-    return replace(Identity.of_this_process(), **changes)
+    return replace(Identity.current(), **changes)
 
 
 @pytest.mark.parametrize(
@@ -419,10 +419,10 @@ def test_a_zombie_is_dead() -> None:
 
 def test_slurm_tells_who_we_are() -> None:
     slurm = {"SLURM_CLUSTER_NAME": "c", "SLURM_JOB_ID": "7", "SLURM_RESTART_COUNT": "2"}
-    me = Identity.of_this_process(slurm)
+    me = Identity.current(slurm)
     assert (me.job, me.restart) == ("c/7", 2)
     assert str(me).endswith("(job 7)")
-    alone = Identity.of_this_process({})
+    alone = Identity.current({})
     assert (alone.job, alone.restart) == ("", 0)
     assert me.token != alone.token
     assert Identity.from_json(me.as_json()) == me

@@ -28,7 +28,7 @@ OPERATIONS = {"open", "os.link", "os.remove", "os.rename", "os.mkdir", "os.scand
 
 
 def ledger_of(store: Path) -> Ledger:
-    holder: Any = SimpleNamespace(identity=Identity.of_this_process({}), is_beating=True)
+    holder: Any = SimpleNamespace(identity=Identity.current({}), is_beating=True)
     return Ledger(store, holder)
 
 

@@ -189,13 +189,13 @@ def test_everything_wrong_is_told_at_once_with_the_number_of_cases(tmp_path: Pat
     assert problems(tmp_path, {"grid": {"effects[1].density": [1, 2]}}) == [
         "case 0, density 1 (and 1 more case): cannot set effects[1].density: [1] is not an entry of a list of 1"
     ]
-    found = problems(
+    faults = problems(
         tmp_path,
         {"grid": {"mesh.parameters.nz": [1, "2 m"]}},
         {"zip": {MU: [1e4, 2e4, -3, -4]}},
         set={"solver.tolerance": 2, "certificate.estimate": 0},
     )
-    assert [problem.partition(": ")[::2] for problem in found] == [
+    assert [problem.partition(": ")[::2] for problem in faults] == [
         ("case 0, nz 1, mu 10000 (and 7 more cases)", "solver.tolerance: must be less than 1, not 2"),
         ("case 0, nz 1, mu 10000 (and 7 more cases)", "certificate.estimate: must be true or false, not 0"),
         (
@@ -213,7 +213,7 @@ def test_everything_wrong_is_told_at_once_with_the_number_of_cases(tmp_path: Pat
 
 
 def test_cases_are_all_combinations_the_last_axis_changing_fastest(tmp_path: Path) -> None:
-    found = plan(
+    sweep_plan = plan(
         tmp_path,
         {
             "name": "law",
@@ -225,22 +225,22 @@ def test_cases_are_all_combinations_the_last_axis_changing_fastest(tmp_path: Pat
         {"grid": {DENSITY: [900, "1 g/cm^3"], "mesh.parameters.nz": [1, 2]}},
         set={"certificate.estimate": False, MU: "7 kPa", DENSITY: 1},
     )
-    assert len(found.cases) == (2 + 3) * 4
-    assert [case.number for case in found.cases] == list(range(20))
-    assert dict(found.cases[0].parameters) == {
+    assert len(sweep_plan.cases) == (2 + 3) * 4
+    assert [case.number for case in sweep_plan.cases] == list(range(20))
+    assert dict(sweep_plan.cases[0].parameters) == {
         "law": "Yeoh",
         "material.c1": "4 kPa",
         DENSITY: 900,
         "mesh.parameters.nz": 1,
     }
-    assert dict(found.cases[19].parameters) == {
+    assert dict(sweep_plan.cases[19].parameters) == {
         "law": "neo-Hookean",
         MU: 3e4,
         "material.lam": 6e4,
         DENSITY: "1 g/cm^3",
         "mesh.parameters.nz": 2,
     }
-    jobs = [found.job(case) for case in found.cases]
+    jobs = [sweep_plan.job(case) for case in sweep_plan.cases]
     laws: list[Any] = [job.laws["material"] for job in jobs]
     assert [law.c1 for law in laws[:8]] == [4e3] * 4 + [6e3] * 4
     assert [(law.mu, law.lam) for law in laws[8:]] == [(1e4, 4e4)] * 4 + [(2e4, 5e4)] * 4 + [(3e4, 6e4)] * 4
@@ -248,8 +248,8 @@ def test_cases_are_all_combinations_the_last_axis_changing_fastest(tmp_path: Pat
     assert [gravity.density for gravity in gravities] == [900.0, 900.0, 1000.0, 1000.0] * 5
     assert [job.mesh.parameters["nz"] for job in jobs] == [1, 2] * 10
     assert not any(job.certificate.estimate for job in jobs)
-    assert len({case.key for case in found.cases}) == 20
-    assert len({case.reuse_group for case in found.cases}) == 4  # laws and meshes; numbers make no reuse group
+    assert len({case.key for case in sweep_plan.cases}) == 20
+    assert len({case.reuse_group for case in sweep_plan.cases}) == 4  # laws and meshes; numbers make no reuse group
 
 
 def test_branches_in_branches(tmp_path: Path) -> None:
@@ -271,8 +271,8 @@ def test_branches_in_branches(tmp_path: Path) -> None:
 
 def test_only_summaries_are_written_unless_more_is_asked_for(tmp_path: Path) -> None:
     def output(**changes: Any) -> tuple[bool, tuple[str, ...]]:
-        found = plan(tmp_path, {"grid": {MU: [1e4]}}, **changes)
-        asked = found.job(found.cases[0]).output
+        sweep_plan = plan(tmp_path, {"grid": {MU: [1e4]}}, **changes)
+        asked = sweep_plan.job(sweep_plan.cases[0]).output
         return asked.fields, asked.mesh
 
     assert output() == (False, ())
@@ -295,19 +295,19 @@ def key(directory: Path, axis: dict[str, Any], **changes: Any) -> str:
 
 def test_the_same_case_has_the_same_key_in_every_sweep(tmp_path: Path) -> None:
     expected = key(tmp_path, {"grid": {MU: ["20 kPa"]}})
-    one, other = tmp_path / "one", tmp_path / "other"
-    for directory in (one, other):
+    first, other = tmp_path / "one", tmp_path / "other"
+    for directory in (first, other):
         directory.mkdir()
-    mesh = one / "any.py"
+    mesh = first / "any.py"
     mesh.write_bytes((ROOT / "meshes" / "box.py").read_bytes())
     law = {"law": "neo-hookean", "mu": "2e-2 MPa", "lam": "40000 Pa"}
     assert {
         key(tmp_path, {"grid": {MU: [2e4]}}, sweep="other-name", store="elsewhere", warm_start=False),
-        key(one, {"zip": {MU: ["0.02 N/mm^2"], DENSITY: ["1 g/cm^3"]}}),
-        key(one, {"branches": {"soft": {"set": {"material": law}}}, "name": "law"}),
-        key(one, {"grid": {"mesh.file": [str(mesh)], MU: [2e4]}}),
-        key(one, {"grid": {"job": ["renamed"], MU: [2e4], "output.fields": [True], "checkpoint.every": [5]}}),
-        key(one, {"grid": {"mesh.partition": ["scotch"], MU: [2e4]}}),
+        key(first, {"zip": {MU: ["0.02 N/mm^2"], DENSITY: ["1 g/cm^3"]}}),
+        key(first, {"branches": {"soft": {"set": {"material": law}}}, "name": "law"}),
+        key(first, {"grid": {"mesh.file": [str(mesh)], MU: [2e4]}}),
+        key(first, {"grid": {"job": ["renamed"], MU: [2e4], "output.fields": [True], "checkpoint.every": [5]}}),
+        key(first, {"grid": {"mesh.partition": ["scotch"], MU: [2e4]}}),
         key(other, {"grid": {MU: [2e4]}}, set={MU: 1, "solver.tolerance": 1e-12}),  # its default
     } == {expected}
     number = {"normal": [2e4, 1]}
@@ -392,9 +392,9 @@ def test_the_example_of_the_documentation_is_right(tmp_path: Path) -> None:
     [example] = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "how-to" / "sweep.md").read_text(), re.DOTALL)
     path = tmp_path / "example.yaml"
     path.write_text(example.replace("job: ", f"job: {ROOT / 'jobs'}/"))
-    found = load_sweep(path)
-    assert found.sweep.sweep == "beam-laws"
-    assert len({case.key for case in found.cases}) == (3 + 64) * 2
+    sweep_plan = load_sweep(path)
+    assert sweep_plan.sweep.sweep == "beam-laws"
+    assert len({case.key for case in sweep_plan.cases}) == (3 + 64) * 2
 
 
 def test_validate_takes_sweeps_and_loads_neither_mpi_nor_the_solver(tmp_path: Path) -> None:

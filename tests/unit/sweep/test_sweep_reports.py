@@ -62,9 +62,9 @@ def bad(status: str = NO_EQUILIBRIUM, seconds: float = 1.0) -> CaseRecord:
     return CaseRecord(status, "Lower the load.", {}, seconds, 1)
 
 
-def look(found: SweepPlan) -> Status:
-    ledger = ledger_of(found.store)
-    return status_of(found, ledger, results(found, ledger))
+def look(sweep_plan: SweepPlan) -> Status:
+    ledger = ledger_of(sweep_plan.store)
+    return status_of(sweep_plan, ledger, results(sweep_plan, ledger))
 
 
 @pytest.fixture
@@ -87,13 +87,13 @@ def test_statistics_of_each_branch_leave_out_what_failed(
         label: {"set": {"material": law}, "axes": [{"grid": {MU: [5e3 * (10 * i + n) for n in range(4)]}}]}
         for i, label in enumerate(values, start=1)
     }
-    found = plan(tmp_path, {"name": "kind", "branches": branches})
+    sweep_plan = plan(tmp_path, {"name": "kind", "branches": branches})
     for label, tops in values.items():
-        cases = [case for case in found.cases if case.parameters["kind"] == label]
+        cases = [case for case in sweep_plan.cases if case.parameters["kind"] == label]
         for case, top in zip(cases, tops, strict=False):
             commit(case, good(quantities={"top": top, "where": [top, 0.0, -top]}))
         commit(cases[-1], bad())
-    assert main(["sweep", "statistics", str(found.path)]) == 0
+    assert main(["sweep", "statistics", str(sweep_plan.path)]) == 0
     rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
     assert [(row["kind"], row["quantity"]) for row in rows][:5] == [
         ("soft", "top"),
@@ -118,8 +118,8 @@ def test_statistics_of_each_branch_leave_out_what_failed(
 def test_the_outlook_tells_cases_sizes_and_time(tmp_path: Path, commit: Callable[[Case, CaseRecord], None]) -> None:
     """Quadratic displacements on n × n × n cubes of 6 tetrahedra have 3 (2n + 1)³ unknowns."""
     sizes = {f"mesh.parameters.n{axis}": [1, 2] for axis in "xyz"}
-    found = plan(tmp_path, {"zip": sizes}, {"grid": {MU: ["10 kPa", 1e4, 2e4]}})
-    text = outlook(found, ledger_of(found.store), 1)
+    sweep_plan = plan(tmp_path, {"zip": sizes}, {"grid": {MU: ["10 kPa", 1e4, 2e4]}})
+    text = outlook(sweep_plan, ledger_of(sweep_plan.store), 1)
     assert text[0] == f"sweep: 6 cases; 0 finished in {tmp_path / 'store'}"
     assert "4 of them are different" in text[1]
     assert text[3].endswith(": 6 cells, 81 unknowns")
@@ -127,20 +127,20 @@ def test_the_outlook_tells_cases_sizes_and_time(tmp_path: Path, commit: Callable
     assert all("    2 cases such as case" in line for line in text[3:5])
     assert "time: not known, since no case is finished; run some first: 'sweep run --first" in text[5]
 
-    commit(found.cases[2], good(8.0))
+    commit(sweep_plan.cases[2], good(8.0))
     # One more like it takes 8 s, and two of the others as much more as they have more unknowns.
     expected = (8 + 2 * 8 * 375 / 81) / 2
     assert (
         f"time: about {expected:.0f} s for 3 cases on 2 groups of ranks side by side, with 2 ranks a case"
-        in (outlook(found, ledger_of(found.store), 2)[-1])
+        in (outlook(sweep_plan, ledger_of(sweep_plan.store), 2)[-1])
     )
 
 
 def test_a_mesh_that_cannot_be_made_is_told_in_the_outlook(tmp_path: Path) -> None:
     (tmp_path / "broken.py").write_text("def build(gmsh):\n    raise RuntimeError('no such shape')\n")
     meshes = [BLOCK["mesh"], {"file": "broken.py"}]
-    found = plan(tmp_path, {"grid": {"mesh": meshes}})
-    text = outlook(found, ledger_of(found.store), 1)
+    sweep_plan = plan(tmp_path, {"grid": {"mesh": meshes}})
+    text = outlook(sweep_plan, ledger_of(sweep_plan.store), 1)
     assert text[2].endswith(": 48 cells, 375 unknowns")
     assert "no such shape" in text[3]
 
@@ -151,16 +151,16 @@ def test_a_mesh_that_cannot_be_made_is_told_in_the_outlook(tmp_path: Path) -> No
 def test_the_status_counts_cases_by_where_they_stand(
     tmp_path: Path, commit: Callable[[Case, CaseRecord], None]
 ) -> None:
-    found = plan(tmp_path, {"grid": {MU: ["10 kPa", 1e4, 2e4, 3e4, 4e4, 5e4, 6e4, 7e4]}})
-    empty = look(found)
+    sweep_plan = plan(tmp_path, {"grid": {MU: ["10 kPa", 1e4, 2e4, 3e4, 4e4, 5e4, 6e4, 7e4]}})
+    empty = look(sweep_plan)
     assert (empty.done, empty.open, empty.total, empty.seconds, empty.unfinished) == (0, 7, 7, None, 7)
     assert "time left: not known before the first of the cases is finished" in lines(empty)[-1]
 
     for number, record in {0: good(2.0), 2: good(4.0), 3: bad(seconds=3.0), 4: bad("too slow"), 5: bad()}.items():
-        commit(found.cases[number], record)
+        commit(sweep_plan.cases[number], record)
     with Holder(tmp_path / "store") as holder:
-        assert Ledger(tmp_path / "store", holder).claim(found.cases[6].key)
-        now = look(found)
+        assert Ledger(tmp_path / "store", holder).claim(sweep_plan.cases[6].key)
+        now = look(sweep_plan)
         who = str(holder.identity)
     assert (now.converged, now.open, now.done, now.total) == (2, 1, 5, 7)
     assert now.failed == {NO_EQUILIBRIUM: ("case 3, mu 30000", "case 5, mu 50000"), "too slow": ("case 4, mu 40000",)}
@@ -184,10 +184,10 @@ def test_the_status_counts_cases_by_where_they_stand(
 def test_a_sweep_is_followed_to_its_end(
     is_terminal: bool, tmp_path: Path, commit: Callable[[Case, CaseRecord], None]
 ) -> None:
-    found = plan(tmp_path, {"grid": {MU: [1e4, 2e4, 3e4]}})
-    left = list(found.cases)
+    sweep_plan = plan(tmp_path, {"grid": {MU: [1e4, 2e4, 3e4]}})
+    left = list(sweep_plan.cases)
     screen = Console(file=io.StringIO(), force_terminal=is_terminal, width=100)
-    last = follow(lambda: look(found), screen, sleep=lambda _: commit(left.pop(0), good()))
+    last = follow(lambda: look(sweep_plan), screen, sleep=lambda _: commit(left.pop(0), good()))
     assert last.unfinished == 0
     text = screen.file.getvalue()  # type: ignore[attr-defined]
     for n in range(4):
@@ -224,7 +224,7 @@ SENSITIVE: Mapping[str, Any] = {
 }
 
 
-def rich_results(found: SweepPlan) -> dict[str, CaseRecord]:
+def rich_results(sweep_plan: SweepPlan) -> dict[str, CaseRecord]:
     estimate = {"quantities": {"top": 1e-6, "seconds": [0.0, 1e-7, None]}, "shape": 1e-6}
     first = good(
         12.5,
@@ -233,21 +233,21 @@ def rich_results(found: SweepPlan) -> dict[str, CaseRecord]:
         sensitivities=SENSITIVE,
     )
     return {
-        found.cases[0].key: CaseRecord(**(vars(first) | {"start": found.cases[3].key})),
-        found.cases[3].key: bad(seconds=0.5),
-        found.cases[4].key: good(quantities={"top": -0.125}, sensitivities=None),
+        sweep_plan.cases[0].key: CaseRecord(**(vars(first) | {"start": sweep_plan.cases[3].key})),
+        sweep_plan.cases[3].key: bad(seconds=0.5),
+        sweep_plan.cases[4].key: good(quantities={"top": -0.125}, sensitivities=None),
     }
 
 
 def test_the_table_has_a_row_for_each_case_in_si(tmp_path: Path) -> None:
-    found = rich_plan(tmp_path)
-    table = columns(found, rich_results(found))
+    sweep_plan = rich_plan(tmp_path)
+    table = columns(sweep_plan, rich_results(sweep_plan))
     assert {len(values) for values in table.values()} == {6}
     assert table["number"] == [0, 1, 2, 3, 4, 5]
-    assert table["key"] == [case.key for case in found.cases]
+    assert table["key"] == [case.key for case in sweep_plan.cases]
     assert table["law"] == ["soft"] * 4 + ["stiff"] * 2
     assert table[MU] == [1e4, 1e4, 2e4, 2e4, None, None]
-    assert table[DENSITY] == [case.parameters[DENSITY] for case in found.cases]
+    assert table[DENSITY] == [case.parameters[DENSITY] for case in sweep_plan.cases]
     assert table["method"] == ["direct"] * 6
     assert table["parameters.certificate"] == ["False"] * 6  # 'certificate' is the verdict
     assert table["status"] == ["converged", "open", "open", NO_EQUILIBRIUM, "converged", "open"]
@@ -264,31 +264,34 @@ def test_the_table_has_a_row_for_each_case_in_si(tmp_path: Path) -> None:
     assert (table["factorizations"][0], table["newton_iterations"][0]) == (5, 12)
     assert (table["unknowns"][0], table["ranks"][0], table["peak_memory"][0]) == (375, 2, 300)
     assert (table["factorizations"][3], table["unknowns"][3], table["peak_memory"][3]) == (None, None, None)
-    assert table["started_from"] == [found.cases[3].key, "", "", "", "", ""]
+    assert table["started_from"] == [sweep_plan.cases[3].key, "", "", "", "", ""]
 
 
 def test_a_quantity_with_the_name_of_a_cost_is_a_column_of_its_own(tmp_path: Path) -> None:
-    found = plan(tmp_path, {"grid": {MU: [1e4]}})
-    table = columns(found, {found.cases[0].key: good(3.0, quantities={"seconds": 7.0, "status": 8.0})})
+    sweep_plan = plan(tmp_path, {"grid": {MU: [1e4]}})
+    table = columns(sweep_plan, {sweep_plan.cases[0].key: good(3.0, quantities={"seconds": 7.0, "status": 8.0})})
     assert (table["seconds"], table["quantities.seconds"], table["quantities.status"]) == ([3.0], [7.0], [8.0])
 
 
 def test_the_table_as_csv_and_hdf5_has_the_same_numbers(
     tmp_path: Path, commit: Callable[[Case, CaseRecord], None]
 ) -> None:
-    found = rich_plan(tmp_path)
-    for case in found.cases:
-        if case.key in rich_results(found):
-            commit(case, rich_results(found)[case.key])
-    records, told_by = results(found, ledger_of(found.store)), provenance(found, ledger_of(found.store))
-    table = columns(found, records)
-    assert table == columns(found, rich_results(found)) | {"attempts": table["attempts"]}
-    known = units(found, records)
+    sweep_plan = rich_plan(tmp_path)
+    for case in sweep_plan.cases:
+        if case.key in rich_results(sweep_plan):
+            commit(case, rich_results(sweep_plan)[case.key])
+    records, told_by = (
+        results(sweep_plan, ledger_of(sweep_plan.store)),
+        provenance(sweep_plan, ledger_of(sweep_plan.store)),
+    )
+    table = columns(sweep_plan, records)
+    assert table == columns(sweep_plan, rich_results(sweep_plan)) | {"attempts": table["attempts"]}
+    known = units(sweep_plan, records)
     headers = {f"{name} [{known[name]}]" if known.get(name) else name: name for name in table}
     assert {f"{MU} [Pa]", "top [m]", "seconds [s]", "status"} <= headers.keys()
     written = csv.DictReader(io.StringIO(as_csv(table, known)))
     rows = [{headers[header]: value for header, value in row.items()} for row in written]
-    with h5py.File(io.BytesIO(as_hdf5(found, records, told_by))) as file:
+    with h5py.File(io.BytesIO(as_hdf5(sweep_plan, records, told_by))) as file:
         frame = {name: data[()] for name, data in file["cases"].items()}
         told = {name: data.attrs["unit"] for name, data in file["cases"].items() if "unit" in data.attrs}
         origins = [json.loads(text) for text in file["provenance"].asstr()[()]]
@@ -302,7 +305,7 @@ def test_the_table_as_csv_and_hdf5_has_the_same_numbers(
                 assert row[name] == kept.decode() == value
             else:
                 assert float(row[name]) == kept == value
-    assert told == {k: v for k, v in units(found, records).items() if k in table}
+    assert told == {k: v for k, v in units(sweep_plan, records).items() if k in table}
     assert told[MU] == "Pa"
     assert (told[DENSITY], told["top"], told["top sd"], told["seconds[1]"]) == ("kg/m^3", "m", "m", "m")
     assert (told[f"top slope in {MU}"], told["seconds"], told["peak_memory"]) == ("m/Pa", "s", "B")
@@ -316,8 +319,8 @@ def drawn(files: Mapping[str, bytes], group: str) -> int:
     """Number of markers in a group of the SVG."""
     assert files["png"].startswith(b"\x89PNG")
     root = ElementTree.fromstring(files["svg"].decode())
-    [found] = [element for element in root.iter() if element.get("id") == group]
-    return sum(element.tag.endswith("use") for element in found.iter())
+    [elements] = [element for element in root.iter() if element.get("id") == group]
+    return sum(element.tag.endswith("use") for element in elements.iter())
 
 
 def groups(files: Mapping[str, bytes]) -> list[str]:
@@ -326,10 +329,10 @@ def groups(files: Mapping[str, bytes]) -> list[str]:
 
 def test_laws_are_lines_over_one_parameter_and_failed_cases_crosses(tmp_path: Path) -> None:
     laws = {name: {"set": {"material.lam": lam}} for name, lam in (("soft", 4e4), ("stiff", 9e4))}
-    found = plan(tmp_path, {"branches": laws, "name": "law"}, {"grid": {DENSITY: [1, 2, 3, 4]}})
-    records = {case.key: good(quantities={"top": case.parameters[DENSITY]}) for case in found.cases[:7]}
-    records[found.cases[2].key] = bad()  # the last is open
-    files, _ = plot(found, records, "top", [DENSITY])
+    sweep_plan = plan(tmp_path, {"branches": laws, "name": "law"}, {"grid": {DENSITY: [1, 2, 3, 4]}})
+    records = {case.key: good(quantities={"top": case.parameters[DENSITY]}) for case in sweep_plan.cases[:7]}
+    records[sweep_plan.cases[2].key] = bad()  # the last is open
+    files, _ = plot(sweep_plan, records, "top", [DENSITY])
     assert groups(files) == ["failed", "series-0", "series-1"]
     assert [drawn(files, name) for name in groups(files)] == [1, 3, 3]
     text = files["svg"].decode()
@@ -338,15 +341,15 @@ def test_laws_are_lines_over_one_parameter_and_failed_cases_crosses(tmp_path: Pa
 
 def test_samples_are_points_over_two_parameters(tmp_path: Path) -> None:
     axis = {"sobol": {MU: {"log-uniform": ["1 kPa", "100 kPa"]}, DENSITY: [1, 2]}, "count": 32}
-    found = plan(tmp_path, axis)
+    sweep_plan = plan(tmp_path, axis)
     records = {
         case.key: bad() if case.parameters[MU] < 1e4 else good(quantities={"top": case.parameters[DENSITY]})
-        for case in found.cases
+        for case in sweep_plan.cases
     }
-    files, _ = plot(found, records, "top", [MU, DENSITY])
+    files, _ = plot(sweep_plan, records, "top", [MU, DENSITY])
     assert groups(files) == ["failed-0", "series-0"]
     assert [drawn(files, name) for name in groups(files)] == [16, 16]  # half of them are in each decade
-    files, _ = plot(found, records, "failures", [MU, DENSITY])
+    files, _ = plot(sweep_plan, records, "failures", [MU, DENSITY])
     assert groups(files) == ["outcome-0", "outcome-1"]
     assert [drawn(files, name) for name in groups(files)] == [16, 16]
     assert f">{NO_EQUILIBRIUM} (16)<" in files["svg"].decode()
@@ -366,18 +369,18 @@ def test_a_diagram_tells_which_cases_it_leaves_out(
             "axes": [{"grid": {"material.c1": [5e3, 1e4]}}],
         },
     }
-    found = plan(tmp_path, {"branches": branches, "name": "law"})
-    commit(found.cases[0], good())
-    commit(found.cases[1], good(quantities={}))
-    for case in found.cases[3:]:
+    sweep_plan = plan(tmp_path, {"branches": branches, "name": "law"})
+    commit(sweep_plan.cases[0], good())
+    commit(sweep_plan.cases[1], good(quantities={}))
+    for case in sweep_plan.cases[3:]:
         commit(case, good())
     told = ["1 of 5 cases, not finished (neo-Hooke)", f"2 of 5 cases, without {MU} (Yeoh)"]
     told.append("1 of 5 cases, without top (neo-Hooke)")
-    files, left_out = plot(found, results(found, ledger_of(found.store)), "top", [MU])
+    files, left_out = plot(sweep_plan, results(sweep_plan, ledger_of(sweep_plan.store)), "top", [MU])
     assert left_out == told
     assert drawn(files, "series-0") == 1
     assert all(f"left out: {text}" in files["svg"].decode() for text in told)
-    assert main(["sweep", "plot", str(found.path), "top", "--over", MU, "--output", str(tmp_path / "top")]) == 0
+    assert main(["sweep", "plot", str(sweep_plan.path), "top", "--over", MU, "--output", str(tmp_path / "top")]) == 0
     assert capsys.readouterr().out.splitlines()[2:] == [f"left out: {text}" for text in told]
 
 
@@ -387,9 +390,9 @@ def test_an_axis_with_a_zero_is_not_logarithmic(tmp_path: Path) -> None:
         "sample": {"axes": [{"random": {DENSITY: {"log-uniform": [1, 1000]}}, "count": 3}]},
         "grid": {"axes": [{"grid": {DENSITY: [0, 10]}}]},
     }
-    found = plan(tmp_path, {"branches": branches})
-    records = {case.key: good() for case in found.cases}
-    files, _ = plot(found, records, "top", [DENSITY])
+    sweep_plan = plan(tmp_path, {"branches": branches})
+    records = {case.key: good() for case in sweep_plan.cases}
+    files, _ = plot(sweep_plan, records, "top", [DENSITY])
     assert sum(drawn(files, name) for name in groups(files)) == 5
 
 
@@ -412,19 +415,19 @@ def test_scales_are_logarithmic_where_values_are_even_in_that() -> None:
     ],
 )
 def test_what_cannot_be_drawn_is_told(quantity: str, over: list[str], expected: str, tmp_path: Path) -> None:
-    found = plan(tmp_path, {"grid": {MU: [1e4, 2e4]}})
+    sweep_plan = plan(tmp_path, {"grid": {MU: [1e4, 2e4]}})
     with pytest.raises(JobError) as caught:
-        plot(found, {found.cases[0].key: good()}, quantity, over)
+        plot(sweep_plan, {sweep_plan.cases[0].key: good()}, quantity, over)
     [problem] = caught.value.problems
     assert expected in problem
 
 
 def test_without_results_there_is_no_diagram(tmp_path: Path) -> None:
-    found = plan(tmp_path, {"grid": {MU: [1e4]}})
+    sweep_plan = plan(tmp_path, {"grid": {MU: [1e4]}})
     with pytest.raises(JobError, match=r"no case with material\.mu is finished"):
-        plot(found, {}, "seconds", [MU])
+        plot(sweep_plan, {}, "seconds", [MU])
     with pytest.raises(JobError, match="no finished case has a value of unknowns"):
-        plot(found, {found.cases[0].key: bad()}, "unknowns", [MU])
+        plot(sweep_plan, {sweep_plan.cases[0].key: bad()}, "unknowns", [MU])
 
 
 # Commands
@@ -433,11 +436,11 @@ def test_without_results_there_is_no_diagram(tmp_path: Path) -> None:
 def test_the_commands_write_what_they_are_asked_for(
     tmp_path: Path, commit: Callable[[Case, CaseRecord], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = plan(tmp_path, {"grid": {MU: [1e4, 2e4]}})
-    for case, value in zip(found.cases, (0.5, 0.75), strict=True):
+    sweep_plan = plan(tmp_path, {"grid": {MU: [1e4, 2e4]}})
+    for case, value in zip(sweep_plan.cases, (0.5, 0.75), strict=True):
         commit(case, good(quantities={"top": value}))
-    assert results(found, ledger_of(found.store)).keys() == {case.key for case in found.cases}
-    sweep = str(found.path)
+    assert results(sweep_plan, ledger_of(sweep_plan.store)).keys() == {case.key for case in sweep_plan.cases}
+    sweep = str(sweep_plan.path)
     assert main(["sweep", "status", sweep]) == 0
     assert "2 of 2 cases finished" in capsys.readouterr().out
     assert main(["sweep", "table", sweep]) == 0
@@ -453,12 +456,12 @@ def test_the_commands_write_what_they_are_asked_for(
 
 
 def test_a_look_makes_no_store(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = plan(tmp_path, {"grid": {MU: [1e4]}})
-    assert main(["sweep", "status", str(found.path)]) == 0
-    assert main(["sweep", "table", str(found.path)]) == 0
+    sweep_plan = plan(tmp_path, {"grid": {MU: [1e4]}})
+    assert main(["sweep", "status", str(sweep_plan.path)]) == 0
+    assert main(["sweep", "table", str(sweep_plan.path)]) == 0
     assert "open" in capsys.readouterr().out
-    assert not found.store.exists()
-    assert yaml.safe_load(found.path.read_text())["store"] == "store"
+    assert not sweep_plan.store.exists()
+    assert yaml.safe_load(sweep_plan.path.read_text())["store"] == "store"
 
 
 @pytest.mark.parametrize(
@@ -467,38 +470,38 @@ def test_a_look_makes_no_store(tmp_path: Path, capsys: pytest.CaptureFixture[str
 def test_a_store_of_another_format_is_refused_by_all_commands(
     command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = plan(tmp_path, {"grid": {MU: [1e4]}})
-    found.store.mkdir()
-    (found.store / "store.json").write_text('{"format": "hpcinv store 2"}')
-    assert main(["sweep", command[0], str(found.path), *command[1:]]) == 2
+    sweep_plan = plan(tmp_path, {"grid": {MU: [1e4]}})
+    sweep_plan.store.mkdir()
+    (sweep_plan.store / "store.json").write_text('{"format": "hpcinv store 2"}')
+    assert main(["sweep", command[0], str(sweep_plan.path), *command[1:]]) == 2
     assert capsys.readouterr().err.count("store.json: the format is hpcinv store 2, not hpcinv store 1") == 1
-    assert [path.name for path in found.store.iterdir()] == ["store.json"]
+    assert [path.name for path in sweep_plan.store.iterdir()] == ["store.json"]
 
 
 def test_damaged_records_are_told_and_nothing_is_written(
     tmp_path: Path, commit: Callable[[Case, CaseRecord], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = plan(tmp_path, {"grid": {MU: [1e4, 2e4, 3e4]}})
-    for case in found.cases:
+    sweep_plan = plan(tmp_path, {"grid": {MU: [1e4, 2e4, 3e4]}})
+    for case in sweep_plan.cases:
         commit(case, good())
-    for case in found.cases[:2]:
-        (found.store / "ledger" / case.key[:2] / f"{case.key}.record-1.json").write_bytes(b"{")
-    before = sorted(found.store.rglob("*"))
-    assert main(["sweep", "status", str(found.path)]) == 0
+    for case in sweep_plan.cases[:2]:
+        (sweep_plan.store / "ledger" / case.key[:2] / f"{case.key}.record-1.json").write_bytes(b"{")
+    before = sorted(sweep_plan.store.rglob("*"))
+    assert main(["sweep", "status", str(sweep_plan.path)]) == 0
     shown = capsys.readouterr().out
     assert (
         "open: 2\n    2 × record damaged, or a file of the mesh has changed: the next start solves the case again"
         in shown
     )
-    assert main(["sweep", "retry", "--failed", str(found.path)]) == 0
+    assert main(["sweep", "retry", "--failed", str(sweep_plan.path)]) == 0
     capsys.readouterr()
-    assert main(["sweep", "table", str(found.path)]) == 0
+    assert main(["sweep", "table", str(sweep_plan.path)]) == 0
     table = capsys.readouterr()
     assert len(table.out.splitlines()) == 4
     assert table.err.count("left out 2 × record damaged") == 1
-    assert sorted(found.store.rglob("*")) == before
-    assert open_damaged(found) == 2
-    assert status_of(found, ledger_of(found.store), {}).damaged == 0
+    assert sorted(sweep_plan.store.rglob("*")) == before
+    assert open_damaged(sweep_plan) == 2
+    assert status_of(sweep_plan, ledger_of(sweep_plan.store), {}).damaged == 0
 
 
 def test_texts_that_spreadsheets_take_as_formulas_are_escaped() -> None:

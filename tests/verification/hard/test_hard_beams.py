@@ -61,7 +61,7 @@ def test_no_ratio_of_bulk_to_shear_modulus_locks(ratio: float, comm: MPI.Intraco
 
 
 def test_the_beam_does_not_stiffen_on_the_way_to_incompressible(comm: MPI.Intracomm) -> None:
-    found = (
+    tips = (
         solve("nearly-incompressible-beam", comm),
         solve(
             "nearly-incompressible-beam",
@@ -69,7 +69,7 @@ def test_the_beam_does_not_stiffen_on_the_way_to_incompressible(comm: MPI.Intrac
             material={"law": "mooney-rivlin", "c1": C1, "c2": C2, "d1": "incompressible"},
         ),
     )
-    difference = np.linalg.norm(tip(found[0]) - tip(found[1])) / np.linalg.norm(tip(found[1]))
+    difference = np.linalg.norm(tip(tips[0]) - tip(tips[1])) / np.linalg.norm(tip(tips[1]))
     print(f"K/mu = 1e9 against incompressible: {difference:.1e}")
     assert difference < 1e-8
 
@@ -94,7 +94,7 @@ def test_the_coil_that_is_straight_under_up_to_eight_times_its_weight(factor: fl
     points = [{"name": f"at-{s:.0%}"[:-1], "of": "displacement", "at": [s * LENGTH, 0, 0]} for s in HELD]
     result = solve("coil-through-itself", comm, **weight(factor), quantities=points)
     u = np.array(list(result.quantities.values()))
-    found = np.outer(HELD, [LENGTH, 0, 0]) - u
+    axis_points = np.outer(HELD, [LENGTH, 0, 0]) - u
     q = factor * PER_LENGTH
     axis = curled_axis(lambda s: (q * (LENGTH - s) ** 2 / 2, q * (LENGTH - s)), DIAMETER / 2, LENGTH, C1, C2, steps=400)
     theory = axis[(400 * np.array(HELD)).astype(int)]
@@ -104,10 +104,13 @@ def test_the_coil_that_is_straight_under_up_to_eight_times_its_weight(factor: fl
         apart: np.ndarray = np.linalg.norm(points[:, None] - points, axis=2)[pairs] / LENGTH
         return apart
 
-    error = np.abs(distances(found) - distances(theory)).max()
-    print(f"{factor:g} times: distances {distances(found).round(5)}, {error:.1e} of the length off; {effort(result)}")
+    error = np.abs(distances(axis_points) - distances(theory)).max()
+    print(
+        f"{factor:g} times: distances {distances(axis_points).round(5)}, {error:.1e} of the length off;"
+        f" {effort(result)}"
+    )
     assert error < 2e-5 * factor**2
-    assert np.abs(found[:, 2]).max() < 1e-3 * LENGTH
+    assert np.abs(axis_points[:, 2]).max() < 1e-3 * LENGTH
 
 
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
@@ -143,8 +146,8 @@ def linear_elasticity(result: Result) -> np.ndarray:
         petsc_options=options,
     )
     problem.solve()
-    found: np.ndarray = unknowns.displacement().x.array * length
-    return found
+    displacement: np.ndarray = unknowns.displacement().x.array * length
+    return displacement
 
 
 def test_the_displacement_is_proportional_to_a_small_load(comm: MPI.Intracomm) -> None:

@@ -72,9 +72,9 @@ def model(comm: MPI.Intracomm, source: MeshSource, held: Mapping[str, str], **ch
     case = job("free-to-turn", regions=regions, supports=supports, **changes)
     given = source if comm.rank == 0 else source.header()
     body = build_body(case.mesh, case.regions, comm, given=given)
-    found = Equations(case, body, Timings())
-    found.equilibrium(found.scene("inverse")).destroy()
-    return found
+    equations = Equations(case, body, Timings())
+    equations.equilibrium(equations.scene("inverse")).destroy()
+    return equations
 
 
 def refusal(comm: MPI.Intracomm, source: MeshSource, held: Mapping[str, str], **changes: Any) -> str:

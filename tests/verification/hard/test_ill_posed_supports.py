@@ -30,9 +30,9 @@ def model(comm: MPI.Intracomm, **changes: Any) -> Equations:
     """The model of a job, as far as it is made before a solve: equations too, since springs need them."""
     case = job(NAME, **changes)
     body = build_body(case.mesh, case.regions, comm, resolve=case.resolve)
-    found = Equations(case, body, Timings())
-    found.equilibrium(found.scene("inverse")).destroy()
-    return found
+    equations = Equations(case, body, Timings())
+    equations.equilibrium(equations.scene("inverse")).destroy()
+    return equations
 
 
 def refusal(comm: MPI.Intracomm, **changes: Any) -> str:
@@ -57,8 +57,8 @@ def held(**faces: str) -> dict[str, Any]:
 def test_what_is_left_free_is_named(comm: MPI.Intracomm) -> None:
     about_x = "supports: leave the body free to turn about the axis through (0, 0, 0) m along x"
     assert refusal(comm) == about_x
-    found = refusal(comm, supports=held(x0="x")["supports"], effects=[SPRINGS])
-    assert found == (
+    faults = refusal(comm, supports=held(x0="x")["supports"], effects=[SPRINGS])
+    assert faults == (
         "supports: leave the body free to move along y and z and to turn about the axis through (0, 0.5, 0.5) m along x"
     )
     along_z = refusal(comm, supports=held(x0="x")["supports"], effects=[SPRINGS | {"region": "y1"}])
@@ -148,11 +148,11 @@ def test_a_screw_is_called_one() -> None:
 @pytest.mark.parallel(3)
 def test_a_contradiction_is_reported_with_its_supports_its_place_and_its_values(comm: MPI.Intracomm) -> None:
     contradiction = job("contradicting-supports").supports
-    found = refusal(comm, supports=[s.model_dump(exclude_none=True) for s in contradiction])
+    faults = refusal(comm, supports=[s.model_dump(exclude_none=True) for s in contradiction])
     assert re.fullmatch(
         r"supports\[0\].fix and supports\[1\].displacement: 'z0' and 'x1' share nodes, where they prescribe different"
         r" displacements along x: 0 m and 0.1 m at \(1, [\d.]+, 0\) m",
-        found,
+        faults,
     )
 
 

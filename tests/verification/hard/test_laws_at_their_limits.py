@@ -33,9 +33,9 @@ def pull(stress: float, stretch: float, analysis: str) -> list[dict[str, object]
 @pytest.mark.parametrize("share", [0.9, 0.999])
 def test_gent_is_solved_next_to_its_limit(share: float, analysis: str, comm: MPI.Intracomm) -> None:
     stretch = 1 + share * (LIMIT - 1)
-    found = [{"name": "length", "of": "x" if analysis == "forward" else "X", "at": [1, 0, 0]}]
+    quantities = [{"name": "length", "of": "x" if analysis == "forward" else "X", "at": [1, 0, 0]}]
     load = pull(gent(stretch), stretch, analysis)
-    result = solve("gent-near-its-limit", comm, analysis=analysis, effects=load, quantities=found)
+    result = solve("gent-near-its-limit", comm, analysis=analysis, effects=load, quantities=quantities)
     exact = stretch if analysis == "forward" else 1 / stretch
     error = result.quantities["length"] / exact - 1
     print(f"{analysis}, {share} of the way to the limit: {error:.1e} off; {effort(result)}")
@@ -72,7 +72,7 @@ def fibres(stretch: float, k2: float) -> float:
 @pytest.mark.parametrize(("k2", "stretch"), [(50, 1.1), (100, 1.1), (100, 1.15)])
 def test_stiff_exponential_fibres(k2: float, stretch: float, analysis: str, comm: MPI.Intracomm) -> None:
     law = {"law": "holzapfel-gasser-ogden", "mu": MU, "k1": 2e3, "k2": k2, "dispersion": 0, "kappa": "incompressible"}
-    found = [{"name": "length", "of": "x" if analysis == "forward" else "X", "at": [1, 0, 0]}]
+    quantities = [{"name": "length", "of": "x" if analysis == "forward" else "X", "at": [1, 0, 0]}]
     load = pull(fibres(stretch, k2), stretch, analysis)
     # At 1.15 the load is 4900 times the shear modulus of the ground substance, and its thousandth still 5 times.
     solver = {"initial_step": 1e-3, "minimum_step": 1e-6} if stretch > 1.1 else {}
@@ -82,7 +82,7 @@ def test_stiff_exponential_fibres(k2: float, stretch: float, analysis: str, comm
         analysis=analysis,
         material=law | {"fibres": ["along"]},
         effects=load,
-        quantities=found,
+        quantities=quantities,
         solver=solver,
     )
     error = result.quantities["length"] / (stretch if analysis == "forward" else 1 / stretch) - 1

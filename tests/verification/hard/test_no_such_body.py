@@ -76,9 +76,9 @@ def test_each_of_two_undeformed_lengths_is_found(
     exact = 1 / root(lambda s: traction(s) - 380e3, low, high)
     certificate = NO_CERTIFICATE | {"stability": True}
     result = solve("two-undeformed-lengths", comm, solver=solver, certificate=certificate)
-    found = result.quantities["length-at-rest"]
-    print(f"{found:.9f} m, closed form {exact:.9f} m; {effort(result)}")
-    assert found == pytest.approx(exact, rel=1e-9)
+    value = result.quantities["length-at-rest"]
+    print(f"{value:.9f} m, closed form {exact:.9f} m; {effort(result)}")
+    assert value == pytest.approx(exact, rel=1e-9)
     # In the softening branch the bar lengthens by itself, with one of the three.
     beyond = low == LIMIT_POINT
     assert finding(result, "stability").value == beyond

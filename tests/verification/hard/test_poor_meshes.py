@@ -93,7 +93,7 @@ def test_layers_a_million_times_stiffer_or_softer(contrast: float, analysis: str
     result = solve("hard-and-soft-layers", comm, **layers(contrast, analysis), effects=[load], quantities=quantities)
     slopes = [s - 1 if analysis == "forward" else 1 - 1 / s for s in stretches]
     exact = np.array([0.25 * slopes[0], 0.75 * slopes[1]])
-    found = np.array([result.quantities["interface"], result.quantities["top"] - result.quantities["interface"]])
-    errors = np.abs(found / exact - 1)
+    elongations = np.array([result.quantities["interface"], result.quantities["top"] - result.quantities["interface"]])
+    errors = np.abs(elongations / exact - 1)
     print(f"contrast {contrast:g}, {analysis}: relative errors of the layers {errors}; {effort(result)}")
     assert errors.max() < 1e-8
