@@ -79,6 +79,7 @@ def coarse_of(result: Result) -> nested_iteration.CoarseSolve:
     return coarse
 
 
+@pytest.mark.everyday("forward")
 @pytest.mark.parallel([1, 2, 3])
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_answer_is_the_same_with_fewer_factorizations(analysis: str, comm: MPI.Intracomm) -> None:
@@ -187,7 +188,7 @@ def test_a_mesh_with_inverted_cells_is_not_used(comm: MPI.Intracomm) -> None:
 def test_without_a_solution_on_coarser_cells_the_unloaded_body_is_the_start(
     fault: str, text: str, comm: MPI.Intracomm, bar: Callable[..., Job], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    on_coarser_cells = nested_iteration._on_coarser_cells
+    on_coarser_cells = nested_iteration._coarse_job
 
     def hasty(given: Job) -> Job:
         changed = on_coarser_cells(given)
@@ -204,7 +205,7 @@ def test_without_a_solution_on_coarser_cells_the_unloaded_body_is_the_start(
         return SIGN([other, *solves], model, coarse)
 
     if fault in ("not reached", "effort"):
-        monkeypatch.setattr(nested_iteration, "_on_coarser_cells", hasty)
+        monkeypatch.setattr(nested_iteration, "_coarse_job", hasty)
         monkeypatch.setattr(nested_iteration, "_EFFORT", 2)
     else:
         monkeypatch.setattr(nested_iteration, "_sign", turned if fault == "sign" else with_limit_point)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hpcinv.errors import JobError
-from hpcinv.mesh.body import in_source_order
+from hpcinv.mesh.body import reorder_to_source
 from hpcinv.parallel.runtime import on_root
 
 from ..runs import Missing
@@ -60,7 +60,7 @@ def quantities(name: str, result: Result) -> dict[str, float]:
     if (Path(__file__).parent / f"{name}.yaml").exists():
         return {}  # a job of this folder, with quantities of its own
     body, solution = result.body, result.solutions[0]
-    nodes, moves = in_source_order(body, solution.other_nodes), in_source_order(body, solution.u)
+    nodes, moves = reorder_to_source(body, solution.other_nodes), reorder_to_source(body, solution.u)
 
     def evaluate() -> dict[str, float]:
         if name.endswith(UNLOADED):
