@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from helpers.command_line import ROOT
 
 from hpcinv.parallel.runtime import MPI
+
+if TYPE_CHECKING:
+    from benchmarks.published.references import Reference
+
+TABLES = sorted((ROOT / "benchmarks" / "published").glob("*/references.csv"))
 
 
 @pytest.fixture(autouse=True)
@@ -94,14 +101,42 @@ def test_rows_without_the_files_of_the_user_are_skipped_and_not_counted() -> Non
     assert "\n0 values of 0 sources" in page.page([row])
 
 
-def test_small_rows_are_inside_both_error_bars(shared_by_workers: Path) -> None:
+@pytest.mark.parametrize("source", [path.parent.name for path in TABLES])
+def test_small_rows_are_inside_both_error_bars(source: str, shared_by_workers: Path) -> None:
     from benchmarks.published.__main__ import rows_of
+    from benchmarks.published.references import read
+
+    small = [row for row in read(source) if row.small]
+    rows = rows_of(small, shared_by_workers / "published", MPI.COMM_SELF)
+    assert [row.reference for row in rows] == small
+    assert [row.reference.place for row in rows if row.verdict not in ("inside", "skipped")] == []
+    assert all(math.isfinite(row.difference) for row in rows if not row.missing)
+
+
+def test_most_sources_have_small_rows_and_some_recover_unloaded_shapes() -> None:
     from benchmarks.published.references import read, sources
 
     small = [row for source in sources() for row in read(source) if row.small]
-    rows = rows_of(small, shared_by_workers / "published", MPI.COMM_SELF)
-    assert len(rows) == len(small)
-    assert {row.reference.folder for row in rows} == set(sources())
-    assert any(row.inverse for row in rows)
-    assert [row.reference.place for row in rows if row.verdict not in ("inside", "skipped")] == []
-    assert all(math.isfinite(row.difference) for row in rows if not row.missing)
+    assert len({row.folder for row in small}) >= 13
+    assert len({row.folder for row in small if row.loaded}) >= 5
+
+
+@pytest.mark.parallel([1, 2])
+def test_ranks_share_the_cases_and_each_is_solved_once(
+    comm: MPI.Intracomm, run_directory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from benchmarks.published import __main__ as command
+    from benchmarks.published.references import cases, read
+
+    solved: list[tuple[str, ...]] = []
+
+    def without_files(row: Reference, *_: object) -> dict[str, str]:
+        solved.append(row.case)
+        return {"missing": "not solved here"}
+
+    monkeypatch.setattr(command, "summary_of", without_files)
+    references = read("sze")
+    rows = command.rows_of(references, run_directory, comm)
+    assert [row.reference for row in rows] == [row for case in cases(references).values() for row in case]
+    assert sorted(itertools.chain(*comm.allgather(solved))) == sorted(cases(references))
+    assert not any(run_directory.iterdir())
