@@ -55,7 +55,7 @@ def build_python(
             raise MeshError(f"{path}{line}: {described(exc)}", "Correct the generator or its parameters.") from exc
         if not gmsh.isInitialized():
             raise MeshError(f"{path}: build() finalised gmsh", "Leave gmsh running: its mesh is read after build().")
-        source = _of_degree(gmsh, path, degree)
+        source = _extracted(gmsh, path, degree)
     return dataclasses.replace(source, inputs=inputs)
 
 
@@ -81,7 +81,7 @@ def build_geo(
             raise
         except Exception as exc:  # gmsh raises nothing narrower
             raise MeshError(f"{path}: gmsh could not mesh it: {exc}", "Check the geometry and the parameters.") from exc
-        source = _of_degree(gmsh, path, degree)
+        source = _extracted(gmsh, path, degree)
     return dataclasses.replace(source, inputs=inputs)
 
 
@@ -118,7 +118,7 @@ def _merge(gmsh: Any, path: Path, called: Path | None = None) -> None:
         ) from exc
 
 
-def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
+def _extracted(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
     """The generated mesh, with the additional nodes of a higher degree on the CAD surfaces."""
     if degree is not None and len(gmsh.model.mesh.getElementTypes(3)):
         gmsh.model.mesh.setOrder(degree)
