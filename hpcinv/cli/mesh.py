@@ -12,9 +12,10 @@ from hpcinv.cli.mesh_input import JOBS, check_one_process, length_unit, mesh_spe
 from hpcinv.cli.options import positive
 from hpcinv.cli.show import add_picture, show
 from hpcinv.errors import JobError, OutputError
-from hpcinv.files.untrusted import add_option, is_asked, mesh_fault
+from hpcinv.files.untrusted import add_option, is_asked
+from hpcinv.formats import mesh_fault
+from hpcinv.formats.partitioned_header import SUFFIX
 from hpcinv.job.job import load
-from hpcinv.job.mesh_header import SUFFIX
 from hpcinv.job.sections import IMAGES, SURFACES, MeshSpec
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.quantity.units import length_symbol

@@ -9,7 +9,6 @@ import argparse
 import os
 import re
 import sys
-import xml.etree.ElementTree as ET
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -113,30 +112,10 @@ def path_fault(directory: Path, path: str) -> str:
     return f"leads out of the directory of the file, and is {REFUSED}; put the needed files there"
 
 
-def mesh_fault(directory: Path, file: str) -> str:
-    """Fault of the mesh of an untrusted job in ``directory``; empty text if there is none."""
-    path = directory / file
-    match path.suffix:
-        case ".py" | ".geo":
-            return f"is a program that a run executes, and is {REFUSED}; ask for its mesh (.msh, .vtu)"
-        case ".bp":
-            return (
-                f"is read by ADIOS2, which can load libraries that a file names, and is {REFUSED}; ask for a mesh in "
-                "one file (.msh, .vtu), as 'hpcinv mesh gather' makes it"
-            )
-    if fault := path_fault(directory, file):
-        return fault
-    if path.is_file() and path.suffix in (*_IMAGES, ".gz"):
-        return _image_fault(path)
-    if path.suffix == ".xdmf" and path.is_file():
-        for data in _heavy_data(path):
-            if fault := path_fault(path.parent, data):
-                return f"has data in '{data}', which {fault}"
-    return ""
-
-
-def _image_fault(path: Path) -> str:
-    """Fault of an image with a header that is damaged, or names other files."""
+def image_fault(path: Path) -> str:
+    """Fault of a file that is an image with a header that is damaged, or names other files."""
+    if path.suffix not in (*_IMAGES, ".gz"):
+        return ""
     try:
         source = source_of(path)
     except Fault as damage:  # also of a pattern that would write to memory
@@ -149,14 +128,6 @@ def _image_fault(path: Path) -> str:
         if fault := path_fault(path.parent, name):
             return f"has its voxels in '{shown(name)}', which {fault}"
     return ""
-
-
-def _heavy_data(path: Path) -> list[str]:
-    try:
-        items = [(item.text or "").strip() for item in ET.parse(path).iter("DataItem")]
-    except (ET.ParseError, OSError, ValueError):  # reported by its reader
-        return []
-    return list(dict.fromkeys(match[1] for item in items if (match := re.fullmatch(r"(.+?):(/.+)", item))))
 
 
 _KRYLOV = "preonly cg fcg pipecg minres gmres fgmres lgmres dgmres gcr bcgs fbcgs bcgsl tfqmr cr richardson chebyshev"

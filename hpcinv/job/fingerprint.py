@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.errors import CheckpointError, MeshError
+from hpcinv.formats import FORMATS
+from hpcinv.formats.partitioned_header import read_header
 from hpcinv.job.job import Job
-from hpcinv.job.mesh_header import SUFFIX, read_header
 from hpcinv.quantity.expressions import LET
 from hpcinv.quantity.plugins import inputs_of
 from hpcinv.quantity.schema import KeyPath, dotted_key
@@ -43,23 +44,23 @@ def file_digest(path: Path) -> str:
 
     For a partitioned mesh it is the hash of the header, which contains checksums of all arrays.
     """
-    if path.suffix == SUFFIX:
+    mesh_format = FORMATS.get(path.suffix)
+    if mesh_format and mesh_format.is_partitioned:
         return read_header(path).digest()
     digest = hashlib.sha256()
     try:
         content = path.read_bytes()
         digest.update(content)
-        if path.suffix == ".xdmf":
-            for name in sorted(set(re.findall(rb">\s*([^<>:]+\.h5):", content))):
-                digest.update((path.parent / os.fsdecode(name)).read_bytes())
-        elif path.suffix in _HEADERS:
+        for name in sorted(mesh_format.data_files(path)) if mesh_format else ():
+            digest.update((path.parent / name).read_bytes())
+        if path.suffix in _HEADERS:
             for file in _voxel_files(path, content[:_LONGEST_HEADER]):
                 digest.update(file.name.encode())
                 with file.open("rb") as voxels:
                     digest.update(hashlib.file_digest(voxels, "sha256").digest())
     except (OSError, ValueError) as error:
         missing = getattr(error, "filename", None) or path
-        advice = "Keep the .h5 file next to the .xdmf file." if path.suffix == ".xdmf" else "Is the file readable?"
+        advice = "Keep the .h5 file next to the .xdmf file." if mesh_format else "Is the file readable?"
         raise MeshError(f"{path}: {missing} cannot be read: {getattr(error, 'strerror', error)}", advice) from None
     return digest.hexdigest()
 

@@ -7,7 +7,8 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field, ValidationInfo
 
 from hpcinv.files.names import is_file
-from hpcinv.files.untrusted import applies, mesh_fault
+from hpcinv.files.untrusted import applies
+from hpcinv.formats import FORMATS, mesh_fault
 from hpcinv.job.sections import LENGTH, QuantityOfInterest, directory_of
 from hpcinv.job.sensitivities import Owner, Parameter, fault_of_tie, parameter
 from hpcinv.quantity.keys import JobKey
@@ -16,7 +17,6 @@ from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Spec, Triple, 
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
-MESHES = (".msh", ".xdmf", ".vtu")
 SURFACES = (".stl", ".ply", ".obj", ".vtp", ".csv")
 
 
@@ -112,7 +112,11 @@ class Observation(Spec):
         if self.kind != "quantity" and self.sd.dimension not in (LENGTH, Dimension()):
             yield ("sd",), f"must be a length, as positions are, but it is {self.sd.dimension}"
         if self.file is not None:
-            suffixes = {"mesh": MESHES, "surface": SURFACES, "landmarks": (".csv",)}[self.kind]
+            suffixes = {
+                "mesh": tuple(suffix for suffix in FORMATS if not FORMATS[suffix].is_partitioned),
+                "surface": SURFACES,
+                "landmarks": (".csv",),
+            }[self.kind]
             path = directory_of(info) / self.file
             if path.suffix not in suffixes:
                 yield (self.kind,), f"{shown(self.file)} must end in {' or '.join(suffixes)}"

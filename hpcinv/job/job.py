@@ -23,6 +23,8 @@ from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.rules import (
+    contradicting_directions,
+    contradicting_meshes,
     read_demands,
     unknown_families,
     unsuited,
@@ -398,32 +400,6 @@ class Job(Spec):
         raise_if_any(((i,), f"'{cases[i]}' is duplicated") for i in repeated(cases))
         return cases
 
-    @field_validator("first")
-    @classmethod
-    def _check_first(cls, first: str | None, info: ValidationInfo) -> str | None:
-        if first is not None and info.data.get("analysis", "round_trip") != "round_trip":
-            raise ValueError("is valid only with 'analysis: round_trip'")
-        return first
-
-    @field_validator("method")
-    @classmethod
-    def _check_method(cls, method: str, info: ValidationInfo) -> str:
-        states = info.data.get("states", ())
-        if method != "direct" and any(state.given and state.is_rest for state in states):
-            raise ValueError(
-                "is not valid if the given state is the rest shape, from which the others are solved directly"
-            )
-        if method != "direct" and info.data.get("analysis") == "forward":
-            raise ValueError("is valid only in an inverse analysis or a round trip; a forward one is always direct")
-        return method
-
-    @field_validator("fixed_point")
-    @classmethod
-    def _check_fixed_point(cls, fixed_point: FixedPoint, info: ValidationInfo) -> FixedPoint:
-        if fixed_point.model_fields_set and info.data.get("method") == "direct":
-            raise ValueError("is not valid with 'method: direct'; choose sellier, aitken, anderson or rausch")
-        return fixed_point
-
     @field_validator("regions")
     @classmethod
     def _check_regions(cls, regions: Mapping[str, Expression]) -> Mapping[str, Expression]:
@@ -495,29 +471,6 @@ class Job(Spec):
         if "material" in info.data:
             raise_if_any(unsuited(discretisation, _laws(info.data["material"])))
         return discretisation
-
-    @field_validator("output")
-    @classmethod
-    def _check_output(cls, output: Output, info: ValidationInfo) -> Output:
-        mesh = info.data.get("mesh")
-        if mesh is not None and mesh.is_partitioned and {"msh", "vtu"} & set(output.mesh or ()):
-            text = "of a partitioned mesh must be bp; 'hpcinv mesh gather shape.bp shape.msh' converts it to one file"
-            raise Problems((("mesh",), text))
-        return output
-
-    @field_validator("expected_shape")
-    @classmethod
-    def _check_expected_shape(cls, expected: ExpectedShape | None, info: ValidationInfo) -> ExpectedShape | None:
-        mesh = info.data.get("mesh")
-        if (
-            expected is not None
-            and expected.has_nodes
-            and mesh is not None
-            and expected.is_partitioned != mesh.is_partitioned
-        ):
-            text = "must be a partitioned mesh (.bp) if and only if the mesh of the job is"
-            raise Problems((("file",), f"{text}: 'hpcinv mesh partition' makes one, with the same --parts"))
-        return expected
 
     @field_validator("accuracy", mode="plain")
     @classmethod
@@ -617,6 +570,8 @@ class Job(Spec):
         for key in ("analysis", "first"):
             if self.states and key in self.model_fields_set:
                 yield (key,), "is not valid with 'states', one of which is the given one; remove it"
+        yield from contradicting_directions(self.analysis, self.first, self.method, self.fixed_point, self.states)
+        yield from contradicting_meshes(self.mesh, self.output, self.expected_shape)
         if self.solver.nested_iteration == "on" and (text := self.unsuited_to_nested_iteration):
             yield ("solver", "nested_iteration"), text
         given_rest = any(state.given and state.is_rest for state in self.states)

@@ -3,8 +3,9 @@
 from collections.abc import Collection, Mapping, Sequence
 
 from hpcinv.effects import Direction, Effect
-from hpcinv.job.sections import AXES, QuantityOfInterest, Support
-from hpcinv.job.settings import Discretisation
+from hpcinv.job.sections import AXES, ExpectedShape, MeshSpec, QuantityOfInterest, Support
+from hpcinv.job.settings import Discretisation, FixedPoint, Output
+from hpcinv.job.states import StateSpec
 from hpcinv.materials import MaterialLaw
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.quantity import positive
@@ -100,6 +101,33 @@ def unknown_case(case: str | None, known: Collection[str] | None) -> Faults:
     if known is not None and case is not None and case not in known:
         hint = f".{did_you_mean(case, known)}" if known else ""
         yield ("case",), f"'{case}' is not among 'load_cases'{hint}"
+
+
+def contradicting_directions(
+    analysis: str, first: str | None, method: str, fixed_point: FixedPoint, states: Sequence[StateSpec]
+) -> Faults:
+    """Faults of keys that are not valid with the analysis, the states or the method of a job."""
+    if first is not None and analysis != "round_trip" and not states:
+        yield ("first",), "is valid only with 'analysis: round_trip'"
+    if method == "direct":
+        if fixed_point.model_fields_set:
+            yield ("fixed_point",), "is not valid with 'method: direct'; choose sellier, aitken, anderson or rausch"
+    elif any(state.given and state.is_rest for state in states):
+        text = "is not valid if the given state is the rest shape, from which the others are solved directly"
+        yield ("method",), text
+    elif analysis == "forward":
+        text = "is valid only in an inverse analysis or a round trip; a forward one is always direct"
+        yield ("method",), text
+
+
+def contradicting_meshes(mesh: MeshSpec, output: Output, expected: ExpectedShape | None) -> Faults:
+    """Faults of files that do not suit a mesh with or without parts."""
+    if mesh.is_partitioned and {"msh", "vtu"} & set(output.mesh or ()):
+        text = "of a partitioned mesh must be bp; 'hpcinv mesh gather shape.bp shape.msh' converts it to one file"
+        yield ("output", "mesh"), text
+    if expected is not None and expected.has_nodes and expected.is_partitioned != mesh.is_partitioned:
+        text = "must be a partitioned mesh (.bp) if and only if the mesh of the job is"
+        yield ("expected_shape", "file"), f"{text}: 'hpcinv mesh partition' makes one, with the same --parts"
 
 
 def read_demands(given: object, quantities: Sequence[QuantityOfInterest]) -> dict[str, float]:

@@ -19,10 +19,10 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
 from hpcinv.files.names import exists, is_file
-from hpcinv.files.untrusted import applies, mesh_fault
-from hpcinv.job import msh_format
+from hpcinv.files.untrusted import applies
+from hpcinv.formats import FORMATS as MESHES
+from hpcinv.formats import mesh_fault
 from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_generator, read_parameters
-from hpcinv.job.mesh_header import HEADER, SUFFIX
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number, replace_scalar
 from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Size
@@ -80,7 +80,8 @@ Files = Annotated[
 ]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
 REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
-FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
+FORMATS = (".py", ".geo", *MESHES)
+"""suffixes of generators and meshes"""
 IMAGES = (".nii", ".gz", ".nrrd", ".mha", ".mhd", ".vti", ".dcm")
 """suffixes of segmented images"""
 SURFACES = (".stl", ".ply", ".obj", ".vtp", ".vtk")
@@ -91,13 +92,6 @@ def directory_of(info: ValidationInfo) -> Path:
     """Directory to which paths in the job are relative."""
     directory: Path = (info.context or {}).get("directory", Path())
     return directory
-
-
-def _msh_fault(path: Path) -> str:
-    try:
-        return msh_format.fault_of(path)
-    except OSError as error:
-        return f"cannot be read: {error.strerror}"
 
 
 def _not_true(value: object) -> object:
@@ -145,7 +139,8 @@ class MeshFile(Spec):
     @property
     def is_partitioned(self) -> bool:
         """True if each rank reads some parts of the mesh, and none reads all of it."""
-        return Path(self.file).suffix == SUFFIX
+        suffix = Path(self.file).suffix
+        return suffix in MESHES and MESHES[suffix].is_partitioned
 
     @property
     def is_image(self) -> bool:
@@ -181,15 +176,18 @@ class MeshFile(Spec):
             raise ValueError(f"{shown(file)} {fault}")
         if not exists(path):
             others = [p.name for p in path.parent.glob("*")] if exists(path.parent) else []
-            suggestion = did_you_mean(path.name, others, list_all=False)
-            raise ValueError(
-                f"there is no file '{path}'.{suggestion or ' Paths start from the directory of the job file'}"
-            )
-        if not is_file(path / HEADER if path.suffix == SUFFIX else path):
+            near = did_you_mean(path.name, others, list_all=False)
+            raise ValueError(f"there is no file '{path}'.{near or ' Paths start from the directory of the job file'}")
+        mesh_format = MESHES.get(path.suffix)
+        if not is_file(path / mesh_format.head if mesh_format else path):
             raise ValueError(
                 f"'{path}' is not of the kind of its suffix; 'hpcinv mesh partition' makes a partitioned mesh"
             )
-        if path.suffix == msh_format.SUFFIX and (fault := _msh_fault(path)):
+        try:
+            fault = mesh_format.fault(path) if mesh_format else ""
+        except OSError as error:
+            fault = f"cannot be read: {error.strerror}"
+        if fault:
             raise ValueError(f"'{path}' {fault}")
         return file
 

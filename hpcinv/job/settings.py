@@ -1,7 +1,7 @@
 """Sections of a job file for the solution methods, checks and output."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     BeforeValidator,
@@ -17,7 +17,13 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
 from hpcinv.files.untrusted import applies, option_fault
+from hpcinv.formats import SAVED
 from hpcinv.quantity.schema import Faults, ListOf, Spec, raise_if_any, shown
+
+if TYPE_CHECKING:
+    SavedFormat = str
+else:
+    SavedFormat = Literal[SAVED]
 
 
 class Discretisation(Spec):
@@ -214,7 +220,7 @@ class Output(Spec):
 
     fields: bool = True
     """displacement, pressure, volume ratio and Cauchy stress for ParaView"""
-    mesh: ListOf[Literal["bp", "msh", "vtu"]] | None = None
+    mesh: ListOf[SavedFormat] | None = None
     """formats of the recovered shape; by default bp for a partitioned mesh, otherwise msh and vtu"""
     unit_warnings: bool = True
     """warn of sizes, masses and loads that look like a mistake in a unit"""

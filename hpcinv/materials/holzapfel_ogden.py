@@ -2,8 +2,6 @@
 
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import ValidationInfo, field_validator
-
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.materials.material_law import StartingValues
 from hpcinv.quantity import Family, ModulusField, PositiveField, VaryingQuantity
@@ -75,13 +73,6 @@ class HolzapfelOgden(IsochoricLaw):
     """family of fibres along the muscle fibres"""
     sheet: Family = "sheet"
     """family of fibres along the sheets, at right angles to the muscle fibres"""
-
-    @field_validator("sheet")
-    @classmethod
-    def _differs_from_fibre(cls, sheet: str, info: ValidationInfo) -> str:
-        if sheet == info.data.get("fibre"):
-            raise ValueError("must be another family than fibre, at right angles to it")
-        return sheet
 
     def shear_modulus(self, par: Any) -> Any:
         return par.a

@@ -269,6 +269,9 @@ class MaterialLaw(Ingredient):
         return own
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
+        sheet = getattr(self, "sheet", None)
+        if sheet is not None and sheet == getattr(self, "fibre", None):
+            yield ("sheet",), "must be another family than fibre"
         if info.context and _UNFINISHED in info.context:
             return
         moduli = {"shear modulus": self.shear_modulus, "bulk modulus": self.bulk_modulus}

@@ -2,8 +2,6 @@
 
 from typing import Any, ClassVar, Literal
 
-from pydantic import ValidationInfo, field_validator
-
 from hpcinv.materials.green_lagrange import GreenLagrangeLaw
 from hpcinv.materials.material_law import Deformation
 from hpcinv.quantity import Family, ModulusField, PositiveField
@@ -59,13 +57,6 @@ class UsykMcCulloch(GreenLagrangeLaw):
     """family of fibres along the muscle fibres"""
     sheet: Family = "sheet"
     """family of fibres along the sheets, across the muscle fibres"""
-
-    @field_validator("sheet")
-    @classmethod
-    def _differs_from_fibre(cls, sheet: str, info: ValidationInfo) -> str:
-        if sheet == info.data.get("fibre"):
-            raise ValueError("must be another family than fibre")
-        return sheet
 
     def shear_modulus(self, par: Any) -> Any:
         return par.c * par.b_sn / 2

@@ -16,8 +16,8 @@ from dolfinx import fem, la
 
 from hpcinv.errors import MeshError
 from hpcinv.files.names import exists
+from hpcinv.formats import FORMATS
 from hpcinv.job.mesh_generators import converted_parameters
-from hpcinv.job.mesh_header import SUFFIX
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body_length import body_length
 from hpcinv.mesh.bounding_box import diagonal
@@ -187,7 +187,7 @@ def read_source(
             source = image_mesh(path, spec, report)
         else:
             source = FILES[path.suffix](path)
-            if path.suffix != SUFFIX:  # partitioned meshes are in metres
+            if not FORMATS[path.suffix].is_partitioned:  # partitioned meshes are in metres
                 check_unit(path, source.unit, spec.unit)
                 source = source.convert_to_metres(spec.unit)
     except OSError as exc:

@@ -6,15 +6,16 @@ from pathlib import Path
 from types import MappingProxyType
 
 from hpcinv.errors import OutputError
-from hpcinv.job.mesh_header import SUFFIX
+from hpcinv.formats import FORMATS
+from hpcinv.formats.mesh_format import loaded
 from hpcinv.mesh.body import Body, reorder_to_source
 from hpcinv.mesh.distributed.partitioned import write_partitioned
-from hpcinv.mesh.io.gmsh_model import save_msh
-from hpcinv.mesh.io.vtu import save_vtu
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
 from hpcinv.parallel.runtime import on_root
 
-SAVERS: dict[str, Callable[[Path, MeshSource, Floats], None]] = {".msh": save_msh, ".vtu": save_vtu}
+SAVERS: dict[str, Callable[[Path, MeshSource, Floats], None]] = {
+    suffix: loaded(kind.saver) for suffix, kind in FORMATS.items() if kind.saver
+}
 
 
 def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, Floats] = MappingProxyType({})) -> None:
@@ -33,7 +34,7 @@ def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, F
     points, comm = reorder_to_source(body, coordinates), body.mesh.comm
     arrays = {name: DataArray(name, "nodes", reorder_to_source(body, values)) for name, values in more.items()}
     source = dataclasses.replace(body.source, data={**body.source.data, **arrays})
-    if path.suffix == SUFFIX:
+    if FORMATS[path.suffix].is_partitioned:
         write_partitioned(path, comm, dataclasses.replace(source, points=points))
     else:
         assert not body.source.is_partitioned

@@ -6,25 +6,23 @@ import tempfile
 import traceback
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from hpcinv.errors import HpcinvError, MeshError, described
 from hpcinv.files.inputs import recorded_inputs
+from hpcinv.formats import FORMATS
+from hpcinv.formats.mesh_format import MeshFormat, loaded
 from hpcinv.job.mesh_generators import ParameterValue
-from hpcinv.job.msh_format import fault_of
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored
-from hpcinv.mesh.distributed.partitioned import read_partitioned
-from hpcinv.mesh.distributed.parts import sort_by_tags
 from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.generator_files import note_script, noted_files
 from hpcinv.mesh.io.gmsh_model import extract, read_views, session
 from hpcinv.mesh.io.isolated import check_readable_by_gmsh
 from hpcinv.mesh.io.length_unit import stored_unit
-from hpcinv.mesh.io.vtu import read_vtu
-from hpcinv.mesh.io.xdmf import read_xdmf
+from hpcinv.mesh.io.vtu import source_of
 from hpcinv.mesh.source import MeshSource
-from hpcinv.parallel.runtime import MPI
 
 
 def build_python(
@@ -89,7 +87,7 @@ def build_geo(
 
 def read_msh(path: Path) -> MeshSource:
     """Read MSH 2.2 or 4.1, ASCII or binary; the sections $NodeData and $ElementData become data arrays."""
-    if fault := fault_of(path):
+    if fault := FORMATS[".msh"].fault(path):
         raise MeshError(f"{path}: {fault}", "Export the mesh again (gmsh: gmsh.write, or -save).")
     with session(path.stem) as gmsh, tempfile.TemporaryDirectory(prefix="hpcinv-mesh-") as empty:
         # gmsh executes a file NAME.msh.opt next to NAME.msh: read it through a link in an empty directory.
@@ -132,9 +130,13 @@ GENERATORS: dict[str, Callable[[Path, Mapping[str, ParameterValue], int | None, 
     ".py": build_python,
     ".geo": build_geo,
 }
-FILES: dict[str, Callable[[Path], MeshSource]] = {
-    ".msh": read_msh,
-    ".xdmf": read_xdmf,
-    ".vtu": read_vtu,
-    ".bp": lambda path: sort_by_tags(read_partitioned(path, MPI.COMM_SELF)),
-}
+
+
+def _read(mesh_format: MeshFormat, path: Path) -> MeshSource:
+    if mesh_format.reader:
+        source: MeshSource = loaded(mesh_format.reader)(path)
+        return source
+    return source_of(path, mesh_format.arrays(path))
+
+
+FILES: dict[str, Callable[[Path], MeshSource]] = {suffix: partial(_read, kind) for suffix, kind in FORMATS.items()}

@@ -2,24 +2,20 @@
 
 import contextlib
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from xml.parsers import expat
 
 import numpy as np
 
 from hpcinv.reading.fault import Fault
 from hpcinv.reading.voxels import VoxelGrid
+from hpcinv.reading.vtk_headers import elements_of, parse
 
 MOST_COMPRESSED = 1100  # largest ratio of compression; that of zlib is 1032
 _SIZES = ("NumberOfPoints", "NumberOfCells", "NumberOfComponents", "NumberOfTuples")
 _SIZES_OF_SURFACES = ("NumberOfVerts", "NumberOfLines", "NumberOfStrips", "NumberOfPolys")
 _FORMATS = "Save it again by the program that made it."
-
-
-class _HeaderRead(Exception):
-    pass
 
 
 def read_vtu(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -132,37 +128,6 @@ def _cells(extent: list[int], more: int) -> int:
     return x * y * z
 
 
-def elements_of(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
-    """Elements of the XML before appended data, which may not be XML, with their attributes."""
-    elements = list[tuple[str, dict[str, str]]]()
-    _parse(path, lambda tag, attributes: elements.append((tag, attributes)))
-    yield from elements
-
-
-def _parse(
-    path: Path,
-    begins: Callable[[str, dict[str, str]], object],
-    has_text: Callable[[str], object] | None = None,
-    ends: Callable[[str], object] | None = None,
-) -> None:
-    """Pass the elements of the XML before appended data to functions; VTK reports invalid XML."""
-
-    def starts(tag: str, attributes: dict[str, str]) -> None:
-        if tag == "AppendedData":
-            raise _HeaderRead
-        begins(tag, attributes)
-
-    parser = expat.ParserCreate()
-    parser.StartElementHandler = starts
-    parser.buffer_text, parser.buffer_size = True, 1 << 20
-    if has_text is not None:
-        parser.CharacterDataHandler = has_text
-    if ends is not None:
-        parser.EndElementHandler = ends
-    with contextlib.suppress(_HeaderRead, expat.ExpatError), path.open("rb") as file:
-        parser.ParseFile(file)
-
-
 def fault_of_header(path: Path) -> str | None:
     """Impossible size of an array, or numbers in text that are more than those of it, if there are such.
 
@@ -179,7 +144,7 @@ def fault_of_header(path: Path) -> str | None:
             if not text.isdecimal() or int(text[:20]) > most:
                 return f"{name} is {text[:40]} in a file of {size} bytes"
     numbers = _NumbersInText()
-    _parse(path, numbers.begins, numbers.text.append, numbers.ends)
+    parse(path, numbers.begins, numbers.text.append, numbers.ends)
     return numbers.fault
 
 

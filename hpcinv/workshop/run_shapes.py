@@ -5,6 +5,7 @@ from typing import Any
 
 from hpcinv.errors import OutputError
 from hpcinv.files.names import is_file
+from hpcinv.formats import FORMATS
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.source import MeshSource
@@ -76,7 +77,7 @@ def _found(run: Path, name: str) -> MeshSource:
         path = run / f"{name}{suffix}"
         if path.exists():
             source = read(path)
-            return source.convert_to_metres(source.unit or 1.0) if suffix != ".bp" else source
+            return source.convert_to_metres(source.unit or 1.0) if not FORMATS[suffix].is_partitioned else source
     raise OutputError(
         f"{run}: has no file of the shape ({name}.msh, .vtu or .bp)", "Run it again with output: {mesh: [msh]}."
     )

@@ -20,8 +20,8 @@ from helpers.partitions import input_vertex_sets, owners, slow_edge_cut
 import hpcinv
 from hpcinv.__main__ import main
 from hpcinv.errors import JobError, MeshError, OutputError
+from hpcinv.formats.partitioned_header import HEADER
 from hpcinv.job.fingerprint import fingerprint
-from hpcinv.job.mesh_header import HEADER
 from hpcinv.mesh import Body, MeshSource, build_body, read_source, reorder_to_source, write_mesh
 from hpcinv.mesh.data import distribute
 from hpcinv.mesh.distributed.partitioned import read_partitioned, write_partitioned

@@ -124,6 +124,7 @@ def test_a_parameter_that_must_be_positive_is_refused_otherwise(law: str, name: 
         ("holzapfel-gasser-ogden", {"fibres": []}, "material.fibres: must name at least one family of fibres"),
         ("holzapfel-gasser-ogden", {"fibres": ["fibre1", "fibre1"]}, "material.fibres[1]: 'fibre1' is duplicated"),
         ("holzapfel-ogden", {"sheet": "fibre"}, "material.sheet: must be another family than fibre"),
+        ("usyk-mcculloch", {"sheet": "fibre"}, "material.sheet: must be another family than fibre"),
         ("holzapfel-ogden", {"a_s": -1}, "material.a_s: must be at least 0"),
     ],
 )

@@ -29,8 +29,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import HpcinvError, MeshError, OutputError
-from hpcinv.job.mesh_header import HEADER, Header, describe_file, read_header
+from hpcinv.formats.partitioned_header import HEADER, Header, describe_file, read_header
 from hpcinv.mesh.cells import FACET_KIND, no_cells
+from hpcinv.mesh.distributed.parts import sort_by_tags
 from hpcinv.mesh.distributed.rows import Rows, even_range
 from hpcinv.mesh.io.length_unit import as_unit
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource
@@ -74,6 +75,11 @@ def write_partitioned(path: Path, comm: MPI.Intracomm, source: MeshSource) -> No
                     shape, start = [rows[place].total, *array.shape[1:]], [rows[place].first, *[0] * (array.ndim - 1)]
                     stream.write(name, np.ascontiguousarray(array), shape, start, list(array.shape))
             stream.end_step()
+
+
+def read_whole(path: Path) -> MeshSource:
+    """Read all parts on this process, in the order of the original file; not collective."""
+    return sort_by_tags(read_partitioned(path, MPI.COMM_SELF))
 
 
 def read_partitioned(path: Path, comm: MPI.Intracomm) -> MeshSource:

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from hpcinv.errors import MeshError
-from hpcinv.files.untrusted import is_asked, mesh_fault
+from hpcinv.files.untrusted import is_asked
+from hpcinv.formats import mesh_fault
 from hpcinv.mesh.io.isolated import read_isolated
 from hpcinv.reading.voxels import VoxelGrid
 

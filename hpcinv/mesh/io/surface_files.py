@@ -6,7 +6,8 @@ import numpy as np
 import pyvista
 
 from hpcinv.errors import MeshError
-from hpcinv.files.untrusted import is_asked, mesh_fault
+from hpcinv.files.untrusted import is_asked
+from hpcinv.formats import mesh_fault
 from hpcinv.mesh.io.isolated import Arrays, read_isolated
 from hpcinv.mesh.source import Floats
 

@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import MeshError
+from hpcinv.formats.mesh_format import MeshArrays
+from hpcinv.formats.vtu import REGION
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.io.isolated import read_isolated
 from hpcinv.mesh.io.length_unit import FIELD, as_unit
@@ -23,7 +25,6 @@ VTK_TYPES = {
 }
 """VTK's numbers of kinds of cells: of degree 1, of degree 2, of any degree; the last two have the same node order."""
 _THIN = (1, 3, 4, 21)  # points, edges of degree 1, polygonal lines, and edges of degree 2
-REGION = "region:"  # cell arrays "region:NAME" have the tag of the region on its cells and 0 elsewhere
 NODE_TAG, CELL_TAG = "node_tag", "cell_tag"
 OF_VTK = "vtk"  # prefix of names reserved by VTK, such as vtkGhostType
 
@@ -39,6 +40,17 @@ def read_vtu(path: Path) -> MeshSource:
     names, arrays = _read(path)
     if "types" not in arrays:
         raise MeshError(f"{path}: has no unstructured grid with cells", "Save the mesh as VTU (unstructured grid).")
+    return _source(path, names, arrays)
+
+
+def source_of(path: Path, mesh: MeshArrays) -> MeshSource:
+    """Return the mesh of arrays that a format has read; raises ``MeshError`` if they are not one."""
+    arrays = {name: getattr(mesh, name) for name in ("points", "types", "offsets", "connectivity")}
+    arrays |= {f"cells:{REGION}{name}": marks for name, marks in mesh.regions.items()} | dict(mesh.data)
+    return _source(path, {int(number): f"of VTK type {number}" for number in np.unique(mesh.types)}, arrays)
+
+
+def _source(path: Path, names: Mapping[int, str], arrays: Mapping[str, npt.NDArray[Any]]) -> MeshSource:
     types, points = arrays["types"], np.asarray(arrays["points"], dtype=np.float64)
     kind = _solid_kind(path, names)
     rows = {dim: np.flatnonzero(np.isin(types, VTK_TYPES[k])) for dim, k in ((3, kind), (2, FACET_KIND[kind]))}

@@ -1,7 +1,6 @@
 """XDMF meshes as written by DOLFINx: a grid of cells, a grid for each set of mesh tags, and functions as data."""
 
 import math
-import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy.typing as npt
 
 from hpcinv.errors import MeshError
 from hpcinv.files.names import is_file
+from hpcinv.formats.xdmf import IN_FILE, mesh_grids, root_of
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, Place, data_arrays
 from hpcinv.mesh.topology import find_rows
@@ -27,10 +27,10 @@ def read_xdmf(path: Path) -> MeshSource:
     attributes of the mesh, and functions on it, are data; functions of time at their last time.
     """
     try:
-        root = ET.parse(path).getroot()
-        grids = [g for g in root.findall("Domain/Grid") if g.find("Topology") is not None]
-    except (ET.ParseError, ValueError, LookupError) as exc:  # ValueError, LookupError: an unknown encoding
+        root = root_of(path)
+    except ValueError as exc:
         raise MeshError(f"{path}: is not valid XML: {exc}", "Is it a complete .xdmf file?") from exc
+    grids = mesh_grids(root)
     mesh = next((g for g in grids if g.find("Geometry/DataItem") is not None), None)
     if mesh is None:
         raise MeshError(f"{path}: has no grid with a topology and a geometry", "Write one with dolfinx.io.XDMFFile.")
@@ -134,7 +134,7 @@ def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
         return _inline(path, item, text)
     if form != "HDF":
         raise MeshError(f"{path}: data in the format '{form}'", "HDF and XML are supported.")
-    match = re.fullmatch(r"(.+?):(/.+)", text)
+    match = IN_FILE.fullmatch(text)
     if match is None:
         raise MeshError(f"{path}: '{text[:80]}' is not of the form FILE:/DATASET", "Write the mesh again.")
     file_of, dataset = path.parent / match[1], match[2]

@@ -1,0 +1,33 @@
+"""Formats of mesh files: one file each, registered by subclassing `MeshFormat`."""
+
+from pathlib import Path
+
+from hpcinv.files.untrusted import REFUSED, image_fault, path_fault
+from hpcinv.formats.mesh_format import MeshFormat
+from hpcinv.quantity.schema import import_modules
+
+import_modules(__name__, __path__)
+
+FORMATS = {kind.suffix: kind() for kind in MeshFormat.__subclasses__()}
+"""formats by suffix"""
+SAVED = tuple(sorted(suffix[1:] for suffix, kind in FORMATS.items() if kind.saver or kind.is_partitioned))
+"""names of the formats that are written"""
+
+
+def mesh_fault(directory: Path, file: str) -> str:
+    """Fault of the mesh of an untrusted job in ``directory``; empty text if there is none."""
+    path = directory / file
+    if path.suffix in (".py", ".geo"):
+        return f"is a program that a run executes, and is {REFUSED}; ask for its mesh (.msh, .vtu)"
+    mesh_format = FORMATS.get(path.suffix)
+    if mesh_format and (fault := mesh_format.untrusted()):
+        return fault
+    if (fault := path_fault(directory, file)) or not path.is_file():
+        return fault
+    for data in mesh_format.data_files(path) if mesh_format else ():
+        if fault := path_fault(path.parent, data):
+            return f"has data in '{data}', which {fault}"
+    return image_fault(path)
+
+
+__all__ = ["FORMATS", "SAVED", "MeshFormat", "mesh_fault"]

@@ -1,0 +1,88 @@
+"""A format of mesh files: what is known of one from its suffix and its header."""
+
+from __future__ import annotations
+
+import importlib
+from abc import ABC
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+if TYPE_CHECKING:
+    from hpcinv.quantity.arrays import Floats, Ints
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Names of the groups of surfaces and volumes of a mesh, and of points and curves; patterns of further names."""
+
+    names: frozenset[str]
+    thin: frozenset[str] = frozenset()
+    patterns: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MeshArrays:
+    """Content of a mesh file in VTK's terms.
+
+    Attributes:
+        points: (n, 3) coordinates, in the unit of the file.
+        types: (m,) VTK's numbers of the types of the cells, solid ones and facets of groups.
+        offsets: (m + 1,) where the nodes of each cell begin in ``connectivity``, and where the last ones end.
+        connectivity: indices of nodes, in VTK's order of the nodes of a cell.
+        regions: (m,) a number other than 0 on the cells of a region, by its name.
+        data: further arrays, ``nodes:NAME`` (n, …) and ``cells:NAME`` (m, …).
+    """
+
+    points: Floats
+    types: Ints
+    offsets: Ints
+    connectivity: Ints
+    regions: Mapping[str, Ints] = field(default_factory=dict)
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+
+class MeshFormat(ABC):
+    """A format of mesh files, registered by subclassing in a module of `hpcinv.formats`.
+
+    Names of regions and faults are found without DOLFINx, so that ``hpcinv validate`` is instant. A format has a method
+    `arrays`, or names its ``reader``, which needs the packages above.
+    """
+
+    suffix: ClassVar[str]
+    reader: ClassVar[str] = ""
+    """``module:function`` that reads a path as a ``MeshSource``"""
+    saver: ClassVar[str] = ""
+    """``module:function`` that saves path, ``MeshSource`` and points; without it the format is only read"""
+    is_partitioned: ClassVar[bool] = False
+    """each rank reads and writes its part; coordinates are in m"""
+    head: ClassVar[str] = ""
+    """file that a directory of this format has; empty if a mesh is one file"""
+
+    def arrays(self, path: Path) -> MeshArrays:
+        """Read a file; raises ``MeshError`` or ``OSError``."""
+        raise NotImplementedError
+
+    def groups(self, path: Path) -> Groups | None:
+        """Groups by the header of a file, or None if they are unknown until it is read."""
+        return None
+
+    def fault(self, path: Path) -> str:
+        """Fault of the first bytes of a file; empty text if they are valid."""
+        return ""
+
+    def data_files(self, path: Path) -> list[str]:
+        """Names of further files, relative to the directory of ``path``, that have parts of the mesh."""
+        return []
+
+    def untrusted(self) -> str:
+        """Why a file of this format from others must not be read; empty text if it may be."""
+        return ""
+
+
+def loaded(name: str) -> Callable[..., Any]:
+    """Return the function ``module:function``."""
+    module, _, function = name.partition(":")
+    result: Callable[..., Any] = getattr(importlib.import_module(module), function)
+    return result

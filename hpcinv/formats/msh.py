@@ -1,0 +1,40 @@
+"""gmsh's MSH format, versions 2 and 4, as text or binary."""
+
+import mmap
+import re
+from pathlib import Path
+
+from hpcinv.formats.mesh_format import Groups, MeshFormat
+
+_HEADERS = (b"$MeshFormat", b"$Comments", b"$NOD")
+"""First lines of MSH 2 and 4, the same after a comment, and MSH 1."""
+_NAMED = re.compile(rb"\$PhysicalNames\r?\n(.*?)\$EndPhysicalNames", re.DOTALL)
+_NAME = re.compile(rb'^\s*(\d+)\s+-?\d+\s+"(.*)"\s*$', re.MULTILINE)
+
+
+class Msh(MeshFormat):
+    suffix = ".msh"
+    reader = "hpcinv.mesh.readers:read_msh"
+    saver = "hpcinv.mesh.io.gmsh_model:save_msh"
+
+    def fault(self, path: Path) -> str:
+        """Fault of the first line, by which gmsh recognizes the format.
+
+        It executes other files as scripts, which can start programs.
+        """
+        with path.open("rb") as file:
+            first = file.readline(256)
+        if first.rstrip() in _HEADERS:
+            return ""
+        return "is not in the MSH format, whose first line is $MeshFormat; a gmsh script must be named .geo"
+
+    def groups(self, path: Path) -> Groups | None:
+        """Groups by their names, which are text also in binary files; unnamed ones are called such as ``surface-3``."""
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            if content[:1] != b"$" or content.find(b"$Elements") < 0:
+                return None  # not MSH 2 or 4, or incomplete
+            names: dict[bool, set[str]] = {False: set(), True: set()}
+            for section in _NAMED.finditer(content):
+                for dim, name in _NAME.findall(section[1]):
+                    names[int(dim) < 2].add(name.decode(errors="replace"))
+        return Groups(frozenset(names[False]), frozenset(names[True] - names[False]), (r"(?:surface|volume)-\d+",))

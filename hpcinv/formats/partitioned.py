@@ -1,0 +1,24 @@
+"""Partitioned meshes: a directory of ADIOS2, of which each rank reads a part."""
+
+from pathlib import Path
+
+from hpcinv.files.untrusted import REFUSED
+from hpcinv.formats.mesh_format import Groups, MeshFormat
+from hpcinv.formats.partitioned_header import HEADER, SUFFIX, read_header
+
+
+class Partitioned(MeshFormat):
+    suffix = SUFFIX
+    reader = "hpcinv.mesh.distributed.partitioned:read_whole"
+    is_partitioned = True
+    head = HEADER
+
+    def groups(self, path: Path) -> Groups:
+        header = read_header(path)
+        return Groups(frozenset(name for name, _, _ in header.groups), frozenset(header.thin_groups))
+
+    def untrusted(self) -> str:
+        return (
+            f"is read by ADIOS2, which can load libraries that a file names, and is {REFUSED}; ask for a mesh in "
+            "one file (.msh, .vtu), as 'hpcinv mesh gather' makes it"
+        )

@@ -1,0 +1,25 @@
+"""VTK's unstructured grids: cell arrays ``region:NAME`` have the tag of a region on its cells, and 0 elsewhere."""
+
+from pathlib import Path
+
+from hpcinv.formats.mesh_format import Groups, MeshFormat
+from hpcinv.reading.vtk_headers import END, elements_of
+
+REGION = "region:"
+_LARGEST = 800 * 2**20
+"""bytes of a file that is searched for names; raised, ``validate`` may take seconds"""
+
+
+class Vtu(MeshFormat):
+    suffix = ".vtu"
+    reader = "hpcinv.mesh.io.vtu:read_vtu"
+    saver = "hpcinv.mesh.io.vtu:save_vtu"
+
+    def groups(self, path: Path) -> Groups | None:
+        """Groups by the names of cell arrays, which are declared before any appended data."""
+        if path.stat().st_size > _LARGEST:
+            return None
+        elements = list(elements_of(path))
+        arrays = [attributes.get("Name", "") for tag, attributes in elements if tag == "DataArray"]
+        names = frozenset(name.removeprefix(REGION) for name in arrays if name.startswith(REGION))
+        return Groups(names) if elements and elements[-1][0] == END else None
