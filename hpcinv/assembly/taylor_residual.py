@@ -79,29 +79,26 @@ class TaylorResidual:
         for part in self._parts:
             part.begin(self._stored, are_kept=are_kept)
             part.put(0, self._unknowns.state.x.array, loads)
-            part.sweep(0)
 
     def put(self, k: int, x: npt.NDArray[np.float64] | None, load: float) -> None:
         """Set the ``k``-th coefficients of the unknowns (local ones, ghosts included; ``None``: 0) and the load factor.
 
-        Those of lower order must be set before.
+        Those of lower order must be set, and assembled, before.
         """
         rates = [load * rate for rate in self._rates]
         for part in self._parts:
             part.put(k, x, rates)
 
     def assemble(self, k: int, b: PETSc.Vec) -> None:
-        """Set ``b`` to the ``k``-th coefficient of the residual, without regard to supports."""
+        """Set ``b`` to the ``k``-th coefficient of the residual, without regard to supports.
+
+        Unknowns of order ``k`` count as zero unless they are set; those of order ``k - 1`` may have been set anew.
+        """
         with b.localForm() as local:
             local.set(0.0)
             for part in self._parts:
                 part.add(part.sweep(k), local.array)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-
-    def advance(self, k: int) -> None:
-        """Compute the coefficients of order ``k`` of all nodes again, after `put`."""
-        for part in self._parts:
-            part.sweep(k)
 
 
 @dataclass(frozen=True)
@@ -280,7 +277,7 @@ class _Part:
 
     def sweep(self, k: int) -> Floats:
         """Return the ``k``-th coefficients of the duals times weights, (cells, points, components of all slots)."""
-        first = k if self._are_kept else 0
+        first = max(k - 1, 0) if self._are_kept else 0
         arrays = self._leaves, self._inputs, self._kept, self._choices, self._results
         self._kernel.library.sweep(self._blocks, self._stored, first, k, int(self._are_kept), *arrays)
         points = self._results.transpose(0, 2, 1).reshape(-1, self._kernel.outputs)[: self._count]
