@@ -141,21 +141,21 @@ class ScalarGraph:
     def _divides(self, node: Node, x: Node) -> bool:
         """Return whether a node has a quotient by ``x``, or by a multiple of it."""
 
-        def is_multiple(one: Node) -> bool:
-            return one == x or (self.operations[one][0] == "multiply" and any(map(is_multiple, self.arguments(one))))
+        def is_multiple(y: Node) -> bool:
+            return y == x or (self.operations[y][0] == "multiply" and any(map(is_multiple, self.arguments(y))))
 
-        quotients = (self.operations[one] for one in self.needed([node]) if one > x)
-        return any(one[0] == "divide" and is_multiple(one[2]) for one in quotients)
+        operations = (self.operations[y] for y in self.needed([node]) if y > x)
+        return any(operation[0] == "divide" and is_multiple(operation[2]) for operation in operations)
 
     def needed(self, outputs: Sequence[Node]) -> list[Node]:
         """Return the nodes on which some depend, in order."""
-        found, left = set[Node](), list(outputs)
+        nodes, left = set[Node](), list(outputs)
         while left:
             node = left.pop()
-            if node not in found:
-                found.add(node)
+            if node not in nodes:
+                nodes.add(node)
                 left += self.arguments(node)
-        return sorted(found)
+        return sorted(nodes)
 
     def arguments(self, node: Node) -> tuple[Node, ...]:
         """Return the nodes on which one depends directly."""
@@ -171,17 +171,17 @@ class ScalarGraph:
         return ()
 
     def _derivative(self, name: str, x: Node, y: Node) -> Node:
-        one, minus = self.number(1.0), self.number(-1.0)
+        unity, minus = self.number(1.0), self.number(-1.0)
 
         def less(a: Node, b: Node) -> Node:
             return self.add(a, self.multiply(minus, b))
 
-        squares = {"tan": self.add(one, self.multiply(y, y)), "tanh": less(one, self.multiply(y, y))}
+        squares = {"tan": self.add(unity, self.multiply(y, y)), "tanh": less(unity, self.multiply(y, y))}
         match name:
             case "exp":
                 return y
             case "ln":
-                return self.divide(one, x)
+                return self.divide(unity, x)
             case "sin" | "sinh" | "cosh":
                 return self.function({"sin": "cos", "sinh": "cosh", "cosh": "sinh"}[name], x)
             case "cos":
@@ -189,9 +189,9 @@ class ScalarGraph:
             case "tan" | "tanh":
                 return squares[name]
             case "atan":
-                return self.divide(one, self.add(one, self.multiply(x, x)))
+                return self.divide(unity, self.add(unity, self.multiply(x, x)))
             case "asin" | "acos":
-                root = self.power(less(one, self.multiply(x, x)), self.number(-0.5))
+                root = self.power(less(unity, self.multiply(x, x)), self.number(-0.5))
                 return root if name == "asin" else self.multiply(minus, root)
         raise NotAnalytic(f"it has the function '{name}'")
 
@@ -301,5 +301,5 @@ class Scalars:
         size, bound = condition.ufl_operands[0], condition.ufl_operands[-1]
         if not (isinstance(condition, LT) and isinstance(size, Abs) and isinstance(bound, FloatValue)):
             raise NotAnalytic("it has a switch that depends on the displacement")
-        compared = (self._node(one, (), indices) for one in (size.ufl_operands[0], bound))
+        compared = (self._node(scalar, (), indices) for scalar in (size.ufl_operands[0], bound))
         return self._graph.by_size(*compared, *(self._node(branch, c, indices) for branch in branches))

@@ -24,9 +24,9 @@ from ufl.corealg.traversal import unique_post_traversal
 
 from hpcinv.assembly.element_matrices import directions_of, tabulated
 from hpcinv.assembly.scalar_graph import NotAnalytic, ScalarGraph, Scalars
-from hpcinv.assembly.tangent_moduli import Slot, UnsupportedForm, at_a_point, slots_of, volume_parts
+from hpcinv.assembly.tangent_moduli import Slot, UnsupportedForm, point_integrand, slots_of, volume_parts
 from hpcinv.assembly.taylor_code import LANES, TaylorCode, taylor_code
-from hpcinv.kinematics.staged_derivatives import Jacobian, Local, without_stages
+from hpcinv.kinematics.staged_derivatives import Jacobian, Local, remove_stages
 from hpcinv.mesh.cells import FACET_KIND, jacobians, kind_and_degree, quadrature, sub_entities
 from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
@@ -146,15 +146,15 @@ def _surface(scene: Scene) -> Iterator[_Integral]:
     kind = scene.unknowns.mesh.basix_cell().name
     integrands: dict[tuple[int, int], Any] = {}
     entities: dict[int, Integers] = {}
-    for one in scene.residual.integrals():
-        if one.integral_type() == "cell":
+    for integral in scene.residual.integrals():
+        if integral.integral_type() == "cell":
             continue
-        degree, region = one.metadata().get("quadrature_degree"), one.subdomain_id()
-        if one.integral_type() != "exterior_facet" or not isinstance(degree, int) or not isinstance(region, int):
+        degree, region = integral.metadata().get("quadrature_degree"), integral.subdomain_id()
+        if integral.integral_type() != "exterior_facet" or not isinstance(degree, int) or not isinstance(region, int):
             raise UnsupportedForm("it has an integral that is neither over cells nor over a region of the boundary")
-        entities[region] = np.asarray(dict(one.subdomain_data())[region], dtype=np.int32).reshape(-1, 2)
+        entities[region] = np.asarray(dict(integral.subdomain_data())[region], dtype=np.int32).reshape(-1, 2)
         key = region, degree
-        integrands[key] = integrands[key] + one.integrand() if key in integrands else one.integrand()
+        integrands[key] = integrands[key] + integral.integrand() if key in integrands else integral.integrand()
     cell = basix.CellType[kind]
     corners, normals = basix.geometry(cell), basix.cell.facet_outward_normals(cell)
     for (region, degree), integrand in integrands.items():
@@ -187,12 +187,12 @@ class _Duals:
     def of(cls, integrand: Any, scene: Scene) -> _Duals:
         unknowns = scene.unknowns
         tests, trials = slots_of(unknowns, unknowns.state)
-        at_point = at_a_point(integrand, unknowns, unknowns.state, tests, trials, ufl.Identity(3))
+        at_point = point_integrand(integrand, unknowns, unknowns.state, tests, trials, ufl.Identity(3))
         local = Local(unknowns.mesh.ufl_domain())
-        duals = {slot: Jacobian(symbol, local).of(at_point) for slot, (_, symbol) in tests.items()}
-        slots = {slot: without_stages(dual) for slot, dual in duals.items() if dual is not None}
+        duals = {slot: Jacobian(symbol, local).differentiate(at_point) for slot, (_, symbol) in tests.items()}
+        slots = {slot: remove_stages(dual) for slot, dual in duals.items() if dual is not None}
         parts = {part for dual in slots.values() for part in unique_post_traversal(dual)}
-        symbols = {slot: without_stages(symbol) for slot, (_, symbol) in trials.items()}
+        symbols = {slot: remove_stages(symbol) for slot, (_, symbol) in trials.items()}
         used = {slot: symbol for slot, symbol in symbols.items() if symbol in parts}
         factors = (scene.parameters.load(case) for case in range(len(scene.parameters.load_rates(0.0))))
         loads = {case: load for case, load in enumerate(factors) if load in parts}
@@ -223,7 +223,7 @@ class _Kernel:
         self.library.sweep.argtypes = [ctypes.c_int64, *4 * [ctypes.c_int], *3 * [doubles], masks, doubles]
         self.inputs: KernelExpression | None = None
         if graph.inputs:
-            vector = without_stages(ufl.as_vector(graph.inputs))
+            vector = remove_stages(ufl.as_vector(graph.inputs))
             used = list(extract_coefficients(vector)), list(extract_constants(vector))
             self.inputs = compile_expression(comm, vector, points, *used, jit_options)
 

@@ -72,8 +72,8 @@ class Axis(Spec):
     @property
     def sample(self) -> Sample:
         """The distributions of a sample by key; nothing for the other kinds."""
-        found: Sample = getattr(self, self.kind) if self.kind in SAMPLES else {}
-        return found
+        sample: Sample = getattr(self, self.kind) if self.kind in SAMPLES else {}
+        return sample
 
     @property
     def keys(self) -> frozenset[str]:
@@ -96,8 +96,8 @@ class Axis(Spec):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         given = [kind for kind in KINDS if getattr(self, kind) is not None]
         if len(given) != 1:
-            found = " and ".join(given) or "none of them"
-            yield (), f"must be one of {', '.join(KINDS)}, not {found}"
+            kinds = " and ".join(given) or "none of them"
+            yield (), f"must be one of {', '.join(KINDS)}, not {kinds}"
             return
         [kind] = given
         content = getattr(self, kind)

@@ -83,7 +83,7 @@ class Test:
         measure: stretch, amount of shear or volume ratio, (n,).
         stress: in Pa, (n,); the pressure of a volumetric test.
         deviation: standard deviations of the stress in Pa (n,), or ``None``.
-        at_rest: number of points left out because they are not deformed, where every law gives 0.
+        rest_count: number of points left out because they are not deformed, where every law gives 0.
     """
 
     name: str
@@ -92,7 +92,7 @@ class Test:
     stress: Floats
     deviation: Floats | None = None
     is_cauchy: bool = False
-    at_rest: int = 0
+    rest_count: int = 0
 
     def __len__(self) -> int:
         return len(self.measure)
@@ -104,17 +104,17 @@ class Test:
 
     def up_to(self, largest: float) -> Self:
         """Return the points whose largest principal stretch is not above a limit."""
-        return self._select(self.largest_stretch <= largest, self.at_rest)
+        return self._select(self.largest_stretch <= largest, self.rest_count)
 
     def deformed(self) -> Self:
         """Return the points that are deformed."""
-        moved = self.measure != self.mode.at_rest
+        moved = self.measure != self.mode.rest_measure
         return self._select(moved, int((~moved).sum()))
 
-    def _select(self, kept: np.ndarray, at_rest: int) -> Self:
+    def _select(self, kept: np.ndarray, rest_count: int) -> Self:
         deviation = None if self.deviation is None else self.deviation[kept]
         measure, stress = self.measure[kept], self.stress[kept]
-        return replace(self, measure=measure, stress=stress, deviation=deviation, at_rest=at_rest)
+        return replace(self, measure=measure, stress=stress, deviation=deviation, rest_count=rest_count)
 
 
 def read_tests(path: Path, mode: str | None = None) -> list[Test]:
@@ -138,6 +138,17 @@ def mode_named(text: str) -> Mode:
     return MODES[name]
 
 
+_TITLES = "the first line must name the columns, such as: stretch [-], nominal stress [MPa]"
+
+
+def _is_number(row: Row, i: int) -> bool:
+    try:
+        row.number(i)
+    except ValueError:
+        return False
+    return True
+
+
 class _Reader:
     def __init__(self, path: Path, mode: str | None) -> None:
         self._path, self._default = path, mode
@@ -147,14 +158,14 @@ class _Reader:
     def tests(self) -> list[Test]:
         rows = list(self._rows())
         if not rows:
-            self._fail("has no columns; the first line names them, such as: stretch [-], nominal stress [MPa]")
+            self._fail(f"has no columns; {_TITLES}")
         columns = self._columns(rows[0])
         if not rows[1:]:
             self._fail("has no data below the names of its columns")
-        sorted_rows = self._by_mode(columns, rows[1:])
+        sorted_rows = self._sorted_rows(columns, rows[1:])
         self._end()
         several = len(sorted_rows) > 1
-        return [self._test(mode, columns, found, several) for mode, found in sorted_rows.items()]
+        return [self._test(mode, columns, mode_rows, several) for mode, mode_rows in sorted_rows.items()]
 
     def _fail(self, text: str, line: int | None = None) -> None:
         self._problem(text, line)
@@ -193,34 +204,38 @@ class _Reader:
 
     def _columns(self, titles: Row) -> dict[int, tuple[str, float]]:
         """Return name and SI factor of each column by its index."""
-        found: dict[int, tuple[str, float]] = {}
+        columns: dict[int, tuple[str, float]] = {}
         line = titles.line
+        if all(_is_number(titles, i) for i in range(len(titles.entries))):
+            self._fail(f"has numbers; {_TITLES}", line)
         for i, title in enumerate(titles.entries):
             try:
                 name, factor = _column(title)
-                if name in [other for other, _ in found.values()]:
+                if name in [other for other, _ in columns.values()]:
                     raise ValueError(f"the column '{name}' occurs twice")
-                found[i] = name, factor
+                columns[i] = name, factor
             except ValueError as error:
                 self._problem(str(error), line)
         self._end()
         for role, examples in (("strain", "stretch [-]"), ("stress", "nominal stress [MPa]")):
-            names = [name for name, _ in found.values() if COLUMNS[name].role == role]
+            names = [name for name, _ in columns.values() if COLUMNS[name].role == role]
             if len(names) != 1:
                 fault = f"more than one column of {role}: {', '.join(names)}" if names else f"no column of {role}"
                 possible = ", ".join(name for name, column in COLUMNS.items() if column.role == role)
                 self._problem(f"has {fault}; it needs one of {possible}, with its unit, such as '{examples}'", line)
-        for name, _ in found.values():
+        for name, _ in columns.values():
             need = COLUMNS[name].needs
             if need and need not in self._statements:
                 example = {"area": "25 mm^2", "length": "20 mm"}[need]
                 self._problem(f"the column '{name}' needs a line '# {need}: {example}' ahead of the columns", line)
         self._end()
-        return found
+        return columns
 
-    def _by_mode(self, columns: dict[int, tuple[str, float]], rows: list[Row]) -> dict[Mode, list[dict[str, float]]]:
+    def _sorted_rows(
+        self, columns: dict[int, tuple[str, float]], rows: list[Row]
+    ) -> dict[Mode, list[dict[str, float]]]:
         """Return the values (SI) of all rows by column, sorted by mode."""
-        found: dict[Mode, list[dict[str, float]]] = {}
+        mode_rows: dict[Mode, list[dict[str, float]]] = {}
         for row in rows:
             line, entries = row.line, row.entries
             if len(entries) != len(columns):
@@ -240,10 +255,10 @@ class _Reader:
                 mode = mode or self._mode()
                 if len(values) == len([1 for n, _ in columns.values() if COLUMNS[n].role != "mode"]):
                     self._check(mode, values, line)
-                    found.setdefault(mode, []).append(values)
+                    mode_rows.setdefault(mode, []).append(values)
             except ValueError as error:
                 self._fail(str(error))
-        return found
+        return mode_rows
 
     def _mode(self) -> Mode:
         stated = self._statements.get("mode")
@@ -275,21 +290,21 @@ class _Reader:
         column = COLUMNS[name]
         stated = self._statements.get(column.needs, 1.0)
         assert isinstance(stated, float)
-        found = column.convert(values, stated)
-        return found + 1.0 if name in _RELATIVE and not mode.is_shear else found
+        converted = column.convert(values, stated)
+        return converted + 1.0 if name in _RELATIVE and not mode.is_shear else converted
 
     def _test(
         self, mode: Mode, columns: dict[int, tuple[str, float]], rows: list[dict[str, float]], several: bool
     ) -> Test:
-        by_role = {COLUMNS[name].role: name for name, _ in columns.values()}
+        role_names = {COLUMNS[name].role: name for name, _ in columns.values()}
         arrays = {
             role: self._converted(name, mode, np.array([row[name] for row in rows]))
-            for role, name in by_role.items()
+            for role, name in role_names.items()
             if role != "mode"
         }
         stem = self._path.stem
         name = f"{stem}, {mode.name}" if several or mode.name not in stem else stem
-        is_cauchy = COLUMNS[by_role["stress"]].is_cauchy
+        is_cauchy = COLUMNS[role_names["stress"]].is_cauchy
         return Test(name, mode, arrays["strain"], arrays["stress"], arrays.get("deviation"), is_cauchy)
 
 
@@ -311,11 +326,11 @@ def _column(title: str) -> tuple[str, float]:
         example = {"Pa": "MPa", "m": "mm"}.get(dimension.unit, dimension.unit)
         raise ValueError(f"column '{title}' needs a unit: '{name} [{example}]'")
     try:
-        factor, found = parse_unit("" if unit in (None, "-", "1") else unit)
+        factor, unit_dimension = parse_unit("" if unit in (None, "-", "1") else unit)
     except ValueError as error:
         raise ValueError(f"column '{title}': {error}") from None
-    if found != dimension:
-        raise ValueError(f"column '{title}': must be {dimension}, but {unit} is {found}")
+    if unit_dimension != dimension:
+        raise ValueError(f"column '{title}': must be {dimension}, but {unit} is {unit_dimension}")
     return name, as_float(factor)
 
 
@@ -325,7 +340,7 @@ def _finite(number: float, text: str) -> float:
     return number
 
 
-def with_deviations(tests: list[Test], given: list[str]) -> list[Test]:
+def set_deviations(tests: list[Test], given: list[str]) -> list[Test]:
     """Return tests with standard deviations of their stress: those of their files, or the given ones.
 
     Args:
@@ -344,14 +359,14 @@ def with_deviations(tests: list[Test], given: list[str]) -> list[Test]:
             raise JobError(f"--sd: {error}") from None
         absolute, relative = (absolute, value) if dimension == _PURE else (value, relative)
     if not given:
-        without = [test.name for test in tests if test.deviation is None]
-        if without and len(without) < len(tests):
-            raise JobError(f"{without[0]}: has no column 'standard deviation', as other tests have; give one with --sd")
+        missing = [test.name for test in tests if test.deviation is None]
+        if missing and len(missing) < len(tests):
+            raise JobError(f"{missing[0]}: has no column 'standard deviation', as other tests have; give one with --sd")
         return tests
-    found = []
+    weighted = []
     for test in tests:
         deviation = np.hypot(absolute, relative * test.stress) if test.deviation is None else test.deviation
         if not (deviation > 0).all():
             raise JobError(f"{test.name}: {relative:.3g} of a stress of 0 is no standard deviation; add --sd '1 kPa'")
-        found.append(replace(test, deviation=deviation))
-    return found
+        weighted.append(replace(test, deviation=deviation))
+    return weighted

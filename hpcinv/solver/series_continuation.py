@@ -58,7 +58,7 @@ class SeriesContinuation:
         with system.timings("compile"):
             self._taylor = TaylorResidual(system.scene)
         owned = len(system.rhs.array)
-        held = [dofs[:count] for dofs, count in (one.dof_indices() for one in system.supports.conditions)]
+        held = [dofs[:count] for dofs, count in (condition.dof_indices() for condition in system.supports.conditions)]
         self._held = np.unique(np.concatenate([*held, np.zeros(0, dtype=np.int32)])).astype(np.int32)
         assert (self._held < owned).all()
         self._scale = np.inf
@@ -190,11 +190,11 @@ class SeriesContinuation:
             is_refined = is_refined and self._refine(b, x)
             return None if is_refined or linear.solve(b, x) else linear.failure
 
-        def put(k: int, values: Reals, of_load: float) -> None:
+        def put(k: int, values: Reals, load_rate: float) -> None:
             step.x.petsc_vec.array[:] = values
             step.x.scatter_forward()
             with system.timings("residual"):
-                taylor.put(k, step.x.array, of_load)
+                taylor.put(k, step.x.array, load_rate)
 
         with system.timings("residual"):
             taylor.put(1, None, 1.0)
@@ -219,14 +219,14 @@ class SeriesContinuation:
             if failure := fault():
                 return failure
             w = x.array.copy()
-            of_load = -float(comm.allreduce(w @ states[0])) / scale**2 / slope
-            states.append(of_load * t + w)
-            loads.append(of_load)
+            load_rate = -float(comm.allreduce(w @ states[0])) / scale**2 / slope
+            states.append(load_rate * t + w)
+            loads.append(load_rate)
             if k in _ENDS:
                 series = PowerSeries.of(np.array(states), np.array(loads), load, scale, comm)
                 if k == _ORDERS or self._suffices(series, goal, kept):
                     break
-            put(k, states[-1], of_load)
+            put(k, states[-1], load_rate)
         x.destroy()
         return series
 

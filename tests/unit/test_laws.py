@@ -23,7 +23,7 @@ from hpcinv.assembly.scalar_graph import NotAnalytic, ScalarGraph, Scalars
 from hpcinv.assembly.taylor_code import LANES, taylor_code
 from hpcinv.fitting.homogeneous import Response
 from hpcinv.kinematics.kinematics import Deformation
-from hpcinv.kinematics.staged_derivatives import gradient, without_stages
+from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.materials import MaterialLaw, laws
 from hpcinv.materials.isochoric import DILATATIONS
 from hpcinv.model.scene import LABEL
@@ -248,7 +248,7 @@ def test_coefficients_of_stress_along_a_line_are_those_of_the_energy(name: str) 
     psi = law.isochoric_energy(k, par) + law.volumetric_modulus(par) * law.dilatation(k) ** 2 / 2
     graph = ScalarGraph()
     scalars = Scalars(graph, {symbol: [graph.leaf(i) for i in range(9)]})
-    stress = without_stages(gradient(psi, H))
+    stress = remove_stages(gradient(psi, H))
     if any(word in law.energy_formula for word in SWITCHES):
         with pytest.raises(NotAnalytic, match="switch"):
             scalars.of(stress)

@@ -34,7 +34,7 @@ def model_of(direction: str, formulation: str, names: list[str], comm: MPI.Intra
     for name in names:
         key = next((key for key in ("density_in", "area_in") if key in effects()[name].model_fields), None)
         listed.append(effects()[name].example | ({key: "current"} if key else {}))
-    given = job(
+    data = job(
         analysis=direction,
         mesh=box((2, 1, 1)),
         material={"law": "mooney-rivlin", "c1": "10 kPa*(1 + X/(10 m) + y/(5 m))", "c2": "5 kPa", "d1": "100 kPa"},
@@ -43,7 +43,7 @@ def model_of(direction: str, formulation: str, names: list[str], comm: MPI.Intra
         discretisation={"formulation": formulation, "quadrature": 2},
         supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
     )
-    return Equations(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
+    return Equations(data, build_body(data.mesh, data.regions, comm, resolve=data.resolve), Timings())
 
 
 @pytest.mark.everyday("inverse-mixed")
@@ -72,7 +72,7 @@ def test_series_of_the_residual_converges_with_its_order(direction: str, formula
     def errors(a: float) -> list[float]:
         state.x.array[:] = start + a * along.x.array
         exact = system.forces(load + 0.3 * a)
-        sums = np.cumsum([a**k * of_order for k, of_order in enumerate(coefficients)], axis=0)
+        sums = np.cumsum([a**k * values for k, values in enumerate(coefficients)], axis=0)
         return [norm(sums[order] - exact) / norm(coefficients[0]) for order in (1, 2, 5, ORDER)]
 
     far, near = errors(0.4), errors(0.2)

@@ -46,9 +46,9 @@ def law_of(model: Model, block: Block) -> Law:
     Raises:
         UnknownLaw: it has no counterpart.
     """
-    material = model.materials[block.material]
-    if material.type not in LAWS:
-        raise UnknownLaw(f"law {material.type}")
+    material = model.materials.get(block.material)
+    if material is None or material.type not in LAWS:
+        raise UnknownLaw(f"law {material.type}" if material else f"elements '{block.name}' without a material")
     return LAWS[material.type](material, model, block)
 
 
