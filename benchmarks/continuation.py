@@ -23,7 +23,7 @@ from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 
 ROOT = Path(__file__).parents[1]
-PUBLISHED = ("cook/cook", "cook/cook-unloaded", "land/problem-1", "land/problem-1-unloaded", "elastica/elastica")
+PUBLISHED = ("cook/cook", "cook/cook-incompressible", "land/problem-1", "elastica/elastica")
 SETTINGS = {"linear": "direct", "nested_iteration": "off"}
 
 

@@ -60,7 +60,7 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
         for last in _series(problem, steps, load):
             load = last.load if last.outcome.accepted else load
             yield last
-        if load == 1.0:
+        if load == 1.0 or (last is not None and last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
             return
     for last in follow(problem.equilibrium, steps, solver.tolerance, load=load, passed=passed, stop_early=stop_early):
         load = last.load if last.outcome.accepted else load
@@ -91,7 +91,7 @@ def _series(problem: Problem, steps: AdaptiveSteps, load: float) -> Solves:
     last = None
     for last in path.follow(steps, problem.equations.job.solver.tolerance, load):
         yield last
-    if last is not None and not last.outcome.accepted:
+    if last is not None and not (last.outcome.accepted or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
         problem.observer.failing([f"load steps instead of a power series: {last.outcome.text}"])
 
 

@@ -28,6 +28,7 @@ type Reals = npt.NDArray[np.float64]
 
 _GROWTH = 1.05  # factor between parameters that are tried; the range is short of its end by this factor at most
 _FARTHEST = 50.0  # times the range of the polynomials, up to which Padé approximants are tried
+_SAMPLES = 100  # loads along a range; two limit points between two of them are not seen
 _POLE = 0.98  # share of the distance of the first pole of the denominator that the range may reach
 
 
@@ -94,6 +95,24 @@ class PowerSeries:
         while a * _GROWTH < end and self.error(a * _GROWTH, pade=True) <= accuracy:
             a *= _GROWTH
         return a, a > polynomial
+
+    def limit(self, end: float, *, pade: bool) -> float | None:
+        """Return the first parameter before ``end`` from which on the load falls, ``None`` if it never does."""
+        if not np.isfinite(end):
+            return None
+
+        def load(a: float) -> float:
+            return self.load_at(self.weights(a, pade=pade))
+
+        grid = np.linspace(0.0, end, _SAMPLES + 1)
+        falls = np.flatnonzero(np.diff([load(a) for a in grid]) < 0)
+        if not len(falls):
+            return None
+        low, high = grid[max(falls[0] - 1, 0)], grid[falls[0] + 1]
+        for _ in range(100):  # a third of the bracket is cut off each time
+            left, right = (2 * low + high) / 3, (low + 2 * high) / 3
+            low, high = (left, high) if load(left) < load(right) else (low, right)
+        return float(low)
 
     def error(self, a: float, *, pade: bool) -> float:
         """Return the distance of the two last orders at ``a``, relative to the distance from the beginning."""

@@ -38,6 +38,9 @@ _REFINEMENTS = 12  # of a coefficient by factors of a near tangent, after which 
 _SMALL = 1e-8
 """Error of a series that Newton's method corrects with one factorization. A larger one ends expansions earlier, but
 slender bodies then take two or three."""
+_PATH_TOLERANCE = 1e-8  # of states between expansions; near a limit point of the load it matters
+_LOCATED = 1e-9  # error of a series at a limit point that counts as found; the load there has no error of first order
+_BEFORE_LIMIT = 0.7  # share of the way to a limit point after which the path is expanded again
 _TRIALS = 4  # ends of one range that are tried
 _SHORTER = 0.6  # ratio of their parameters
 _CHECKS = 8  # states along a range that are checked for inverted elements
@@ -102,14 +105,20 @@ class SeriesContinuation:
         """
         equilibrium, system = self._equilibrium, self._system
         a, is_pade = series.range(_ACCURACY)
-        a = self._parameter_at(series, goal, a, is_pade=is_pade)
+        limit = series.limit(a, pade=is_pade)
+        if limit is not None and series.load_at(series.weights(limit, pade=is_pade)) < goal:
+            if series.error(limit, pade=is_pade) <= _LOCATED:
+                yield from self._end_at_limit(series, origin, limit, is_pade=is_pade)
+                return
+            a = _BEFORE_LIMIT * limit
+        a = self._parameter_at(series, goal, a if limit is None else min(a, limit), is_pade=is_pade)
         a = self._admissible(series, origin, a, is_pade=is_pade)
         for _ in range(_TRIALS):
             weights = series.weights(a, pade=is_pade)
             load = series.load_at(weights)
             load = goal if abs(load - goal) < 1e-9 else load
             self._move(series, origin, weights)
-            wanted = tolerance if load == 1.0 else path_tolerance
+            wanted = tolerance if load == 1.0 else min(path_tolerance, _PATH_TOLERANCE)
             predicted = self._prediction(origin) if series.error(a, pade=is_pade) <= kept else None
             solve = equilibrium.solve(load, wanted, predicted=predicted, begins_near=True)
             if not solve.outcome.accepted:
@@ -118,6 +127,19 @@ class SeriesContinuation:
             if solve.outcome.accepted or solve.outcome.is_final:
                 return
             a *= _SHORTER
+
+    def _end_at_limit(self, series: PowerSeries, origin: PETSc.Vec, a: float, *, is_pade: bool) -> Iterator[Solve]:
+        """Yield the state at a limit point of the load, and the outcome that the load goes no farther."""
+        weights = series.weights(a, pade=is_pade)
+        load = series.load_at(weights)
+        self._move(series, origin, weights)
+        if (fault := self._system.fault()) is not None:
+            self._system.set_state(origin)
+            yield Solve(load, fault, (), 0)
+            return
+        self._system.set_load(load)
+        yield Solve(load, Outcome.CONVERGED, (), 0, limit_point=True)
+        yield Solve(load, Outcome.LIMIT_POINT, (), 0)
 
     def _prediction(self, origin: PETSc.Vec) -> Prediction:
         """Return the present state as a prediction, to be corrected by the present factors."""

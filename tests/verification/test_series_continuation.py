@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.paths import cube, tried
 from helpers.verification import Solved, box, job
 
 from hpcinv.model.outcome import Outcome
@@ -58,6 +59,18 @@ def test_series_and_load_steps_end_in_the_same_state(name: str, comm: MPI.Intrac
     assert error < 1e-10
     assert counts[0] <= counts[1]
     assert counts[0] <= 2 * len(PATHS[name].get("load_cases", ["all"]))
+
+
+@pytest.mark.parametrize("analysis", ["forward", "inverse"])
+def test_limit_load_is_located(analysis: str, comm: MPI.Intracomm) -> None:
+    """A cube under 1.2 times the tension that it carries from all sides, for which there is a closed form."""
+    share = 1.2
+    solves = tried(cube(share, analysis, strategy="adaptive", continuation="series", linear="direct"), comm)
+    *_, extremum, last = solves
+    print(f"{analysis}: {len(solves)} solves, error {extremum.load * share - 1:.1e}")
+    assert last.outcome is Outcome.LIMIT_POINT
+    assert extremum.limit_point
+    assert extremum.load * share == pytest.approx(1.0, rel=1e-6)
 
 
 def test_without_a_series_load_steps_are_taken(comm: MPI.Intracomm) -> None:
