@@ -60,10 +60,8 @@ class SeriesContinuation:
         self._equilibrium, self._system, self._linear = equilibrium, system, equilibrium.linear
         with system.timings("compile"):
             self._taylor = TaylorResidual(system.scene)
-        owned = len(system.rhs.array)
         held = [dofs[:count] for dofs, count in (condition.dof_indices() for condition in system.supports.conditions)]
         self._held = np.unique(np.concatenate([*held, np.zeros(0, dtype=np.int32)])).astype(np.int32)
-        assert (self._held < owned).all()
         self._scale = np.inf
 
     def follow(self, steps: AdaptiveSteps, tolerance: float, load: float) -> Iterator[Solve]:
@@ -121,6 +119,8 @@ class SeriesContinuation:
             wanted = tolerance if load == 1.0 else min(path_tolerance, _PATH_TOLERANCE)
             predicted = self._prediction(origin) if series.error(a, pade=is_pade) <= kept else None
             solve = equilibrium.solve(load, wanted, predicted=predicted, begins_near=True)
+            if predicted is not None:
+                predicted.origin.destroy()
             if not solve.outcome.accepted:
                 system.set_state(origin)
             yield solve
