@@ -152,8 +152,10 @@ def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> No
         raise UnsupportedForm("its volume integrals over regions leave cells out, or count some twice")
 
 
-def _moduli(integrand: Any, unknowns: Unknowns, state: Any) -> TangentModuli:
-    mesh = unknowns.mesh
+def slots_of(
+    unknowns: Unknowns, state: Any
+) -> tuple[dict[Slot, tuple[Any, Variable]], dict[Slot, tuple[Any, Variable]]]:
+    """Return test functions and unknowns with their gradients, each with a symbol, by slot."""
     pairs = [(unknowns.v, state, 0, 3)]
     if unknowns.p is not None:
         u, p = ufl.split(state)
@@ -164,10 +166,17 @@ def _moduli(integrand: Any, unknowns: Unknowns, state: Any) -> TangentModuli:
         for is_gradient, operator in ((True, ufl.grad), (False, lambda f: f)):
             slot = Slot(part, components, is_gradient)
             for where, f in ((tests, operator(test)), (trials, operator(trial))):
-                where[slot] = f, ufl.variable(ufl.Constant(mesh, f.ufl_shape))
-    point_integrand = _point_integrand(integrand, unknowns, state, tests, trials)
+                where[slot] = f, ufl.variable(ufl.Constant(unknowns.mesh, f.ufl_shape))
+    return tests, trials
+
+
+def _moduli(integrand: Any, unknowns: Unknowns, state: Any) -> TangentModuli:
+    mesh = unknowns.mesh
+    tests, trials = slots_of(unknowns, state)
+    to_cell = ufl.JacobianInverse(mesh)
+    integrand = point_integrand(integrand, unknowns, state, tests, trials, to_cell)
     local = Local(mesh.ufl_domain())
-    test_duals = {slot: Jacobian(symbol, local).differentiate(point_integrand) for slot, (_, symbol) in tests.items()}
+    test_duals = {slot: Jacobian(symbol, local).differentiate(integrand) for slot, (_, symbol) in tests.items()}
     duals = {slot: dual for slot, dual in test_duals.items() if dual is not None}
     stages = (e for dual in duals.values() for e in unique_post_traversal(dual) if isinstance(e, Variable))
     H = next((stage for stage in stages if stage.label() == LABEL), None)
@@ -184,20 +193,20 @@ def _moduli(integrand: Any, unknowns: Unknowns, state: Any) -> TangentModuli:
     return TangentModuli(tuple(there), remove_stages(vector))
 
 
-def _point_integrand(
+def point_integrand(
     integrand: Any,
     unknowns: Unknowns,
     state: Any,
-    tests: dict[Slot, tuple[Any, Variable]],
-    trials: dict[Slot, tuple[Any, Variable]],
+    tests: Mapping[Slot, tuple[Any, Variable]],
+    trials: Mapping[Slot, tuple[Any, Variable]],
+    K: Any,
 ) -> Any:
-    """Return the integrand with symbols for unknowns, test functions and their gradients on the reference cell.
+    """Return the integrand with symbols for unknowns, test functions and their gradients.
 
-    Gradients are ``∂/∂x_l = K_bl ∂/∂ξ_b``, with coordinates ``ξ`` of the reference cell. In derivatives, UFL splits
+    Symbols of gradients are derivatives by coordinates ``ξ`` with ``∂/∂x_l = K_bl ∂/∂ξ_b``. In derivatives, UFL splits
     functions of a mixed space: the gradient of the displacement becomes rows of the gradient of all unknowns.
     """
     symbols: dict[Any, Any] = {}
-    K = ufl.JacobianInverse(unknowns.mesh)
     for whole, slots in ((unknowns.test, tests), (state, trials)):
         replacements = {slot: ufl.dot(symbol, K) if slot.is_gradient else symbol for slot, (_, symbol) in slots.items()}
         symbols |= {f: replacements[slot] for slot, (f, _) in slots.items()}

@@ -19,6 +19,7 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import groupby
 
+from hpcinv.assembly.scalar_graph import NotAnalytic
 from hpcinv.effects import Direction
 from hpcinv.methods.bulk_modulus import BulkModulus
 from hpcinv.methods.fixed_point import FixedPointMethod
@@ -29,6 +30,7 @@ from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps, follow
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import Observer
+from hpcinv.solver.series_continuation import SeriesContinuation
 
 EFFORT = {"bulk-modulus": 150, "arc-length": 80, "load steps": 100, "line-search": 50, "anderson": 100}
 
@@ -54,6 +56,12 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
     """
     solver, last = problem.equations.job.solver, None
     stop_early = "arc-length" in solver.rescue
+    if solver.continuation == "series" and isinstance(steps, AdaptiveSteps):
+        for last in _series(problem, steps, load):
+            load = last.load if last.outcome.accepted else load
+            yield last
+        if load == 1.0 or (last is not None and last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
+            return
     for last in follow(problem.equilibrium, steps, solver.tolerance, load=load, passed=passed, stop_early=stop_early):
         load = last.load if last.outcome.accepted else load
         passed += last.limit_point
@@ -71,6 +79,20 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
             load = last.load if last.outcome.accepted else load
             passed += last.limit_point
             yield replace(last, strategy=name)
+
+
+def _series(problem: Problem, steps: AdaptiveSteps, load: float) -> Solves:
+    """Solves along the path as a power series; what it does not reach is left to load steps, with a line of the log."""
+    try:
+        path = SeriesContinuation(problem.equilibrium)
+    except NotAnalytic as reason:
+        problem.observer.failing([f"load steps instead of a power series: {reason}"])
+        return
+    last = None
+    for last in path.follow(steps, problem.equations.job.solver.tolerance, load):
+        yield last
+    if last is not None and not (last.outcome.accepted or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
+        problem.observer.failing([f"load steps instead of a power series: {last.outcome.text}"])
 
 
 def _is_final(solve: Solve, load: float) -> bool:

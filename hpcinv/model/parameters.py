@@ -96,6 +96,11 @@ class Parameters:
         """Set the load factors of all cases, which are applied in turn, for the share ``value`` of the whole load."""
         self.constant.value[: self._cases] = [load_factor(value, case, self._cases) for case in range(self._cases)]
 
+    def load_rates(self, value: float) -> list[float]:
+        """Return the rates of the load factors of all cases by the share of the whole load, from ``value`` on."""
+        present = min(math.floor(self._cases * value + 1e-9), self._cases - 1)
+        return [float(self._cases) if case == present else 0.0 for case in range(self._cases)]
+
     @property
     def growing(self) -> Any:
         """1 while forces that act at any load factor grow with it, else 0."""

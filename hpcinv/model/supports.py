@@ -131,6 +131,11 @@ class Supports:
             else:
                 entry.now.x.array[entry.nodes] = (1 - load) * self._path[number] + load * entry.full[entry.nodes]
 
+    def scale_rates(self, rates: Sequence[float]) -> None:
+        """Prescribe rates of the displacements, until `scale` is called, for rates of the load factors of all cases."""
+        for one in self.prescribed:
+            one.now.x.array[:] = rates[one.case] * one.full
+
     def begin_path(self, x: npt.NDArray[np.float64]) -> None:
         """Let the displacements lead from those of a state ``x`` (all local unknowns) to the prescribed ones."""
         self._path = [x[entry.dofs] for entry in self.prescribed]

@@ -115,7 +115,7 @@ def follow(
     step, has_tangent, ahead = steps.start(), False, LimitPointAhead()
     predict = equilibrium.predictor.predict
     while load < 1.0:
-        target = _target(load, step, steps.cases)
+        target = target_of(load, step, steps.cases)
         accepted = state.array.copy()
         predicted = None
         if has_tangent or isinstance(steps, AdaptiveSteps):
@@ -126,7 +126,7 @@ def follow(
                 shorter = steps.shortened(target - load, predicted.increment, forward=forward)
                 if shorter < target - load:
                     state.array[:] = accepted
-                    target = _target(load, shorter, steps.cases)
+                    target = target_of(load, shorter, steps.cases)
                     predicted = predict(target).including(predicted)
         wanted = tolerance if target == 1.0 else steps.path_tolerance
         tangents = equilibrium.system.tangents
@@ -147,8 +147,8 @@ def follow(
             return
 
 
-def _target(load: float, step: float, cases: int) -> float:
-    """Return the next load, at most the end of the present load case."""
+def target_of(load: float, step: float, cases: int) -> float:
+    """Return the load after a step, at most the end of the present load case."""
     end = min((math.floor(load * cases + 1e-9) + 1) / cases, 1.0)
     # A remainder of rounding errors is no separate step.
     return end if load + step > end - 1e-9 / cases else load + step

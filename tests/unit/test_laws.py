@@ -5,6 +5,7 @@ The registry drives the tests: a new law is tested by its ``example`` and its ``
 
 from __future__ import annotations
 
+import ctypes
 from functools import cache, reduce
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -18,16 +19,21 @@ from dolfinx.mesh import CellType, create_unit_cube
 from mpmath import mp
 from ufl.classes import Variable
 
+from hpcinv.assembly.scalar_graph import NotAnalytic, ScalarGraph, Scalars
+from hpcinv.assembly.taylor_code import LANES, taylor_code
 from hpcinv.fitting.homogeneous import Response
 from hpcinv.kinematics.kinematics import Deformation
+from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.materials import MaterialLaw, laws
 from hpcinv.materials.isochoric import DILATATIONS
 from hpcinv.model.scene import LABEL
-from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.jit import JIT_OPTIONS, array_type, compile_library
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.expressions import Expression
 
 DIGITS = 60
+SWITCHES = ("max(", "lambda1_bar")  # in laws without a Taylor series: fibres in tension, ordered principal stretches
+ORDER = 10  # of the highest coefficient of a Taylor series
 STEP = 1e-18  # of mpmath's central differences
 THIRDS = np.array([[1, 2, 2], [2, 1, -2], [2, -2, 1]])  # three times the orthonormal directions of fibres
 EXAMPLES: dict[str, MaterialLaw] = {name: law.model_validate(law.example) for name, law in laws().items()}
@@ -77,21 +83,25 @@ class State(NamedTuple):
     domain: np.ndarray
 
 
+def parameters(law: MaterialLaw, mesh: Any) -> SimpleNamespace:
+    """The parameters of a law as entries of one constant."""
+    values = {name: value for name, (value, _) in law.quantities().items() if value is not None}
+    symbols = iter(fem.Constant(mesh, np.concatenate([np.atleast_1d(value) for value in values.values()])))
+    return SimpleNamespace(
+        **{
+            name: ufl.as_vector([next(symbols) for _ in value]) if isinstance(value, tuple) else next(symbols)
+            for name, value in values.items()
+        }
+    )
+
+
 class Compiled:
     """A law as the solver evaluates it, for each choice of its volumetric energy."""
 
     def __init__(self, law: MaterialLaw) -> None:
         self.law = law
         self.mesh = create_unit_cube(MPI.COMM_SELF, 1, 1, 1, CellType.hexahedron)
-        values = {name: value for name, (value, _) in law.quantities().items() if value is not None}
-        flat = np.concatenate([np.atleast_1d(value) for value in values.values()])
-        symbols = iter(fem.Constant(self.mesh, flat))
-        par = SimpleNamespace(
-            **{
-                name: ufl.as_vector([next(symbols) for _ in value]) if isinstance(value, tuple) else next(symbols)
-                for name, value in values.items()
-            }
-        )
+        par = parameters(law, self.mesh)
         self.H = fem.Constant(self.mesh, np.zeros((3, 3)))
         H = Variable(self.H, LABEL)
         k = Deformation(H, {f: ufl.as_vector(list(THIRDS[i] / 3)) for i, f in enumerate(law.families)})
@@ -151,6 +161,12 @@ class Reference:
             F = mp.eye(3) + mp.matrix(H.tolist())
             P = [[float(self.slope(F, i, j)) for j in range(3)] for i in range(3)]
             return State(float(self.energy(F)), np.array(P), np.array([]))
+
+    def coefficients(self, H0: np.ndarray, H1: np.ndarray, order: int) -> list[Any]:
+        """Taylor coefficients of the energy at ``H0 + a H1``."""
+        start, along = mp.eye(3) + mp.matrix(H0.tolist()), mp.matrix(H1.tolist())
+        taylor: list[Any] = mp.taylor(lambda a: self.energy(start + a * along), 0, order)
+        return taylor
 
     def slope(self, F: Any, i: int, j: int) -> Any:
         ends = []
@@ -220,6 +236,47 @@ def test_stress_keeps_its_digits_at_small_strain(name: str) -> None:
             H = sign * direction / np.linalg.norm(direction) * 10.0**exponent
             errors.append(assert_close(law(H), reference.state(H), f"strain {sign}e{exponent}"))
     print(f"{name}, small strain: {max(errors):.1e}")
+
+
+@of_every_law
+def test_coefficients_of_stress_along_a_line_are_those_of_the_energy(name: str) -> None:
+    """``P : H'`` of ``H(a) = H₀ + a H₁`` is ``dψ/da``, order by order: from a moderate strain, and from none."""
+    law, reference, mesh = EXAMPLES[name], Reference(EXAMPLES[name]), create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
+    par, symbol = parameters(law, mesh), fem.Constant(mesh, np.zeros((3, 3)))
+    H = Variable(symbol, LABEL)
+    k = Deformation(H, {f: ufl.as_vector(list(THIRDS[i] / 3)) for i, f in enumerate(law.families)})
+    psi = law.isochoric_energy(k, par) + law.volumetric_modulus(par) * law.dilatation(k) ** 2 / 2
+    graph = ScalarGraph()
+    scalars = Scalars(graph, {symbol: [graph.leaf(i) for i in range(9)]})
+    stress = remove_stages(gradient(psi, H))
+    if any(word in law.energy_formula for word in SWITCHES):
+        with pytest.raises(NotAnalytic, match="switch"):
+            scalars.of(stress)
+        return
+    outputs = scalars.of(stress)
+    code = taylor_code(graph, 9, outputs)
+    sweep = compile_library(MPI.COMM_SELF, code.text).sweep
+    doubles, masks = array_type(np.float64), array_type(np.int64)
+    sweep.argtypes = [ctypes.c_int64, *4 * [ctypes.c_int], *3 * [doubles], masks, doubles]
+    values = fem.Expression(ufl.as_vector(graph.inputs), np.full((1, 3), 0.25), jit_options=JIT_OPTIONS)
+    inputs = np.repeat(values.eval(mesh, np.array([0], dtype=np.int32)).reshape(1, -1, 1), LANES, axis=2)
+    stored, H1 = ORDER + 1, np.random.default_rng(5).normal(size=(3, 3))
+    H1 *= 0.5 / np.linalg.norm(H1)
+    errors = []
+    for H0 in (0.4 * H1, np.zeros((3, 3))):
+        leaves = np.zeros((1, 9, stored, LANES))
+        leaves[0, :, :2] = np.stack([H0.ravel(), H1.ravel()], axis=1)[..., None]
+        kept, choices = np.empty((1, code.kept, stored, LANES)), np.empty((1, code.choices, LANES), dtype=np.int64)
+        P = np.empty((1, 9, LANES))
+        with mp.workdps(DIGITS):
+            expected = reference.coefficients(H0, H1, stored)
+        for order in range(stored):
+            sweep(1, stored, order, order, 1, leaves, inputs, kept, choices, P)
+            work = float(P[0, :, 0] @ H1.ravel())
+            size = float(np.abs(P[0, :, 0] * H1.ravel()).sum())
+            errors.append(abs(work - (order + 1) * float(expected[order + 1])) / size if size else 0.0)
+    print(f"{name}, orders 0 to {ORDER}: {max(errors):.1e}")
+    assert max(errors) <= 1e-10
 
 
 @of_every_law

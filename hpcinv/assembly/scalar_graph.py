@@ -1,0 +1,305 @@
+"""Graphs of scalar operations of UFL expressions, as Taylor arithmetic takes them.
+
+Each node is an operation on earlier nodes. Equal operations are one node, and operations on numbers are carried out.
+What does not depend on the unknowns is an input, evaluated at quadrature points by FFCx.
+
+Conditionals ``|x| < c`` choose between a series and the closed form of one analytic function
+(`hpcinv.kinematics.stable_functions`). All others are switches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import ufl
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.apply_derivatives import apply_derivatives
+from ufl.classes import (
+    LT,
+    Abs,
+    ComponentTensor,
+    Condition,
+    Conditional,
+    Conj,
+    Division,
+    FixedIndex,
+    FloatValue,
+    Identity,
+    Indexed,
+    IndexSum,
+    IntValue,
+    ListTensor,
+    MathFunction,
+    MultiIndex,
+    Power,
+    Product,
+    Real,
+    Sum,
+    Variable,
+    Zero,
+)
+from ufl.corealg.traversal import unique_post_traversal
+
+type Node = int
+
+_LARGEST_PRODUCT = 4  # integer powers up to this are products, which need no division by the base
+_LITERALS = (Zero, IntValue, FloatValue, Identity, MultiIndex)
+
+
+class NotAnalytic(Exception):
+    """Raised for an expression that has no Taylor series; the message names the reason."""
+
+
+class ScalarGraph:
+    """Operations of scalars.
+
+    Attributes:
+        operations: operation and arguments of each node; see `hpcinv.assembly.taylor_code` for their meaning.
+        varies: whether each node depends on the unknowns.
+        inputs: UFL scalars that do not depend on the unknowns.
+    """
+
+    def __init__(self) -> None:
+        self.operations: list[tuple[Any, ...]] = []
+        self.varies: list[bool] = []
+        self.inputs: list[Any] = []
+        self._numbers: dict[tuple[Any, ...], Node] = {}
+
+    def leaf(self, number: int) -> Node:
+        """Return an unknown."""
+        return self._node("leaf", number, varies=True)
+
+    def input(self, scalar: Any) -> Node:
+        """Return the value of a UFL scalar that does not depend on the unknowns."""
+        key = "input", scalar
+        if key not in self._numbers:
+            self._numbers[key] = self._append(("input", len(self.inputs)), varies=False)
+            self.inputs.append(scalar)
+        return self._numbers[key]
+
+    def number(self, value: float) -> Node:
+        return self._node("number", float(value), varies=False)
+
+    def add(self, a: Node, b: Node) -> Node:
+        x, y = self._value(a), self._value(b)
+        if x is not None and y is not None:
+            return self.number(x + y)
+        if x == 0:
+            return b
+        return a if y == 0 else self._node("add", *sorted((a, b)))
+
+    def multiply(self, a: Node, b: Node) -> Node:
+        x, y = self._value(a), self._value(b)
+        if x is not None and y is not None:
+            return self.number(x * y)
+        if x == 0 or y == 0:
+            return self.number(0.0)
+        if x == 1:
+            return b
+        return a if y == 1 else self._node("multiply", *sorted((a, b)))
+
+    def divide(self, a: Node, b: Node) -> Node:
+        if (y := self._value(b)) is not None:
+            return self.multiply(a, self.number(1 / y))
+        return self.number(0.0) if self._value(a) == 0 else self._node("divide", a, b)
+
+    def power(self, a: Node, n: Node) -> Node:
+        if self.varies[n]:
+            return self.function("exp", self.multiply(n, self.function("ln", a)))
+        exponent = self._value(n)
+        if exponent is not None and exponent == round(exponent) and abs(exponent) <= _LARGEST_PRODUCT:
+            product = self.number(1.0)
+            for _ in range(round(abs(exponent))):
+                product = self.multiply(product, a)
+            return product if exponent >= 0 else self.divide(self.number(1.0), product)
+        return self._node("power", a, n)
+
+    def function(self, name: str, x: Node) -> Node:
+        """Return an elementary function, by its derivative where it depends on the unknowns."""
+        if not self.varies[x]:
+            return self._node("function", name, x)
+        if name == "sqrt":
+            return self.power(x, self.number(0.5))
+        key = "integral", name, x
+        if key in self._numbers:
+            return self._numbers[key]
+        node = self._numbers[key] = self._append((*key, 0), varies=True)  # before its derivative, which may contain it
+        self.operations[node] = (*key, self._derivative(name, x, node))
+        return node
+
+    def by_size(self, x: Node, bound: Node, series: Node, closed: Node) -> Node:
+        """Return a function that is computed by a series where ``|x|`` is below a bound, else in closed form.
+
+        A closed form loses digits of its value at small ``x``, but not of its higher coefficients, unless it divides by
+        ``x``; the series is too short for these.
+        """
+        if series == closed:
+            return closed
+        return self._node("choose", x, bound, series, closed, self._divides(closed, x))
+
+    def _divides(self, node: Node, x: Node) -> bool:
+        """Return whether a node has a quotient by ``x``, or by a multiple of it."""
+
+        def is_multiple(y: Node) -> bool:
+            return y == x or (self.operations[y][0] == "multiply" and any(map(is_multiple, self.arguments(y))))
+
+        operations = (self.operations[y] for y in self.needed([node]) if y > x)
+        return any(operation[0] == "divide" and is_multiple(operation[2]) for operation in operations)
+
+    def needed(self, outputs: Sequence[Node]) -> list[Node]:
+        """Return the nodes on which some depend, in order."""
+        nodes, left = set[Node](), list(outputs)
+        while left:
+            node = left.pop()
+            if node not in nodes:
+                nodes.add(node)
+                left += self.arguments(node)
+        return sorted(nodes)
+
+    def arguments(self, node: Node) -> tuple[Node, ...]:
+        """Return the nodes on which one depends directly."""
+        match self.operations[node]:
+            case ("add" | "multiply" | "divide" | "power", a, b):
+                return a, b
+            case ("function", _, x):
+                return (x,)
+            case ("integral", _, x, derivative):
+                return x, derivative
+            case ("choose", *arguments, _):
+                return tuple(arguments)
+        return ()
+
+    def _derivative(self, name: str, x: Node, y: Node) -> Node:
+        unity, minus = self.number(1.0), self.number(-1.0)
+
+        def less(a: Node, b: Node) -> Node:
+            return self.add(a, self.multiply(minus, b))
+
+        squares = {"tan": self.add(unity, self.multiply(y, y)), "tanh": less(unity, self.multiply(y, y))}
+        match name:
+            case "exp":
+                return y
+            case "ln":
+                return self.divide(unity, x)
+            case "sin" | "sinh" | "cosh":
+                return self.function({"sin": "cos", "sinh": "cosh", "cosh": "sinh"}[name], x)
+            case "cos":
+                return self.multiply(minus, self.function("sin", x))
+            case "tan" | "tanh":
+                return squares[name]
+            case "atan":
+                return self.divide(unity, self.add(unity, self.multiply(x, x)))
+            case "asin" | "acos":
+                root = self.power(less(unity, self.multiply(x, x)), self.number(-0.5))
+                return root if name == "asin" else self.multiply(minus, root)
+        raise NotAnalytic(f"it has the function '{name}'")
+
+    def _value(self, node: Node) -> float | None:
+        operation = self.operations[node]
+        return operation[1] if operation[0] == "number" else None
+
+    def _node(self, *operation: Any, varies: bool | None = None) -> Node:
+        if operation not in self._numbers:
+            self._numbers[operation] = self._append(operation, varies=varies)
+        return self._numbers[operation]
+
+    def _append(self, operation: tuple[Any, ...], *, varies: bool | None) -> Node:
+        self.operations.append(operation)
+        node = len(self.operations) - 1
+        self.varies.append(False)
+        self.varies[node] = any(self.varies[a] for a in self.arguments(node)) if varies is None else varies
+        return node
+
+
+class Scalars:
+    """Components of UFL expressions as nodes of a graph.
+
+    Args:
+        leaves: nodes of the components of symbols, the last index fastest.
+
+    Raises:
+        NotAnalytic: by `of`.
+    """
+
+    def __init__(self, graph: ScalarGraph, leaves: Mapping[Any, Sequence[Node]]) -> None:
+        self._graph, self._leaves = graph, leaves
+        self._known: dict[tuple[Any, ...], Node] = {}
+        self._varies: dict[Any, bool] = {}
+        self._is_number: dict[Any, bool] = {}
+
+    def of(self, expression: Any) -> list[Node]:
+        """Return the nodes of all components of an expression without free indices."""
+        lowered = apply_derivatives(apply_algebra_lowering(expression))
+        for part in unique_post_traversal(lowered):
+            operands = part.ufl_operands
+            self._is_number[part] = all(map(self._is_number.get, operands)) if operands else isinstance(part, _LITERALS)
+            self._varies[part] = part in self._leaves or any(self._varies[o] for o in operands)
+            if self._varies[part] and not part.ufl_free_indices and not isinstance(part, Condition | Abs):
+                nodes = self._components(part)  # operands first, which keeps the recursion short
+        return nodes if self._varies[lowered] else self._components(lowered)
+
+    def _components(self, expression: Any) -> list[Node]:
+        return [self._node(expression, c, {}) for c in ufl.permutation.compute_indices(expression.ufl_shape)]
+
+    def _node(self, e: Any, c: tuple[int, ...], indices: Mapping[int, int]) -> Node:
+        """Return the node of component ``c`` of an expression, for values of its free indices."""
+        key = e, c, tuple(indices[i] for i in e.ufl_free_indices)
+        if key not in self._known:
+            self._known[key] = self._new(e, c, indices)
+        return self._known[key]
+
+    def _new(self, e: Any, c: tuple[int, ...], indices: Mapping[int, int]) -> Node:
+        graph = self._graph
+        if e in self._leaves:
+            place = 0
+            for i, size in zip(c, e.ufl_shape, strict=True):
+                place = size * place + i
+            return self._leaves[e][place]
+        if not (self._varies[e] or e.ufl_free_indices or self._is_number[e] or isinstance(e, ListTensor)):
+            return graph.input(e[c] if c else e)
+        operands = e.ufl_operands
+        match e:
+            case Zero():
+                return graph.number(0.0)
+            case IntValue() | FloatValue():
+                return graph.number(float(e))
+            case Identity():
+                return graph.number(float(c[0] == c[1]))
+            case Variable() | Conj() | Real():
+                return self._node(operands[0], c, indices)
+            case Indexed():
+                chosen = tuple(int(i) if isinstance(i, FixedIndex) else indices[i.count()] for i in operands[1])
+                return self._node(operands[0], chosen, indices)
+            case ComponentTensor():
+                bound = {i.count(): value for i, value in zip(operands[1], c, strict=True)}
+                return self._node(operands[0], (), {**indices, **bound})
+            case ListTensor():
+                return self._node(operands[c[0]], c[1:], indices)
+            case IndexSum():
+                (index,) = operands[1]
+                total = graph.number(0.0)
+                for value in range(e.dimension()):
+                    total = graph.add(total, self._node(operands[0], c, {**indices, index.count(): value}))
+                return total
+            case Sum():
+                return graph.add(*(self._node(o, c, indices) for o in operands))
+            case Product():
+                return graph.multiply(*(self._node(o, (), indices) for o in operands))
+            case Division():
+                return graph.divide(self._node(operands[0], c, indices), self._node(operands[1], (), indices))
+            case Power():
+                return graph.power(*(self._node(o, (), indices) for o in operands))
+            case MathFunction():
+                return graph.function(e._name, self._node(operands[0], (), indices))
+            case Conditional():
+                return self._choice(e, c, indices)
+        raise NotAnalytic(f"it has '{type(e).__name__.lower()}' of the displacement")
+
+    def _choice(self, e: Any, c: tuple[int, ...], indices: Mapping[int, int]) -> Node:
+        condition, *branches = e.ufl_operands
+        size, bound = condition.ufl_operands[0], condition.ufl_operands[-1]
+        if not (isinstance(condition, LT) and isinstance(size, Abs) and isinstance(bound, FloatValue)):
+            raise NotAnalytic("it has a switch that depends on the displacement")
+        compared = (self._node(scalar, (), indices) for scalar in (size.ufl_operands[0], bound))
+        return self._graph.by_size(*compared, *(self._node(branch, c, indices) for branch in branches))

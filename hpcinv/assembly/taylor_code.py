@@ -1,0 +1,234 @@
+"""C code of truncated Taylor arithmetic for a graph of scalar operations.
+
+With ``x(a) = Σ xₖ aᵏ`` of the unknowns, the coefficients of each node follow order by order:
+
+==================  ====================================================
+``y = u v``         ``yₖ = Σⱼ uⱼ vₖ₋ⱼ``,  j = 0 … k
+``y = u / v``       ``v₀ yₖ = uₖ - Σⱼ vⱼ yₖ₋ⱼ``,  j = 1 … k
+``y = uⁿ``          ``k u₀ yₖ = Σⱼ (n j - (k - j)) uⱼ yₖ₋ⱼ``,  j = 1 … k
+``y' = g u'``       ``k yₖ = Σⱼ j uⱼ gₖ₋ⱼ``,  j = 1 … k (elementary functions)
+==================  ====================================================
+
+Coefficients of what enters such sums are kept, so that one order costs in proportion to its number, and all orders the
+square. The code computes four points at a time, one in each lane of the processor's vector instructions.
+
+Source: Griewank & Walther, *Evaluating Derivatives*, 2008, ch. 13, doi:10.1137/1.9780898717761.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from hpcinv.assembly.scalar_graph import Node, ScalarGraph
+
+LANES = 4
+"""Points of a block: doubles of an AVX register. With eight, the compiler keeps sums in memory: 4 times as slow."""
+
+_HEAD = """#include <math.h>
+#include <stdint.h>
+
+enum { LANES = %(lanes)d, LEAVES = %(leaves)d, INPUTS = %(inputs)d, KEPT = %(kept)d, CHOICES = %(choices)d,
+       OUTPUTS = %(outputs)d };
+typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
+typedef int64_t masks __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
+
+static inline lanes all(double x) { return x - (lanes){0}; }
+static inline lanes chosen(masks m, lanes a, lanes b) { return (lanes)((m & (masks)a) | (~m & (masks)b)); }
+static inline lanes absolute(lanes x) { return (lanes)((masks)x & INT64_MAX); }
+static lanes mapped(double (*f)(double), lanes x) {
+  for (int i = 0; i < LANES; i++) x[i] = f(x[i]);
+  return x;
+}
+static lanes raised(lanes x, lanes n) {
+  for (int i = 0; i < LANES; i++) x[i] = pow(x[i], n[i]);
+  return x;
+}
+static __attribute__((noinline)) void product(lanes *y, const lanes *u, const lanes *v, int k) {
+  lanes sum = {0};
+  for (int j = 0; j <= k; j++) sum += u[j] * v[k - j];
+  *y = sum;
+}
+static __attribute__((noinline)) void quotient(lanes *y, const lanes *v, const lanes *kept, int k) {
+  lanes sum = *y;
+  for (int j = 1; j <= k; j++) sum -= v[j] * kept[k - j];
+  *y = sum / v[0];
+}
+static __attribute__((noinline)) void power(lanes *y, const lanes *u, const lanes *kept, const lanes *n, int k) {
+  lanes sum = {0};
+  for (int j = 1; j <= k; j++) sum += (*n * (double)j - (double)(k - j)) * u[j] * kept[k - j];
+  *y = sum / (u[0] * (double)k);
+}
+static __attribute__((noinline)) void integral(lanes *y, const lanes *u, const lanes *g, int k) {
+  lanes sum = {0};
+  for (int j = 1; j <= k; j++) sum += (double)j * u[j] * g[k - j];
+  *y = sum / (double)k;
+}
+"""
+
+_SWEEP = """
+/* Compute the coefficients first … last of the outputs, of which the last ones are returned.
+
+   blocks   number of blocks of LANES points
+   stored   number of coefficients for which there is room
+   stride   blocks of kept coefficients: 1, or 0 if all blocks use the same room; then first must be 0
+   leaves   (blocks, LEAVES, stored, LANES)
+   inputs   (blocks, INPUTS, LANES)
+   kept     (blocks, KEPT, stored, LANES);  choices  (blocks, CHOICES, LANES)
+   outputs  (blocks, OUTPUTS, LANES) */
+void sweep(int64_t blocks, int stored, int first, int last, int stride, const lanes *leaves, const lanes *inputs,
+           lanes *kept, masks *choices, lanes *outputs) {
+  for (; blocks--; leaves += LEAVES * stored, inputs += INPUTS, kept += stride * KEPT * stored,
+                   choices += stride * CHOICES, outputs += OUTPUTS)
+    for (int k = first; k <= last; k++)
+      if (k) further(k, stored, leaves, inputs, kept, choices, outputs);
+      else values(stored, leaves, inputs, kept, choices, outputs);
+}
+"""
+_ARGUMENTS = "int stored, const lanes *leaves, const lanes *inputs, lanes *kept, masks *choices, lanes *outputs"
+
+
+@dataclass(frozen=True)
+class TaylorCode:
+    """C code of Taylor arithmetic, and the sizes of its arrays (`_SWEEP`)."""
+
+    text: str
+    kept: int
+    choices: int
+
+
+def taylor_code(graph: ScalarGraph, leaves: int, outputs: Sequence[Node]) -> TaylorCode:
+    """Return the code for the coefficients of some nodes of a graph with a number of unknowns."""
+    writer = _Writer(graph, outputs)
+    sizes = {
+        "lanes": LANES,
+        "leaves": leaves,
+        "inputs": len(graph.inputs),
+        "kept": len(writer.kept),
+        "choices": len(writer.choices),
+        "outputs": len(outputs),
+    }
+    bodies = [
+        f"static void {head}{_ARGUMENTS}) {{\n{body}\n}}\n"
+        for head, body in (
+            ("values(", "\n".join(writer.values())),
+            ("further(int k, ", "\n".join(writer.further())),
+        )
+    ]
+    return TaylorCode(_HEAD % sizes + "".join(bodies) + _SWEEP, len(writer.kept), len(writer.choices))
+
+
+class _Writer:
+    """Statements for the value and for a coefficient of higher order of each node.
+
+    Attributes:
+        kept: places of the nodes whose coefficients are kept.
+        choices: places of the nodes that choose their higher coefficients too.
+    """
+
+    def __init__(self, graph: ScalarGraph, outputs: Sequence[Node]) -> None:
+        self._graph, self._outputs = graph, outputs
+        self._nodes = graph.needed(outputs)
+        kept = sorted({node for node in self._nodes for node in self._summed(node)})
+        self.kept = {node: place for place, node in enumerate(n for n in kept if graph.operations[n][0] != "leaf")}
+        choosing = [
+            node for node in self._nodes if graph.operations[node][0] == "choose" and graph.operations[node][-1]
+        ]
+        self.choices = {node: place for place, node in enumerate(choosing)}
+
+    def values(self) -> Iterator[str]:
+        for node in self._nodes:
+            yield f"  const lanes v{node} = {self._value(node)};"
+            if node in self.choices:
+                yield f"  choices[{self.choices[node]}] = {self._condition(node)};"
+            yield from self._keep(node, "0")
+        yield from self._return()
+
+    def further(self) -> Iterator[str]:
+        for node in self._nodes:
+            if not self._graph.varies[node]:
+                yield f"  const lanes v{node} = {self._value(node)};"
+                continue
+            yield from self._coefficient(node)
+            yield from self._keep(node, "k")
+        yield from self._return(constant="(lanes){0}")
+
+    def _summed(self, node: Node) -> tuple[Node, ...]:
+        """Return the nodes whose coefficients enter the sums of one."""
+        varies = self._graph.varies
+        match self._graph.operations[node]:
+            case ("multiply", a, b) if varies[a] and varies[b]:
+                return a, b
+            case ("divide", _, b) if varies[b]:
+                return node, b
+            case ("power", a, _) if varies[a]:
+                return node, a
+            case ("integral", _, x, derivative):
+                return (x, derivative) if varies[derivative] else (x,)
+        return ()
+
+    def _series(self, node: Node) -> str:
+        operation = self._graph.operations[node]
+        return f"leaves + {operation[1]} * stored" if operation[0] == "leaf" else f"kept + {self.kept[node]} * stored"
+
+    def _keep(self, node: Node, k: str) -> Iterator[str]:
+        if node in self.kept:
+            yield f"  ({self._series(node)})[{k}] = v{node};"
+
+    def _return(self, constant: str = "") -> Iterator[str]:
+        for place, node in enumerate(self._outputs):
+            yield f"  outputs[{place}] = {constant if constant and not self._graph.varies[node] else f'v{node}'};"
+
+    def _value(self, node: Node) -> str:
+        match self._graph.operations[node]:
+            case ("leaf", number):
+                return f"leaves[{number} * stored]"
+            case ("input", number):
+                return f"inputs[{number}]"
+            case ("number", value):
+                return f"all({value!r})"
+            case ("add", a, b):
+                return f"v{a} + v{b}"
+            case ("multiply", a, b):
+                return f"v{a} * v{b}"
+            case ("divide", a, b):
+                return f"v{a} / v{b}"
+            case ("power", a, n):
+                return f"raised(v{a}, v{n})"
+            case ("function" | "integral", name, x, *_):
+                return f"mapped({'log' if name == 'ln' else name}, v{x})"
+            case ("choose", _, _, series, closed, _):
+                return f"chosen({self._condition(node)}, v{series}, v{closed})"
+        raise AssertionError(self._graph.operations[node])
+
+    def _condition(self, node: Node) -> str:
+        _, x, bound, *_ = self._graph.operations[node]
+        return f"(masks)(absolute(v{x}) < v{bound})"
+
+    def _coefficient(self, node: Node) -> Iterator[str]:
+        varies = self._graph.varies
+        into = f"  lanes v{node}"
+        match self._graph.operations[node]:
+            case ("leaf", number):
+                yield f"{into} = leaves[{number} * stored + k];"
+            case ("add", a, b):
+                yield f"{into} = {' + '.join(f'v{x}' for x in (a, b) if varies[x])};"
+            case ("multiply", a, b) if varies[a] and varies[b]:
+                yield f"{into};\n  product(&v{node}, {self._series(a)}, {self._series(b)}, k);"
+            case ("multiply", a, b):
+                yield f"{into} = v{a} * v{b};"
+            case ("divide", a, b) if varies[b]:
+                start = f"v{a}" if varies[a] else "(lanes){0}"
+                yield f"{into} = {start};\n  quotient(&v{node}, {self._series(b)}, {self._series(node)}, k);"
+            case ("divide", a, b):
+                yield f"{into} = v{a} / v{b};"
+            case ("power", a, n):
+                yield f"{into};\n  power(&v{node}, {self._series(a)}, {self._series(node)}, &v{n}, k);"
+            case ("integral", _, x, derivative) if varies[derivative]:
+                yield f"{into};\n  integral(&v{node}, {self._series(x)}, {self._series(derivative)}, k);"
+            case ("choose", _, _, *branches, divides):
+                series, closed = (f"v{n}" if varies[n] else "(lanes){0}" for n in branches)
+                mask = f"choices[{self.choices.get(node)}]"
+                yield f"{into} = {f'chosen({mask}, {series}, {closed})' if divides else closed};"
+            case operation:
+                raise AssertionError(operation)

@@ -1,0 +1,316 @@
+"""Coefficients of the residual along a path whose unknowns and load factor are power series.
+
+With ``x(a) = Σ xₖ aᵏ`` and ``λ(a) = Σ λₖ aᵏ``, the coefficient of ``aᵏ`` of ``R(x(a), λ(a))`` is linear in ``xₖ`` and
+``λₖ``. Gradients and integrals are linear, so that only the duals of test functions at quadrature points need Taylor
+arithmetic (`hpcinv.assembly.taylor_code`): stresses, the volume equation, and loads that depend on the displacement.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import basix
+import numpy as np
+import numpy.typing as npt
+import ufl
+from petsc4py import PETSc
+from ufl.algorithms import extract_coefficients
+from ufl.algorithms.analysis import extract_constants
+from ufl.corealg.traversal import unique_post_traversal
+
+from hpcinv.assembly.element_matrices import directions_of, tabulated
+from hpcinv.assembly.scalar_graph import NotAnalytic, ScalarGraph, Scalars
+from hpcinv.assembly.tangent_moduli import Slot, UnsupportedForm, point_integrand, slots_of, volume_parts
+from hpcinv.assembly.taylor_code import LANES, TaylorCode, taylor_code
+from hpcinv.kinematics.staged_derivatives import Jacobian, Local, remove_stages
+from hpcinv.mesh.cells import FACET_KIND, jacobians, kind_and_degree, quadrature, sub_entities
+from hpcinv.mesh.source import Floats
+from hpcinv.model.scene import Scene
+from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.parallel.available_memory import available
+from hpcinv.parallel.jit import JIT_OPTIONS, KernelExpression, array_type, compile_expression, compile_library
+
+_SHARE = 0.25
+"""Share of the available memory for kept coefficients. With more of them, coefficients are computed again for each
+order, which makes the cost of all orders cubic; a larger share may leave too little memory for the factors."""
+
+
+class TaylorResidual:
+    """Coefficients of the residual of a scene, at a state and load; methods are collective.
+
+    Args:
+        scene: its residual without prescribed displacements, and with loads from the unloaded body on.
+
+    Raises:
+        NotAnalytic: on all ranks, if the residual has no Taylor series; the message names the reason.
+    """
+
+    def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
+        self._unknowns, self._parameters = scene.unknowns, scene.parameters
+        self._rates: list[float] = []
+        self._parts: list[_Part] = []
+        self._stored = 0
+        try:
+            for integral in (*_volume(scene), *_surface(scene)):
+                duals = _Duals.of(integral.integrand, scene)
+                if duals.slots:
+                    kernel = _Kernel(duals, integral.cell_points, self._unknowns, jit_options)
+                    self._parts += [_Part(kernel, domain, self._unknowns) for domain in integral.domains]
+        except UnsupportedForm as reason:
+            raise NotAnalytic(str(reason)) from None
+
+    def begin(self, orders: int, load: float) -> None:
+        """Begin at the present state and position of the mesh, with room for coefficients up to an order.
+
+        Args:
+            load: the present load factor.
+        """
+        self._stored = orders + 1
+        needed = sum(part.kept_bytes(self._stored) for part in self._parts)
+        comm = self._unknowns.mesh.comm
+        are_kept = comm.allreduce(needed) <= _SHARE * available(comm)
+        self._parameters.set_load(load)
+        self._rates = self._parameters.load_rates(load)
+        loads = list(self._parameters.constant.value[: len(self._rates)])
+        for part in self._parts:
+            part.begin(self._stored, are_kept=are_kept)
+            part.put(0, self._unknowns.state.x.array, loads)
+
+    def put(self, k: int, x: npt.NDArray[np.float64] | None, load: float) -> None:
+        """Set the ``k``-th coefficients of the unknowns (local ones, ghosts included; ``None``: 0) and the load factor.
+
+        Those of lower order must be set, and assembled, before.
+        """
+        rates = [load * rate for rate in self._rates]
+        for part in self._parts:
+            part.put(k, x, rates)
+
+    def assemble(self, k: int, b: PETSc.Vec) -> None:
+        """Set ``b`` to the ``k``-th coefficient of the residual, without regard to supports.
+
+        Unknowns of order ``k`` count as zero unless they are set; those of order ``k - 1`` may have been set anew.
+        """
+        with b.localForm() as local:
+            local.set(0.0)
+            for part in self._parts:
+                part.add(part.sweep(k), local.array)
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+
+
+@dataclass(frozen=True)
+class _Domain:
+    """Cells, or cells with one of their facets, over which an integral goes.
+
+    Attributes:
+        entities: cells (n,), or pairs of cell and local facet (n, 2).
+        points: quadrature points in coordinates of the reference cell, (points, 3).
+        weights: their weights on the reference cell, or on its facet.
+        normal: unit normal of the facet of the reference cell, ``None`` for cells.
+    """
+
+    entities: Integers
+    points: Floats
+    weights: Floats
+    normal: Floats | None = None
+
+    @property
+    def cells(self) -> Integers:
+        return self.entities if self.normal is None else self.entities[:, 0]
+
+
+@dataclass(frozen=True)
+class _Integral:
+    """An integrand with its quadrature points on the reference cell or facet, and its domains."""
+
+    integrand: Any
+    cell_points: Floats
+    domains: list[_Domain]
+
+
+def _volume(scene: Scene) -> Iterator[_Integral]:
+    degree, parts = volume_parts(scene.residual, scene.unknowns)
+    mesh = scene.unknowns.mesh
+    points, weights = quadrature(mesh.basix_cell().name, degree)
+    owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    for part in parts:
+        cells = owned if part.cells is None else part.cells[part.cells < len(owned)]
+        yield _Integral(part.integrand, points, [_Domain(cells, points, weights)])
+
+
+def _surface(scene: Scene) -> Iterator[_Integral]:
+    """Yield the integrals over regions of the boundary, by region and quadrature degree."""
+    kind = scene.unknowns.mesh.basix_cell().name
+    integrands: dict[tuple[int, int], Any] = {}
+    entities: dict[int, Integers] = {}
+    for integral in scene.residual.integrals():
+        if integral.integral_type() == "cell":
+            continue
+        degree, region = integral.metadata().get("quadrature_degree"), integral.subdomain_id()
+        if integral.integral_type() != "exterior_facet" or not isinstance(degree, int) or not isinstance(region, int):
+            raise UnsupportedForm("it has an integral that is neither over cells nor over a region of the boundary")
+        entities[region] = np.asarray(dict(integral.subdomain_data())[region], dtype=np.int32).reshape(-1, 2)
+        key = region, degree
+        integrands[key] = integrands[key] + integral.integrand() if key in integrands else integral.integrand()
+    cell = basix.CellType[kind]
+    corners, normals = basix.geometry(cell), basix.cell.facet_outward_normals(cell)
+    for (region, degree), integrand in integrands.items():
+        points, weights = basix.make_quadrature(basix.CellType[FACET_KIND[kind]], degree)
+        domains = []
+        for number, vertices in enumerate(sub_entities(kind, 2)):
+            origin, *ends = corners[vertices[:3]]
+            axes = np.stack(ends) - origin
+            own = entities[region][entities[region][:, 1] == number]
+            area = np.linalg.norm(np.cross(*axes))
+            domains.append(_Domain(own, origin + points @ axes, area * weights, normals[number]))
+        yield _Integral(integrand, points, domains)
+
+
+@dataclass(frozen=True)
+class _Duals:
+    """Duals of test functions at a point, as UFL expressions of symbols.
+
+    Attributes:
+        slots: slots of the test functions with their duals.
+        symbols: slots of the unknowns on which they depend, with their symbols.
+        loads: load factors on which they depend, as expressions, by number.
+    """
+
+    slots: dict[Slot, Any]
+    symbols: dict[Slot, Any]
+    loads: dict[int, Any]
+
+    @classmethod
+    def of(cls, integrand: Any, scene: Scene) -> _Duals:
+        unknowns = scene.unknowns
+        tests, trials = slots_of(unknowns, unknowns.state)
+        at_point = point_integrand(integrand, unknowns, unknowns.state, tests, trials, ufl.Identity(3))
+        local = Local(unknowns.mesh.ufl_domain())
+        duals = {slot: Jacobian(symbol, local).differentiate(at_point) for slot, (_, symbol) in tests.items()}
+        slots = {slot: remove_stages(dual) for slot, dual in duals.items() if dual is not None}
+        parts = {part for dual in slots.values() for part in unique_post_traversal(dual)}
+        symbols = {slot: remove_stages(symbol) for slot, (_, symbol) in trials.items()}
+        used = {slot: symbol for slot, symbol in symbols.items() if symbol in parts}
+        factors = (scene.parameters.load(case) for case in range(len(scene.parameters.load_rates(0.0))))
+        loads = {case: load for case, load in enumerate(factors) if load in parts}
+        return cls(slots, used, loads)
+
+
+class _Kernel:
+    """Compiled Taylor arithmetic of duals, and the inputs that it takes.
+
+    Attributes:
+        inputs: evaluates the inputs at quadrature points, ``None`` if there are none.
+    """
+
+    def __init__(self, duals: _Duals, points: Floats, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> None:
+        self.duals, graph, leaves = duals, ScalarGraph(), dict[Any, list[int]]()
+        count = 0
+        for symbol in (*duals.symbols.values(), *duals.loads.values()):
+            size = math.prod(symbol.ufl_shape)
+            leaves[symbol] = [graph.leaf(count + i) for i in range(size)]
+            count += size
+        scalars = Scalars(graph, leaves)
+        outputs = [node for dual in duals.slots.values() for node in scalars.of(dual)]
+        self.leaves, self.input_count, self.outputs = count, len(graph.inputs), len(outputs)
+        self.code: TaylorCode = taylor_code(graph, count, outputs)
+        comm = unknowns.mesh.comm
+        self.library = compile_library(comm, self.code.text)
+        doubles, masks = array_type(np.float64), array_type(np.int64)
+        self.library.sweep.argtypes = [ctypes.c_int64, *4 * [ctypes.c_int], *3 * [doubles], masks, doubles]
+        self.inputs: KernelExpression | None = None
+        if graph.inputs:
+            vector = remove_stages(ufl.as_vector(graph.inputs))
+            used = list(extract_coefficients(vector)), list(extract_constants(vector))
+            self.inputs = compile_expression(comm, vector, points, *used, jit_options)
+
+
+class _Part:
+    """What one kernel adds to coefficients of the residual on one domain."""
+
+    def __init__(self, kernel: _Kernel, domain: _Domain, unknowns: Unknowns) -> None:
+        self._kernel, self._domain, self._mesh = kernel, domain, unknowns.mesh
+        self._dofs = [dofs[domain.cells] for dofs in unknowns.dofs_of_cells()]
+        self._tables = [tabulated(element, domain.points) for element in unknowns.scalar_elements]
+        self._count = len(domain.cells) * len(domain.points)
+        self._blocks = -(-self._count // LANES)
+
+    def kept_bytes(self, stored: int) -> float:
+        return 8.0 * LANES * self._blocks * stored * self._kernel.code.kept
+
+    def begin(self, stored: int, *, are_kept: bool) -> None:
+        """Evaluate inputs and the geometry of the cells, and make room for coefficients."""
+        kernel, domain = self._kernel, self._domain
+        self._stored, self._are_kept = stored, are_kept
+        kind, degree = kind_and_degree(self._mesh)
+        nodes = self._mesh.geometry.x[self._mesh.geometry.dofmaps[0][domain.cells]]
+        to_mesh = jacobians(kind, degree, nodes, domain.points)
+        volumes = np.abs(np.linalg.det(to_mesh))
+        self._to_cell = np.linalg.inv(to_mesh)
+        if domain.normal is not None:  # Nanson's formula
+            volumes = volumes * np.linalg.norm(domain.normal @ self._to_cell, axis=-1)
+        self._weights = (domain.weights * volumes)[..., None]
+        room = self._blocks if are_kept else 1
+        self._kept = np.empty((room, kernel.code.kept, stored, LANES))
+        self._choices = np.empty((room, kernel.code.choices, LANES), dtype=np.int64)
+        self._leaves = np.zeros((self._blocks, kernel.leaves, stored, LANES))
+        self._results = np.empty((self._blocks, kernel.outputs, LANES))
+        self._inputs = np.zeros((self._blocks, kernel.input_count, LANES))
+        if kernel.inputs is not None and self._count:
+            self._inputs[:] = self._in_lanes(kernel.inputs.eval(self._mesh, domain.entities))
+
+    def put(self, k: int, x: npt.NDArray[np.float64] | None, loads: list[float]) -> None:
+        if not self._count:
+            return
+        at, duals = 0, self._kernel.duals
+        for slot in duals.symbols:
+            size = math.prod(slot.shape)
+            values: Any = 0.0 if x is None else self._in_lanes(self._at_points(slot, x))
+            self._leaves[:, at : at + size, k] = values
+            at += size
+        for case in duals.loads:
+            self._leaves[:, at, k] = loads[case]
+            at += 1
+
+    def sweep(self, k: int) -> Floats:
+        """Return the ``k``-th coefficients of the duals times weights, (cells, points, components of all slots)."""
+        first = max(k - 1, 0) if self._are_kept else 0
+        arrays = self._leaves, self._inputs, self._kept, self._choices, self._results
+        self._kernel.library.sweep(self._blocks, self._stored, first, k, int(self._are_kept), *arrays)
+        points = self._results.transpose(0, 2, 1).reshape(-1, self._kernel.outputs)[: self._count]
+        duals: Floats = points.reshape(*self._to_cell.shape[:2], self._kernel.outputs) * self._weights
+        return duals
+
+    def add(self, duals: Floats, b: npt.NDArray[np.float64]) -> None:
+        """Add the integrals of duals times test functions to ``b``, at the local unknowns."""
+        at = 0
+        for slot in self._kernel.duals.slots if self._count else ():
+            size = math.prod(slot.shape)
+            values = duals[..., at : at + size].reshape(*duals.shape[:2], slot.components, -1)
+            if slot.is_gradient:
+                values = values @ self._to_cell.transpose(0, 1, 3, 2)
+            table = self._tables[slot.part][directions_of(slot)]  # (directions, points, nodes)
+            nodal = np.tensordot(values, table, axes=((3, 1), (0, 1)))  # (cells, components, nodes)
+            dofs = self._dofs[slot.part].transpose(0, 2, 1)
+            b += np.bincount(dofs.ravel(), nodal.ravel(), minlength=len(b))
+            at += size
+
+    def _at_points(self, slot: Slot, x: npt.NDArray[np.float64]) -> Floats:
+        """Return the values or gradients of unknowns, (cells, points, components of the slot)."""
+        table = self._tables[slot.part][directions_of(slot)]
+        nodal = x[self._dofs[slot.part]]  # (cells, nodes, components)
+        values = np.tensordot(nodal, table, axes=(1, 2)).transpose(
+            0, 3, 1, 2
+        )  # (cells, points, components, directions)
+        if slot.is_gradient:
+            values = values @ self._to_cell
+        return values.reshape(*values.shape[:2], -1)
+
+    def _in_lanes(self, values: Floats) -> Floats:
+        """Return values (cells, points, n) as (blocks, n, lanes); the last block is filled up with the first points."""
+        flat = values.reshape(self._count, -1)
+        padded = flat[np.arange(self._blocks * LANES) % self._count]
+        return padded.reshape(self._blocks, LANES, -1).transpose(0, 2, 1)

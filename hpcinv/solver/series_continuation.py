@@ -1,0 +1,283 @@
+"""Continuation in the load factor by power series: each expansion takes one factorization and reaches far.
+
+At an equilibrium the path is expanded (`hpcinv.solver.power_series`), all orders with the same factors. Newton's method
+corrects the state at the end of the range, and at the full load it decides as after any load step. A range whose end
+it cannot correct is shortened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from petsc4py import PETSc
+
+from hpcinv.assembly.scalar_graph import NotAnalytic
+from hpcinv.assembly.taylor_residual import TaylorResidual
+from hpcinv.model.outcome import Outcome
+from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.load_stepping import AdaptiveSteps, target_of
+from hpcinv.solver.newton import Solve
+from hpcinv.solver.power_series import PowerSeries, Reals
+from hpcinv.solver.predictor import Increment, Prediction
+
+STRATEGY = "power series"
+
+_ORDERS = 20
+"""Orders of an expansion. Fewer have a shorter range on slender bodies; more cost more than they reach farther."""
+_ENDS = (8, 12, 16, _ORDERS)  # orders at which an expansion may end
+_ACCURACY = 1e-4
+"""Distance of the two last orders at the end of a range, relative to the range. A larger one needs more corrections."""
+_POLISHED = 30.0
+"""Error of a series, in tolerances, that the factors at its beginning may correct. They contract slowly where the body
+has moved far: with a larger one, their corrections are often followed by a factorization all the same."""
+_PRECISE = 1e-10  # relative error of coefficients; a larger one shortens the range without a trace
+_REFINEMENTS = 12  # of a coefficient by factors of a near tangent, after which new factors are made
+_SMALL = 1e-8
+"""Error of a series that Newton's method corrects with one factorization. A larger one ends expansions earlier, but
+slender bodies then take two or three."""
+_PATH_TOLERANCE = 1e-8  # of states between expansions; near a limit point of the load it matters
+_LOCATED = 1e-9  # error of a series at a limit point that counts as found; the load there has no error of first order
+_BEFORE_LIMIT = 0.7  # share of the way to a limit point after which the path is expanded again
+_TRIALS = 4  # ends of one range that are tried
+_SHORTER = 0.6  # ratio of their parameters
+_CHECKS = 8  # states along a range that are checked for inverted elements
+
+
+class SeriesContinuation:
+    """The path of a scene by power series; methods are collective.
+
+    Raises:
+        NotAnalytic: on all ranks, if the residual has no Taylor series, or the path does not begin unloaded.
+    """
+
+    def __init__(self, equilibrium: Equilibrium) -> None:
+        system = equilibrium.system
+        if system.is_on_path:
+            raise NotAnalytic("the path begins with another state")
+        self._equilibrium, self._system, self._linear = equilibrium, system, equilibrium.linear
+        with system.timings("compile"):
+            self._taylor = TaylorResidual(system.scene)
+        held = [dofs[:count] for dofs, count in (condition.dof_indices() for condition in system.supports.conditions)]
+        self._held = np.unique(np.concatenate([*held, np.zeros(0, dtype=np.int32)])).astype(np.int32)
+        self._scale = np.inf
+
+    def follow(self, steps: AdaptiveSteps, tolerance: float, load: float) -> Iterator[Solve]:
+        """Yield a solve for each range on the way from ``load``, where the state is in equilibrium, to the full load.
+
+        The state is always the state of the last accepted solve. The last solve is accepted at load factor 1, or has
+        failed.
+        """
+        equilibrium, system = self._equilibrium, self._system
+        equilibrium.depart(load)
+        are_near, is_exact = False, load == 0.0
+        while load < 1.0:
+            goal, before = target_of(load, 1.0, steps.cases), self._linear.factorizations
+            system.linearise(load)
+            origin = system.position()
+            # Later expansions begin at states that are not exact.
+            kept = _POLISHED * tolerance if is_exact else 0.0
+            series = self._expand(load, goal, kept, are_near=are_near)
+            spent = self._linear.factorizations - before
+            if isinstance(series, Outcome):
+                yield Solve(load, series, (), spent, strategy=STRATEGY)
+                return
+            for solve in self._corrected(series, origin, goal, kept, tolerance, steps.path_tolerance):
+                are_near = solve.factorizations > 0
+                yield replace(solve, factorizations=solve.factorizations + spent, strategy=STRATEGY)
+                spent = 0
+            origin.destroy()
+            if not solve.outcome.accepted:
+                return
+            load, is_exact = solve.load, False
+
+    def _corrected(
+        self, series: PowerSeries, origin: PETSc.Vec, goal: float, kept: float, tolerance: float, path_tolerance: float
+    ) -> Iterator[Solve]:
+        """Yield the solves at the end of the range of a series, until one is accepted or all trials have failed.
+
+        Args:
+            kept: error of the series that the present factors may correct.
+        """
+        equilibrium, system = self._equilibrium, self._system
+        a, is_pade = series.range(_ACCURACY)
+        limit = series.limit(a, pade=is_pade)
+        if limit is not None and series.load_at(series.weights(limit, pade=is_pade)) < goal:
+            if series.error(limit, pade=is_pade) <= _LOCATED:
+                yield from self._end_at_limit(series, origin, limit, is_pade=is_pade)
+                return
+            a = _BEFORE_LIMIT * limit
+        a = self._parameter_at(series, goal, a if limit is None else min(a, limit), is_pade=is_pade)
+        a = self._admissible(series, origin, a, is_pade=is_pade)
+        for _ in range(_TRIALS):
+            weights = series.weights(a, pade=is_pade)
+            load = series.load_at(weights)
+            load = goal if abs(load - goal) < 1e-9 else load
+            self._move(series, origin, weights)
+            wanted = tolerance if load == 1.0 else min(path_tolerance, _PATH_TOLERANCE)
+            predicted = self._prediction(origin) if series.error(a, pade=is_pade) <= kept else None
+            solve = equilibrium.solve(load, wanted, predicted=predicted, begins_near=True)
+            if predicted is not None:
+                predicted.origin.destroy()
+            if not solve.outcome.accepted:
+                system.set_state(origin)
+            yield solve
+            if solve.outcome.accepted or solve.outcome.is_final:
+                return
+            a *= _SHORTER
+
+    def _end_at_limit(self, series: PowerSeries, origin: PETSc.Vec, a: float, *, is_pade: bool) -> Iterator[Solve]:
+        """Yield the state at a limit point of the load, and the outcome that the load goes no farther."""
+        weights = series.weights(a, pade=is_pade)
+        load = series.load_at(weights)
+        self._move(series, origin, weights)
+        if (fault := self._system.fault()) is not None:
+            self._system.set_state(origin)
+            yield Solve(load, fault, (), 0)
+            return
+        self._system.set_load(load)
+        yield Solve(load, Outcome.CONVERGED, (), 0, limit_point=True)
+        yield Solve(load, Outcome.LIMIT_POINT, (), 0)
+
+    def _prediction(self, origin: PETSc.Vec) -> Prediction:
+        """Return the present state as a prediction, to be corrected by the present factors."""
+        length = norm(self._system.state.x.petsc_vec)
+        return Prediction(length, Increment(0.0, 0.0), origin.copy(), is_taken=True)
+
+    def _parameter_at(self, series: PowerSeries, goal: float, end: float, *, is_pade: bool) -> float:
+        """Return the parameter at which the load factor is ``goal``, or the end of the range before it."""
+
+        def excess(a: float) -> float:
+            return series.load_at(series.weights(a, pade=is_pade)) - goal
+
+        low, high = 0.0, end
+        if not np.isfinite(high):  # the path is straight
+            return (goal - series.load) / float(series.loads[0])
+        if excess(high) < 0:
+            return high
+        for _ in range(100):
+            middle = (low + high) / 2
+            low, high = (low, middle) if excess(middle) >= 0 else (middle, high)
+        return high
+
+    def _admissible(self, series: PowerSeries, origin: PETSc.Vec, a: float, *, is_pade: bool) -> float:
+        """Return the part of a range in which no state of some has inverted elements, or leaves the law's domain."""
+        for number in range(1, _CHECKS + 1):
+            part = a * number / _CHECKS
+            self._move(series, origin, series.weights(part, pade=is_pade))
+            if self._system.fault() is not None:
+                return a * (number - 0.5) / _CHECKS
+        return a
+
+    def _move(self, series: PowerSeries, origin: PETSc.Vec, weights: Reals) -> None:
+        x = origin.copy()
+        x.array[:] += weights @ series.states
+        self._system.set_state(x)
+        x.destroy()
+
+    def _suffices(self, series: PowerSeries, goal: float, kept: float) -> bool:
+        """Return whether a series reaches ``goal``, and more orders are not expected to spare a factorization there."""
+        a, is_pade = series.range(_ACCURACY)
+        if not np.isfinite(a) or series.load_at(series.weights(a, pade=is_pade)) < goal:
+            return not np.isfinite(a)
+        error = series.error(self._parameter_at(series, goal, a, is_pade=is_pade), pade=is_pade)
+        expected = error ** (_ORDERS / len(series.loads))  # of all orders
+        return error <= kept or (error <= _SMALL and expected > kept)
+
+    def _expand(self, load: float, goal: float, kept: float, *, are_near: bool) -> PowerSeries | Outcome:
+        """Return the series at the present state, or the reason why there is none.
+
+        Args:
+            goal: load factor to which it may lead.
+            kept: error there that the present factors may correct.
+            are_near: whether the present factors belong to a tangent near the assembled one.
+        """
+        system, linear, taylor = self._system, self._linear, self._taylor
+        comm = system.comm
+        step = system.state.copy()  # with ghosts
+        b, x = system.rhs, system.rhs.duplicate()
+        with system.timings("residual"):
+            taylor.begin(_ORDERS, load)
+        is_refined = are_near and linear.configuration.exact
+        if not is_refined:
+            linear.factorize(may_keep=are_near)
+
+        def fault() -> Outcome | None:
+            """Solve for ``x``; return the reason why that failed."""
+            nonlocal is_refined
+            if not np.isfinite(norm(b)):
+                return Outcome.NOT_FINITE
+            is_refined = is_refined and self._refine(b, x)
+            return None if is_refined or linear.solve(b, x) else linear.failure
+
+        def put(k: int, values: Reals, load_rate: float) -> None:
+            step.x.petsc_vec.array[:] = values
+            step.x.scatter_forward()
+            with system.timings("residual"):
+                taylor.put(k, step.x.array, load_rate)
+
+        with system.timings("residual"):
+            taylor.put(1, None, 1.0)
+            taylor.assemble(1, b)
+        b.scale(-1.0)
+        self._lift(b, load)
+        if failure := fault():
+            return failure
+        t = x.array.copy()
+        size = norm(x)
+        # It shrinks where the body stiffens, and never grows: at a limit point the range would vanish.
+        scale = self._scale = min(self._scale, size)
+        first = 1 / np.sqrt((size / scale) ** 2 + 1)
+        states, loads = [first * t], [first]
+        put(1, states[0], first)
+        slope = size**2 * first / scale**2 + first
+        for k in range(2, _ORDERS + 1):
+            with system.timings("residual"):
+                taylor.assemble(k, b)
+            b.scale(-1.0)
+            b.array[self._held] = 0.0
+            if failure := fault():
+                return failure
+            w = x.array.copy()
+            load_rate = -float(comm.allreduce(w @ states[0])) / scale**2 / slope
+            states.append(load_rate * t + w)
+            loads.append(load_rate)
+            if k in _ENDS:
+                series = PowerSeries.of(np.array(states), np.array(loads), load, scale, comm)
+                if k == _ORDERS or self._suffices(series, goal, kept):
+                    break
+            put(k, states[-1], load_rate)
+        x.destroy()
+        return series
+
+    def _refine(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Solve with the assembled tangent by factors of one near it; return whether that succeeded."""
+        r, step = b.copy(), b.duplicate()
+        x.set(0.0)
+        with self._system.timings("linear solve"):
+            for _ in range(_REFINEMENTS):
+                if not self._linear.back_substitute(r, step):
+                    break
+                x.axpy(1.0, step)
+                if norm(step) <= _PRECISE * norm(x):
+                    break
+                self._system.matrix.mult(x, r)
+                r.aypx(-1.0, b)
+            succeeded = norm(step) <= _PRECISE * norm(x)
+        r.destroy()
+        step.destroy()
+        return succeeded
+
+    def _lift(self, b: PETSc.Vec, load: float) -> None:
+        """Set the rows of prescribed unknowns of ``b`` to their rates, and add what these cause in the others."""
+        system, supports = self._system, self._system.supports
+        b.array[self._held] = 0.0
+        if supports.prescribe_motion:
+            forces = b.copy()
+            supports.scale_rates(system.scene.parameters.load_rates(load))
+            system.lift(b)
+            supports.scale(load)
+            b.axpy(1.0, forces)
+            forces.destroy()

@@ -1,0 +1,53 @@
+"""Ranges and Padé approximants of a power series with a known sum."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.power_series import PowerSeries
+
+ORDERS = 12
+POLES = np.concatenate([np.linspace(2.0, 7.0, 40), -np.linspace(3.0, 8.0, 40)])  # one of each unknown
+
+
+def states(a: float) -> np.ndarray:
+    return 1 / (1 - a / POLES) - 1
+
+
+@pytest.fixture
+def series() -> PowerSeries:
+    """States `states` under the load ``a``."""
+    coefficients = [POLES ** -float(k) for k in range(1, ORDERS + 1)]
+    return PowerSeries.of(np.array(coefficients), np.eye(ORDERS)[0], 0.0, 1.0, MPI.COMM_SELF)
+
+
+def test_polynomials_are_accurate_at_the_end_of_their_range(series: PowerSeries) -> None:
+    accuracy = 1e-6
+    a = (accuracy * np.sqrt(series.products[0, 0] / series.products[-1, -1])) ** (1 / (ORDERS - 1))
+    weights = series.weights(a, pade=False)
+    assert series.load_at(weights) == pytest.approx(a, rel=1e-12)
+    error = np.linalg.norm(weights @ series.states - states(a)) / np.linalg.norm(states(a))
+    print(f"polynomials: {error:.1e} at {a:.3f}")
+    assert error < 3 * accuracy
+    assert series.error(a, pade=False) < accuracy
+
+
+def test_pade_approximants_reach_farther(series: PowerSeries) -> None:
+    a, is_pade = series.range(1e-6)
+    polynomial = (1e-6 * np.sqrt(series.products[0, 0] / series.products[-1, -1])) ** (1 / (ORDERS - 1))
+    assert is_pade
+    assert 1.3 * polynomial < a < 2.0
+    weights = series.weights(a, pade=True)
+    assert series.load_at(weights) == pytest.approx(a, rel=1e-6)
+    error = np.linalg.norm(weights @ series.states - states(a)) / np.linalg.norm(states(a))
+    print(f"Padé: {error:.1e} at {a:.3f}")
+    assert error < 3e-6
+
+
+def test_straight_path_has_no_end() -> None:
+    coefficients = np.zeros((ORDERS, 2))
+    coefficients[0] = 1.0, 2.0
+    a, is_pade = PowerSeries.of(coefficients, np.eye(ORDERS)[0], 0.0, 1.0, MPI.COMM_SELF).range(1e-6)
+    assert (a, is_pade) == (np.inf, False)

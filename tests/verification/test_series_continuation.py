@@ -1,0 +1,81 @@
+"""Continuation by power series: the solutions of load steps, in fewer factorizations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.paths import cube, tried
+from helpers.verification import Solved, box, job
+
+from hpcinv.model.outcome import Outcome
+from hpcinv.parallel.runtime import MPI
+
+HELD = {"region": "x0", "fix": ["x", "y", "z"]}
+GRAVITY = {"effect": "gravity", "acceleration": [0, -4, 0], "density": 1000, "density_in": "reference"}
+BEAM: dict[str, Any] = {
+    "mesh": box((6, 1, 1), hexahedra=True, lx="8 cm", ly="1 cm", lz="1 cm"),
+    "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "30 kPa"},
+    "effects": [GRAVITY],
+    "supports": [HELD],
+}
+PATHS: dict[str, dict[str, Any]] = {
+    "forward": {"analysis": "forward"},
+    "inverse": {"analysis": "inverse"},
+    "prescribed motion": {
+        "analysis": "forward",
+        "supports": [HELD, {"region": "x1", "displacement": ["1 cm", "-2 cm", None]}],
+    },
+    "load cases": {
+        "analysis": "forward",
+        "load_cases": ["weight", "pressure"],
+        "effects": [
+            GRAVITY | {"case": "weight"},
+            {"effect": "pressure", "region": "y1", "pressure": "20 Pa", "case": "pressure"},
+        ],
+    },
+}
+
+
+def solved(comm: MPI.Intracomm, continuation: str, **data: Any) -> Solved:
+    return Solved(job(**(BEAM | data), solver={"continuation": continuation, "linear": "direct"}), comm)
+
+
+def factorizations(solution: Solved) -> int:
+    return sum(solve.factorizations for solve in solution.solves)
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("name", PATHS)
+def test_series_and_load_steps_end_in_the_same_state(name: str, comm: MPI.Intracomm) -> None:
+    series, steps = (solved(comm, continuation, **PATHS[name]) for continuation in ("series", "steps"))
+    assert {solve.strategy for solve in series.solves} == {"power series"}
+    assert all(solve.outcome.accepted for solve in series.solves)
+    states = [one.model.unknowns.geometry_values(one.model.unknowns.displacement()) for one in (series, steps)]
+    error = np.abs(states[0] - states[1]).max() / np.abs(states[1]).max()
+    counts = factorizations(series), factorizations(steps)
+    print(f"{name}: difference {error:.1e}, factorizations {counts[0]} and {counts[1]}")
+    assert error < 1e-10
+    assert counts[0] <= counts[1]
+    assert counts[0] <= 2 * len(PATHS[name].get("load_cases", ["all"]))
+
+
+@pytest.mark.parametrize("analysis", ["forward", "inverse"])
+def test_limit_load_is_located(analysis: str, comm: MPI.Intracomm) -> None:
+    """A cube under 1.2 times the tension that it carries from all sides, for which there is a closed form."""
+    share = 1.2
+    solves = tried(cube(share, analysis, strategy="adaptive", continuation="series", linear="direct"), comm)
+    *_, extremum, last = solves
+    print(f"{analysis}: {len(solves)} solves, error {extremum.load * share - 1:.1e}")
+    assert last.outcome is Outcome.LIMIT_POINT
+    assert extremum.limit_point
+    assert extremum.load * share == pytest.approx(1.0, rel=1e-6)
+
+
+def test_without_a_series_load_steps_are_taken(comm: MPI.Intracomm) -> None:
+    floor = {"shape": "plane", "point": [0, "-1 cm", 0], "normal": [0, 1, 0]}
+    contact = {"effect": "contact", "region": "y0", "obstacle": floor, "stiffness": "1 MPa/m"}
+    solution = solved(comm, "series", analysis="forward", effects=[GRAVITY, contact])
+    assert solution.solves[-1].outcome is Outcome.CONVERGED
+    assert "power series" not in {solve.strategy for solve in solution.solves}

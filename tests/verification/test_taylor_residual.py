@@ -1,0 +1,101 @@
+"""Coefficients of the residual along a line of states and loads, under every effect of the registry.
+
+The truncated series is compared with the assembled residual: each order more must gain one power of the distance.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from helpers.verification import box, deform, job
+
+from hpcinv.assembly import taylor_residual
+from hpcinv.assembly.scalar_graph import NotAnalytic
+from hpcinv.assembly.system import System
+from hpcinv.assembly.taylor_residual import TaylorResidual
+from hpcinv.effects import effects
+from hpcinv.mesh import build_body
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equations import Equations
+
+ORDER = 10
+SWITCHES = ("contact", "hydrostatic-pressure")
+ANALYTIC = [name for name in sorted(effects()) if name not in SWITCHES]
+FIBRES = {"fibre": {"direction": ["1 + y/(3 m)", "0.5", "Z/(2 m)"], "given_on": "current"}}
+KINDS = [(direction, form) for direction in ("forward", "inverse") for form in ("displacement", "mixed")]
+
+
+def model_of(direction: str, formulation: str, names: list[str], comm: MPI.Intracomm) -> Equations:
+    listed: list[dict[str, Any]] = []
+    for name in names:
+        key = next((key for key in ("density_in", "area_in") if key in effects()[name].model_fields), None)
+        listed.append(effects()[name].example | ({key: "current"} if key else {}))
+    data = job(
+        analysis=direction,
+        mesh=box((2, 1, 1)),
+        material={"law": "mooney-rivlin", "c1": "10 kPa*(1 + X/(10 m) + y/(5 m))", "c2": "5 kPa", "d1": "100 kPa"},
+        effects=listed,
+        fibres=FIBRES if "active-stress" in names else {},
+        discretisation={"formulation": formulation, "quadrature": 2},
+        supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
+    )
+    return Equations(data, build_body(data.mesh, data.regions, comm, resolve=data.resolve), Timings())
+
+
+@pytest.mark.everyday("inverse-mixed")
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize(("direction", "formulation"), KINDS)
+def test_series_of_the_residual_converges_with_its_order(
+    direction: str, formulation: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = model_of(direction, formulation, ANALYTIC, comm)
+    deform(model.unknowns)
+    scene, state = model.scene(model.job.directions[0]), model.unknowns.state
+    system, taylor, load = System(scene, model.supports, Timings()), TaylorResidual(scene), 0.7
+    along, start = fem.Function(model.unknowns.space), state.x.array.copy()
+    along.x.petsc_vec.array[:] = 0.02 * np.random.default_rng(comm.rank).normal(size=len(system.rhs.array))
+    along.x.scatter_forward()
+
+    def assembled() -> list[np.ndarray]:
+        taylor.begin(ORDER, load)
+        series = []
+        for order in range(ORDER + 1):
+            if order == 1:
+                taylor.put(1, along.x.array, 0.3)
+            taylor.assemble(order, system.rhs)
+            series.append(system.rhs.array.copy())
+        return series
+
+    coefficients = assembled()
+    monkeypatch.setattr(taylor_residual, "_SHARE", 0.0)  # no memory for coefficients of operations
+    for kept, computed in zip(coefficients, assembled(), strict=True):
+        np.testing.assert_array_equal(computed, kept)
+
+    def norm(values: np.ndarray) -> float:
+        return math.sqrt(comm.allreduce(float(values @ values)))
+
+    def errors(a: float) -> list[float]:
+        state.x.array[:] = start + a * along.x.array
+        exact = system.forces(load + 0.3 * a)
+        sums = np.cumsum([a**k * values for k, values in enumerate(coefficients)], axis=0)
+        return [norm(sums[order] - exact) / norm(coefficients[0]) for order in (1, 2, 5, ORDER)]
+
+    far, near = errors(0.4), errors(0.2)
+    rates = [math.log2(a / b) for a, b in zip(far, near, strict=True)]
+    if comm.rank == 0:
+        print(f"{direction}, {formulation}: errors {near}, rates {rates}")
+    for rate, order in zip(rates, (1, 2, 5, ORDER), strict=True):
+        assert rate == pytest.approx(order + 1, abs=0.3)
+    assert errors(0.02)[-1] < 1e-13
+
+
+@pytest.mark.parametrize("name", SWITCHES)
+def test_effects_with_switches_have_no_series(name: str, comm: MPI.Intracomm) -> None:
+    model = model_of("forward", "displacement", [name], comm)
+    with pytest.raises(NotAnalytic, match="switch"):
+        TaylorResidual(model.scene("forward"))
