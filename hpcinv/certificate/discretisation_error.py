@@ -154,7 +154,9 @@ def estimate(
     quantities = tuple(q for q in solution.job.quantities if not q.is_reaction)
     if not solution.is_on_given_mesh:
         quantities = carried(quantities, equations.body, _nodes(solution, given))
-    edges = singular_edges(solution.job, equations.body)
+    current = solution.current_nodes if solution.is_on_given_mesh else equations.body.given_nodes
+    nodes = {"reference": solution.reference_nodes, "current": current}
+    edges = singular_edges(solution.job, equations.body, nodes)
     scale = displacement_scale(equations, solution).length
     finer = finer_equations(equations, solution, given)
     body, forecast = finer.body, finer_forecast(equations)

@@ -2,19 +2,21 @@
 which a support ends.
 
 There the displacement is ``u ~ r^λ`` with λ below 1 (`hpcinv.certificate.wedge_exponents`), which no degree of elements
-resolves: errors of quantities fall as ``h^2λ`` only, in cells that touch the edge.
+resolves: errors of quantities fall as ``h^2λ`` only, in cells that touch the edge. Singular points of a fibre field
+are added to them (`hpcinv.certificate.singular_fibres`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import dolfinx
 import numpy as np
 
+from hpcinv.certificate.singular_fibres import singular_fibres
 from hpcinv.certificate.wedge_exponents import SMOOTH, Hold, axial_exponent, plane_exponent
 from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES
@@ -29,6 +31,9 @@ CURVED = math.radians(60)  # rad: a re-entrant edge up to which facets may be th
 LEAST = math.radians(30)  # rad: below it they always are
 SHARPER = 2.0  # least ratio of its angle to those beside it, of an edge that is not of a curved surface
 LIMITING = 0.95  # exponents above it hardly limit anything, and are left out
+FIBRES = "singular fibres"
+SCALE_FREE = 0.999
+"""Exponent of singular fibres: 1, but below `SMOOTH`, since no degree resolves them. Lower: they refine more."""
 KAPPA = {True: 1.0, False: 1.8}  # 3 - 4ν, of (nearly) incompressible material, and of Poisson's ratio 0.3
 
 
@@ -39,8 +44,8 @@ class SingularEdges:
     Attributes:
         exponents: least λ at the vertices of each owned cell, `SMOOTH` of cells that touch no edge.
         kinds: number in ``names`` of the edge of that exponent, for each owned cell; -1 for none.
-        names: what these edges are.
-        segments: ends (edges, 2, 3) of all of them in m, the same on all ranks.
+        names: what these edges are; `FIBRES` for a point at which a fibre field has no limit.
+        segments: ends (edges, 2, 3) of all of them in m, the same on all ranks; short ones at points of fibres.
         segment_kinds: their exponents (edges,).
     """
 
@@ -51,8 +56,12 @@ class SingularEdges:
     segment_kinds: Floats
 
 
-def singular_edges(job: Job, body: Body) -> SingularEdges | None:
-    """Find the singular edges of a job's body, and move its mesh to where it was given; collective."""
+def singular_edges(job: Job, body: Body, configurations: Mapping[str, Floats] | None = None) -> SingularEdges | None:
+    """Find the singular edges of a job's body, and move its mesh to where it was given; collective.
+
+    Args:
+        configurations: local geometry nodes (m) of those on which fibres are given; default: the given mesh.
+    """
     mesh = body.mesh
     body.place(body.given_nodes)
     exterior = dolfinx.mesh.exterior_facet_indices(mesh.topology).astype(np.int32)
@@ -72,7 +81,28 @@ def singular_edges(job: Job, body: Body) -> SingularEdges | None:
         return _edges(FACET_KIND[kind], numbers, corners, areas, held, regions, KAPPA[job.pressure_degree is not None])
 
     edges = on_root(mesh.comm, find_on_root)
-    return _cell_edges(body, edges) if len(edges.exponents) else None
+    configurations = configurations or dict.fromkeys(("reference", "current"), body.given_nodes)
+    singular = _with_fibres(_cell_edges(body, edges), *singular_fibres(job, body, configurations), body)
+    return singular if len(singular.segments) else None
+
+
+def _with_fibres(edges: SingularEdges, cells: Ints, points: Floats, body: Body) -> SingularEdges:
+    """Return the edges with the singular points of fibres in some owned cells; collective."""
+    gathered = np.concatenate(body.mesh.comm.allgather(points))
+    if not len(gathered):
+        return edges
+    exponents, kinds = edges.exponents.copy(), edges.kinds.copy()
+    smooth = cells[exponents[cells] > SCALE_FREE]
+    exponents[smooth], kinds[smooth] = SCALE_FREE, len(edges.names)
+    half = 1e-6 * body.length_scale
+    return replace(
+        edges,
+        exponents=exponents,
+        kinds=kinds,
+        names=[*edges.names, FIBRES],
+        segments=np.concatenate([edges.segments, np.stack([gathered - half, gathered + half], axis=1)]),
+        segment_kinds=np.concatenate([edges.segment_kinds, np.full(len(gathered), SCALE_FREE)]),
+    )
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,9 @@ In the mixed form an error of the displacement raises an energy, and an error of
 of one size, they cancel in a quantity, on one mesh and not on the next. They are if the correction changes the volume
 of cells nearly as much as their shape.
 
+Around a singular point of fibres the deformation looks the same at every size, so that the cells there have errors of
+the strains that neither a smaller cell nor a higher degree reduces: two degrees may agree on a wrong value.
+
 Source: Babuška & Suri, SIAM Review 36, 578–632 (1994), doi:10.1137/1036141.
 """
 
@@ -23,7 +26,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from hpcinv.certificate.singular_edges import SingularEdges
+from hpcinv.certificate.singular_edges import FIBRES, SingularEdges
 from hpcinv.certificate.wedge_exponents import SMOOTH
 from hpcinv.mesh.source import Floats
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -34,6 +37,8 @@ RAISED = 0.2
 """Presumed ratio of smooth errors of one degree more; a larger one refines more."""
 SHARE = 0.3
 """Share of the error at singular edges from which errors may cancel; a larger one trusts more estimates."""
+FIBRE_SHARE = 0.1
+"""Share of the error at singular fibres from which an estimate is unreliable; a larger one trusts more estimates."""
 VOLUME = 0.5
 """Ratio of `volume_share` from which they do; a larger one trusts more estimates. Measured: below it effectivities of
 0.6 to 1.3, above it -4 to 3 (docs/theory/error-estimate.md)."""
@@ -117,7 +122,10 @@ def singular_limit(
     totals, kind_sums = (mesh.comm.allreduce(values, op=MPI.SUM) for values in (sums, kind_sums))
     if not (np.isfinite(totals).all() and totals[2] > 0):
         return None
-    kind = int(kind_sums.argmax())
+    shares = kind_sums / totals[1]
+    fibre_kind = edges.names.index(FIBRES) if FIBRES in edges.names else -1
+    has_fibres = fibre_kind >= 0 and bool(shares[fibre_kind] > FIBRE_SHARE)
+    kind = fibre_kind if has_fibres else int(shares.argmax())
     here = np.where(edges.kinds == kind, whole, -1.0)
     best = int(here.argmax()) if len(here) else -1
     nodes = mesh.geometry.dofmaps[0][best][: mesh.ufl_cell().num_vertices] if len(here) else []
@@ -128,7 +136,7 @@ def singular_limit(
     order = -math.log2(totals[3] / totals[2])
     share, factor = float(totals[2] / totals[1]), float(totals[1] / totals[0])
     may_cancel = equations.unknowns.p is not None and share > SHARE
-    is_reliable = not (may_cancel and volume_share(correction, touching) > VOLUME)
+    is_reliable = not (has_fibres or (may_cancel and volume_share(correction, touching) > VOLUME))
     orders = np.where(touching, 2 * edges.exponents, np.inf)
     return SingularLimit(share, order, factor, is_reliable, edges.names[kind], position, missed, orders)
 

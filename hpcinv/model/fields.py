@@ -80,10 +80,7 @@ class BodyFields:
 
     def _formula(self, value: ByFormula) -> Floats:
         """Return values of a formula on the undeformed body."""
-        x, y, z = np.moveaxis(self._points, 2, 0)
-        known = {"x": x, "y": y, "z": z, "X": x, "Y": y, "Z": z} | dict(value.constants)
-        values = value.formula.evaluate(**{n: known[n] for n in value.formula.names})
-        return np.broadcast_to(values, x.shape)
+        return formula_values(value, self._points)
 
     def _array(self, value: ByData) -> DataArray:
         array = distribute(self.body, value.array)
@@ -115,6 +112,14 @@ class BodyFields:
         function.x.array[function.function_space.dofmap.list[:, 0]] = np.array([*value.values.values(), np.nan])[number]
         function.x.scatter_forward()  # only the owner of a ghost is sure to have its region
         return function
+
+
+def formula_values(value: ByFormula, points: Floats) -> Floats:
+    """Return values (…) of a formula at points (…, 3) in m of the body on which it is given."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    known = {"x": x, "y": y, "z": z, "X": x, "Y": y, "Z": z} | dict(value.constants)
+    values = value.formula.evaluate(**{n: known[n] for n in value.formula.names})
+    return np.broadcast_to(values, x.shape)
 
 
 def law_cells(body: Body, laws: Mapping[str, Any]) -> tuple[npt.NDArray[np.int32], ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -105,3 +106,25 @@ def test_errors_at_an_edge_fall_by_its_order() -> None:
     assert limit.remaining(2.0, 2, 2) == pytest.approx(0.5 / 2 + 0.5 / 8)
     assert limit.least_remaining(1.0, 2, 3) == pytest.approx(0.5 * (2 / 3) ** 2)
     assert limit.doubt.startswith("not reliable here: edge at (0, 0, 0) m: errors fall by 0.5 where cells are halved")
+
+
+@pytest.mark.parallel([2])
+def test_fibres_that_wind_around_an_axis_are_singular_there(comm: MPI.Intracomm) -> None:
+    supports = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]  # no singular edges
+    effects = [{"effect": "active-stress", "fibre": "f", "stress": 1.0}]
+    for hexahedra, axis in itertools.product((False, True), (0.5, 0.4)):  # along edges of cells, and inside of cells
+        mesh = box((4, 4, 2), hexahedra=hexahedra)
+        wound, pitch = [f"-(Y - {axis} m)", f"X - {axis} m"], "0.1 m"  # it straightens the fibres at the axis
+        smooth = {"f": {"direction": [*wound, pitch], "given_on": "reference"}}
+        assert edges_of(comm, mesh=mesh, supports=supports, effects=effects, fibres=smooth) is None
+        singular = {"f": {"direction": [*wound, "0 m"], "given_on": "reference"}}
+        edges = edges_of(comm, mesh=mesh, supports=supports, effects=effects, fibres=singular)
+        assert edges is not None
+        assert {edges.names[kind] for kind in edges.kinds if kind >= 0} <= {"singular fibres"}
+        middles = edges.segments.mean(axis=1)
+        assert np.abs(middles[:, :2] - axis).max() < 0.02
+        assert np.unique(np.floor(2 * middles[:, 2])).tolist() == [0, 1]  # all along the axis
+        cells = comm.allreduce(int(np.count_nonzero(edges.exponents < SMOOTH)), op=MPI.SUM)
+        assert cells == len(middles)
+        if hexahedra:
+            assert cells == (8 if axis == 0.5 else 2)
