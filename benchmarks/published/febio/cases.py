@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import yaml
 
+from hpcinv.cards.card import CardError
 from hpcinv.errors import JobError
 from hpcinv.mesh.body import in_source_order
 from hpcinv.mesh.io.vtu import save_vtu
@@ -18,7 +19,6 @@ from hpcinv.parallel.runtime import on_root
 from ..runs import Missing
 from .conversion import MESH, Unsupported, convert, prescribed
 from .feb_reader import FebError, Model, read_feb
-from .laws import UnknownLaw
 
 if TYPE_CHECKING:
     from hpcinv.output.result import Result
@@ -49,7 +49,7 @@ def job_file(name: str, store: Path) -> Path:
     test, analysis = name.removesuffix(UNLOADED), "inverse" if name.endswith(UNLOADED) else "forward"
     try:
         conversion = convert(_model(test), name, analysis)
-    except (FebError, Unsupported, UnknownLaw) as error:
+    except (FebError, Unsupported, CardError) as error:
         raise JobError(f"{test}.feb: {error}") from error
     directory = store / "jobs" / name
     directory.mkdir(parents=True, exist_ok=True)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from hpcinv.cards.card import CardError
+
 from .conversion import Unsupported, convert
 from .feb_reader import FebError, read_feb
-from .laws import UnknownLaw
 
 
 def main() -> None:
@@ -19,7 +20,7 @@ def main() -> None:
             reason = "has a counterpart"
         except FebError as error:
             reason = str(error).removeprefix(f"{path}: ")
-        except (Unsupported, UnknownLaw) as error:
+        except (Unsupported, CardError) as error:
             reason = str(error)
         print(f"{path.stem}: {reason}", flush=True)
 
