@@ -16,6 +16,7 @@ from hpcinv.output.run_report import RunReport
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.snapshot_writer import SnapshotWriter
 from hpcinv.parallel.runtime import MPI, compilation_explained
+from hpcinv.parallel.signals import signals_recorded
 from hpcinv.parallel.timings import Timings
 from hpcinv.preparation import Prepared, prepare
 from hpcinv.results.quantities_of_interest import Value, carried, evaluate
@@ -66,6 +67,7 @@ def run(
         if resume:
             store.lock(job)
         prepared = prepare(job, workspace, progress, timings, stop)
+        own.enter_context(signals_recorded())
         outputs = _Outputs(prepared, store, progress, stop, guesses, overwrite=overwrite, resume=resume)
         solved = own.enter_context(outputs.keeping())
         _solve(prepared, outputs, solved)

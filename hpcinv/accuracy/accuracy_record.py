@@ -17,6 +17,7 @@ class Ending(enum.Enum):
         "raise solver.maximum_unknowns, use a machine with more memory, or demand less",
     )
     STEPS = "not met: too many steps", "the error hardly falls: give a mesh that is finer where the stress concentrates"
+    STOPPED = "not met: a signal stopped the search", "run the job again with more time, or demand less"
     UNSOLVED = (
         "not met: with a better discretisation the load was not reached",
         "perhaps no such shape exists, and a coarse mesh only seemed to find one",

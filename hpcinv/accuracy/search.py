@@ -20,6 +20,7 @@ from hpcinv.mesh import Body
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.memory_use import peak
 from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.signals import signals_recorded
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.observer import Observer, Stopped
 
@@ -106,7 +107,8 @@ class Search:
                 self._attempt(coarser, self._build(coarser), self._degree)
         if not self._attempt(first, body, self._degree):
             return None, self.best
-        ending = self._improve()
+        with signals_recorded():
+            ending = self._improve()
         seconds = time.perf_counter() - begin
         bounds = self.promise.bounds
         return AccuracyRecord(self.job.accuracy, self.rows, self.chosen, bounds, ending, seconds), self.best
@@ -137,7 +139,11 @@ class Search:
             if choice is None:
                 return Ending.LIMIT
             before = self.last
-            if not self._attempt(*choice):
+            try:
+                is_reached = self._attempt(*choice)
+            except Stopped:  # what an earlier mesh gave is written
+                return Ending.STOPPED
+            if not is_reached:
                 return Ending.UNSOLVED
             self._check_degree(before)
         return Ending.MET
@@ -156,6 +162,8 @@ class Search:
         try:
             trial = attempt(self._job_in(variant, degree), variant, body, self.timings, self.observer, before)
         except Stopped:
+            if self.assessments:
+                raise
             raise self._interrupted() from None
         if not self.assessments:
             self.best = trial

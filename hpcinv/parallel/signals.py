@@ -78,6 +78,17 @@ def ended_by_signals() -> Iterator[None]:
         _in_library = before
 
 
+@contextmanager
+def signals_recorded() -> Iterator[None]:
+    """Context in which SIGTERM and SIGUSR1 end no call of a library, since there is something to save."""
+    global _end
+    before, _end = _end, None
+    try:
+        yield
+    finally:
+        _end = before
+
+
 def _watch() -> None:
     """Start the thread that waits for signals, if it is not running."""
     global _watcher

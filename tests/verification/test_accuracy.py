@@ -17,6 +17,8 @@ from helpers.mesh_cases import spec
 from helpers.verification import box, job
 
 import hpcinv as package
+from hpcinv.accuracy import Search
+from hpcinv.accuracy.accuracy_record import AccuracyStep, Ending
 from hpcinv.accuracy.decision import errors_of
 from hpcinv.accuracy.marking import plan
 from hpcinv.accuracy.meshes import Meshes, is_straight
@@ -182,6 +184,22 @@ def test_a_signal_ends_the_search(comm: MPI.Intracomm) -> None:
     asked = iter([*[False] * 8, *[True] * 1000])
     with pytest.raises(Interrupted, match="towards the accuracy demanded; nothing was saved"):
         package.run(clamped(1e-6, hexahedra=True), comm, stop_asked=lambda: next(asked))
+
+
+def test_a_signal_after_the_first_mesh_leaves_its_result(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows: list[AccuracyStep] = []
+    add_row = Search._add_row
+
+    def counted(search: Search, *args: Any) -> None:
+        add_row(search, *args)
+        rows.append(search.rows[-1])
+
+    monkeypatch.setattr(Search, "_add_row", counted)
+    result = package.run(clamped(1e-6, hexahedra=True), comm, stop_asked=lambda: len(rows) > 0)
+    assert result.accuracy is not None
+    assert (result.accuracy.ending, result.accuracy.chosen, len(rows)) == (Ending.STOPPED, 0, 1)
+    assert result.certificate.verdict is Verdict.FAIL
+    assert result.quantities["tip"] == pytest.approx(rows[0].values["tip"])
 
 
 def test_a_signal_in_an_estimate_ends_the_search(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
