@@ -54,8 +54,18 @@ def test_what_could_be_something_else_is_refused(text: str, told: str, tmp_path:
     assert refused.value.message == f"{path}: {told}" or refused.value.message.startswith(f"{path}: {told}")
 
 
-def test_other_encodings_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be", "latin-1"])
+def test_other_encodings_are_read(encoding: str, tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
-    path.write_text("\n".join(ROWS), encoding="utf-16")
-    with pytest.raises(MeshError, match="is not a text file in UTF-8"):
+    path.write_text("x,y,größe\n" + "\n".join(ROWS), encoding=encoding)
+    plain = tmp_path / "plain.csv"
+    plain.write_text("\n".join(ROWS))
+    assert (read_table(path, 3) == read_table(plain, 3)).all()
+
+
+@pytest.mark.parametrize("content", [b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", b"1,2,3\n\x01", b"\0" * 9, b"\xff\xfe\0"])
+def test_binary_files_are_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_bytes(content)
+    with pytest.raises(MeshError, match="is not a text file"):
         read_table(path, 3)
