@@ -138,14 +138,6 @@ def mode_named(text: str) -> Mode:
 _TITLES = "a line must name the columns, such as: stretch [-], nominal stress [MPa]"
 
 
-def _is_number(row: Row, i: int) -> bool:
-    try:
-        row.number(i)
-    except ValueError:
-        return False
-    return True
-
-
 class _Reader:
     """Reader of one file by the options of a user."""
 
@@ -224,7 +216,7 @@ class _Reader:
         """Return name and SI factor of each column by its index."""
         found: dict[int, tuple[str, float]] = {}
         line = titles.line
-        if not understood and all(_is_number(titles, i) for i in range(len(titles.entries))):
+        if not understood and titles.has_only_numbers:
             self._fail(f"has numbers; {_TITLES}", line)
         for i, title in enumerate(titles.entries):
             if not title and i >= len(titles.entries) - 1 > 0:  # a delimiter at the end of each line

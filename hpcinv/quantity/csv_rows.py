@@ -40,6 +40,18 @@ class Row:
             raise ValueError(f"{shortened(text)} is not a number{comma}")
         return float(text)
 
+    def is_number(self, column: int) -> bool:
+        """Return whether the entry in a column is a number."""
+        try:
+            self.number(column)
+        except ValueError:
+            return False
+        return True
+
+    @property
+    def has_only_numbers(self) -> bool:
+        return all(map(self.is_number, range(len(self.entries))))
+
     @property
     def has_numbers(self) -> bool:
         """True if some entry begins as a number does: a row of titles has none."""

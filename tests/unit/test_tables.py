@@ -22,6 +22,8 @@ POINTS = np.arange(1, 10).reshape(3, 3) / 10
         "\ufeffx,y,z\n" + "\n".join(ROWS),
         "# from a scan\nx [m];y [m];z [m]\n" + "\n".join(ROWS).replace(",", ";").replace(".", ","),
         "\n".join(ROWS).replace(",", "\t"),
+        "Scan 7\nlandmark;x;y;z\n"
+        + "\n".join(f"apex {row}" for row in ROWS).replace(",", ";").replace("apex ", "apex;"),
         "\r\n".join(ROWS).replace(",", " ; ") + "\r\n\r\n",
     ],
 )
@@ -38,7 +40,7 @@ def test_all_points_of_a_table_are_read(text: str, tmp_path: Path) -> None:
         ("0.1,0.2,z\n0.4,0.5,0.6", "line 1: 'z' is not a number"),
         ("0,1;0,2", "line 1: has 2 entries, not 3"),
         ("0,1,0,2,0,3", "line 1: has 6 entries, not 3"),
-        ("x,y,z\n1.234,5;0,2;0,3", "line 2: has 4 entries, not 3"),
+        ("x,y,z\n1.234,5;0,2;0,3", "line 2: '1.234,5' is not a number"),
         ("x;y;z\n1.234,5;0,2;0,3", "line 2: '1.234,5' is not a number"),
         ("x,y,z", "has no points"),
         ("0.1,0.2,nan", "line 1: 'nan' is not a number"),
