@@ -41,7 +41,7 @@ def phases(runs: dict[str, list[MeasuredRun]], repeat: int) -> Findings:
     found = {body: {name: median(of, partial(_phase, name=name)) for name in names} for body, of in runs.items()}
     unknowns = {body: of[0].unknowns for body, of in runs.items()}
     rows = [(name, *(f"{1e6 * found[body][name] / unknowns[body]:.2f}" for body in runs)) for name in names]
-    outside = [median(of, lambda run: run.found["timings"]["overhead"]) for of in runs.values()]
+    outside = [median(of, lambda run: run.data["timings"]["overhead"]) for of in runs.values()]
     before = [median(of, _outside_before_certificate) for of in runs.values()]
     return Findings(
         f"phases: inverse, 1 rank, medians of {repeat}",
@@ -61,7 +61,7 @@ def _phase(run: MeasuredRun, name: str) -> float:
 
 def _outside_before_certificate(run: MeasuredRun) -> float:
     of = run.phases
-    return 1 - sum(of.get(name, 0.0) for name in WORK) / float(run.found["timings"]["total"] - of["certificate"])
+    return 1 - sum(of.get(name, 0.0) for name in WORK) / float(run.data["timings"]["total"] - of["certificate"])
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ class MeasuredRun:
         return self.summary is not None and self.summary["status"] == "converged"
 
     @property
-    def found(self) -> Mapping[str, Any]:
+    def data(self) -> Mapping[str, Any]:
         """The summary of a solved run."""
         if self.summary is None:
             raise SolveError(self.ending)
@@ -56,16 +56,16 @@ class MeasuredRun:
 
     @property
     def unknowns(self) -> int:
-        return int(self.found["mesh"]["unknowns"])
+        return int(self.data["mesh"]["unknowns"])
 
     def count(self, name: str) -> int:
         """Return ``factorizations``, ``newton_iterations`` or ``linear.iterations``, summed over solutions."""
-        return int(look_up(self.found, f"solutions[].{name}") or 0)
+        return int(look_up(self.data, f"solutions[].{name}") or 0)
 
     @property
     def phases(self) -> dict[str, float]:
         """Seconds by phase, on the rank that took longest."""
-        return {name: float(of["max"]) for name, of in self.found["timings"]["phases"].items()}
+        return {name: float(of["max"]) for name, of in self.data["timings"]["phases"].items()}
 
     @property
     def solver(self) -> float:
@@ -74,7 +74,7 @@ class MeasuredRun:
 
     @property
     def memory(self) -> Sequence[int]:
-        return [int(size) for size in self.found["peak_memory"]["ranks"]]
+        return [int(size) for size in self.data["peak_memory"]["ranks"]]
 
 
 class Bench:

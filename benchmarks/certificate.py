@@ -22,7 +22,7 @@ CHECKS = {
 def seconds(run: MeasuredRun, check: str) -> float:
     """Return the seconds of a check, or of all others for ``"others"``."""
     total = 0.0
-    for line in run.found["certificate"]["lines"]:
+    for line in run.data["certificate"]["lines"]:
         of = next((name for start, name in CHECKS.items() if line["name"].startswith(start)), "others")
         total += (line["seconds"] or 0.0) if of == check else 0.0
     return total

@@ -52,14 +52,14 @@ def factorizations(bench: Bench, options: argparse.Namespace) -> list[Findings]:
         name: {
             "unknowns": of[0].unknowns,
             "tangents": of[0].count("factorizations"),
-            "on coarse": sum(one["factorizations"] for one in map(_coarse, of[0].found["solutions"])),
+            "on coarse": sum(one["factorizations"] for one in map(_coarse, of[0].data["solutions"])),
             "corrections": of[0].count("newton_iterations"),
-            "Krylov": sum(solution["linear"]["iterations"] for solution in of[0].found["solutions"]),
+            "Krylov": sum(solution["linear"]["iterations"] for solution in of[0].data["solutions"]),
             "solver": median(of, lambda run: run.solver),
             "factors": median(of, lambda run: run.phases["factorization"]),
             "nested": median(of, lambda run: sum(run.phases.get(name, 0.0) for name in NESTED)),
             "MB": median(of, lambda run: sum(run.memory)) / 1e6,
-            "fallback": of[0].found["solutions"][0]["linear"]["fallback"] or "",
+            "fallback": of[0].data["solutions"][0]["linear"]["fallback"] or "",
         }
         for name, of in bench.alternating(jobs, options.repeat).items()
     }

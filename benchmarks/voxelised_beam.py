@@ -58,7 +58,7 @@ def main() -> None:
 
 def voxelise(mesh: Path, voxel: float, path: Path) -> None:
     """Write an image of the mesh in mm: a voxel belongs to it if its middle is inside."""
-    source = read_msh(mesh).in_metres(1.0)
+    source = read_msh(mesh).convert_to_metres(1.0)
     cells = source.cells[:, [0, 1, 2, 3, 9, 6, 8, 7, 5, 4]]  # in VTK's order
     grid = pyvista.UnstructuredGrid({pyvista.CellType.QUADRATIC_TETRA: cells}, source.points * 1e3)
     low, high = (np.array(grid.bounds[i::2]) for i in (0, 1))
@@ -81,7 +81,7 @@ def put_right(image: Path, size: float, mesh: Path, path: Path) -> float:
     """
     spec = {"image": image.name, "labels": {"silicone": 1}, "size": f"{size} mm"}
     found = read_source(MeshSpec.model_validate(spec, context={"directory": image.parent}), image)
-    source = read_msh(mesh).in_metres(1.0)
+    source = read_msh(mesh).convert_to_metres(1.0)
     beam = surface_of(source).cut(4, np.arange(len(surface_of(source).nodes)))
     true = pyvista.PolyData.from_regular_faces(beam.points, beam.corners)
     (side,) = (group.members for group in found.groups if group.name == "silicone|outside")

@@ -3,8 +3,8 @@
 set -eu
 cd "$(dirname "$0")/.."
 apt-get update -qq
-apt-get install -y -qq --no-install-recommends ca-certificates python3 python3-dev python3-venv \
-  gcc g++ libc6-dev libgl1 libglu1-mesa libgomp1 libxcursor1 libxft2 libxinerama1
+apt-get install -y -qq --no-install-recommends ca-certificates python3 python3-venv \
+  gcc libc6-dev libgl1 libglu1-mesa libgomp1 libxcursor1 libxft2 libxinerama1
 python3 -m venv /opt/uv
 /opt/uv/bin/pip install --quiet uv
 # The environment is made with Debian's Python, whichever version developers use.

@@ -30,7 +30,7 @@ with imports_at_start():
     from hpcinv.cli.report import add_report
     from hpcinv.cli.run import add_run
     from hpcinv.cli.show import add_show
-    from hpcinv.cli.study import add_study, with_action
+    from hpcinv.cli.study import add_study, complete_action
     from hpcinv.cli.sweep import add_sweep
     from hpcinv.cli.validate import add_validate
     from hpcinv.files.untrusted import asked_for
@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> int:
     sys.stdout = sys.stdout or io.StringIO()  # it may be closed
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
-    options = _parser().parse_args(with_action(sys.argv[1:] if arguments is None else arguments))
+    options = _parser().parse_args(complete_action(sys.argv[1:] if arguments is None else arguments))
     end = ProvenEnd() if arguments is None and options.is_proven else None
     child = end.start() if end else 0
     if arguments is None and not child:
@@ -76,7 +76,7 @@ def main(arguments: list[str] | None = None) -> int:
             print(error, file=sys.stderr)
         return error.exit_code
     except MemoryError as error:
-        print(OutOfMemory.of(error), file=sys.stderr)
+        print(OutOfMemory.describing(error), file=sys.stderr)
         return OutOfMemory.exit_code
     except BrokenPipeError:
         discard_output()

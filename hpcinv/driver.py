@@ -24,7 +24,7 @@ from hpcinv.results.shape_distance import differences
 from hpcinv.results.solution import Solution
 from hpcinv.results.steps import StepObserver, carry_out
 from hpcinv.results.totals import totals_of
-from hpcinv.sensitivity.analysis import Sensitivities, of_all_shapes, sensitivities
+from hpcinv.sensitivity.analysis import Sensitivities, joined_sensitivities, sensitivities
 from hpcinv.sensitivity.surface_errors import SurfaceSpread, SurfaceSpreads
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import Observers, SolvedDirection, Stopped, StopSignal
@@ -81,7 +81,7 @@ def run(
                 solved.quantities,
                 differences(prepared.body, solved.solutions, prepared.expected),
                 estimate,
-                of_all_shapes(solved.slopes, solved.quantities),
+                joined_sensitivities(solved.slopes, solved.quantities),
                 spread,
             )
         )
@@ -173,7 +173,7 @@ def _check(
     prepared: Prepared, outputs: _Outputs, solved: _Solved
 ) -> tuple[Certificate, Estimate | None, SurfaceSpread | None]:
     """Check the solutions; return the certificate, the estimated error, and the spread by the given surface."""
-    progress, spread = outputs.progress, solved.spreads.of(solved.quantities)
+    progress, spread = outputs.progress, solved.spreads.spread_of(solved.quantities)
     observer = Observers(progress, outputs.stop) if outputs.checkpoints.can_save else progress
     try:
         with progress.phase("checking"):

@@ -89,7 +89,7 @@ class OutOfMemory(HpcinvError):
     exit_code = 5
 
     @classmethod
-    def of(cls, error: MemoryError) -> Self:
+    def describing(cls, error: MemoryError) -> Self:
         """Return the message for an error of Python or NumPy, which may have no text."""
         text = f"there is not enough memory: {error}" if str(error) else "there is not enough memory"
         return cls(text, "Take a machine with more memory, more nodes, or a smaller problem.")

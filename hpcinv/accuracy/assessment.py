@@ -100,21 +100,21 @@ def _unseen(findings: Sequence[Finding], name: str, order: float | None) -> floa
     pairs = [(f, g) for f, g in itertools.pairwise(findings) if f.mesh != g.mesh]
     if not pairs:
         return 0.0 if order is None else math.inf
-    before, after = pairs[-1]
-    if order is None and after is not findings[-1]:
+    earlier, later = pairs[-1]
+    if order is None and later is not findings[-1]:
         return 0.0  # a higher degree on the same mesh improves the corrected values, too
     differences = [distance(g.corrected[name], f.corrected[name]) for f, g in pairs]
-    sizes = [f.size for f, _ in pairs] + [after.size]
+    sizes = [f.size for f, _ in pairs] + [later.size]
     if sizes[-2] is None or sizes[-1] is None:  # refined locally
-        expected, found = (distance(f.corrected[name], f.values[name]) for f in (before, after))
-        left = max(found / expected, 0.25) if expected > 0 else SLOWEST
+        expected, actual = (distance(f.corrected[name], f.values[name]) for f in (earlier, later))
+        left = max(actual / expected, 0.25) if expected > 0 else SLOWEST
     else:
-        power = after.degree + 1.0 if order is None else order
+        power = later.degree + 1.0 if order is None else order
         if len(pairs) > 1 and sizes[-3] is not None:
             seen = _order_seen((sizes[-3], sizes[-2], sizes[-1]), differences[-2], differences[-1])
             power = max(seen, power)
         left = (sizes[-1] / sizes[-2]) ** power
-    left = min(max(left, after.ratio), SLOWEST)
+    left = min(max(left, later.ratio), SLOWEST)
     return differences[-1] * left / (1 - left)
 
 
@@ -123,10 +123,10 @@ def _least(findings: Sequence[Finding], name: str, previous: Assessment | None) 
     last = findings[-1]
     if previous is None or len(findings) < 2:
         return 0.0 if last.is_reliable else math.inf
-    before = findings[-2]
-    earlier, later = (distance(f.corrected[name], f.values[name]) for f in (before, last))
+    previous_finding = findings[-2]
+    earlier, later = (distance(f.corrected[name], f.values[name]) for f in (previous_finding, last))
     ratio = min(max(later / earlier if earlier > 0 else 0.0, last.ratio), SLOWEST)
-    least = distance(last.values[name], before.values[name]) * ratio / (1 - ratio)
+    least = distance(last.values[name], previous_finding.values[name]) * ratio / (1 - ratio)
     # A small change may be an accident where errors nearly cancel.
     known = previous.least.get(name, 0.0)
     return least if last.is_reliable or not math.isfinite(known) else max(least, last.ratio * known)
@@ -149,13 +149,13 @@ def _safety(findings: Sequence[Finding], name: str, demand: float, previous: Ass
     """Return the safety factor: larger, the more the last error but one was underestimated, as known now."""
     if previous is None or not math.isfinite(estimated := previous.errors[name]):
         return UNTESTED
-    before, after = findings[-2:]
-    found = distance(after.corrected[name], before.values[name])
-    if max(estimated, found) < 0.01 * demand:
+    earlier, later = findings[-2:]
+    actual = distance(later.corrected[name], earlier.values[name])
+    if max(estimated, actual) < 0.01 * demand:
         return UNTESTED
-    return min(max(LEAST, LEAST * found / estimated), MOST) if estimated > 0 else MOST
+    return min(max(LEAST, LEAST * actual / estimated), MOST) if estimated > 0 else MOST
 
 
-def distance(one: Value, other: Value) -> float:
+def distance(first: Value, second: Value) -> float:
     """Return the distance of two numbers or vectors."""
-    return float(np.linalg.norm(np.subtract(one, other)))
+    return float(np.linalg.norm(np.subtract(first, second)))

@@ -30,7 +30,7 @@ def decide(
     order = max(forecast.order(last.step.degree), last.step.degree + 1.0)
 
     # Depends on measured times, which differ from rank to rank.
-    def on_rank_0() -> tuple[RefinementChoice, float] | None:
+    def choose_on_root() -> tuple[RefinementChoice, float] | None:
         if not known:
             factor = min(f for f in factors if f >= SECOND_MESH)
             choice = forecast.everywhere(factor, forecast.last.degree)
@@ -41,10 +41,10 @@ def decide(
         best = choose(forecast, factors, places, limit=limit, highest=highest)
         return None if best is None else (best, cautious(forecast, best, factors))
 
-    found = on_root(meshes.comm, on_rank_0)
-    if found is None:
+    chosen = on_root(meshes.comm, choose_on_root)
+    if chosen is None:
         return None
-    choice, factor = found
+    choice, factor = chosen
     variant = last.variant
     if choice.kind == "in places":
         levels, ratio = np.zeros(0, dtype=np.int64), 0.0
@@ -52,10 +52,10 @@ def decide(
             touching = errors.touching
             others = FEW if touching.any() else DEEPEST
             levels = np.minimum(planned[0].levels, np.where(touching, GRADED, others))
-            at_edges = np.where(touching, errors.shares, 0.0)
-            ratio = remaining(at_edges, errors.orders, levels) * at_edges.sum() / errors.shares.sum()
+            edge_shares = np.where(touching, errors.shares, 0.0)
+            ratio = remaining(edge_shares, errors.orders, levels) * edge_shares.sum() / errors.shares.sum()
         segments = last.estimate.segments if last.estimate else None
-        variant = meshes.in_places(variant, last.body, levels, segments, meshes.comm.bcast(ratio))
+        variant = meshes.halved_cells(variant, last.body, levels, segments, meshes.comm.bcast(ratio))
     elif factor > 1:
         variant = meshes.everywhere(variant, last.body, factor)
     return variant, choice.degree

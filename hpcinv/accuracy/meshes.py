@@ -101,7 +101,7 @@ class Meshes:
         size = None if variant.size is None else variant.size / factor
         return Variant(variant.resolution, given, True, size, f"each cell cut into {8**times}")
 
-    def in_places(
+    def halved_cells(
         self, variant: Variant, body: Body, levels: Ints, segments: Floats | None = None, ratio: float = 0.0
     ) -> Variant:
         """Return the mesh with each cell of the source halved ``levels`` times; ``levels`` is used on rank 0.
@@ -156,12 +156,12 @@ def touching(source: MeshSource, segments: Floats | None) -> npt.NDArray[np.bool
     if segments is None or not len(segments):
         return np.zeros(len(source.cells), dtype=bool)
     vertices = source.cells[:, : vertex_count(source.kind)]
-    on_one = np.zeros(len(source.points), dtype=bool)
+    is_on_segment = np.zeros(len(source.points), dtype=bool)
     for first, last in segments:
-        along = last - first
-        length = np.linalg.norm(along)
-        near = np.flatnonzero((np.abs(source.points - (first + last) / 2) <= length).all(axis=1))
-        offset = source.points[near] - first
-        at = np.clip(offset @ along / length**2, 0, 1)
-        on_one[near] |= np.linalg.norm(offset - at[:, None] * along, axis=1) <= BESIDE * length
-    return np.asarray(on_one[vertices].any(axis=1))
+        chord = last - first
+        length = np.linalg.norm(chord)
+        candidates = np.flatnonzero((np.abs(source.points - (first + last) / 2) <= length).all(axis=1))
+        offset = source.points[candidates] - first
+        shares = np.clip(offset @ chord / length**2, 0, 1)
+        is_on_segment[candidates] |= np.linalg.norm(offset - shares[:, None] * chord, axis=1) <= BESIDE * length
+    return np.asarray(is_on_segment[vertices].any(axis=1))

@@ -8,7 +8,7 @@ from hpcinv.mesh.body import Body
 from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.cells import jacobians, kind_and_degree, quadrature, scalar_element
 from hpcinv.mesh.checks import det
-from hpcinv.mesh.regions import BOUNDARY, evaluate, of_facets
+from hpcinv.mesh.regions import BOUNDARY, evaluate, is_facet_condition
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.expressions import Expression
 
@@ -26,15 +26,15 @@ def cut_regions(body: Body, conditions: Mapping[str, Expression]) -> Iterator[st
     nodes = body.given_nodes[mesh.geometry.dofmaps[0][:owned]]
     for name, condition in conditions.items():
         region = body.regions[name]
-        if not region.cell_count or of_facets(condition):
+        if not region.cell_count or is_facet_condition(condition):
             continue
         parts = np.zeros(2)
         if owned:
             volumes = np.abs(det(jacobians(kind, degree, nodes, points))) * weights
-            at = scalar_element(kind, degree).tabulate(0, points)[0, :, :, 0] @ nodes
-            outside = evaluate(name, condition, at.reshape(-1, 3)).reshape(volumes.shape).copy()
-            outside[region.cells] = False
-            parts[:] = volumes[outside].sum(), volumes.sum()
+            positions = scalar_element(kind, degree).tabulate(0, points)[0, :, :, 0] @ nodes
+            is_outside = evaluate(name, condition, positions.reshape(-1, 3)).reshape(volumes.shape).copy()
+            is_outside[region.cells] = False
+            parts[:] = volumes[is_outside].sum(), volumes.sum()
         part, whole = mesh.comm.allreduce(parts, op=MPI.SUM)
         if part > MOVED * whole:
             yield name
@@ -54,6 +54,6 @@ def facet_shares(body: Body) -> dict[str, float]:
     return shares
 
 
-def moved(before: Mapping[str, float], after: Mapping[str, float]) -> set[str]:
+def moved(earlier: Mapping[str, float], later: Mapping[str, float]) -> set[str]:
     """Return the names of regions whose shares differ on two meshes."""
-    return {name for name in before.keys() & after.keys() if abs(after[name] - before[name]) > MOVED}
+    return {name for name in earlier.keys() & later.keys() if abs(later[name] - earlier[name]) > MOVED}

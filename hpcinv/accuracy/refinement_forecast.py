@@ -126,8 +126,8 @@ class RefinementForecast:
     def gain(self, degree: int) -> float:
         """Return the ratio of errors of one degree more on the same mesh."""
         for i in range(len(self.steps) - 1, 0, -1):
-            before, after = self.steps[i - 1], self.steps[i]
-            if (after.degree, after.cells) == (degree + 1, before.cells) and self.errors[i - 1] > 0:
+            earlier, later = self.steps[i - 1], self.steps[i]
+            if (later.degree, later.cells) == (degree + 1, earlier.cells) and self.errors[i - 1] > 0:
                 return min(max(self.errors[i] / self.errors[i - 1], 0.01), 0.9)
         return GAIN if self.order(degree) >= degree + 0.5 else POOR_GAIN
 
@@ -152,7 +152,7 @@ class RefinementForecast:
         gain = self.gain(self.last.degree) if degree > self.last.degree else 1.0
         return float(self.excess * gain * factor ** -self.order(degree))
 
-    def in_places(self, places: RefinementPlaces) -> RefinementChoice:
+    def local_choice(self, places: RefinementPlaces) -> RefinementChoice:
         """Return the choice of refining marked cells."""
         return self._choice("in places", 1.0, self.last.degree, places.cells, self.excess * places.error)
 
@@ -212,7 +212,7 @@ def choose(
         ``None`` if no possible choice reduces the error much.
     """
     last = forecast.last
-    choices = [] if places is None else [forecast.in_places(places)]
+    choices = [] if places is None else [forecast.local_choice(places)]
     for degree in (last.degree, last.degree + 1)[: 1 + (last.degree < highest)]:
         needed = forecast.needed(degree)
         possible = [

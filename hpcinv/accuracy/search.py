@@ -41,11 +41,11 @@ class RefinementMemory:
     def __init__(self, comm: MPI.Intracomm) -> None:
         self.comm = comm
         self.free = USABLE * available(comm) / comm.size
-        self.before = peak()
+        self.first_peak = peak()
 
     def limit(self, unknowns: int) -> int:
         """Return the largest number of unknowns; ``unknowns`` is the largest number so far, also of an estimate."""
-        used = max(peak() - self.before, LEAST)
+        used = max(peak() - self.first_peak, LEAST)
         ratio = self.comm.allreduce(self.free / used, op=MPI.MIN)
         return int(unknowns * ratio ** (1 / FILL))
 
@@ -94,7 +94,7 @@ class Search:
         if not one_shape:  # straight cells would have more error of their geometry than of all else
             body = self._curved(body)
         demanded = [q for q in self.job.quantities if q.name in self.job.accuracy]
-        sampled = [q for q in demanded if q.on is not None and not (q.by_quadrature and q.reduce in AVERAGES)]
+        sampled = [q for q in demanded if q.on is not None and not (q.uses_quadrature and q.reduce in AVERAGES)]
         averaged = any(q.reduce in AVERAGES for q in sampled)  # over nodes, so that the distribution of nodes matters
         if averaged:
             self.unseen_order = 1.0
@@ -138,29 +138,29 @@ class Search:
             choice = self._next()
             if choice is None:
                 return Ending.LIMIT
-            before = self.last
+            last_trial = self.last
             try:
                 is_reached = self._attempt(*choice)
             except Stopped:  # what an earlier mesh gave is written
                 return Ending.STOPPED
             if not is_reached:
                 return Ending.UNSOLVED
-            self._check_degree(before)
+            self._check_degree(last_trial)
         return Ending.MET
 
-    def _check_degree(self, before: Trial | None) -> None:
+    def _check_degree(self, last_trial: Trial | None) -> None:
         """Return to the lower degree if a higher one has not reduced the error, which happens on some meshes."""
         (*_, earlier, last), (*_, lower, higher) = self.assessments, self.steps
         if higher.degree > lower.degree and last.excess > earlier.excess:
-            self.highest, self.last = lower.degree, before
+            self.highest, self.last = lower.degree, last_trial
             for known in (self.findings, self.assessments, self.steps):
                 known.pop()
 
     def _attempt(self, variant: Variant, body: Body, degree: int) -> bool:
         """Solve and estimate one discretisation; return ``False`` if it did not reach the full load."""
-        begin, before = time.perf_counter(), self.last
+        begin, last_trial = time.perf_counter(), self.last
         try:
-            trial = attempt(self._job_in(variant, degree), variant, body, self.timings, self.observer, before)
+            trial = attempt(self._job_in(variant, degree), variant, body, self.timings, self.observer, last_trial)
         except Stopped:
             if self.assessments:
                 raise
@@ -171,46 +171,46 @@ class Search:
             return False
         corrected = {name: trial.estimate.corrected[name] for name in self.job.accuracy}
         values = {name: trial.quantities[name] for name in self.job.accuracy}
-        mesh = 0 if before is None else self.findings[-1].mesh + (before.variant is not variant)
+        mesh = 0 if last_trial is None else self.findings[-1].mesh + (last_trial.variant is not variant)
         limit = trial.estimate.limit
         ratio, is_reliable = self._ratio(variant, degree), limit is None or limit.is_reliable
         self.findings.append(Finding(mesh, variant.size, degree, values, corrected, ratio, is_reliable))
         previous = self.assessments[-1] if self.assessments else None
-        if before is None or before.variant is not variant:
+        if last_trial is None or last_trial.variant is not variant:
             shares = facet_shares(body)
             self.moving |= moved(self.shares, shares) | set(cut_regions(body, self.job.regions))
             self.shares = shares
         if self.moving:
             self.unseen_order = INTERFACE
-        found = assess(self.findings, self.job.accuracy, self.unseen_order, previous)
+        assessment = assess(self.findings, self.job.accuracy, self.unseen_order, previous)
         self.last = trial
-        self.assessments.append(found)
+        self.assessments.append(assessment)
         self.steps.append(trial.step)
         self._add_row(trial, time.perf_counter() - begin)
-        if len(self.assessments) == 1 or found.excess <= self.promise.excess:
-            self.best, self.promise, self.chosen = trial, found, len(self.rows) - 1
+        if len(self.assessments) == 1 or assessment.excess <= self.promise.excess:
+            self.best, self.promise, self.chosen = trial, assessment, len(self.rows) - 1
         return True
 
     def _ratio(self, variant: Variant, degree: int) -> float:
         """Return the least ratio of errors to those of the last step that singular edges allow, 0 without them."""
         if self.last is None or self.last.estimate is None or (limit := self.last.estimate.limit) is None:
             return 0.0
-        before, after = self.last.variant.size, variant.size
+        last_size, new_size = self.last.variant.size, variant.size
         if variant is self.last.variant:
             return limit.least_remaining(1.0, self.last.step.degree, degree)
-        if before is None or after is None:
+        if last_size is None or new_size is None:
             return variant.ratio or limit.least_remaining(2.0, self.last.step.degree, degree)
-        return limit.least_remaining(before / after, self.last.step.degree, degree)
+        return limit.least_remaining(last_size / new_size, self.last.step.degree, degree)
 
     def _interrupted(self) -> Interrupted:
         where = f"stopped by a signal in step {len(self.rows) + 1} towards the accuracy demanded"
         return Interrupted(f"{where}; nothing was saved", "Run the job again.")
 
     def _add_row(self, trial: Trial, seconds: float) -> None:
-        step, found = self.steps[-1], self.assessments[-1]
+        step, assessment = self.steps[-1], self.assessments[-1]
         errors, bounds = (
             {name: value if math.isfinite(value) else None for name, value in values.items()}
-            for values in (found.errors, found.bounds)
+            for values in (assessment.errors, assessment.bounds)
         )
         assert trial.estimate is not None
         self.rows.append(
@@ -222,7 +222,7 @@ class Search:
                 values=self.findings[-1].values,
                 errors=errors,
                 bounds=bounds,
-                excess=found.excess if math.isfinite(found.excess) else None,
+                excess=assessment.excess if math.isfinite(assessment.excess) else None,
                 left_out=trial.estimate.left_out,
                 limit=self._limit_of(trial),
                 factorizations=step.solve.count,
@@ -265,7 +265,7 @@ class Search:
             return None
         variant, degree = decision
         body = self.last.body if variant is self.last.variant else self._build(variant)
-        return variant, body.of_degree(degree), degree
+        return variant, body.raise_degree(degree), degree
 
     def _build(self, variant: Variant) -> Body:
         with self.timings("mesh"):

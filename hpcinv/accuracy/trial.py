@@ -63,83 +63,92 @@ def attempt(
     body: Body,
     timings: Timings,
     observer: Observer,
-    before: Trial | None,
+    last_trial: Trial | None,
 ) -> Trial:
     """Solve and estimate one discretisation, from the solution of the one ``before``; collective."""
-    observed = _Steps(observer, before)
+    observed = _Steps(observer, last_trial)
     with _measured(timings) as solved:
         check_points(job.quantities, body)
         equations = Equations(job, body, timings)
         (solution,) = carry_out(job.plan[:1], [equations], observed)
     reached, solves = solution.load == 1.0, solution.solves
-    solution = replace(solution, solves=(*_path(before, equations), *solves))
+    solution = replace(solution, solves=(*_path(last_trial, equations), *solves))
     quantities: Mapping[str, Value] = evaluate(job.quantities, body, solution, equations) if reached else {}
     with _measured(timings) as estimated:
-        found = estimate(equations, solution, quantities, observer=observer) if reached else None
+        estimated_error = estimate(equations, solution, quantities, observer=observer) if reached else None
     equations.destroy()  # their factors: the next mesh needs the memory
-    _check_finite(job, quantities, found.corrected if found else {})
+    _check_finite(job, quantities, estimated_error.corrected if estimated_error else {})
     degree, count = job.discretisation.displacement, sum(s.factorizations for s in solves)
     step = Step(
         cell=body.source.kind,
         size=variant.size,
         cells=sum(body.partition.cells),
         solve=Work(degree, equations.unknowns.size, count, solved["tangent"], solved["factorization"]),
-        estimate=Work(degree + 1, found.unknowns if found else 0, 1, estimated["tangent"], estimated["factorization"]),
+        estimate=Work(
+            degree + 1,
+            estimated_error.unknowns if estimated_error else 0,
+            1,
+            estimated["tangent"],
+            estimated["factorization"],
+        ),
         compilation=solved["compile"] + estimated["compile"],
     )
-    return Trial(job, variant, body, equations, solution, quantities, found, step, observed.unused_options)
+    return Trial(job, variant, body, equations, solution, quantities, estimated_error, step, observed.unused_options)
 
 
-def _check_finite(job: Job, *of: Mapping[str, Value]) -> None:
+def _check_finite(job: Job, *value_sets: Mapping[str, Value]) -> None:
     """Raise ``JobError`` if a quantity whose accuracy the job demands has no finite value: no mesh would meet it."""
     demanded = [quantity for quantity in job.quantities if quantity.name in job.accuracy]
     faults = {
-        q.name: fault for q in demanded for known in of if q.name in known and (fault := fault_of(q, known[q.name]))
+        q.name: fault
+        for q in demanded
+        for known in value_sets
+        if q.name in known and (fault := fault_of(q, known[q.name]))
     }
     if faults:
         raise JobError(*(f"{job.path or UNNAMED}: quantities: {fault}; {NOT_FINITE}" for fault in faults.values()))
 
 
-def _path(before: Trial | None, equations: Equations) -> Iterator[Solve]:
+def _path(last_trial: Trial | None, equations: Equations) -> Iterator[Solve]:
     """Yield the solves of earlier trials, with signs of tangents as for the unknowns of ``equations``.
 
     Each pressure unknown is a negative eigenvalue of a stable state: an odd number more changes the sign.
     """
-    if before is not None:
-        odd = (equations.unknowns.pressure_size - before.equations.unknowns.pressure_size) % 2
-        for solve in before.solution.solves:
+    if last_trial is not None:
+        odd = (equations.unknowns.pressure_size - last_trial.equations.unknowns.pressure_size) % 2
+        for solve in last_trial.solution.solves:
             yield replace(solve, signs=tuple(-sign if odd else sign for sign in solve.signs))
 
 
 class _Steps(StepObserver):
     """Observer of the solve of a trial, which begins with the solution of the trial before."""
 
-    def __init__(self, observer: Observer, before: Trial | None) -> None:
+    def __init__(self, observer: Observer, last_trial: Trial | None) -> None:
         super().__init__(Observers(observer, self))
-        self._before = before
+        self._last_trial = last_trial
         self.unused_options: Sequence[str] = ()
 
     def start(self, number: int, equations: Equations) -> Start:
-        if self._before is None:
+        if self._last_trial is None:
             return UNLOADED
         with equations.timings("transfer"):
-            return Start(guess=guess_from(self._before.solution, self._before.body, equations))
+            return Start(guess=guess_from(self._last_trial.solution, self._last_trial.body, equations))
 
     def check(self, earlier: Sequence[Solution], solved: SolvedDirection, step: PlannedSolve) -> None:
         if solved.stopped:
             raise Stopped
 
-    def ended(self, found: SolvedDirection) -> None:
-        self.unused_options = found.unused_options or ()
+    def ended(self, solved: SolvedDirection) -> None:
+        self.unused_options = solved.unused_options or ()
 
 
 @contextmanager
 def _measured(timings: Timings) -> Iterator[dict[str, float]]:
     """Measure the seconds by phase within the context; they are in the mapping when it ends."""
     spent: dict[str, float] = {}
-    before = dict(timings.seconds)
+    seconds_before = dict(timings.seconds)
     yield spent
-    spent |= {phase: timings.seconds[phase] - before.get(phase, 0.0) for phase in _PHASES}
+    spent |= {phase: timings.seconds[phase] - seconds_before.get(phase, 0.0) for phase in _PHASES}
 
 
 def guess_from(solution: Solution, body: Body, equations: Equations) -> Guess:
@@ -155,13 +164,13 @@ def guess_from(solution: Solution, body: Body, equations: Equations) -> Guess:
             given = None if layers is None else layers_of_cells(equations.job, body)
             # Coordinates of both meshes have the scale of the new one.
             body.place(solution.mesh_nodes * (body.length_scale / equations.body.length_scale))
-            _across(new, old, layers, given)
+            _interpolate_layers(new, old, layers, given)
             body.place(solution.mesh_nodes)
         new.x.scatter_forward()
     return Guess(u.x.array, None if p is None else p.x.array, strategy="solution on another mesh")
 
 
-def _across(new: fem.Function, old: fem.Function, layers: Ints | None, given: Ints | None) -> None:
+def _interpolate_layers(new: fem.Function, old: fem.Function, layers: Ints | None, given: Ints | None) -> None:
     """Interpolate between meshes of one body, whose coordinates have the same scale.
 
     Args:
@@ -175,7 +184,7 @@ def _across(new: fem.Function, old: fem.Function, layers: Ints | None, given: In
     else:
         for layer in layers_on(here.comm, given):
             cells = owned[0][layers[: len(owned[0])] == layer]
-            _interpolate_across(new, _within(old, owned[1][given[: len(owned[1])] == layer]), cells, padding)
+            _interpolate_across(new, _restricted(old, owned[1][given[: len(owned[1])] == layer]), cells, padding)
     new.x.scatter_forward()
 
 
@@ -184,12 +193,12 @@ def _interpolate_across(new: fem.Function, old: fem.Function, cells: Integers, p
     new.interpolate_nonmatching(old, cells, data)
 
 
-def _within(function: fem.Function, cells: Integers) -> fem.Function:
+def _restricted(function: fem.Function, cells: Integers) -> fem.Function:
     """Return a function on a mesh of some owned cells, by themselves; collective."""
     mesh = function.function_space.mesh
-    part, to_mesh = create_submesh(mesh, 3, cells)[:2]
-    found = fem.Function(fem.functionspace(part, function.function_space.ufl_element()))
+    part, entity_map = create_submesh(mesh, 3, cells)[:2]
+    restricted = fem.Function(fem.functionspace(part, function.function_space.ufl_element()))
     own = np.arange(part.topology.index_map(3).size_local, dtype=np.int32)
-    found.interpolate(function, to_mesh.sub_topology_to_topology(own, False), own)
-    found.x.scatter_forward()
-    return found
+    restricted.interpolate(function, entity_map.sub_topology_to_topology(own, False), own)
+    restricted.x.scatter_forward()
+    return restricted

@@ -60,26 +60,29 @@ def compiled_moduli(
     """
     whole = ufl.replace(form.form, dict(form.factors)) if isinstance(form, Term) else form
     mesh, functions, constants = unknowns.mesh, whole.coefficients(), whole.constants()
-    of_form, parts = volume_parts(whole, unknowns)
-    points, weights = quadrature(mesh.basix_cell().name, of_form if degree is None else degree)
+    form_degree, parts = volume_parts(whole, unknowns)
+    points, weights = quadrature(mesh.basix_cell().name, form_degree if degree is None else degree)
     differentiated = None if isinstance(form, Term) else functions.index(unknowns.state)
     name, directory = _name(whole.signature(), differentiated, points, jit_options), Path(jit_options["cache_dir"])
     recorded, record = mesh.comm.bcast((name, read_record(name, directory)) if mesh.comm.rank == 0 else None)
     # Flags depend on the processor: rank 0 may know of kernels that this one cannot run.
     is_known = record is not None and recorded == name
-    kernels = [_Kernel.from_data(one) for one in json.loads(record)] if is_known else []
-    found = [_loaded(kernel, functions, constants, directory) for kernel in kernels]
-    loaded = [one for one in found if one is not None]
+    kernels = [_Kernel.from_data(data) for data in json.loads(record)] if is_known else []
+    candidates = [_loaded(kernel, functions, constants, directory) for kernel in kernels]
+    loaded = [moduli for moduli in candidates if moduli is not None]
     if not mesh.comm.allreduce(len(loaded) == len(parts), op=MPI.LAND):
         kernels, loaded = [], []
-        for one in moduli_of(form, unknowns):
-            used = list(extract_coefficients(one.expression)), list(extract_constants(one.expression))
-            expression = compile_expression(mesh.comm, one.expression, points, *used, jit_options)
+        for tangent_moduli in moduli_of(form, unknowns):
+            used = (
+                list(extract_coefficients(tangent_moduli.expression)),
+                list(extract_constants(tangent_moduli.expression)),
+            )
+            expression = compile_expression(mesh.comm, tangent_moduli.expression, points, *used, jit_options)
             places = [functions.index(f) for f in used[0]], [constants.index(c) for c in used[1]]
-            kernels.append(_Kernel(expression.file, expression.symbol, *places, one.pairs))
+            kernels.append(_Kernel(expression.file, expression.symbol, *places, tangent_moduli.pairs))
             loaded.append(expression)
         if mesh.comm.rank == 0:
-            write_record(name, json.dumps([astuple(one) for one in kernels]), directory)
+            write_record(name, json.dumps([astuple(kernel) for kernel in kernels]), directory)
     return [
         CompiledModuli(part.cells, points, weights, kernel.pairs, expression)
         for part, kernel, expression in zip(parts, kernels, loaded, strict=True)
@@ -116,8 +119,8 @@ def _loaded(
 
 def _name(signature: str, differentiated: int | None, points: Floats, jit_options: Mapping[str, Any]) -> str:
     flags = jit_options.get("cffi_extra_compile_args")
-    of_form = f"{signature} {differentiated} {flags} {_programs()}".encode()
-    return f"moduli_{sha1(of_form + points.tobytes()).hexdigest()}"
+    description = f"{signature} {differentiated} {flags} {_programs()}".encode()
+    return f"moduli_{sha1(description + points.tobytes()).hexdigest()}"
 
 
 @cache

@@ -57,7 +57,7 @@ class FilledTangent:
         """Return a term that can be added to the tangent; collective."""
         try:
             moduli = compiled_moduli(term, self._unknowns, self._options)
-            return [ElementMatrices(one, self._unknowns) for one in moduli]
+            return [ElementMatrices(part, self._unknowns) for part in moduli]
         except UnsupportedForm:
             return fem.form(ufl.replace(term.form, dict(term.factors)), jit_options=self._options)
 
@@ -73,11 +73,11 @@ class FilledTangent:
         """
         rows = like._rows if isinstance(like, FilledTangent) else _Rows(self._unknowns)
         self._rows: _Rows = rows
-        A, values, (starts, columns, of_ghosts, names) = rows.matrix()
+        A, values, (starts, columns, ghost_columns, names) = rows.matrix()
         prescribed = np.zeros(rows.count, dtype=bool)
         for condition in conditions:
             prescribed[condition.dof_indices()[0]] = True
-        of_prescribed, diagonal = rows.of(prescribed)
+        prescribed_places, diagonal = rows.places_of(prescribed)
 
         def assemble(terms: Sequence[FilledTerm] = ()) -> None:
             A.zeroEntries()
@@ -92,11 +92,11 @@ class FilledTangent:
             for part in volume:
                 places = rows.places(part)
                 for chunk, blocks in part:
-                    for entries, of_block in zip(blocks, places, strict=True):
-                        of_block.add(self._code, chunk, entries, values)
-            values[of_prescribed] = 0.0
+                    for entries, block_places in zip(blocks, places, strict=True):
+                        block_places.add(self._code, chunk, entries, values)
+            values[prescribed_places] = 0.0
             values[diagonal] = 1.0
-            A.setValuesIJV(starts, columns, of_ghosts, addv=PETSc.InsertMode.ADD, rowmap=names)
+            A.setValuesIJV(starts, columns, ghost_columns, addv=PETSc.InsertMode.ADD, rowmap=names)
             A.assemble()
             for form in compiled:
                 fem_petsc.assemble_matrix(A, form, bcs=conditions)
@@ -143,17 +143,19 @@ class _Rows:
         other = np.flatnonzero(indices[:end] >= self.owned)  # last in each row
         row = np.searchsorted(indptr, other, side="right") - 1
         other = other[np.lexsort((names[indices[other]], row))]  # PETSc requires columns in their global order
-        before = np.zeros(self.owned + 1, dtype=np.int32)  # number of such entries before each row
-        before[1:] = np.cumsum(np.bincount(row, minlength=self.owned))
-        starts, self._diagonal = indptr[: self.owned + 1] - before, end - len(other)
-        self._indptr, self._indices, self._other, self._before = indptr, indices, other, before
-        self._far = np.zeros(self.count, dtype=np.int32)  # row lengths in the off-diagonal and in the diagonal block
-        self._far[: self.owned] = np.diff(before)
-        self._near = np.diff(indptr) - self._far
-        self._far[self.owned :] = self._near[self.owned :]  # rows of ghosts are not split
+        preceding = np.zeros(self.owned + 1, dtype=np.int32)  # number of such entries before each row
+        preceding[1:] = np.cumsum(np.bincount(row, minlength=self.owned))
+        starts, self._diagonal = indptr[: self.owned + 1] - preceding, end - len(other)
+        self._indptr, self._indices, self._other, self._preceding = indptr, indices, other, preceding
+        self._off_diagonal_lengths = np.zeros(
+            self.count, dtype=np.int32
+        )  # row lengths in the off-diagonal and in the diagonal block
+        self._off_diagonal_lengths[: self.owned] = np.diff(preceding)
+        self._diagonal_lengths = np.diff(indptr) - self._off_diagonal_lengths
+        self._off_diagonal_lengths[self.owned :] = self._diagonal_lengths[self.owned :]  # rows of ghosts are not split
         inner = np.delete(indices[:end], other) if len(other) else indices[:end]
-        self._blocks = _integers(starts, inner), _integers(before, names[indices[other]])
-        self._of_ghosts = _integers(indptr[self.owned :] - end, names[indices[end:]])
+        self._blocks = _integers(starts, inner), _integers(preceding, names[indices[other]])
+        self._ghost_rows = _integers(indptr[self.owned :] - end, names[indices[end:]])
         self._known: list[tuple[Integers, _Places]] = []
         self._last: tuple[npt.NDArray[np.bool_], Integers, Integers] | None = None
 
@@ -162,7 +164,7 @@ class _Rows:
         """Place of each entry of the pattern."""
         end = int(self._indptr[self.owned])
         place = np.arange(len(self._indices), dtype=np.int32)
-        place[:end] -= np.repeat(self._before[:-1], np.diff(self._indptr[: self.owned + 1]))
+        place[:end] -= np.repeat(self._preceding[:-1], np.diff(self._indptr[: self.owned + 1]))
         place[self._other] = np.arange(self._diagonal, end)
         return place
 
@@ -170,7 +172,7 @@ class _Rows:
         """Return a new matrix, the array of its values, and rows of ghosts: starts, columns, values, and names."""
         nodes, bs, comm = self._nodes, self._bs, self._nodes.comm
         end = len(self._blocks[0][1]) + len(self._blocks[1][1])
-        values = np.zeros(end + len(self._of_ghosts[1]))
+        values = np.zeros(end + len(self._ghost_rows[1]))
         own = *self._blocks[0], values[: self._diagonal]
         starts, columns = self._blocks[1]
         off = starts, columns.copy(), values[self._diagonal : end]  # PETSc numbers these columns anew, in place
@@ -183,9 +185,9 @@ class _Rows:
         A.setBlockSizes(bs, bs)  # createAIJWithArrays drops it
         A.setLGMap(numbering, numbering)
         ghosts = _unrolled(here[nodes.size_local :], bs)
-        return A, values, (*self._of_ghosts, values[end:], ghosts)
+        return A, values, (*self._ghost_rows, values[end:], ghosts)
 
-    def at(self, rows: Integers, columns: Integers) -> Integers:
+    def entry_places(self, rows: Integers, columns: Integers) -> Integers:
         """Return places of entries by local row and column."""
         return self._placed(self._pattern.entries(rows, columns))
 
@@ -193,7 +195,7 @@ class _Rows:
         """Return the places of entries of the pattern, whose order they have where no columns belong to other ranks."""
         return self._place[entries] if len(self._other) else entries
 
-    def of(self, unknowns: npt.NDArray[np.bool_]) -> tuple[Integers, Integers]:
+    def places_of(self, unknowns: npt.NDArray[np.bool_]) -> tuple[Integers, Integers]:
         """Return places of all entries in the rows and columns of some local unknowns, and of those on the diagonal.
 
         They are kept for the next matrix, which mostly has the same supports.
@@ -204,7 +206,7 @@ class _Rows:
             rows = np.repeat(unknowns, np.diff(self._indptr))
             chosen = self._placed(np.flatnonzero(rows | columns[self._indices]).astype(np.int32))
             owned = np.flatnonzero(unknowns[: self.owned]).astype(np.int32)
-            self._last = unknowns, chosen, self.at(owned, owned)
+            self._last = unknowns, chosen, self.entry_places(owned, owned)
         return self._last[1:]
 
     def places(self, matrices: ElementMatrices) -> list[_Places]:
@@ -216,17 +218,17 @@ class _Rows:
         return places
 
     def _places(self, cells: Integers, block: Block) -> _Places:
-        for of_cells, known in self._known:
-            of_block = known.block.rows, known.block.columns
-            if of_block == (block.rows, block.columns) and np.array_equal(of_cells, cells):
+        for known_cells, known in self._known:
+            ranges = known.block.rows, known.block.columns
+            if ranges == (block.rows, block.columns) and np.array_equal(known_cells, cells):
                 return known
         dofs = self._dofs[cells]
         rows, columns = np.broadcast_arrays(dofs[:, block.rows.leading(), None], dofs[:, None, block.columns.leading()])
-        first = self.at(rows.ravel(), columns.ravel()).reshape(rows.shape)
+        first = self.entry_places(rows.ravel(), columns.ravel()).reshape(rows.shape)
         if len(self._other):
-            row = np.where(columns < self.owned, self._near[rows], self._far[rows])
+            row = np.where(columns < self.owned, self._diagonal_lengths[rows], self._off_diagonal_lengths[rows])
         else:
-            row = self._near[rows[:, :, :1]]
+            row = self._diagonal_lengths[rows[:, :, :1]]
         places = _Places(block, first, np.ascontiguousarray(row))
         self._known.append((cells, places))
         return places
@@ -234,7 +236,7 @@ class _Rows:
 
 def surface_tangent(residual: Any, state: fem.Function) -> Any:
     """Return the derivative of the integrals over facets, ``None`` if there is none."""
-    surface = [one for one in residual.integrals() if one.integral_type() != "cell"]
+    surface = [integral for integral in residual.integrals() if integral.integral_type() != "cell"]
     if not surface:
         return None
     tangent = expand_derivatives(ufl.derivative(ufl.Form(surface), state))
@@ -249,13 +251,13 @@ def _unrolled(blocks: npt.NDArray[Any], bs: int) -> npt.NDArray[Any]:
 
 def _global(numbering: Any) -> npt.NDArray[np.int64]:
     """Return the global numbers of all local indices, ghosts included."""
-    found: npt.NDArray[np.int64] = numbering.local_to_global(
+    numbers: npt.NDArray[np.int64] = numbering.local_to_global(
         np.arange(numbering.size_local + numbering.num_ghosts, dtype=np.int32)
     )
-    return found
+    return numbers
 
 
 def _integers(starts: Any, columns: Any) -> tuple[Any, Any]:
     """Return rows and columns of CSR arrays in PETSc's type, so that it uses them without copies."""
-    starts, columns = (np.ascontiguousarray(of, dtype=PETSc.IntType) for of in (starts, columns))
+    starts, columns = (np.ascontiguousarray(array, dtype=PETSc.IntType) for array in (starts, columns))
     return starts, columns

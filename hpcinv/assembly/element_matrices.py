@@ -38,13 +38,13 @@ class ElementMatrices:
         tables = [tabulated(element, points) for element in unknowns.scalar_elements]
         firsts = [0, 3 * tables[0].shape[2]]  # the first unknown of displacement and pressure
         blocks: dict[tuple[int, int], Block] = {}
-        at = 0
+        place = 0
         for test, trial in moduli.pairs:
             key = test.part, trial.part
             nodes = [Nodes(firsts[s.part], s.components, tables[s.part].shape[2]) for s in (test, trial)]
             block = blocks.setdefault(key, Block(*nodes))
-            block.add(at, weights, *(tables[slot.part][directions_of(slot)] for slot in (test, trial)))
-            at += int(np.prod(test.shape + trial.shape))
+            block.add(place, weights, *(tables[slot.part][directions_of(slot)] for slot in (test, trial)))
+            place += int(np.prod(test.shape + trial.shape))
         self.blocks = tuple(blocks.values())
 
     def __iter__(self) -> Iterator[tuple[slice, list[Floats]]]:
@@ -89,9 +89,9 @@ class Block:
         """Shape of the entries of one cell: test and trial component, test and trial node."""
         return self.rows.components, self.columns.components, self.rows.count, self.columns.count
 
-    def add(self, at: int, weights: Floats, test: Floats, trial: Floats) -> None:
+    def add(self, place: int, weights: Floats, test: Floats, trial: Floats) -> None:
         """Add moduli from place ``at`` on, of functions tabulated as (directions, points, functions)."""
-        self._places.append((at, len(test), len(trial)))
+        self._places.append((place, len(test), len(trial)))
         products = np.einsum("q,aqi,bqj->qabij", weights, test, trial, optimize=True)
         table = products.reshape(-1, test.shape[2] * trial.shape[2])
         self._table = np.concatenate([self._table, table]) if len(self._table) else table
@@ -100,9 +100,9 @@ class Block:
         cells, points, _ = moduli.shape
         m, n = self.rows.components, self.columns.components
         parts = []
-        for at, a, b in self._places:
-            of_pair = moduli[:, :, at : at + m * a * n * b].reshape(cells, points, m, a, n, b)
-            parts.append(of_pair.transpose(0, 2, 4, 1, 3, 5).reshape(cells * m * n, points * a * b))
+        for place, a, b in self._places:
+            pair_moduli = moduli[:, :, place : place + m * a * n * b].reshape(cells, points, m, a, n, b)
+            parts.append(pair_moduli.transpose(0, 2, 4, 1, 3, 5).reshape(cells * m * n, points * a * b))
         product: Floats = (parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)) @ self._table
         return product.reshape(cells, *self.shape)
 

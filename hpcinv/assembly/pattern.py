@@ -43,8 +43,8 @@ class Pattern:
         """
         if not len(rows):  # SciPy would return a matrix
             return np.zeros(0, dtype=np.int32)
-        in_row = np.asarray(self.graph[self.nodes[rows], self.nodes[columns]], dtype=np.int32)
-        return self.starts[rows] + in_row + self.components[columns]
+        row_places = np.asarray(self.graph[self.nodes[rows], self.nodes[columns]], dtype=np.int32)
+        return self.starts[rows] + row_places + self.components[columns]
 
 
 def pattern_of(unknowns: Unknowns) -> Pattern:
@@ -54,9 +54,9 @@ def pattern_of(unknowns: Unknowns) -> Pattern:
     """
     dofmap, mesh = unknowns.space.dofmap, unknowns.mesh
     unknown_map, bs = dofmap.index_map, dofmap.index_map_bs
-    of_cells = unknowns.dofs_of_cells()
+    cell_dofs = unknowns.dofs_of_cells()
     components = np.zeros(bs * (unknown_map.size_local + unknown_map.num_ghosts), dtype=np.int32)  # at first ones
-    for part in of_cells:
+    for part in cell_dofs:
         components[part[:, :, 0]] = part.shape[2]
     first = np.flatnonzero(components)  # unknown of each local node
     number = np.cumsum(components > 0, dtype=np.int32) - 1
@@ -65,20 +65,20 @@ def pattern_of(unknowns: Unknowns) -> Pattern:
     nodes = _node_map(unknown_map, bs, first)
     pattern = cpp.la.SparsityPattern(mesh.comm, [nodes, nodes], [1, 1])
     owned_cells = mesh.topology.index_map(mesh.topology.dim).size_local
-    for cell in number[np.concatenate([part[:owned_cells, :, 0] for part in of_cells], axis=1)]:
+    for cell in number[np.concatenate([part[:owned_cells, :, 0] for part in cell_dofs], axis=1)]:
         pattern.insert(cell, cell)
     pattern.finalize()
     graph = la.matrix_csr(pattern, dtype=np.float32)  # which tells the map of the columns, unlike the pattern
     starts, columns = graph.indptr, graph.indices
     described = la.vector(graph.index_map(1), 2, dtype=np.int64)  # first unknown and components
-    at = described.array.reshape(-1, 2)
-    at[: nodes.size_local] = np.stack([names, components[first]], axis=1)[: nodes.size_local]
+    entries = described.array.reshape(-1, 2)
+    entries[: nodes.size_local] = np.stack([names, components[first]], axis=1)[: nodes.size_local]
     described.scatter_forward()
-    names, widths = at[:, 0], at[:, 1].astype(np.int32)
-    rows, of_rows, places = _by_unknowns(starts, columns, widths[: len(starts) - 1], widths)
-    in_rows = csr_array((places, columns, starts), shape=(len(starts) - 1, len(widths)))
-    of_nodes = np.arange(len(number), dtype=np.int32) - first.astype(np.int32)[number]
-    return Pattern(rows, of_rows, _ranges(names, widths), number, of_nodes, in_rows)
+    names, widths = entries[:, 0], entries[:, 1].astype(np.int32)
+    rows, row_columns, places = _unrolled(starts, columns, widths[: len(starts) - 1], widths)
+    node_graph = csr_array((places, columns, starts), shape=(len(starts) - 1, len(widths)))
+    node_components = np.arange(len(number), dtype=np.int32) - first.astype(np.int32)[number]
+    return Pattern(rows, row_columns, _ranges(names, widths), number, node_components, node_graph)
 
 
 def _node_map(unknowns: Any, bs: int, first: npt.NDArray[np.int64]) -> Any:
@@ -93,7 +93,7 @@ def _node_map(unknowns: Any, bs: int, first: npt.NDArray[np.int64]) -> Any:
     return cpp.common.IndexMap(unknowns.comm, owned, numbers.array[ghosts], owners.astype(np.int32), _TAG)
 
 
-def _by_unknowns(
+def _unrolled(
     starts: Integers, columns: Integers, rows: Integers, widths: Integers
 ) -> tuple[Integers, Integers, Integers]:
     """Return rows and columns of unknowns from rows and columns of nodes, and the place of each node in its row.
@@ -103,14 +103,14 @@ def _by_unknowns(
         widths: number of unknowns of each node with a column.
     """
     begins = np.cumsum(widths, dtype=np.int32) - widths
-    of_node = _ranges(begins[columns], widths[columns])  # columns of a row of each node
+    node_columns = _ranges(begins[columns], widths[columns])  # columns of a row of each node
     ends = np.zeros(len(columns) + 1, dtype=np.int32)
     np.cumsum(widths[columns], out=ends[1:])
     node_starts, lengths = ends[starts[:-1]], ends[starts[1:]] - ends[starts[:-1]]
     unrolled = np.zeros(int(rows.sum()) + 1, dtype=np.int32)
     np.cumsum(np.repeat(lengths, rows), out=unrolled[1:])
-    found = of_node[_ranges(np.repeat(node_starts, rows), np.repeat(lengths, rows))]
-    return unrolled, found, ends[:-1] - np.repeat(node_starts, np.diff(starts))
+    unknown_columns = node_columns[_ranges(np.repeat(node_starts, rows), np.repeat(lengths, rows))]
+    return unrolled, unknown_columns, ends[:-1] - np.repeat(node_starts, np.diff(starts))
 
 
 def _ranges(begins: npt.NDArray[Any], lengths: npt.NDArray[Any]) -> npt.NDArray[Any]:

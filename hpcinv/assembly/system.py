@@ -123,11 +123,11 @@ class System:
         if self.is_on_path or not parameters.may_grow:
             return
         parameters.grow(growing=False)
-        before = state.copy()
+        kept_state = state.copy()
         state[:] = 0.0
         self.scene.contacts.locate()
         largest = float(np.abs(self.forces(0.0)).max(initial=0.0))
-        state[:] = before
+        state[:] = kept_state
         parameters.grow(growing=self.comm.allreduce(largest, op=MPI.MAX) > _BALANCED)
 
     def end_path(self) -> None:
@@ -226,15 +226,15 @@ class System:
                 x.copy(trial)
                 trial.axpy(-share, step)
                 self.set_state(trial)
-                if (found := self._admissibility.fault()) is None:
+                if (new_fault := self._admissibility.fault()) is None:
                     break
-                fault, share = found, share / 2
+                fault, share = new_fault, share / 2
         trial.destroy()
         return share, fault
 
     def compile_lifting(self) -> None:
         """Compile the form for prescribed displacements."""
-        _ = self._along_step
+        _ = self._step_form
 
     def destroy(self) -> None:
         """Free PETSc objects."""
@@ -256,14 +256,14 @@ class System:
         self._step.x.array[:] = 0.0
         for condition in self.supports.conditions:
             condition.set(self._step.x.array, x)
-        fem_petsc.assemble_vector(b, self._along_step)
+        fem_petsc.assemble_vector(b, self._step_form)
 
     @cached_property
     def _step(self) -> fem.Function:
         return fem.Function(self.scene.unknowns.space)
 
     @cached_property
-    def _along_step(self) -> fem.Form:
+    def _step_form(self) -> fem.Form:
         """The tangent times a step, which is cheaper to compile and to evaluate than the tangent."""
         with self.timings("compile"):
             return fem.form(ufl.derivative(self.scene.residual, self.state, self._step), jit_options=JIT_OPTIONS)

@@ -18,7 +18,7 @@ from ufl.classes import Derivative, Variable
 from ufl.corealg.traversal import unique_post_traversal
 
 from hpcinv.kinematics.kinematics import LABEL
-from hpcinv.kinematics.staged_derivatives import Jacobian, Local, without_stages
+from hpcinv.kinematics.staged_derivatives import Jacobian, Local, remove_stages
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
@@ -97,21 +97,23 @@ def volume_parts(form: Any, unknowns: Unknowns) -> tuple[int, list[VolumePart]]:
     Raises:
         UnsupportedForm: if quadratures differ, or the regions of the integrals do not cover all cells once.
     """
-    integrals = [one for one in form.integrals() if one.integral_type() == "cell"]
+    integrals = [integral for integral in form.integrals() if integral.integral_type() == "cell"]
     kind = unknowns.mesh.basix_cell().name
     degree = integrals[0].metadata().get("quadrature_degree") if integrals else None
-    if not isinstance(degree, int) or any(one.metadata() != quadrature_metadata(kind, degree) for one in integrals):
+    if not isinstance(degree, int) or any(
+        integral.metadata() != quadrature_metadata(kind, degree) for integral in integrals
+    ):
         raise UnsupportedForm("its volume integrals do not have the quadrature of hpcinv")
-    common = [one.integrand() for one in integrals if one.subdomain_id() in ("everywhere", "otherwise")]
+    common = [integral.integrand() for integral in integrals if integral.subdomain_id() in ("everywhere", "otherwise")]
     regions: dict[int, list[Any]] = {}
-    for one in integrals:
-        if one.subdomain_id() not in ("everywhere", "otherwise"):
-            regions.setdefault(one.subdomain_id(), []).append(one.integrand())
+    for integral in integrals:
+        if integral.subdomain_id() not in ("everywhere", "otherwise"):
+            regions.setdefault(integral.subdomain_id(), []).append(integral.integrand())
     if not regions:
         return degree, [VolumePart(None, sum(common[1:], common[0]))]
     if not all(isinstance(number, int) for number in regions):
         raise UnsupportedForm("a volume integral is over several regions at once")
-    given = [one.subdomain_data() for one in integrals if one.subdomain_id() in regions]
+    given = [integral.subdomain_data() for integral in integrals if integral.subdomain_id() in regions]
     if any(data is not given[0] for data in given):
         raise UnsupportedForm("its volume integrals are over regions of different measures")
     cells = dict(given[0])
@@ -131,12 +133,14 @@ def moduli_of(form: Any, unknowns: Unknowns) -> list[TangentModuli]:
         form = expand_derivatives(ufl.replace(form.form, {form.trial: state}))
     _, parts = volume_parts(form, unknowns)
     try:
-        found = [_moduli(part.integrand, unknowns, state) for part in parts]
+        moduli = [_moduli(part.integrand, unknowns, state) for part in parts]
     except (UnsupportedForm, MemoryError):
         raise
     except Exception as error:  # UFL's errors have many types
         raise UnsupportedForm(f"UFL fails on it: {error}") from error
-    return [replace(one, expression=ufl.replace(one.expression, factors)) for one in found] if factors else found
+    return (
+        [replace(entry, expression=ufl.replace(entry.expression, factors)) for entry in moduli] if factors else moduli
+    )
 
 
 def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> None:
@@ -157,30 +161,30 @@ def _moduli(integrand: Any, unknowns: Unknowns, state: Any) -> TangentModuli:
     tests: dict[Slot, tuple[Any, Variable]] = {}
     trials: dict[Slot, tuple[Any, Variable]] = {}
     for test, trial, part, components in pairs:
-        for is_gradient, of in ((True, ufl.grad), (False, lambda f: f)):
+        for is_gradient, operator in ((True, ufl.grad), (False, lambda f: f)):
             slot = Slot(part, components, is_gradient)
-            for where, f in ((tests, of(test)), (trials, of(trial))):
+            for where, f in ((tests, operator(test)), (trials, operator(trial))):
                 where[slot] = f, ufl.variable(ufl.Constant(mesh, f.ufl_shape))
-    at_a_point = _at_a_point(integrand, unknowns, state, tests, trials)
+    point_integrand = _point_integrand(integrand, unknowns, state, tests, trials)
     local = Local(mesh.ufl_domain())
-    by_tests = {slot: Jacobian(symbol, local).of(at_a_point) for slot, (_, symbol) in tests.items()}
-    duals = {slot: dual for slot, dual in by_tests.items() if dual is not None}
+    test_duals = {slot: Jacobian(symbol, local).differentiate(point_integrand) for slot, (_, symbol) in tests.items()}
+    duals = {slot: dual for slot, dual in test_duals.items() if dual is not None}
     stages = (e for dual in duals.values() for e in unique_post_traversal(dual) if isinstance(e, Variable))
-    H = next((one for one in stages if one.label() == LABEL), None)
-    jacobians = {slot: Jacobian(symbol, local, through=H) for slot, (_, symbol) in trials.items()}
+    H = next((stage for stage in stages if stage.label() == LABEL), None)
+    jacobians = {slot: Jacobian(symbol, local, inner_stage=H) for slot, (_, symbol) in trials.items()}
     there, entries = [], list[Any]()
     for test, dual in duals.items():
         for trial, jacobian in jacobians.items():
-            if (moduli := jacobian.of(dual)) is not None:
+            if (moduli := jacobian.differentiate(dual)) is not None:
                 there.append((test, trial))
-                entries += [moduli[at] for at in np.ndindex(moduli.ufl_shape)] if moduli.ufl_shape else [moduli]
+                entries += [moduli[index] for index in np.ndindex(moduli.ufl_shape)] if moduli.ufl_shape else [moduli]
     J, volume = ufl.Jacobian(mesh), abs(ufl.JacobianDeterminant(mesh))
     values = {symbol: ufl.dot(f, J) if slot.is_gradient else f for slot, (f, symbol) in trials.items()}
     vector = ufl.replace(volume * ufl.as_vector(entries), values)
-    return TangentModuli(tuple(there), without_stages(vector))
+    return TangentModuli(tuple(there), remove_stages(vector))
 
 
-def _at_a_point(
+def _point_integrand(
     integrand: Any,
     unknowns: Unknowns,
     state: Any,
@@ -194,12 +198,13 @@ def _at_a_point(
     """
     symbols: dict[Any, Any] = {}
     K = ufl.JacobianInverse(unknowns.mesh)
-    for whole, of_parts in ((unknowns.test, tests), (state, trials)):
-        found = {slot: ufl.dot(symbol, K) if slot.is_gradient else symbol for slot, (_, symbol) in of_parts.items()}
-        symbols |= {f: found[slot] for slot, (f, _) in of_parts.items()}
+    for whole, slots in ((unknowns.test, tests), (state, trials)):
+        replacements = {slot: ufl.dot(symbol, K) if slot.is_gradient else symbol for slot, (_, symbol) in slots.items()}
+        symbols |= {f: replacements[slot] for slot, (f, _) in slots.items()}
         if unknowns.p is not None:
             values, gradients = (
-                [one for slot, one in found.items() if slot.is_gradient == wanted] for wanted in (False, True)
+                [replacement for slot, replacement in replacements.items() if slot.is_gradient == wanted]
+                for wanted in (False, True)
             )
             symbols[whole] = ufl.as_vector([*values[0], values[1]])
             symbols[ufl.grad(whole)] = ufl.as_tensor([*(gradients[0][i, :] for i in range(3)), gradients[1]])
@@ -215,11 +220,11 @@ def _has_other_derivatives(expression: Any, known: Collection[Any], functions: C
     """
     seen, left = set(), [expression]
     while left:
-        one = left.pop()
-        if one in seen or one in known:
+        node = left.pop()
+        if node in seen or node in known:
             continue
-        seen.add(one)
-        if isinstance(one, Derivative) and any(part in functions for part in unique_post_traversal(one)):
+        seen.add(node)
+        if isinstance(node, Derivative) and any(part in functions for part in unique_post_traversal(node)):
             return True
-        left.extend(one.ufl_operands)
+        left.extend(node.ufl_operands)
     return False

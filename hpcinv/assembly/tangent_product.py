@@ -49,7 +49,7 @@ class TangentProduct:
         self._owned = dofmap.index_map.size_local * dofmap.index_map_bs
         points, weights = quadrature(given.mesh.basix_cell().name, degree)
         nodes = _Nodes(unknowns, points, weights)
-        self._parts = [_Part(one, given, nodes) for one in moduli]
+        self._parts = [_Part(part, given, nodes) for part in moduli]
 
     def __call__(self, x: Singles) -> Singles:
         """Return ``K x``, both at the owned unknowns."""
@@ -68,12 +68,12 @@ class TangentProduct:
         node i. It does not depend on how reference and current body are turned.
         """
         step = math.ceil(sum(len(part.cells) for part in self._parts) / most)
-        found, values = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.float32)]
+        cells, values = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.float32)]
         for part in self._parts:
             if part.has_gradients:
-                found.append(part.cells[::step])
+                cells.append(part.cells[::step])
                 values.append(part.stiffness(step))
-        return np.concatenate(found), np.concatenate(values)
+        return np.concatenate(cells), np.concatenate(values)
 
 
 class _Nodes:
@@ -117,7 +117,7 @@ class _Part:
         tables = {slot: nodes.tables[slot.part][:, directions_of(slot)] for slot in {**self._tests, **self._trials}}
         places = nodes.places[lanes].reshape(groups, _LANES, nodes.places.shape[1])
         self._shares = _singles(shares)
-        self._tables = _singles(np.concatenate([one.ravel() for one in tables.values()]))
+        self._tables = _singles(np.concatenate([table.ravel() for table in tables.values()]))
         self._places = np.ascontiguousarray(places.transpose(0, 2, 1), dtype=np.int32)
         self._moduli = self._evaluated(moduli, given, lanes, extended if are_given else np.eye(len(moduli.points)))
         self._moduli[-1:, ..., _LANES - (len(lanes) - len(self.cells)) :] = 0.0
@@ -151,45 +151,46 @@ class _Part:
         moduli = self._moduli[:, :, self._tests[_GRADIENT], self._trials[_GRADIENT]][group, ..., lane]
         products = np.einsum("qai,qbi->qabi", self._gradients, self._gradients)
         shares = np.einsum("qg,qabi->gabi", self._shares, products)
-        of_cells = moduli.reshape(*moduli.shape[:2], 3, 3, 3, 3)
-        blocks = np.einsum("ngcadb,gabi->nicd", of_cells, shares, optimize=True)
-        found: Singles = np.linalg.norm(blocks, axis=(2, 3)).sum(axis=1) / math.sqrt(3)
-        return found
+        cell_moduli = moduli.reshape(*moduli.shape[:2], 3, 3, 3, 3)
+        blocks = np.einsum("ngcadb,gabi->nicd", cell_moduli, shares, optimize=True)
+        stiffness: Singles = np.linalg.norm(blocks, axis=(2, 3)).sum(axis=1) / math.sqrt(3)
+        return stiffness
 
     def _evaluated(self, moduli: CompiledModuli, given: Unknowns, lanes: Integers, extended: Floats) -> Singles:
         """Return moduli of all groups, (groups, points, all tests, all trials, lanes)."""
-        rows, columns = (max(place.stop for place in of.values()) for of in (self._tests, self._trials))
+        rows, columns = (max(place.stop for place in slots.values()) for slots in (self._tests, self._trials))
         groups = len(lanes) // _LANES
-        found = np.zeros((groups, len(extended), rows, columns, _LANES), dtype=np.float32)
+        evaluated = np.zeros((groups, len(extended), rows, columns, _LANES), dtype=np.float32)
         for first in range(0, groups, _CHUNK):
             cells = lanes[first * _LANES : (first + _CHUNK) * _LANES]
             values = extended @ moduli.expression.eval(given.mesh, cells)  # (cells, points, entries)
-            by_group = values.reshape(-1, _LANES, *values.shape[1:]).transpose(0, 2, 3, 1)
-            at = 0
+            group_values = values.reshape(-1, _LANES, *values.shape[1:]).transpose(0, 2, 3, 1)
+            offset = 0
             for test, trial in moduli.pairs:
-                block = found[first : first + _CHUNK, :, self._tests[test], self._trials[trial]]
-                end = at + block.shape[2] * block.shape[3]
-                block[:] = by_group[:, :, at:end].reshape(block.shape)
-                at = end
-        return found
+                block = evaluated[first : first + _CHUNK, :, self._tests[test], self._trials[trial]]
+                end = offset + block.shape[2] * block.shape[3]
+                block[:] = group_values[:, :, offset:end].reshape(block.shape)
+                offset = end
+        return evaluated
 
 
 def _entries(slots: Iterable[Slot]) -> dict[Slot, slice]:
     """Return slots with the places of their entries, one slot after the other."""
-    places, at = dict[Slot, slice](), 0
+    places, place = dict[Slot, slice](), 0
     for slot in dict.fromkeys(slots):
-        places[slot] = slice(at, at := at + math.prod(slot.shape))
+        places[slot] = slice(place, place := place + math.prod(slot.shape))
     return places
 
 
 def _initializer(slots: Iterable[Slot], tables: Mapping[Slot, Floats], firsts: tuple[int, int]) -> str:
     """Return the slots as the code has them; their tables are one after the other."""
     sizes = [table.size for table in tables.values()]
-    at = dict(zip(tables, np.cumsum([0, *sizes]), strict=False))
-    of_slots = (
-        (firsts[slot.part], slot.components, tables[slot].shape[2], tables[slot].shape[1], at[slot]) for slot in slots
+    offsets = dict(zip(tables, np.cumsum([0, *sizes]), strict=False))
+    slot_data = (
+        (firsts[slot.part], slot.components, tables[slot].shape[2], tables[slot].shape[1], offsets[slot])
+        for slot in slots
     )
-    return f"{{{', '.join(f'{{{", ".join(map(str, one))}}}' for one in of_slots)}}}"
+    return f"{{{', '.join(f'{{{", ".join(map(str, numbers))}}}' for numbers in slot_data)}}}"
 
 
 def _singles(values: Floats) -> Singles:
@@ -208,5 +209,5 @@ def extension(kind: str, given: Floats, points: Floats) -> Floats:
         degree += 1
     if degree == 0:
         return np.full((len(points), len(given)), 1 / len(given))
-    at_given, at_points = (scalar_element(kind, degree).tabulate(0, x)[0, :, :, 0] for x in (given, points))
-    return np.asarray(at_points @ np.linalg.pinv(at_given))
+    given_values, point_values = (scalar_element(kind, degree).tabulate(0, x)[0, :, :, 0] for x in (given, points))
+    return np.asarray(point_values @ np.linalg.pinv(given_values))

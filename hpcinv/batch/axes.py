@@ -73,7 +73,7 @@ class Axis(Spec):
 
     @model_validator(mode="before")
     @classmethod
-    def _from_table(cls, data: Any, info: ValidationInfo) -> Any:
+    def _read_table(cls, data: Any, info: ValidationInfo) -> Any:
         """Replace a table by the lists of values or the branches in it."""
         if not isinstance(data, Mapping) or not isinstance(data.get("table"), str):
             return data
@@ -91,12 +91,12 @@ class Axis(Spec):
         ):
             raise Problems((("columns",), "must be titles of columns by key, such as {material.c1: C1}"))
         try:
-            found = axis_of(directory / data["table"], own.get("name", "branch"), columns)
+            content = axis_of(directory / data["table"], own.get("name", "branch"), columns)
         except ValueError as error:
             raise Problems((("table",), f"{data['table']}: {error}")) from None
-        if "name" in own and "branches" not in found:
+        if "name" in own and "branches" not in content:
             raise Problems((("name",), f"{data['table']} has no column '{own['name']}'"))
-        return found
+        return content
 
     @property
     def kind(self) -> str:
@@ -105,8 +105,8 @@ class Axis(Spec):
     @property
     def sample(self) -> Sample:
         """The distributions of a sample by key; nothing for the other kinds."""
-        found: Sample = getattr(self, self.kind) if self.kind in SAMPLES else {}
-        return found
+        sample: Sample = getattr(self, self.kind) if self.kind in SAMPLES else {}
+        return sample
 
     @property
     def keys(self) -> frozenset[str]:
@@ -129,8 +129,8 @@ class Axis(Spec):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         given = [kind for kind in KINDS if getattr(self, kind) is not None]
         if len(given) != 1:
-            found = " and ".join(given) or "none of them"
-            yield (), f"must be one of {', '.join(KINDS)}, table, not {found}"
+            kinds = " and ".join(given) or "none of them"
+            yield (), f"must be one of {', '.join(KINDS)}, table, not {kinds}"
             return
         [kind] = given
         content = getattr(self, kind)

@@ -112,14 +112,14 @@ def _keys(titles: Row, name: str, columns: Mapping[str, str] | None) -> dict[int
                     f" give 'columns' by key, or 'name: {text}' if it has the labels of the points"
                 )
         return {i: (text, unit) for i, (text, unit) in enumerate(split) if text and text != name}
-    found: dict[int, tuple[str, str]] = {}
+    keys: dict[int, tuple[str, str]] = {}
     for key, title in columns.items():
         places = [i for i, (text, _) in enumerate(split) if title in (text, titles.entries[i])]
         if len(places) != 1:
             hint = did_you_mean(title, [text for text, _ in split])
             raise ValueError(f"line {titles.line}: has {len(places) or 'no'} column '{title}' for {key}.{hint}")
-        found[places[0]] = key, split[places[0]][1]
-    return found
+        keys[places[0]] = key, split[places[0]][1]
+    return keys
 
 
 def _bare(units: Sequence[str], i: int) -> str:

@@ -52,7 +52,7 @@ class Series:
     statuses: Sequence[str]
     is_curve: bool
 
-    def at(self, *, converged: bool) -> tuple[list[tuple[float, ...]], list[float]]:
+    def points(self, *, converged: bool) -> tuple[list[tuple[float, ...]], list[float]]:
         """Return places and values of the converged cases that have a value, or of the failed cases."""
         rows = zip(self.places, self.values, self.statuses, strict=True)
         kept = [(p, v) for p, v, s in rows if (s == "converged") == converged and not (converged and math.isnan(v))]
@@ -65,7 +65,7 @@ def draw_lines(axes: Axes, title: str, series: Sequence[Series], x: Scale, value
     crosses: list[float] = []
     for i, s in enumerate(series):
         colour, marker, dashes = style(s.colour)
-        places, values = s.at(converged=True)
+        places, values = s.points(converged=True)
         ordered = sorted(zip((p[0] for p in places), values, strict=True))
         axes.plot(
             [p for p, _ in ordered],
@@ -79,7 +79,7 @@ def draw_lines(axes: Axes, title: str, series: Sequence[Series], x: Scale, value
             gid=f"series-{i}",
         )
         labelled.add(s.label)
-        crosses += [p[0] for p in s.at(converged=False)[0]]
+        crosses += [p[0] for p in s.points(converged=False)[0]]
     if crosses:  # they have a place, but no value: draw them at the bottom
         bottom = axes.get_xaxis_transform()
         label = f"failed ({len(crosses)})"
@@ -89,18 +89,18 @@ def draw_lines(axes: Axes, title: str, series: Sequence[Series], x: Scale, value
 
 def draw_maps(figure: Figure, title: str, series: Sequence[Series], scales: tuple[Scale, Scale], value: Scale) -> None:
     """Draw the value as colours over two parameters, with a map for each series."""
-    every = [v for s in series for v in s.at(converged=True)[1]]
+    every = [v for s in series for v in s.points(converged=True)[1]]
     low, high = min(every, default=0.0), max(every, default=1.0)
     norm = LogNorm(low, high) if value.is_log else Normalize(low, high)
     image: Any = None
     panels = _panels(figure, title, series, scales)
     for i, (s, axes) in enumerate(zip(series, panels, strict=True)):
         image = _coloured(axes, s, scales, norm, gid=f"series-{i}") or image
-        if crosses := s.at(converged=False)[0]:
+        if crosses := s.points(converged=False)[0]:
             axes.plot(*zip(*crosses, strict=True), color=RED, gid=f"failed-{i}", **_CROSS)
     if image is not None:
         figure.colorbar(image, ax=panels, label=value.label)
-    if failed := sum(len(s.at(converged=False)[0]) for s in series):
+    if failed := sum(len(s.points(converged=False)[0]) for s in series):
         _legend(figure, [Line2D([], [], color=RED, label=f"failed ({failed})", **_CROSS)])
 
 
@@ -119,7 +119,7 @@ def draw_outcomes(figure: Figure, title: str, series: Sequence[Series], scales: 
                 "markerfacecolor": "none",
             }
         for s, axes in zip(series, panels, strict=True):
-            shown = [place for place, found in zip(s.places, s.statuses, strict=True) if found == status]
+            shown = [place for place, case_status in zip(s.places, s.statuses, strict=True) if case_status == status]
             if shown:
                 axes.plot(*zip(*shown, strict=True), gid=f"outcome-{i}", **look)
         handles.append(Line2D([], [], label=f"{status} ({counts[status]})", **look))
@@ -135,8 +135,8 @@ def _legend(figure: Figure, handles: Sequence[Line2D]) -> None:
 
 def _panels(figure: Figure, title: str, series: Sequence[Series], scales: tuple[Scale, Scale]) -> list[Axes]:
     """Return axes for each series, three in a row, under its label."""
-    across = min(len(series), 3)
-    grid = figure.subplots(math.ceil(len(series) / across), across, squeeze=False, sharex=True, sharey=True)
+    columns = min(len(series), 3)
+    grid = figure.subplots(math.ceil(len(series) / columns), columns, squeeze=False, sharex=True, sharey=True)
     for axes in grid.flat[len(series) :]:
         axes.set_visible(False)
     panels = list(grid.flat[: len(series)])
@@ -151,24 +151,24 @@ def _panels(figure: Figure, title: str, series: Sequence[Series], scales: tuple[
 
 def _coloured(axes: Axes, s: Series, scales: tuple[Scale, Scale], norm: Normalize, *, gid: str) -> Any:
     """Draw cells if the places are a grid, else points; return them, or ``None`` without places."""
-    places, values = s.at(converged=True)
+    places, values = s.points(converged=True)
     if not places:
         return None
     every = dict.fromkeys(s.places, math.nan)
     x, y = (np.unique([place[i] for place in every]) for i in (0, 1))
     if min(len(x), len(y)) > 1 and len(s.places) == len(every) == len(x) * len(y):
-        by_place = every | dict(zip(places, values, strict=True))
-        cells = [[by_place[a, b] for a in x] for b in y]
+        place_values = every | dict(zip(places, values, strict=True))
+        cells = [[place_values[a, b] for a in x] for b in y]
         return axes.pcolormesh(_edges(x, scales[0]), _edges(y, scales[1]), cells, norm=norm, gid=gid)
-    across, up = zip(*places, strict=True)
-    return axes.scatter(across, up, c=values, norm=norm, s=16, gid=gid)
+    abscissas, ordinates = zip(*places, strict=True)
+    return axes.scatter(abscissas, ordinates, c=values, norm=norm, s=16, gid=gid)
 
 
 def _edges(values: Floats, scale: Scale) -> Floats:
     """Return the edges of cells: the midpoints between neighbours on the scale, and one beyond each end."""
-    along = np.log(values) if scale.is_log else values
-    middle = (along[1:] + along[:-1]) / 2
-    edges = np.concatenate([[2 * along[0] - middle[0]], middle, [2 * along[-1] - middle[-1]]])
+    positions = np.log(values) if scale.is_log else values
+    middle = (positions[1:] + positions[:-1]) / 2
+    edges = np.concatenate([[2 * positions[0] - middle[0]], middle, [2 * positions[-1] - middle[-1]]])
     return np.exp(edges) if scale.is_log else edges
 
 

@@ -125,23 +125,23 @@ class _Supervisor:
         reader = EventReader(place)
         process = self._start(place)
         outcome = _Outcome()
-        since, signalled = time.monotonic(), False
+        last_event, signalled = time.monotonic(), False
         try:
             while True:
-                over = _has_ended(process)  # before its last events are read
+                has_ended = _has_ended(process)  # before its last events are read
                 for event in reader.events():
                     if isinstance(event, Ended):
                         outcome.ended = event
                     else:
-                        outcome.held, since = event, time.monotonic()
+                        outcome.held, last_event = event, time.monotonic()
                         outcome.begun = True
-                if over:
+                if has_ended:
                     outcome.code = process.returncode
                     return outcome
                 if not signalled and (received := self._stop_signal()) is not None:
                     signalled = True
                     process.send_signal(received)
-                if outcome.held is not None and self._is_stuck(time.monotonic() - since):
+                if outcome.held is not None and self._is_stuck(time.monotonic() - last_event):
                     self._record_overdue(outcome.held)
                     outcome.held = None
                     return outcome

@@ -94,12 +94,12 @@ def _same_dimension(values: Sequence[object]) -> tuple[float, float, Dimension |
         if isinstance(value, bool) or not isinstance(value, str | int | float):
             raise ValueError(f"must contain numbers or quantities, not {shown(value)}")
         read.append(constant(value) if isinstance(value, str) else (as_float(value), None))
-    (first, one), (second, other) = read
-    if one != other:
+    (first, dimension), (second, second_dimension) = read
+    if dimension != second_dimension:
         raise ValueError(f"must have two values of the same dimension, not {values[0]} and {values[1]}")
     if not (math.isfinite(first) and math.isfinite(second)):
         raise ValueError(f"must contain finite numbers, not {values[0]} and {values[1]}")
-    return first, second, one
+    return first, second, dimension
 
 
 def unit_points(method: SamplingMethod, dimensions: int, count: int, seed: int) -> Sequence[Sequence[float]]:

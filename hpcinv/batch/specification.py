@@ -44,7 +44,7 @@ def read_base(path: Path, job: str) -> tuple[Path, Mapping[str, Any]]:
         raise JobError(*(f"{path}: job: {problem}" for problem in error.problems)) from None
 
 
-def with_settings(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+def changed_data(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of a job file with other values; raises ``JobError`` if they cannot be set."""
     try:
         return assigned(data, settings)
@@ -60,7 +60,7 @@ class SpecificationFaults:
         self._found: dict[str, tuple[str, str, int]] = {}
 
     @contextmanager
-    def of(self, title: str, base: Path) -> Iterator[None]:
+    def collected(self, title: str, base: Path) -> Iterator[None]:
         """Context in which a ``JobError`` of the job file ``base`` is a fault of a case."""
         try:
             yield

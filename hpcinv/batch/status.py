@@ -10,7 +10,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from hpcinv.batch.time_forecast import in_words, remaining_seconds
+from hpcinv.batch.time_forecast import duration_text, remaining_seconds
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -116,27 +116,27 @@ def status(
     )
 
 
-def lines(found: Status) -> list[str]:
+def lines(status: Status) -> list[str]:
     """Return a status as lines of text."""
-    duplicates = f" ({found.rows:,} rows)" if found.rows != found.total else ""
-    text = [f"{found.name}: {found.done:,} of {found.total:,} {found.kind} finished{duplicates}"]
-    text.append(f"  converged: {found.converged:,}")
-    text += [f"    {number:,} × certificate {verdict}" for verdict, number in sorted(found.certificates.items())]
-    if failed := found.done - found.converged:
-        text.append(f"  failed: {failed:,}; '{found.retry}' opens them again")
-        by_number = sorted(found.failed.items(), key=lambda item: -len(item[1]))
-        text += [f"    {len(titles):,} × {why}; the first: {titles[0]}" for why, titles in by_number[:MOST_SHOWN]]
-        text += _more(len(by_number), "diagnosis", "diagnoses")
-    if found.running:
-        text.append(f"  running: {sum(found.running.values()):,}")
-        text += [f"    {number:,} by {process}" for process, number in [*found.running.items()][:MOST_SHOWN]]
-        text += _more(len(found.running), "process", "processes")
-    if found.open:
-        text.append(f"  open: {found.open:,}")
-        if found.damaged:
-            text.append(f"    {found.damaged:,} × {DAMAGED}")
-    if found.unfinished:
-        text.append(f"  time left: {_time_left(found)}")
+    duplicates = f" ({status.rows:,} rows)" if status.rows != status.total else ""
+    text = [f"{status.name}: {status.done:,} of {status.total:,} {status.kind} finished{duplicates}"]
+    text.append(f"  converged: {status.converged:,}")
+    text += [f"    {number:,} × certificate {verdict}" for verdict, number in sorted(status.certificates.items())]
+    if failed := status.done - status.converged:
+        text.append(f"  failed: {failed:,}; '{status.retry}' opens them again")
+        diagnoses = sorted(status.failed.items(), key=lambda item: -len(item[1]))
+        text += [f"    {len(titles):,} × {why}; the first: {titles[0]}" for why, titles in diagnoses[:MOST_SHOWN]]
+        text += _more(len(diagnoses), "diagnosis", "diagnoses")
+    if status.running:
+        text.append(f"  running: {sum(status.running.values()):,}")
+        text += [f"    {number:,} by {process}" for process, number in [*status.running.items()][:MOST_SHOWN]]
+        text += _more(len(status.running), "process", "processes")
+    if status.open:
+        text.append(f"  open: {status.open:,}")
+        if status.damaged:
+            text.append(f"    {status.damaged:,} × {DAMAGED}")
+    if status.unfinished:
+        text.append(f"  time left: {_time_left(status)}")
     return text
 
 
@@ -145,13 +145,13 @@ def _more(number: int, singular: str, plural: str) -> list[str]:
     return [f"    and {rest:,} more {singular if rest == 1 else plural}"] if rest > 0 else []
 
 
-def _time_left(found: Status) -> str:
-    if found.seconds is None:
-        return f"not known before the first of the {found.kind} is finished"
-    at_once = sum(found.running.values())
-    kind = found.kind.removesuffix("s") if at_once < 2 else found.kind
-    pace = f"with {at_once} {kind} at a time" if at_once else f"if it ran, one {kind} at a time"
-    return f"about {in_words(found.seconds)}, {pace}"
+def _time_left(status: Status) -> str:
+    if status.seconds is None:
+        return f"not known before the first of the {status.kind} is finished"
+    running = sum(status.running.values())
+    kind = status.kind.removesuffix("s") if running < 2 else status.kind
+    pace = f"with {running} {kind} at a time" if running else f"if it ran, one {kind} at a time"
+    return f"about {duration_text(status.seconds)}, {pace}"
 
 
 def show(look: Callable[[], Status], *, followed: bool) -> None:
@@ -176,20 +176,22 @@ def follow(
     shown: list[str] = []
     with Live(console=console, auto_refresh=False) if console.is_terminal else nullcontext() as live:
         while True:
-            found = look()
+            status = look()
             if live is not None:
-                live.update(_bar(found), refresh=True)
-            elif (text := lines(found)) != shown:
+                live.update(_bar(status), refresh=True)
+            elif (text := lines(status)) != shown:
                 console.print("\n".join(text), markup=False, highlight=False, soft_wrap=True)
                 shown = text
-            if not found.unfinished:
-                return found
+            if not status.unfinished:
+                return status
             sleep(_PAUSE)
 
 
-def _bar(found: Status) -> RenderableType:
+def _bar(status: Status) -> RenderableType:
     from rich.console import Group
     from rich.progress_bar import ProgressBar
     from rich.text import Text
 
-    return Group(ProgressBar(total=max(found.total, 1), completed=found.done, width=60), Text("\n".join(lines(found))))
+    return Group(
+        ProgressBar(total=max(status.total, 1), completed=status.done, width=60), Text("\n".join(lines(status)))
+    )

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.time_forecast import in_words
+from hpcinv.batch.time_forecast import duration_text
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -108,4 +108,4 @@ class Batch:
         """Return the record of a case that took longer than the limit."""
         seconds = self.limit or 0.0
         advice = f"Raise 'limit' and open it again with '{self.retry}', or take larger steps or a coarser mesh."
-        return CaseRecord(f"took longer than its limit of {in_words(seconds)}", advice, {}, seconds, claim.attempt)
+        return CaseRecord(f"took longer than its limit of {duration_text(seconds)}", advice, {}, seconds, claim.attempt)

@@ -45,7 +45,7 @@ def remaining_seconds(
     return sum(seconds_of(group) for key, group in reuse_groups.items() if key not in records)
 
 
-def in_words(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
     """Return a duration in the unit that suits it, such as ``45 s``, ``12 min``, ``3.4 h`` or ``2.1 days``."""
     for limit, unit, name in ((100, 1, "s"), (100 * 60, 60, "min"), (72 * 3600, 3600, "h")):
         if seconds < limit:

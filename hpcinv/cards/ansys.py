@@ -101,11 +101,11 @@ def _materials(text: str) -> tuple[dict[str, _Material], str]:
             place = f"TB,{table.label}: TBDATA"
             first = int(number(fields[0], place)) if fields[0] else last + 1
             entries = [variables.get(entry.upper(), entry) for entry in fields[1:7]]
-            given = {first + i: number(entry, place) for i, entry in enumerate(entries) if entry}
-            if not 1 <= first <= _MOST_CONSTANTS or any(place > _MOST_CONSTANTS for place in given):
+            constants = {first + i: number(entry, place) for i, entry in enumerate(entries) if entry}
+            if not 1 <= first <= _MOST_CONSTANTS or any(place > _MOST_CONSTANTS for place in constants):
                 raise CardError(f"{place}: the place of a constant must be from 1 to {_MOST_CONSTANTS}, not {first}")
-            table.constants |= given
-            last = max(given, default=last)
+            table.constants |= constants
+            last = max(constants, default=last)
         elif name == "MP" and fields[0].upper() in _WITHOUT_EFFECT:
             label = variables.get(fields[1].upper(), fields[1]) or "1"
             materials.setdefault(label, _Material()).properties.append(fields[0].upper())

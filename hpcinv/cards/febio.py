@@ -50,18 +50,21 @@ def read(text: str, name: str | None = None) -> Card:
     except ET.ParseError as error:
         raise CardError(f"is not XML: {error}") from None
     items = [root] if root.tag == "material" else list(root.iter("material"))
-    by_name = {item.get("name") or item.get("id") or "": item for item in items}
-    selected = chosen(by_name, name)
-    law = entry_of(by_name[selected], _no_curve)
+    named_items = {item.get("name") or item.get("id") or "": item for item in items}
+    selected = chosen(named_items, name)
+    law = entry_of(named_items[selected], _no_curve)
     notes = tuple(
         f"<{key}> was not taken: state a density where an effect needs it"
         for key in _WITHOUT_EFFECT
         if key in law.values
     )
-    found = counterpart(law)
+    converted = counterpart(law)
     unit = _unit((root.findtext("Module/units") or "").strip())
     return Card(
-        selected, law.type, Counterpart(found.material, found.fibres, found.definitions, found.notes + notes), unit
+        selected,
+        law.type,
+        Counterpart(converted.material, converted.fibres, converted.definitions, converted.notes + notes),
+        unit,
     )
 
 
@@ -173,8 +176,10 @@ def _dispersed_fibres(law: Entry) -> Counterpart:
         for i, sign in enumerate((1, -1), start=1)
     }
     constants = (law.number("c"), law.number("k1"), law.number("k2"), law.number("kappa"))
-    found = dispersed_fibres(*constants, Stress(law.number("k")), directions)
-    return Counterpart({**found.material, "volumetric": _volumetric(law, default=3)}, found.fibres, notes=found.notes)
+    converted = dispersed_fibres(*constants, Stress(law.number("k")), directions)
+    return Counterpart(
+        {**converted.material, "volumetric": _volumetric(law, default=3)}, converted.fibres, notes=converted.notes
+    )
 
 
 def _coupled_mooney_rivlin(law: Entry) -> Counterpart:

@@ -7,7 +7,17 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 # isort: split
 from hpcinv.certificate.certify import certify
 from hpcinv.certificate.certify_all import certify_all
-from hpcinv.certificate.check import Certificate, Line, Verdict, at_least, at_most, skipped
+from hpcinv.certificate.check import Certificate, Line, Verdict, lower_bound_line, skipped, upper_bound_line
 from hpcinv.certificate.discretisation_error import Estimate
 
-__all__ = ["Certificate", "Estimate", "Line", "Verdict", "at_least", "at_most", "certify", "certify_all", "skipped"]
+__all__ = [
+    "Certificate",
+    "Estimate",
+    "Line",
+    "Verdict",
+    "certify",
+    "certify_all",
+    "lower_bound_line",
+    "skipped",
+    "upper_bound_line",
+]

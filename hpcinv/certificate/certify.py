@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 
-from hpcinv.certificate.check import Certificate, Line, Verdict, at_most, skipped
+from hpcinv.certificate.check import Certificate, Line, Verdict, skipped, upper_bound_line
 from hpcinv.certificate.contact_check import contacts, penalties
 from hpcinv.certificate.discretisation_error import LINEAR, Correction, Estimate, estimate, finer_forecast
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
@@ -55,7 +55,7 @@ def certify(
     Raises:
         Stopped: on all ranks, before a check or within a long one, if the observer asks to stop.
     """
-    solution, found, lines = solutions[0], known, list[Line]()
+    solution, estimated, lines = solutions[0], known, list[Line]()
     equations.put(solution)
 
     def check(name: str, function: Callable[[], Iterable[Line]]) -> list[Line]:
@@ -72,17 +72,17 @@ def certify(
         return made
 
     def discretisation() -> Iterable[Line]:
-        nonlocal found
-        if found is None and solution.job.certificate.estimate:
-            found = estimate(equations, solution, computed, given, observer)
-        yield _discretisation(equations, solution, found, uncertain)
+        nonlocal estimated
+        if estimated is None and solution.job.certificate.estimate:
+            estimated = estimate(equations, solution, computed, given, observer)
+        yield _discretisation(equations, solution, estimated, uncertain)
 
     def way_back() -> Iterable[Line]:
         if len(solutions) == 1:
             checked = round_trip(equations, solution, forward, observer)
         else:
             checked = iter([closure_error(equations, solution, solutions[1].u)])
-        largest = max(uncertain, 0.0 if found is None or not isfinite(found.shape) else found.shape)
+        largest = max(uncertain, 0.0 if estimated is None or not isfinite(estimated.shape) else estimated.shape)
         return (_way_back(line, displacement_scale(equations, solution).length, largest) for line in checked)
 
     forward = ForwardFactors(equations, solution)
@@ -109,7 +109,7 @@ def certify(
         if is_checked:
             check("limit points", lambda: limit_points(equations, solution, stable))
             check("ineffective loads", lambda: ineffective_loads(equations, solution))
-    return Certificate(tuple(lines)), found
+    return Certificate(tuple(lines)), estimated
 
 
 def _way_back(line: Line, scale: float, largest: float) -> Line:
@@ -119,33 +119,35 @@ def _way_back(line: Line, scale: float, largest: float) -> Line:
     return replace(line, verdict=Verdict.PASS, note=f"{line.note}; the shape has a larger error of {largest:.3g} m")
 
 
-def _discretisation(equations: Equations, solution: Solution, found: Estimate | None, uncertain: float) -> Line:
-    if found is None:
+def _discretisation(equations: Equations, solution: Solution, estimated: Estimate | None, uncertain: float) -> Line:
+    if estimated is None:
         forecast = finer_forecast(equations)
         tried = ", and iterations do not find it" if forecast.operations > MANY else ""
         needed = f"there is no memory for {forecast.least / 1e9:.2g} GB{tried}"
         return skipped(
             DISCRETISATION, needed if solution.job.certificate.estimate else "switched off: certificate.estimate"
         )
-    if not isfinite(found.shape):
+    if not isfinite(estimated.shape):
         note = "could not be estimated: at the points of a finer quadrature the solution is not admissible"
         return Line(DISCRETISATION, None, "", "must be finite", Verdict.WARN, note)
     scale = displacement_scale(equations, solution)
-    note = "; ".join(filter(None, [f"{found.shape:.3g} m{found.left_out}", scale.note]))
-    line = at_most(DISCRETISATION, found.shape / scale.length if scale.length else 0.0, 0.05, LINEAR, note=note)
-    if line.verdict is Verdict.FAIL and not found.is_solved:
+    note = "; ".join(filter(None, [f"{estimated.shape:.3g} m{estimated.left_out}", scale.note]))
+    line = upper_bound_line(
+        DISCRETISATION, estimated.shape / scale.length if scale.length else 0.0, 0.05, LINEAR, note=note
+    )
+    if line.verdict is Verdict.FAIL and not estimated.is_solved:
         unsure = "one Newton step says little of so large an error, and the finer problem was not solved"
         note += f"; {unsure}: use a finer mesh"
         return replace(line, note=note, verdict=Verdict.UNDECIDED)
-    if found.is_solved:
+    if estimated.is_solved:
         note += "; found by a solve in spaces of one degree more"
-    if found.limit and found.limit.doubt:
-        note += f"; {found.limit.doubt}"
+    if estimated.limit and estimated.limit.doubt:
+        note += f"; {estimated.limit.doubt}"
         # Of errors that nearly cancel, the estimate may show a tenth.
         if line.verdict is Verdict.PASS and UNRELIABLE * (line.value or 0.0) > 0.05:
             line = replace(line, verdict=Verdict.UNDECIDED)
         line = replace(line, note=note)
-    if not uncertain or found.shape > uncertain:
+    if not uncertain or estimated.shape > uncertain:
         return line
     # The mesh need not be better than the image deserves.
     note += f"; the given surface leaves {uncertain:.2g} m uncertain: a finer mesh is not worth its time"

@@ -31,13 +31,15 @@ def certify_all(
         return certify(equations[0], solutions, quantities, estimate, detail, observer, None, uncertain.get("", 0.0))
     lines: list[Line] = []
     for number, solution in enumerate(solutions):
-        of_state = {q.name: quantities[q.name] for q in solution.job.quantities}
+        state_quantities = {q.name: quantities[q.name] for q in solution.job.quantities}
         detail(solution.state)
         given = estimate.correction if estimate and not solution.is_on_given_mesh else None
         known = uncertain.get(solution.state, 0.0)
-        found, of_solution = certify(
-            equations[number], [solution], of_state, None, observer=observer, given=given, uncertain=known
+        certificate, solution_estimate = certify(
+            equations[number], [solution], state_quantities, None, observer=observer, given=given, uncertain=known
         )
-        lines += found.lines
-        estimate = estimate.joined(of_solution) if estimate and of_solution else estimate or of_solution
+        lines += certificate.lines
+        estimate = (
+            estimate.joined(solution_estimate) if estimate and solution_estimate else estimate or solution_estimate
+        )
     return Certificate(tuple(lines)), estimate

@@ -54,14 +54,14 @@ class Line:
     state: str = ""
 
 
-def at_most(name: str, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
+def upper_bound_line(name: str, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
     """Return the line of a value that should be small; a value that is not finite fails."""
     verdict = Verdict.PASS if value <= warn else Verdict.WARN if value <= fail else Verdict.FAIL
     rule = f"warning above {warn:g}" + (f", fail above {fail:g}" if fail < math.inf else "")
     return Line(name, value, unit, rule, verdict, note)
 
 
-def at_least(name: str, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
+def lower_bound_line(name: str, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
     """Return the line of a value that must exceed ``fail``; a value that is not finite fails."""
     verdict = Verdict.PASS if value >= warn else Verdict.WARN if value > fail else Verdict.FAIL
     rule = f"warning below {warn:g}" + (f", fail at {fail:g} and below" if fail > -math.inf else "")
@@ -82,8 +82,8 @@ class Certificate:
     @property
     def verdict(self) -> Verdict:
         """The most severe verdict of the lines; `Verdict.SKIPPED` counts only if nothing was checked."""
-        found = {line.verdict for line in self.lines}
-        return max(found - {Verdict.SKIPPED}, key=_SEVERITY.__getitem__, default=Verdict.SKIPPED)
+        verdicts = {line.verdict for line in self.lines}
+        return max(verdicts - {Verdict.SKIPPED}, key=_SEVERITY.__getitem__, default=Verdict.SKIPPED)
 
     def as_data(self) -> dict[str, Any]:
         """The certificate as JSON data."""

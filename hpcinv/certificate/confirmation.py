@@ -36,7 +36,7 @@ from petsc4py import PETSc
 from hpcinv.certificate.inertia import inertia
 from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES
-from hpcinv.kinematics.staged_derivatives import gradient, without_stages
+from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.model.discrete_model import default_quadrature
 from hpcinv.model.scene import Part, Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -118,24 +118,24 @@ def assembled(equations: Equations, solution: Solution) -> Iterator[PETSc.Mat]:
 def confirm(equations: Equations, solution: Solution) -> Confirmed | None:
     """Count the unstable directions of a solution; ``None`` if the form cannot be factorized; collective."""
     with assembled(equations, solution) as matrix, equations.timings("factorization"):
-        found = inertia(matrix)
+        counts = inertia(matrix)
     pressures = equations.unknowns.pressure_size
-    if found is None or found.negative + found.zero < pressures:
+    if counts is None or counts.negative + counts.zero < pressures:
         return None
-    return Confirmed(max(found.negative - pressures, 0), found.asymmetry)
+    return Confirmed(max(counts.negative - pressures, 0), counts.asymmetry)
 
 
 def _added(scene: Scene, part: Part, trial: Any) -> Any:
     """Return the terms that `second_variation` adds to the tangent, per reference volume."""
     kin, unknowns = scene.kinematics, scene.unknowns
-    mu, volume = part.shear_modulus, without_stages(ufl.as_ufl(part.inelastic_volume))
+    mu, volume = part.shear_modulus, remove_stages(ufl.as_ufl(part.inelastic_volume))
     w, dp = (trial, None) if unknowns.p is None else ufl.split(trial)
     strains = [ufl.sym(kin.Grad(field) * kin.F_inverse) for field in (unknowns.v, w)]
     margin = MARGIN * 2 * mu * ufl.inner(*strains)
     if unknowns.p is None:
         return margin
-    slope = without_stages(gradient(part.dilatation, scene.H))
-    tau = without_stages(part.P) * (ufl.Identity(3) + kin.H).T
+    slope = remove_stages(gradient(part.dilatation, scene.H))
+    tau = remove_stages(part.P) * (ufl.Identity(3) + kin.H).T
     alpha = PENALTY * (mu + ufl.sqrt(ufl.inner(tau, tau)) + abs(unknowns.p))
     compliance: Any = 0
     if (modulus := part.volumetric_modulus) is not None:

@@ -8,7 +8,7 @@ from math import inf, log
 import numpy as np
 
 from hpcinv.assembly.system import System
-from hpcinv.certificate.check import Line, Verdict, at_most
+from hpcinv.certificate.check import Line, Verdict, upper_bound_line
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.inertia import SymmetricFactors
 from hpcinv.certificate.multigrid_solver import MultigridSolver
@@ -57,7 +57,7 @@ def penalties(equations: Equations, solution: Solution, forward: ForwardFactors)
                     continue
                 change = log(2) * rate * equations.scales.length
                 note = f"{change:.3g} m, relative to the displacement"
-                yield at_most(name, change / size if size else 0.0, _PENALTY, inf, note=note)
+                yield upper_bound_line(name, change / size if size else 0.0, _PENALTY, inf, note=note)
 
 
 def _rate(system: System, solver: SymmetricFactors | MultigridSolver, obstacle: PenaltyDirection) -> float | None:
@@ -68,9 +68,9 @@ def _rate(system: System, solver: SymmetricFactors | MultigridSolver, obstacle: 
     """
     unknowns = system.scene.unknowns
     start, rate, b = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
-    pressing, _ = obstacle.at_vertices()
+    pressing, _ = obstacle.vertex_values()
     update = Anderson(1.0, _UPDATES, lambda a, b: float(system.comm.allreduce(float(a @ b))))
-    rates, largest, settled, found = np.zeros(len(pressing)), 0.0, 0, None
+    rates, largest, settled, rate_limit = np.zeros(len(pressing)), 0.0, 0, None
     for _ in range(_UPDATES):
         b.set(0.0)
         for sign in (-1, 1):
@@ -85,21 +85,21 @@ def _rate(system: System, solver: SymmetricFactors | MultigridSolver, obstacle: 
             moved = start.copy()
             moved.axpy(sign * _STEP, rate)
             system.set_state(moved)
-            gaps.append(obstacle.at_vertices()[1])
+            gaps.append(obstacle.vertex_values()[1])
             moved.destroy()
         system.set_state(start)
         change = np.where(pressing > 0, obstacle.penalty * (gaps[1] - gaps[0]) / (2 * _STEP), 0.0)
         rates = rates + update.step(rates, change)
         moved = rate.array[unknowns.owned_displacement_dofs].reshape(-1, 3)
-        before, largest = largest, float(np.linalg.norm(moved, axis=1).max(initial=0.0))
+        previous, largest = largest, float(np.linalg.norm(moved, axis=1).max(initial=0.0))
         largest = system.comm.allreduce(largest, op=MPI.MAX)
-        settled = settled + 1 if abs(largest - before) <= _SETTLED * largest else 0
+        settled = settled + 1 if abs(largest - previous) <= _SETTLED * largest else 0
         if settled == 2:  # one small change may be an accident of the acceleration
-            found = largest
+            rate_limit = largest
             break
     for vector in (start, rate, b):
         vector.destroy()
-    return found
+    return rate_limit
 
 
 def _line(contact: ContactReport, far: float) -> Line:

@@ -5,7 +5,7 @@ A two-level estimate: ``u_h`` is put in the spaces of degree ``k + 1`` on the sa
 the error of any quantity ``Q``, that of the quadrature included. In small bodies K is factorized; in large ones the
 factors of the solve precondition Krylov iterations (`hpcinv.certificate.two_level`).
 
-Where more is known of the body's geometry than the mesh has (`Body.with_finer_geometry`), the finer problem is posed on
+Where more is known of the body's geometry than the mesh has (`Body.true_geometry_body`), the finer problem is posed on
 the same cells with a geometry of a higher degree. ``u_h`` is taken there by reference coordinates, and so the residual,
 the correction and the corrected quantities have the error of the geometry in them, to first order. Elsewhere the
 estimate leaves that error out, and says so.
@@ -47,7 +47,7 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.location import locate, position
-from hpcinv.mesh.refine.finer_geometry import on_mesh
+from hpcinv.mesh.refine.finer_geometry import transfer_function
 from hpcinv.mesh.source import Floats
 from hpcinv.methods import solve_direction
 from hpcinv.methods.method import UNLOADED
@@ -158,7 +158,7 @@ def estimate(
     scale = displacement_scale(equations, solution).length
     finer = finer_equations(equations, solution, given)
     body, forecast = finer.body, finer_forecast(equations)
-    before = finer.state().displacement
+    start = finer.state().displacement
     state, is_solved = finer.unknowns.state.x.array, False
     is_affordable = forecast.least <= equations.chooser.room
     if not (forecast.operations > two_level.MANY and two_level.correct(equations, solution.direction, finer, observer)):
@@ -167,19 +167,19 @@ def estimate(
         equilibrium = finer.equilibrium(finer.scene(solution.direction))
         equilibrium.correct(1.0)
         equilibrium.destroy()
-    u, at_nodes, moved, largest = _moved(equations, solution, finer, given)
+    u, node_displacement, moved, largest = _moved(equations, solution, finer, given)
     if is_affordable and not largest <= LINEAR * scale:
         corrected = state.copy()
         if is_solved := _solve(finer, solution.direction, observer):
-            u, at_nodes, moved, largest = _moved(equations, solution, finer, given)
+            u, node_displacement, moved, largest = _moved(equations, solution, finer, given)
         else:
             state[:] = corrected
     stop_if_asked(body.mesh.comm, observer)
     has_values = bool(quantities) and isfinite(largest)
-    corrected = _corrected(quantities, equations, at_nodes, solution.direction, finer) if has_values else {}
+    corrected = _corrected(quantities, equations, node_displacement, solution.direction, finer) if has_values else {}
     displacement, delta = u.copy(), u
-    delta.x.array[:] -= before.x.array
-    indicators = _by_cell(delta, body.length_scale)
+    delta.x.array[:] -= start.x.array
+    indicators = _cell_indicators(delta, body.length_scale)
     limit = None if edges is None else singular_limit(equations, edges, indicators, delta)
     # A correction as large as the displacement is not one of edges.
     missed = limit.factor if limit and not is_solved else 1.0
@@ -194,7 +194,7 @@ def estimate(
         unknowns=finer.unknowns.size,
         is_solved=is_solved,
         without_geometry=_finer_body(equations, solution, given)[1],
-        correction=Correction(moved, displacement, _of_further_states(equations)) if isfinite(largest) else None,
+        correction=Correction(moved, displacement, _omitted_geometry(equations)) if isfinite(largest) else None,
     )
 
 
@@ -216,14 +216,14 @@ def _moved(
     """
     u = finer.state().displacement
     # A finer geometry has the nodes of the given one at the same places of the cells.
-    at_nodes = equations.unknowns.at_nodes(u)
-    moved = solution.sign * (at_nodes - solution.u)
+    node_displacement = equations.unknowns.geometry_values(u)
+    moved = solution.sign * (node_displacement - solution.u)
     if given is not None:
         moved += given.nodes
     mine = np.linalg.norm(moved, axis=1)
     # The largest of NaN and a number depends on their order.
     largest = float(mine.max(initial=0.0)) if np.isfinite(mine).all() else np.inf
-    return u, at_nodes, moved, finer.body.mesh.comm.allreduce(largest, op=MPI.MAX)
+    return u, node_displacement, moved, finer.body.mesh.comm.allreduce(largest, op=MPI.MAX)
 
 
 def _nodes(solution: Solution, given: Correction | None) -> Floats:
@@ -238,13 +238,13 @@ def _finer_body(equations: Equations, solution: Solution, given: Correction | No
     """
     if not solution.is_on_given_mesh:
         return equations.body, "the rest shape is taken as computed" if given is None else given.without_geometry
-    body, unknown = equations.body.with_finer_geometry
+    body, unknown = equations.body.true_geometry_body
     return body or equations.body, unknown
 
 
-def _of_further_states(equations: Equations) -> str:
+def _omitted_geometry(equations: Equations) -> str:
     """Why the error of the geometry is left out in states that are solved from this one; collective."""
-    body, unknown = equations.body.with_finer_geometry
+    body, unknown = equations.body.true_geometry_body
     return unknown if body is None or body is equations.body else "it is known for the given mesh only"
 
 
@@ -258,7 +258,7 @@ def finer_equations(equations: Equations, solution: Solution, given: Correction 
         body, _ = _finer_body(equations, solution, given)
     finer = Equations(one_degree_more(solution.job), body, equations.timings)
     contacts = finer.scene(solution.direction).contacts
-    contacts.restore(solution.contacts, finer.scales, partial(on_mesh, body.mesh))
+    contacts.restore(solution.contacts, finer.scales, partial(transfer_function, body.mesh))
     nodes = _nodes(solution, given)
     equations.put(solution.moved_to(nodes))
     state = finer.unloaded(nodes=nodes if body is equations.body else None)
@@ -278,7 +278,7 @@ def finer_equations(equations: Equations, solution: Solution, given: Correction 
 def finer_forecast(equations: Equations) -> Forecast:
     """Return the forecast for a factorization in spaces of one degree more."""
     forecast = equations.chooser.forecast
-    return forecast.of_degree(forecast.degree + 1)
+    return forecast.degree_forecast(forecast.degree + 1)
 
 
 def _corrected(
@@ -290,14 +290,14 @@ def _corrected(
         u: its displacement (m) at the nodes of the equations' body.
     """
     body, better = finer.body, solution_of(finer, direction, finer.scene(direction), ())
-    at_nodes = replace(better, mesh_nodes=equations.body.nodes, u=u)
-    of_nodes = [q for q in quantities if q.on is not None and not q.by_quadrature]
-    others = [_on(q, equations.body, body) for q in quantities if q not in of_nodes]
-    found = evaluate(of_nodes, equations.body, at_nodes) | evaluate(others, body, better, finer)
-    return {q.name: found[q.name] for q in quantities}
+    nodal_solution = replace(better, mesh_nodes=equations.body.nodes, u=u)
+    node_quantities = [q for q in quantities if q.on is not None and not q.uses_quadrature]
+    others = [_moved_into_body(q, equations.body, body) for q in quantities if q not in node_quantities]
+    values = evaluate(node_quantities, equations.body, nodal_solution) | evaluate(others, body, better, finer)
+    return {q.name: values[q.name] for q in quantities}
 
 
-def _on(quantity: QuantityOfInterest, given: Body, body: Body) -> QuantityOfInterest:
+def _moved_into_body(quantity: QuantityOfInterest, given: Body, body: Body) -> QuantityOfInterest:
     """Return the quantity; a point that is outside ``body``, which has the same cells, is moved with its cell."""
     if quantity.at is None or locate(body, np.array(quantity.at)) is not None:
         return quantity
@@ -335,7 +335,7 @@ def _extrapolated(computed: Value, corrected: Value, factor: float) -> Value:
     return computed + factor * (corrected - computed)
 
 
-def _by_cell(delta: fem.Function, length: float) -> npt.NDArray[np.float64]:
+def _cell_indicators(delta: fem.Function, length: float) -> npt.NDArray[np.float64]:
     mesh = delta.function_space.mesh
     constant = fem.functionspace(mesh, ("DG", 0))
     gradient = ufl.grad(delta) / length

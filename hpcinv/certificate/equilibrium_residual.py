@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hpcinv.certificate.check import Line, Verdict, at_most
+from hpcinv.certificate.check import Line, Verdict, upper_bound_line
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.displacement_scale import FLOOR, nominal_sizes
 from hpcinv.results.solution import Solution
@@ -44,4 +44,4 @@ def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[L
     if load == 0.0:
         yield Line(NAME, 0.0, "", "", Verdict.PASS, "nothing loads the body")
     else:
-        yield at_most(NAME, left / load, warn=WARN, fail=1e-3, note=balanced)
+        yield upper_bound_line(NAME, left / load, warn=WARN, fail=1e-3, note=balanced)

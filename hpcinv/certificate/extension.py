@@ -33,7 +33,7 @@ def extend(given: fem.Function, finer: fem.Function) -> None:
     owned = np.arange(target.mesh.topology.index_map(3).size_local, dtype=np.int64)
     for cells in np.array_split(owned, 1 + len(owned) // CHUNK):
         nodes = _nodes(space.mesh, cells)
-        offset = _at(points, target.mesh, _nodes(target.mesh, cells)) - _at(points, space.mesh, nodes)
+        offset = _positions(points, target.mesh, _nodes(target.mesh, cells)) - _positions(points, space.mesh, nodes)
         moved = np.abs(offset).max(axis=(1, 2)) > _ROUNDING * np.ptp(nodes, axis=1).max(axis=1)
         jacobian = jacobians(*kind_and_degree(space.mesh), nodes[moved], points)
         shift = np.linalg.solve(jacobian, offset[moved, :, :, None])[..., 0]  # in reference coordinates
@@ -52,6 +52,6 @@ def _nodes(mesh: Mesh, cells: Ints) -> Floats:
     return np.asarray(mesh.geometry.x[mesh.geometry.dofmaps[0][cells]])
 
 
-def _at(points: Floats, mesh: Mesh, nodes: Floats) -> Floats:
+def _positions(points: Floats, mesh: Mesh, nodes: Floats) -> Floats:
     """Positions (cells, points, 3) of points of the reference cell."""
     return np.asarray(scalar_element(*kind_and_degree(mesh)).tabulate(0, points)[0, :, :, 0] @ nodes)

@@ -37,10 +37,10 @@ class ForwardFactors:
             return None
         choice = equations.chooser.choose(equations.job.solver)
         with self.tangent() as equilibrium, equations.timings("factorization"):
-            of_forward = equilibrium.linear.symmetric_factors
+            kept_factors = equilibrium.linear.symmetric_factors
             return factorize_symmetric(
                 equilibrium.system.matrix,
-                equations.symmetric_factors() if of_forward is None else [of_forward],
+                equations.symmetric_factors() if kept_factors is None else [kept_factors],
                 rounded=choice.precision == "single",
                 low_rank=equations.chooser.forecast.operations >= LOW_RANK,
                 minimum_fill=equations.chooser.one_factorization_has_minimum_fill,
@@ -59,7 +59,7 @@ class ForwardFactors:
         chooser, solution = self._equations.chooser, self.solution
         if solution.linear is not None and solution.linear.configuration == "iterative":
             solve = chooser.forecast.multigrid_time(
-                solution.factorizations, sum(one.linear_iterations for one in solution.solves)
+                solution.factorizations, sum(solve_report.linear_iterations for solve_report in solution.solves)
             )
             # L D Lᵀ takes half the operations of L U.
             if chooser.forecast.factorization / 2 > SHARE * solve:
@@ -81,5 +81,5 @@ class ForwardFactors:
     def destroy(self) -> None:
         """Free the factors; those that are needed again are made again."""
         for name in ("factors", "multigrid"):
-            if (found := self.__dict__.pop(name, None)) is not None:
-                found.destroy()
+            if (factors := self.__dict__.pop(name, None)) is not None:
+                factors.destroy()

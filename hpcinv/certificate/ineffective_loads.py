@@ -17,23 +17,23 @@ NAME = "loads on parts that are held altogether"
 
 def ineffective_loads(equations: Equations, solution: Solution) -> Iterator[Line]:
     """Yield a warning if some load acts only where supports prescribe every displacement; collective."""
-    found = [
+    loads = [
         f"{where} {getattr(effect, 'effect', '')} on '{region}'"
         for where, effect in solution.job.named_effects
         if not effect.holds
         for region in effect.surfaces
         if _is_held(equations, region)
     ]
-    if found:
+    if loads:
         rule = "number; warning above 0"
-        note = f"{', '.join(found)}: the shape does not depend on it"
-        yield Line(NAME, float(len(found)), "", rule, Verdict.WARN, note)
+        note = f"{', '.join(loads)}: the shape does not depend on it"
+        yield Line(NAME, float(len(loads)), "", rule, Verdict.WARN, note)
 
 
 def _is_held(equations: Equations, region: str) -> bool:
     """Return whether every displacement on a region of the boundary is prescribed."""
     facets = equations.body.boundary_facets(region)
-    held = np.concatenate([np.zeros(0, dtype=np.int32), *(one.dofs for one in equations.supports.prescribed)])
+    held = np.concatenate([np.zeros(0, dtype=np.int32), *(support.dofs for support in equations.supports.prescribed)])
     free = 0
     for axis in range(3):
         component = equations.unknowns.displacement_component(axis)

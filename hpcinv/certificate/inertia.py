@@ -94,7 +94,7 @@ def factorize_symmetric(
     operator = matrix
     if asymmetry:
         operator = PETSc.Mat().createPython(matrix.getSizes(), _SymmetricPart(matrix), matrix.comm)
-    pc = next((one for one in kept if _has_inertia_of(one, operator)), None)
+    pc = next((factors for factors in kept if _has_inertia_of(factors, operator)), None)
     if operator is not matrix:
         operator.destroy()
     if pc is not None:
@@ -104,17 +104,17 @@ def factorize_symmetric(
     symmetric.setOption(option, True)
     options = {**_OPTIONS, **(_MINIMUM_FILL if minimum_fill else {})}
     roundings = [{**_ROUNDED, **_LOW_RANK}, _ROUNDED] if low_rank else [_ROUNDED]
-    found: PETSc.PC | None = None
+    accepted: PETSc.PC | None = None
     for rounding in [*roundings, {}] if rounded else [{}]:
         if (pc := _factorized(symmetric, {**options, **rounding}, unknowns)) is None:
             continue
         if not rounding or _has_inertia_of(pc, symmetric):
-            found = pc
+            accepted = pc
             break
         pc.destroy()
     if symmetric is not matrix:
         symmetric.destroy()
-    return None if found is None else SymmetricFactors(found, asymmetry)
+    return None if accepted is None else SymmetricFactors(accepted, asymmetry)
 
 
 class _SymmetricPart:
@@ -146,8 +146,8 @@ def asymmetry_of(matrix: PETSc.Mat) -> float:
     matrix.multTranspose(x, z)
     z.axpy(-1.0, y)
     difference, size = norm(z), norm(y)
-    for one in (x, y, z):
-        one.destroy()
+    for vector in (x, y, z):
+        vector.destroy()
     if not math.isfinite(size):
         return math.nan
     return difference / (2 * size) if difference > _ASYMMETRY * size else 0.0
@@ -210,11 +210,11 @@ def _has_inertia_of(pc: PETSc.PC, matrix: PETSc.Mat) -> bool:
     b.setRandom()
     ksp.solve(b, x)
     reason: Any = ksp.getConvergedReason()  # an int, whatever its stub says
-    found = reason > 0 and bool((np.asarray(ksp.computeEigenvalues()).real > _LEAST).all())
+    has_inertia = reason > 0 and bool((np.asarray(ksp.computeEigenvalues()).real > _LEAST).all())
     pc.setOperators(*factorized)
-    for one in (x, b, ksp):
-        one.destroy()
-    return found
+    for petsc_object in (x, b, ksp):
+        petsc_object.destroy()
+    return has_inertia
 
 
 def inertia(matrix: PETSc.Mat) -> Inertia | None:

@@ -24,10 +24,10 @@ def limit_points(equations: Equations, solution: Solution, stability: Line) -> I
     is_stability_known = stability.verdict not in (Verdict.UNDECIDED, Verdict.SKIPPED)
     may_be_spurious = equations.unknowns.p is not None and not is_stability_known
     line = _line(solution, equations.unknowns.unloaded_sign, may_be_spurious=may_be_spurious)
-    yield _of_removal(line, solution.start) if solution.start else line
+    yield _removal_line(line, solution.start) if solution.start else line
 
 
-def _of_removal(line: Line, start: str) -> Line:
+def _removal_line(line: Line, start: str) -> Line:
     rule = f"the determinant of the tangent must keep its sign from state '{start}' to this one"
     if line.verdict is not Verdict.WARN:
         return replace(line, rule=rule)
@@ -62,11 +62,11 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
     signs = [s.signs for s in solution.solves if s.outcome.accepted and s.signs]
     if not signs:
         return skipped(LIMIT_POINTS, "an iterative solver does not provide the sign of the tangent's determinant")
-    before = signs[0][0] if solution.start else unloaded
-    if all(of_solve[-1] == before for of_solve in signs):
+    start_sign = signs[0][0] if solution.start else unloaded
+    if all(solve_signs[-1] == start_sign for solve_signs in signs):
         # A coarse solve with a limit point on its path, or another sign at the end of it, is not used.
         nested = any(s.strategy == NESTED and s.outcome.accepted for s in solution.solves)
-        note = "no limit point on the way" + (", which was followed on coarser cells" if nested else "")
+        note = "the same sign at each load that was solved" + (", on coarser cells along the path" if nested else "")
         return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, note)
     note = "another shape may carry the same load: compare with smaller steps"
     if may_be_spurious:
@@ -78,4 +78,4 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
 def _earlier_passes(loads: list[float]) -> int:
     """Return how often a path from the unloaded body passes the full load before it ends there."""
     path = [load - 1 for load in (0.0, *loads)]
-    return sum(before * after < 0 for before, after in pairwise(path))
+    return sum(previous * following < 0 for previous, following in pairwise(path))

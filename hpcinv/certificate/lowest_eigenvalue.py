@@ -80,10 +80,10 @@ def lowest_eigenvalue(
     search = _Search(solver, supports, observer)
     try:
         with timings("linear solve"):
-            found = search.run(start)
+            pair = search.run(start)
     finally:
         search.destroy()
-    return None if found is None else Lowest(*found, solver.asymmetry)
+    return None if pair is None else Lowest(*pair, solver.asymmetry)
 
 
 class _Search:
@@ -155,9 +155,9 @@ class _Search:
         value = float(self._comm.bcast(values[0]))
         self._x.set(0.0)
         self._x.maxpy(shares.tolist(), self._w)
-        found = self._displacement(self._x)
+        vector = self._displacement(self._x)
         self._x.scale(1 / value if value else 0.0)  # what the next solution would be, if the vector belonged to it
-        return value, found
+        return value, vector
 
     def _is_proven(self, y: Floats) -> bool:
         """Return whether the quotient of ``S⁻¹ y`` is certainly negative."""

@@ -34,8 +34,8 @@ class Worst:
 
     measure: str
     value: float
-    at: tuple[float, float, float]
-    before: float
+    point: tuple[float, float, float]
+    given_value: float
 
 
 def worst_cells(body: Body, given: Floats, moved: Floats, quadrature_degree: int) -> tuple[Worst, ...]:
@@ -48,12 +48,12 @@ def worst_cells(body: Body, given: Floats, moved: Floats, quadrature_degree: int
     kind, degree = body.source.kind, body.degree
     tetrahedra = kind == "tetrahedron"
     name, shape = ("mean ratio", mean_ratio) if tetrahedra else ("scaled Jacobian", scaled_jacobian)
-    found = [_worst(name, shape, body, given, moved)]
+    cells = [_worst(name, shape, body, given, moved)]
     if degree > 1:
         points, _ = quadrature(kind, quadrature_degree)
-        at = np.concatenate([points, scalar_element(kind, degree).points])
-        found.append(_worst("curvature", lambda nodes: curvature(kind, degree, nodes, at), body, given, moved))
-    return tuple(found)
+        samples = np.concatenate([points, scalar_element(kind, degree).points])
+        cells.append(_worst("curvature", lambda nodes: curvature(kind, degree, nodes, samples), body, given, moved))
+    return tuple(cells)
 
 
 def mean_ratio(nodes: Floats) -> Floats:
@@ -67,36 +67,36 @@ def mean_ratio(nodes: Floats) -> Floats:
 def scaled_jacobian(nodes: Floats) -> Floats:
     """Return the quality of hexahedra with nodes (cells, nodes, 3), corners first."""
     corners: Floats = scalar_element("hexahedron", 1).points
-    at = np.concatenate([corners, corners.mean(axis=0, keepdims=True)])
-    gradients = jacobians("hexahedron", 1, nodes[:, : len(corners)], at)
+    reference_points = np.concatenate([corners, corners.mean(axis=0, keepdims=True)])
+    gradients = jacobians("hexahedron", 1, nodes[:, : len(corners)], reference_points)
     lengths = np.linalg.norm(gradients, axis=2).prod(axis=2)
     determinants = det(gradients)
     shapes: Floats = np.divide(determinants, lengths, out=np.zeros_like(lengths), where=lengths > 0)
     return np.asarray(shapes.min(axis=1))
 
 
-def curvature(kind: str, degree: int, nodes: Floats, at: Floats) -> Floats:
+def curvature(kind: str, degree: int, nodes: Floats, reference_points: Floats) -> Floats:
     """Return least over largest Jacobian determinant of cells (cells, nodes, 3) at reference points (n, 3)."""
-    determinants = det(jacobians(kind, degree, nodes, at))
+    determinants = det(jacobians(kind, degree, nodes, reference_points))
     least, largest = determinants.min(axis=1), np.abs(determinants).max(axis=1)
     ratios: Floats = np.divide(least, largest, out=np.zeros_like(least), where=largest > 0)
     return ratios
 
 
-def _worst(measure: str, of: Callable[[Floats], Floats], body: Body, given: Floats, moved: Floats) -> Worst:
+def _worst(measure: str, measured: Callable[[Floats], Floats], body: Body, given: Floats, moved: Floats) -> Worst:
     mesh, kind = body.mesh, body.source.kind
     dofmap = mesh.geometry.dofmaps[0][: mesh.topology.index_map(3).size_local]
     corners: Floats = scalar_element(kind, 1).points
-    before, here = (np.inf,), (np.inf, (np.nan,) * 3)
+    given_least, here = (np.inf,), (np.inf, (np.nan,) * 3)
     for start in range(0, len(dofmap), CHUNK):
         cells = dofmap[start : start + CHUNK]
         # In a mesh that is left-handed throughout, the mirror images of the cells are judged.
         middle = jacobians(kind, body.degree, given[cells], corners.mean(axis=0, keepdims=True))
         mirror = np.where(det(middle[:, 0]) < 0, -1.0, 1.0)[:, None, None] ** np.array([1, 0, 0])
-        values = of(moved[cells] * mirror)
+        values = measured(moved[cells] * mirror)
         worst = int(values.argmin())
         middle = moved[cells[worst, : len(corners)]].mean(axis=0)
         here = min(here, (float(values[worst]), tuple(middle.tolist())))
-        before = min(before, (float(of(given[cells] * mirror).min()),))
-    value, at = min(mesh.comm.allgather(here))
-    return Worst(measure, value, at, min(mesh.comm.allgather(before))[0])
+        given_least = min(given_least, (float(measured(given[cells] * mirror).min()),))
+    value, point = min(mesh.comm.allgather(here))
+    return Worst(measure, value, point, min(mesh.comm.allgather(given_least))[0])

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from dolfinx import la
 
 from hpcinv.assembly.system import System
-from hpcinv.certificate.check import Line, Verdict, at_most, skipped
+from hpcinv.certificate.check import Line, Verdict, skipped, upper_bound_line
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.inertia import SymmetricFactors
 from hpcinv.certificate.multigrid_solver import MultigridSolver
@@ -67,19 +67,19 @@ def round_trip(
     elif start == "near":
         yield solved_back(equations, solution, forward, observer)
     else:
-        yield _along_the_path(equations, solution, observer)
+        yield _path_line(equations, solution, observer)
 
 
 def closure_error(equations: Equations, solution: Solution, back: np.ndarray) -> Line:
     """Compare a solution's displacements with those (m) of the solve back at the same nodes; collective."""
     difference, scale = _difference(equations, solution, back), displacement_scale(equations, solution)
     note = "; ".join(filter(None, [f"{difference:.3g} m", scale.note]))
-    return at_most(ROUND_TRIP, scale.share(difference), WARN, FAIL, note=note)
+    return upper_bound_line(ROUND_TRIP, scale.share(difference), WARN, FAIL, note=note)
 
 
 def _closed(equations: Equations, solution: Solution) -> Line:
     """Return the line of a way back that ended in the present state of the equations."""
-    return closure_error(equations, solution, equations.unknowns.at_nodes(equations.state().displacement))
+    return closure_error(equations, solution, equations.unknowns.geometry_values(equations.state().displacement))
 
 
 def _difference(equations: Equations, solution: Solution, back: np.ndarray) -> float:
@@ -113,7 +113,7 @@ def solved_back(equations: Equations, solution: Solution, forward: ForwardFactor
     return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
 
 
-def _along_the_path(equations: Equations, solution: Solution, observer: Observer) -> Line:
+def _path_line(equations: Equations, solution: Solution, observer: Observer) -> Line:
     """Return the line of a way back that begins with the unloaded body."""
     equations.put(equations.unloaded(solution.job, solution.other_nodes, solution.given_displacement))
     solved = solve_direction(equations, way_back(solution), UNLOADED, IterationObserver(observer))
@@ -171,18 +171,18 @@ class _WayBack:
                     return system.fault_of_solution() is None
             return False
         finally:
-            for one in (x, y, system):
-                one.destroy()
+            for petsc_object in (x, y, system):
+                petsc_object.destroy()
 
     def _is_settled(self, steps: list[float]) -> bool:
         """Return whether further steps can change neither the verdict nor the value by more than a share of it."""
         if len(steps) < 2:
             return steps[-1] <= _ROUND_OFF
         left = remaining(steps)
-        u = self._equations.unknowns.at_nodes(self._equations.state().displacement)
-        found = self._scale.share(_difference(self._equations, self._solution, u))
-        same = all(found + left <= bound or found - left > bound for bound in (WARN, FAIL))
-        return same and left <= max(self._share * found, _ACCURACY)
+        u = self._equations.unknowns.geometry_values(self._equations.state().displacement)
+        share = self._scale.share(_difference(self._equations, self._solution, u))
+        same = all(share + left <= bound or share - left > bound for bound in (WARN, FAIL))
+        return same and left <= max(self._share * share, _ACCURACY)
 
     def _inner(self, a: Floats, b: Floats, norms: list[float]) -> float:
         """Return the inner product with displacements and pressures relative to their norms in the solution."""
@@ -203,7 +203,7 @@ def remaining(steps: list[float]) -> float:
     """Return a bound of what is left of a convergent sequence, from the sizes of its steps; infinite without one."""
     if steps[-1] <= _ROUND_OFF:
         return steps[-1]
-    ratios = [after / before for before, after in pairwise(steps)]
+    ratios = [following / previous for previous, following in pairwise(steps)]
     theta = max(ratios[-3:], default=1.0)
     return theta / (1 - theta) * steps[-1] if theta < 1 else float("inf")
 
@@ -223,9 +223,9 @@ class _Relabelling:
         dofmap = unknowns.displacement_space.dofmap
         sums = la.vector(dofmap.index_map, 10)
         totals = sums.array.reshape(-1, 10)
-        of_cells = np.ones((cells, 10))
-        of_cells[:, :9] = H.x.array.reshape(-1, 9)[H.function_space.dofmap.list[:cells, 0]]
-        np.add.at(totals, dofmap.list[:cells], of_cells[:, None])
+        cell_values = np.ones((cells, 10))
+        cell_values[:, :9] = H.x.array.reshape(-1, 9)[H.function_space.dofmap.list[:cells, 0]]
+        np.add.at(totals, dofmap.list[:cells], cell_values[:, None])
         sums.scatter_reverse(la.InsertMode.add)
         sums.scatter_forward()
         owned = totals[: dofmap.index_map.size_local]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from hpcinv.certificate.check import Line, Verdict, at_least, at_most, skipped
+from hpcinv.certificate.check import Line, Verdict, lower_bound_line, skipped, upper_bound_line
 from hpcinv.certificate.overlap import MOST_FACETS, overlap
 from hpcinv.certificate.quality import worst_cells
 from hpcinv.certificate.symmetry import symmetry_planes
@@ -23,23 +23,23 @@ OVERLAP = "boundary facets that cross each other"
 def cells(equations: Equations, solution: Solution) -> Iterator[Line]:
     """Check the cells of the body that a solution found, and its planes of symmetry; collective."""
     body, given, moved = equations.body, solution.mesh_nodes, solution.other_nodes
-    before = "given mesh" if solution.is_on_given_mesh else "rest shape"
+    given_name = "given mesh" if solution.is_on_given_mesh else "rest shape"
     measures = worst_cells(body, given, moved, equations.quadrature_degree)
     for worst in measures:
         # The moved mesh need not be better than the given one.
-        enough = 0.1 * min(max(worst.before, 0.0), 1.0)
-        note = f"{worst.before:.3g} in the {before}; at ({_point(worst.at)}) m of the computed body"
+        enough = 0.1 * min(max(worst.given_value, 0.0), 1.0)
+        note = f"{worst.given_value:.3g} in the {given_name}; at ({_point(worst.point)}) m of the computed body"
         decides = worst is measures[-1]  # curved cells can be valid where straight ones between their corners are not
         if worst.value <= 0 < measures[-1].value:
             note += f"; {_STRAIGHT}"
         fail = 0.0 if decides else -math.inf
-        yield at_least(f"worst cell, by its {worst.measure}", worst.value, warn=enough, fail=fail, note=note)
+        yield lower_bound_line(f"worst cell, by its {worst.measure}", worst.value, warn=enough, fail=fail, note=note)
     for plane in symmetry_planes(solution.job, body, given, moved):
         name = f"depth beyond the plane of symmetry '{plane.region}', relative to the body"
         note = f"{plane.crossed:.3g} m inside of its mirror image, unless this is a wall beside which the body may pass"
         # A rest that is no larger than the region is held in the same way.
         depth = plane.crossed / body.length_scale
-        yield at_most(name, depth, warn=1e-9, fail=math.inf, note=note if plane.crossed else "")
+        yield upper_bound_line(name, depth, warn=1e-9, fail=math.inf, note=note if plane.crossed else "")
 
 
 def self_overlap(equations: Equations, solution: Solution) -> Iterator[Line]:
@@ -51,14 +51,14 @@ def self_overlap(equations: Equations, solution: Solution) -> Iterator[Line]:
     if (facets := body.regions[BOUNDARY].facet_count) > MOST_FACETS:
         yield skipped(OVERLAP, f"there are {facets} of them, and one rank searches no more than {MOST_FACETS}")
         return
-    found = overlap(body, solution.other_nodes)
+    crossings = overlap(body, solution.other_nodes)
     rule = "number of pairs; fail above 0"
-    if found.at is None:
+    if crossings.point is None:
         yield Line(OVERLAP, 0.0, "", rule, Verdict.PASS, "the body does not pass through itself")
     else:
-        note = f"the body passes through itself, such as at ({_point(found.at)}) m: no such body can be made"
-        yield Line(OVERLAP, float(found.pairs), "", rule, Verdict.FAIL, note)
+        note = f"the body passes through itself, such as at ({_point(crossings.point)}) m: no such body can be made"
+        yield Line(OVERLAP, float(crossings.pairs), "", rule, Verdict.FAIL, note)
 
 
-def _point(at: tuple[float, float, float]) -> str:
-    return ", ".join(f"{c:.4g}" for c in at)
+def _point(point: tuple[float, float, float]) -> str:
+    return ", ".join(f"{c:.4g}" for c in point)

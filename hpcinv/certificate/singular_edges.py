@@ -15,7 +15,7 @@ from typing import Any
 import dolfinx
 import numpy as np
 
-from hpcinv.certificate.wedge_exponents import SMOOTH, Hold, along_exponent, in_plane_exponent
+from hpcinv.certificate.wedge_exponents import SMOOTH, Hold, axial_exponent, plane_exponent
 from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES
 from hpcinv.mesh import Body
@@ -41,14 +41,14 @@ class SingularEdges:
         kinds: number in ``names`` of the edge of that exponent, for each owned cell; -1 for none.
         names: what these edges are.
         segments: ends (edges, 2, 3) of all of them in m, the same on all ranks.
-        of_segments: their exponents (edges,).
+        segment_kinds: their exponents (edges,).
     """
 
     exponents: Floats
     kinds: Ints
     names: Sequence[str]
     segments: Floats
-    of_segments: Floats
+    segment_kinds: Floats
 
 
 def singular_edges(job: Job, body: Body) -> SingularEdges | None:
@@ -65,14 +65,14 @@ def singular_edges(job: Job, body: Body) -> SingularEdges | None:
     gathered = mesh.comm.gather((numbers, mesh.geometry.x[nodes], areas, held))
     kind, _ = kind_and_degree(mesh)
 
-    def on_rank_0() -> _Edges:
+    def find_on_root() -> _Edges:
         assert gathered is not None
         numbers, corners, areas, held = (np.concatenate(part) for part in zip(*gathered, strict=True))
         regions = [support.region for support in job.supports]
         return _edges(FACET_KIND[kind], numbers, corners, areas, held, regions, KAPPA[job.pressure_degree is not None])
 
-    edges = on_root(mesh.comm, on_rank_0)
-    return _at_cells(body, edges) if len(edges.exponents) else None
+    edges = on_root(mesh.comm, find_on_root)
+    return _cell_edges(body, edges) if len(edges.exponents) else None
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class _Edges:
     names: list[str]
 
 
-def _at_cells(body: Body, edges: _Edges) -> SingularEdges:
+def _cell_edges(body: Body, edges: _Edges) -> SingularEdges:
     mesh = body.mesh
     owned = mesh.topology.index_map(3).size_local
     nodes = mesh.geometry.dofmaps[0][:owned, : mesh.ufl_cell().num_vertices]
@@ -99,8 +99,8 @@ def _at_cells(body: Body, edges: _Edges) -> SingularEdges:
         lower = edges.exponents[order[here]] < least[end[here]]
         least[end[here][lower]] = edges.exponents[order[here]][lower]
         kinds[end[here][lower]] = edges.kinds[order[here]][lower]
-    at = least[nodes].argmin(axis=1) if owned else np.zeros(0, dtype=np.int64)
-    chosen = nodes[np.arange(owned), at]
+    lowest = least[nodes].argmin(axis=1) if owned else np.zeros(0, dtype=np.int64)
+    chosen = nodes[np.arange(owned), lowest]
     points = edges.points * body.length_scale
     return SingularEdges(least[chosen], kinds[chosen], edges.names, points, edges.exponents)
 
@@ -122,8 +122,8 @@ def _edges(
     is_between_two = np.bincount(place, minlength=len(vertices)) == 2
     starts = starts[is_between_two]
     pair = np.stack([order[starts], order[starts + 1]], axis=1) // len(local)  # facets of each edge
-    within = order[starts] % len(local)
-    ends = corners[pair[:, :1], local[within]]
+    local_edge = order[starts] % len(local)
+    ends = corners[pair[:, :1], local[local_edge]]
     normals = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-300)
     first, second = normals[pair[:, 0]], normals[pair[:, 1]]
     middles = corners.mean(axis=1)
@@ -131,11 +131,13 @@ def _edges(
     is_reentrant = np.sum((middles[pair[:, 1]] - middles[pair[:, 0]]) * first, axis=1) > 0
     excess = np.where(is_reentrant, turn, -turn)
     masks = np.bitwise_or.reduce(held, axis=1) if held.shape[1] else np.zeros(len(facets), dtype=np.int64)
-    of_pair = masks[pair]
-    is_end = of_pair[:, 0] != of_pair[:, 1]
+    pair_masks = masks[pair]
+    is_end = pair_masks[:, 0] != pair_masks[:, 1]
     highest, second_highest = _highest_angles(excess, pair, len(facets))
-    beside = np.where(excess[:, None] >= highest[pair], second_highest[pair], highest[pair]).max(axis=1)
-    candidate = np.flatnonzero(is_end | _is_sharp(excess, beside) | (of_pair.any(axis=1) & (excess < -LEAST)))
+    neighbour_angle = np.where(excess[:, None] >= highest[pair], second_highest[pair], highest[pair]).max(axis=1)
+    candidate = np.flatnonzero(
+        is_end | _is_sharp(excess, neighbour_angle) | (pair_masks.any(axis=1) & (excess < -LEAST))
+    )
     tangents = ends[:, 1] - ends[:, 0]
     tangents /= np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-300)
     numbers, exponents, kinds, names = list[int](), list[float](), list[int](), dict[str, int]()
@@ -148,8 +150,8 @@ def _edges(
             if not _is_sharp(2 * angle - math.pi, highest[other]):
                 continue
         numbers.append(int(edge))
-        across = in_plane_exponent(angle, holds[0][0], holds[1][0], kappa)
-        exponents.append(min(across, along_exponent(angle, holds[0][1], holds[1][1])))
+        normal_exponent = plane_exponent(angle, holds[0][0], holds[1][0], kappa)
+        exponents.append(min(normal_exponent, axial_exponent(angle, holds[0][1], holds[1][1])))
         ending = [r for r, (a, b) in zip(regions, held[pair[edge]].T, strict=True) if a != b]
         name = f"edge of the support '{ending[0]}'" if ending else f"re-entrant edge of {math.degrees(angle):.0f}°"
         kinds.append(names.setdefault(name, len(names)))
@@ -170,25 +172,25 @@ def _highest_angles(excess: Floats, pair: Ints, facets: int) -> tuple[Floats, Fl
     return np.where(counts > 0, angle[last], 0.0), np.where(counts > 1, angle[second], 0.0)
 
 
-def _is_sharp(angle: Any, beside: Any) -> Any:
+def _is_sharp(angle: Any, neighbour_angle: Any) -> Any:
     """Return whether a re-entrant angle is not one between facets of a curved surface.
 
     Facets of a curved surface meet their neighbours on the other side under nearly the same angle ``beside``.
     """
-    return (angle > CURVED) | ((angle > LEAST) & (angle >= SHARPER * beside))
+    return (angle > CURVED) | ((angle > LEAST) & (angle >= SHARPER * neighbour_angle))
 
 
 def _holds(mask: int, normal: Floats, tangent: Floats) -> tuple[Hold, bool]:
     """Return how a face that holds the axes of a ``mask`` is held across an edge, and whether along it."""
     axes = np.eye(3)[[axis for axis in range(3) if mask >> axis & 1]]
     # Directions across the edge that are held: those of the axes that have no component along it.
-    along = axes @ tangent
+    tangential = axes @ tangent
     if len(axes) == 3:
         return Hold.CLAMPED, True
     if len(axes) == 2:
-        is_clamped = bool(np.abs(along).max() < 1e-6)
+        is_clamped = bool(np.abs(tangential).max() < 1e-6)
         free = np.cross(*axes)
         return (Hold.CLAMPED if is_clamped else Hold.SLIDING), bool(abs(free @ tangent) < 1e-6)
     if len(axes) == 1:
-        return (Hold.SLIDING if abs(along[0]) < 1e-6 else Hold.FREE), bool(abs(along[0]) > 1 - 1e-6)
+        return (Hold.SLIDING if abs(tangential[0]) < 1e-6 else Hold.FREE), bool(abs(tangential[0]) > 1 - 1e-6)
     return Hold.FREE, False

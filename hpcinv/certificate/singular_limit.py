@@ -58,15 +58,15 @@ class SingularLimit:
     factor: float
     is_reliable: bool
     name: str
-    at: tuple[float, float, float]
+    point: tuple[float, float, float]
     missed: Floats
     orders: Floats
 
     @property
     def text(self) -> str:
         """The edge, and what it does to the rate."""
-        at = ", ".join(f"{c:.4g}" for c in self.at)
-        return f"{self.name} at ({at}) m: errors fall by {2**-self.order:.2g} where cells are halved"
+        coordinates = ", ".join(f"{c:.4g}" for c in self.point)
+        return f"{self.name} at ({coordinates}) m: errors fall by {2**-self.order:.2g} where cells are halved"
 
     @property
     def doubt(self) -> str:
@@ -77,7 +77,7 @@ class SingularLimit:
         """The effect as JSON data, without the cells."""
         return {
             "edge": self.name,
-            "at": list(self.at),
+            "at": list(self.point),
             "share": self.share,
             "order": self.order,
             "factor": self.factor,
@@ -110,47 +110,47 @@ def singular_limit(
     touching = edges.exponents < SMOOTH
     missed = np.where(touching, 1 / (1 - (degree / (degree + 1)) ** (4 * edges.exponents)), 1.0)
     whole = indicators * missed
-    of_kinds = np.bincount(edges.kinds[touching], whole[touching], minlength=len(edges.names))
+    kind_sums = np.bincount(edges.kinds[touching], whole[touching], minlength=len(edges.names))
     sums = np.array(
         [indicators.sum(), whole.sum(), whole[touching].sum(), (whole * 4.0**-edges.exponents)[touching].sum()]
     )
-    totals, of_kinds = (mesh.comm.allreduce(values, op=MPI.SUM) for values in (sums, of_kinds))
+    totals, kind_sums = (mesh.comm.allreduce(values, op=MPI.SUM) for values in (sums, kind_sums))
     if not (np.isfinite(totals).all() and totals[2] > 0):
         return None
-    kind = int(of_kinds.argmax())
+    kind = int(kind_sums.argmax())
     here = np.where(edges.kinds == kind, whole, -1.0)
     best = int(here.argmax()) if len(here) else -1
     nodes = mesh.geometry.dofmaps[0][best][: mesh.ufl_cell().num_vertices] if len(here) else []
     middle = mesh.geometry.x[nodes].mean(axis=0) * equations.body.length_scale if len(here) else np.zeros(3)
     distances = _distances(edges.segments, middle)
     point = edges.segments[int(distances.argmin())].mean(axis=0)
-    _, at = max(mesh.comm.allgather((float(here.max(initial=-1.0)), tuple(point.tolist()))))
+    _, position = max(mesh.comm.allgather((float(here.max(initial=-1.0)), tuple(point.tolist()))))
     order = -math.log2(totals[3] / totals[2])
     share, factor = float(totals[2] / totals[1]), float(totals[1] / totals[0])
     may_cancel = equations.unknowns.p is not None and share > SHARE
     is_reliable = not (may_cancel and volume_share(correction, touching) > VOLUME)
     orders = np.where(touching, 2 * edges.exponents, np.inf)
-    return SingularLimit(share, order, factor, is_reliable, edges.names[kind], at, missed, orders)
+    return SingularLimit(share, order, factor, is_reliable, edges.names[kind], position, missed, orders)
 
 
 def volume_share(correction: fem.Function, cells: npt.NDArray[np.bool_]) -> float:
     """Return ``∫ (div δ)² dx / ∫ 2 |sym ∇δ|² dx`` of a displacement over some of the owned ``cells``; collective."""
     mesh = correction.function_space.mesh
-    strain, of_volume = ufl.sym(ufl.grad(correction)), fem.Constant(mesh, 0.0)
+    strain, is_volume = ufl.sym(ufl.grad(correction)), fem.Constant(mesh, 0.0)
     chosen = fem.Function(fem.functionspace(mesh, ("DG", 0)))
     chosen.x.array[chosen.function_space.dofmap.list[: len(cells), 0]] = cells
-    integrand = of_volume * ufl.tr(strain) ** 2 + (1 - of_volume) * 2 * ufl.inner(strain, strain)
+    integrand = is_volume * ufl.tr(strain) ** 2 + (1 - is_volume) * 2 * ufl.inner(strain, strain)
     degree = 2 * correction.function_space.ufl_element().degree - 2
     form = fem.form(chosen * integrand * ufl.dx(mesh, metadata={"quadrature_degree": degree}), jit_options=JIT_OPTIONS)
     sums = []
-    for of_volume.value in (1.0, 0.0):
+    for is_volume.value in (1.0, 0.0):
         sums.append(mesh.comm.allreduce(fem.assemble_scalar(form), op=MPI.SUM))
     return float(sums[0] / sums[1]) if sums[1] > 0 else 0.0
 
 
 def _distances(segments: Floats, point: Floats) -> Floats:
     """Return distances (n,) of a point from the segments (n, 2, 3)."""
-    along = segments[:, 1] - segments[:, 0]
-    at = np.einsum("ij,ij->i", point - segments[:, 0], along) / np.einsum("ij,ij->i", along, along)
-    nearest = segments[:, 0] + np.clip(at, 0, 1)[:, None] * along
+    sides = segments[:, 1] - segments[:, 0]
+    shares = np.einsum("ij,ij->i", point - segments[:, 0], sides) / np.einsum("ij,ij->i", sides, sides)
+    nearest = segments[:, 0] + np.clip(shares, 0, 1)[:, None] * sides
     return np.asarray(np.linalg.norm(point - nearest, axis=1))

@@ -33,7 +33,7 @@ def stability(equations: Equations, forward: ForwardFactors, observer: Observer 
     if not forward.solution.job.certificate.stability:
         yield skipped(STABILITY, "switched off: certificate.stability")
         return
-    line = _by_factors(equations, forward) if forward.affordable else _by_iteration(equations, forward, observer)
+    line = _factors_line(equations, forward) if forward.affordable else _iteration_line(equations, forward, observer)
     yield replace(line, note="; ".join([line.note, *_left_out(equations, forward)]))
 
 
@@ -44,20 +44,20 @@ def _left_out(equations: Equations, forward: ForwardFactors) -> Iterator[str]:
         yield f"motions that are not symmetric about {', '.join(planes)} are left out"
 
 
-def _by_factors(equations: Equations, forward: ForwardFactors) -> Line:
+def _factors_line(equations: Equations, forward: ForwardFactors) -> Line:
     """Return the line by the inertia of the forward tangent."""
-    found = None if forward.factors is None else forward.factors.inertia
+    inertia = None if forward.factors is None else forward.factors.inertia
     pressures = equations.unknowns.pressure_size
     # Zeros count: a singular tangent is not stable. Each pressure contributes one that is negative or zero.
-    unstable = None if found is None else found.negative + found.zero - pressures
-    if found is None or unstable is None or unstable < 0:
+    unstable = None if inertia is None else inertia.negative + inertia.zero - pressures
+    if inertia is None or unstable is None or unstable < 0:
         return skipped(STABILITY, "the tangent could not be factorized")
     if unstable == 0:
-        return _stable(found.asymmetry)
+        return _stable(inertia.asymmetry)
     return _unstable(unstable, confirm(equations, forward.solution), is_mixed=pressures > 0)
 
 
-def _by_iteration(equations: Equations, forward: ForwardFactors, observer: Observer) -> Line:
+def _iteration_line(equations: Equations, forward: ForwardFactors, observer: Observer) -> Line:
     """Return the line by the lowest eigenvalue of the forward tangent, which is found without factors."""
     lowest = lowest_eigenvalue(forward.multigrid, equations.supports, equations.timings, observer=observer)
     if lowest is None:
@@ -84,7 +84,7 @@ def _stable(asymmetry: float, how: str = "") -> Line:
         "",
         _RULE,
         Verdict.PASS,
-        "; ".join(filter(None, [note, how, _without_potential(asymmetry)])),
+        "; ".join(filter(None, [note, how, _potential_note(asymmetry)])),
     )
 
 
@@ -93,7 +93,7 @@ def _unstable(count: int, confirmed: Confirmed | None, *, is_mixed: bool) -> Lin
     if confirmed is not None and confirmed.directions:
         # For a tangent that is not symmetric, the symmetric part can prove stability but not instability. The
         # asymmetry is that of the confirmation, since the solve's quadrature can make follower loads asymmetric.
-        kind = _without_potential(confirmed.asymmetry)
+        kind = _potential_note(confirmed.asymmetry)
         does = "might buckle, snap away or flutter" if kind else "would buckle or snap away from this state"
         note = f"confirmed negative eigenvalues: the loaded body {does}"
         if confirmed.directions < count:
@@ -114,5 +114,5 @@ def _unstable(count: int, confirmed: Confirmed | None, *, is_mixed: bool) -> Lin
     return Line(STABILITY, float(count), "", _RULE, Verdict.UNDECIDED, note)
 
 
-def _without_potential(asymmetry: float) -> str:
+def _potential_note(asymmetry: float) -> str:
     return "" if asymmetry < 1e-8 else f"loads without a potential (asymmetry {asymmetry:.1g}): of the symmetric part"

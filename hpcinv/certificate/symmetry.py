@@ -52,17 +52,17 @@ def symmetry_planes(job: Job, body: Body, given: Floats, moved: Floats) -> list[
 def _plane(body: Body, region: str, axis: AxisName, given: Floats, moved: Floats) -> SymmetryPlane | None:
     comm, i = body.mesh.comm, AXES.index(axis)
     low, high = extent(comm, given)
-    near = _ROUND_OFF * float(np.linalg.norm(high - low))
+    tolerance = _ROUND_OFF * float(np.linalg.norm(high - low))
     facets, boundary = body.facets(region), body.facets("boundary")
     first, last = (end[i] for end in extent(comm, given[_nodes(body, facets)].reshape(-1, 3)))
-    if last - first > near or (first - low[i] > near and high[i] - last > near):
+    if last - first > tolerance or (first - low[i] > tolerance and high[i] - last > tolerance):
         return None
-    position, side = float(first + last) / 2, 1.0 if first - low[i] <= near else -1.0
-    flat = (np.abs(given[_nodes(body, boundary), i] - position) <= near).all(axis=1)
+    position, side = float(first + last) / 2, 1.0 if first - low[i] <= tolerance else -1.0
+    flat = (np.abs(given[_nodes(body, boundary), i] - position) <= tolerance).all(axis=1)
     if comm.allreduce(len(np.setdiff1d(boundary[flat], facets))):
         return None
     depth = comm.allreduce(float((side * (position - moved[:, i])).max(initial=0.0)), op=MPI.MAX)
-    return SymmetryPlane(region, axis, position, depth if depth > near else 0.0)
+    return SymmetryPlane(region, axis, position, depth if depth > tolerance else 0.0)
 
 
 def _nodes(body: Body, facets: LocalIndices) -> LocalIndices:

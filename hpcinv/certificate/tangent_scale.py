@@ -37,14 +37,14 @@ def diagonals_of_cells(scene: Scene) -> list[Floats]:
         (ufl.as_vector([2 * part.shear_modulus, part.compliance if mixed else 0.0]), part.cells) for part in scene.parts
     ]
     means = CellMeans(moduli, mesh, 0)()
-    of_cells = volumes[:, None] * means.x.array.reshape(-1, 2)[means.function_space.dofmap.list[:owned, 0]]
+    cell_moduli = volumes[:, None] * means.x.array.reshape(-1, 2)[means.function_space.dofmap.list[:owned, 0]]
     slopes = unknowns.scalar_elements[0].tabulate(1, points)[1:]
-    metric = of_cells[:, :1, None] * (inverse @ inverse.transpose(0, 2, 1))
-    on_reference = np.einsum("q,aqi,bqi->abi", weights, slopes, slopes).reshape(9, -1)
-    diagonals = [metric.reshape(-1, 9) @ on_reference]
+    metric = cell_moduli[:, :1, None] * (inverse @ inverse.transpose(0, 2, 1))
+    reference_metric = np.einsum("q,aqi,bqi->abi", weights, slopes, slopes).reshape(9, -1)
+    diagonals = [metric.reshape(-1, 9) @ reference_metric]
     if mixed:
         values = unknowns.scalar_elements[1].tabulate(0, points)[0]
-        diagonals.append(_PRESSURES * of_cells[:, 1:] * (weights @ values**2))
+        diagonals.append(_PRESSURES * cell_moduli[:, 1:] * (weights @ values**2))
     return diagonals
 
 

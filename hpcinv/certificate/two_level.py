@@ -91,8 +91,8 @@ def _volume_product(equations: Equations, finer: Equations, direction: Direction
             # In strongly curved cells the moduli vary too much to be extended from the points of the solve.
             curved = _curved_cells(equations.body.mesh)
             if given.mesh.comm.allreduce(bool(curved.any()), op=MPI.LOR):
-                at_all_points = compiled_moduli(residual, given, JIT_OPTIONS, degree)
-                moduli = [*_within(moduli, ~curved), *_within(at_all_points, curved)]
+                all_moduli = compiled_moduli(residual, given, JIT_OPTIONS, degree)
+                moduli = [*_moduli_of_cells(moduli, ~curved), *_moduli_of_cells(all_moduli, curved)]
     except UnsupportedForm:
         return None
     with finer.timings("tangent"):
@@ -108,11 +108,11 @@ def _curved_cells(mesh: Mesh) -> npt.NDArray[np.bool_]:
     return np.asarray(offsets.max(axis=(1, 2)) > _STRAIGHT * np.ptp(nodes, axis=1).max(axis=1))
 
 
-def _within(moduli: Sequence[CompiledModuli], of: npt.NDArray[np.bool_]) -> Iterator[CompiledModuli]:
+def _moduli_of_cells(moduli: Sequence[CompiledModuli], chosen: npt.NDArray[np.bool_]) -> Iterator[CompiledModuli]:
     """Yield the moduli of those cells that are among the owned cells ``of``."""
-    for one in moduli:
-        cells = np.arange(len(of), dtype=np.int32) if one.cells is None else one.cells
-        yield replace(one, cells=cells[of[cells]])
+    for entry in moduli:
+        cells = np.arange(len(chosen), dtype=np.int32) if entry.cells is None else entry.cells
+        yield replace(entry, cells=cells[chosen[cells]])
 
 
 class _Coarse:
@@ -156,7 +156,7 @@ class _FinerProblem:
         with finer.timings("compile"):
             form = fem.form(scene.residual, jit_options=JIT_OPTIONS)
             self._differentiated = form if volume_product is None else _surface_form(scene)
-        self._at: Floats = state.array.copy()
+        self._origin: Floats = state.array.copy()
         self._b = fem_petsc.create_vector(self._unknowns.space)
         self._residual = self._assemble(form)
         self._undisturbed = self._residual if self._differentiated is None else self._assemble(self._differentiated)
@@ -175,7 +175,7 @@ class _FinerProblem:
         """Add the solution to the state, if the iterations converge; return whether they did."""
         x = self._solution(observer)
         state = self._unknowns.state.x
-        state.array[:] = self._at
+        state.array[:] = self._origin
         if x is not None:
             state.array[: len(x)] -= x
             state.scatter_forward()
@@ -209,13 +209,13 @@ class _FinerProblem:
             direction = self._scale * self._signs * r if is_smoothing else self._coarse.solve(r / self._scale)
             if not is_smoothing:
                 combined = np.linalg.solve(triangle[:k, :k], shares[:k]).astype(r.dtype)
-                found, residual = combined @ directions[:k] + direction, self._length(r)
-                change, size = self._length((found - last)[u]), self._length(found[u])
+                solution, residual = combined @ directions[:k] + direction, self._length(r)
+                change, size = self._length((solution - last)[u]), self._length(solution[u])
                 if not np.isfinite(size + residual):
                     return None
                 if residual <= _RESIDUAL * start and change <= _CHANGE * size:
-                    return found
-                last = found
+                    return solution
+                last = solution
             directions[k] = direction
             product = self._scale * self._times(direction)
             parts = self._sum(products[:k] @ product)
@@ -233,7 +233,7 @@ class _FinerProblem:
         product = np.zeros_like(x) if self._volume_product is None else self._volume_product(x)
         if self._differentiated is not None:
             state, share = self._unknowns.state.x, _INCREMENT / self._length(x)
-            state.array[:] = self._at
+            state.array[:] = self._origin
             state.array[: len(x)] += share * x
             state.scatter_forward()
             product += ((self._assemble(self._differentiated) - self._undisturbed) / share).astype(np.float32)
@@ -260,5 +260,5 @@ def _surface_form(scene: Scene) -> fem.Form | None:
     """Return the surface integrals of a residual, ``None`` if they do not depend on the unknowns; collective."""
     if surface_tangent(scene.residual, scene.unknowns.state) is None:
         return None
-    surface = [one for one in scene.residual.integrals() if one.integral_type() != "cell"]
+    surface = [integral for integral in scene.residual.integrals() if integral.integral_type() != "cell"]
     return fem.form(ufl.Form(surface), jit_options=JIT_OPTIONS)

@@ -22,7 +22,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
-from hpcinv.certificate.check import Line, Verdict, at_least, at_most
+from hpcinv.certificate.check import Line, Verdict, lower_bound_line, upper_bound_line
 from hpcinv.mesh.cells import quadrature, scalar_element
 from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.model.scene import Scene
@@ -41,22 +41,22 @@ STIFF = 10.0  # bulk over shear modulus (Poisson's ratio 0.45) from which linear
 def volume(equations: Equations, solution: Solution) -> Iterator[Line]:
     """Yield the lines on the volume ratio of a solution; collective."""
     smallest, largest = solution.J_range
-    yield at_least("smallest volume ratio J", smallest, warn=0.1, fail=0.0)
-    yield at_most("largest volume ratio J", largest, warn=10.0, fail=float("inf"))
+    yield lower_bound_line("smallest volume ratio J", smallest, warn=0.1, fail=0.0)
+    yield upper_bound_line("largest volume ratio J", largest, warn=10.0, fail=float("inf"))
     equations.put(solution)
-    found = _unaccounted(equations, equations.scene(solution.direction))
-    if found is None:  # compressible: any volume ratio may be right
+    strain = _unaccounted(equations, equations.scene(solution.direction))
+    if strain is None:  # compressible: any volume ratio may be right
         return
     rule = f"warning above {WARN:g}"
-    if found <= WARN:
-        yield Line(UNACCOUNTED, found, "", rule, Verdict.PASS)
+    if strain <= WARN:
+        yield Line(UNACCOUNTED, strain, "", rule, Verdict.PASS)
     else:
         mixed = equations.unknowns.p is not None
         remedy = "mesh finer, or raise discretisation.displacement"
         if not mixed:
             remedy += ", or take the mixed form (discretisation.formulation: mixed)"
         what = "the mesh is too coarse" if mixed else "the mesh is too coarse or locks"
-        yield Line(UNACCOUNTED, found, "", rule, Verdict.WARN, f"{what}: {remedy}")
+        yield Line(UNACCOUNTED, strain, "", rule, Verdict.WARN, f"{what}: {remedy}")
 
 
 def _unaccounted(equations: Equations, scene: Scene) -> float | None:
@@ -72,7 +72,7 @@ def _unaccounted(equations: Equations, scene: Scene) -> float | None:
     cells = [np.zeros(0, dtype=np.int32)]
     points = [np.zeros((0, len(weights), 2), dtype=np.float32)]  # strain, and the volume that counts
     for number, (part, law) in enumerate(zip(scene.parts, laws, strict=True)):
-        par, strain = scene.parameters.of(number), part.dilatation
+        par, strain = scene.parameters.quantities(number), part.dilatation
         if p is not None and not law.is_incompressible:
             strain = strain + p / law.volumetric_modulus(par)
         counts: Any = float((ratios[number] or 0.0) >= STIFF)
@@ -80,10 +80,10 @@ def _unaccounted(equations: Equations, scene: Scene) -> float | None:
             stiff = ufl.ge(law.bulk_modulus(par), STIFF * law.shear_modulus(par))
             counts = ufl.conditional(stiff, ufl.as_ufl(1.0), ufl.as_ufl(0.0))
         values = QuadratureValues(ufl.as_vector([strain, counts * size]), mesh, scene.quadrature_degree, part.cells)
-        for some, at_points in values:
-            at_points[..., 1] *= weights
+        for some, samples in values:
+            samples[..., 1] *= weights
             cells.append(some)
-            points.append(at_points.astype(np.float32))
+            points.append(samples.astype(np.float32))
     strains, counted = np.moveaxis(np.concatenate(points), -1, 0)
     if comm.allreduce(float(counted.sum())) <= 0.0:
         return None

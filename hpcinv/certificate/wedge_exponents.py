@@ -39,7 +39,7 @@ class Hold(Enum):
 
 
 @cache
-def in_plane_exponent(angle: float, first: Hold, second: Hold, kappa: float) -> float:
+def plane_exponent(angle: float, first: Hold, second: Hold, kappa: float) -> float:
     """Return λ of displacements across an edge of an inner ``angle`` (rad); `SMOOTH` if it is not below that."""
     low, high = sorted((first, second), key=lambda hold: hold.value)
     if low is high is Hold.SLIDING:
@@ -57,7 +57,7 @@ def in_plane_exponent(angle: float, first: Hold, second: Hold, kappa: float) -> 
     return _lowest(lambda x: (kappa + 1) ** 2 / (4 * kappa) - (x * sine) ** 2 / kappa - math.sin(x * angle) ** 2)
 
 
-def along_exponent(angle: float, first: bool, second: bool) -> float:
+def axial_exponent(angle: float, first: bool, second: bool) -> float:
     """Return λ of displacements along an edge, which its faces hold or not; `SMOOTH` if it is not below that."""
     is_smooth = angle < (math.pi if first is second else math.pi / 2) + _FLAT
     return SMOOTH if is_smooth else math.pi / (angle if first is second else 2 * angle)
@@ -65,9 +65,9 @@ def along_exponent(angle: float, first: bool, second: bool) -> float:
 
 def _lowest(function: Callable[[float], float]) -> float:
     """Return the lowest root from `_LEAST` to `SMOOTH`; of a pair of complex ones the real part, nearly."""
-    at = np.linspace(_LEAST, SMOOTH, _STEPS + 1)
-    values = np.array([function(x) for x in at])
+    exponents = np.linspace(_LEAST, SMOOTH, _STEPS + 1)
+    values = np.array([function(x) for x in exponents])
     changes = np.flatnonzero(values[:-1] * values[1:] < 0)
     sizes = np.abs(values)
     least = 1 + np.flatnonzero((sizes[1:-1] < sizes[:-2]) & (sizes[1:-1] <= sizes[2:]))
-    return float(at[min(*changes, *least, _STEPS)]) if len(changes) + len(least) else SMOOTH
+    return float(exponents[min(*changes, *least, _STEPS)]) if len(changes) + len(least) else SMOOTH

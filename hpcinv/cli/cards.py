@@ -38,7 +38,7 @@ def convert(options: argparse.Namespace) -> int:
     if options.name is None:
         what = "a card or a file with one" if options.source else "a job, or a file with a section material"
         raise JobError(f"hpcinv laws: give {what}")
-    text = _from_card(options) if options.source else _to_card(options)
+    text = _read_card(options) if options.source else _write_card(options)
     if options.output is None:
         print(text, end="")
         return 0
@@ -54,7 +54,7 @@ def _module(program: str) -> ModuleType:
     return {"abaqus": abaqus, "ansys": ansys, "febio": febio}[program]
 
 
-def _from_card(options: argparse.Namespace) -> str:
+def _read_card(options: argparse.Namespace) -> str:
     from hpcinv.cards.card import CardError
 
     module = _module(options.source)
@@ -84,24 +84,24 @@ def _card_text(argument: str) -> tuple[str, str]:
         raise JobError(f"{argument}: {error}") from None
 
 
-def _unit(given: str | None, stated: str) -> str:
+def _unit(option: str | None, stated: str) -> str:
     """Return the unit of stress of a card, which the user or the card states."""
     from hpcinv.cards.card import STRESS, CardError
     from hpcinv.quantity.units import parse_unit
 
-    if given is None:
+    if option is None:
         if not stated:
             raise CardError("does not state its unit of stress; give it, such as --stress-unit MPa")
         return stated
     try:
-        size, dimension = parse_unit(given)
+        size, dimension = parse_unit(option)
     except ValueError as error:
         raise JobError(f"--stress-unit: {error}") from None
     if dimension != STRESS:
-        raise JobError(f"--stress-unit {given}: is {dimension}, not a stress")
+        raise JobError(f"--stress-unit {option}: is {dimension}, not a stress")
     if stated and parse_unit(stated)[0] != size:
-        raise CardError(f"states {stated} as its unit of stress, --stress-unit {given}; leave the option out")
-    return given
+        raise CardError(f"states {stated} as its unit of stress, --stress-unit {option}; leave the option out")
+    return option
 
 
 def _checked(card: Card, unit: str) -> dict[str, Any]:
@@ -112,7 +112,7 @@ def _checked(card: Card, unit: str) -> dict[str, Any]:
     from hpcinv.job.definitions import resolve
     from hpcinv.materials import laws
     from hpcinv.quantity.expressions import LET, Expression
-    from hpcinv.quantity.schema import at, problems_in
+    from hpcinv.quantity.schema import dotted_key, problems_in
 
     law = card.law
     material = law.section(unit)
@@ -121,7 +121,9 @@ def _checked(card: Card, unit: str) -> dict[str, Any]:
     try:
         kind.model_validate(material, context=context)
     except ValidationError as error:
-        faults = [f"{card.title}: {at(place) or 'material'}: {text}" for place, text in problems_in(error, kind)]
+        faults = [
+            f"{card.title}: {dotted_key(place) or 'material'}: {text}" for place, text in problems_in(error, kind)
+        ]
         raise CardError(*faults) from None
     fibres = {
         name: {"direction": list(direction), "given_on": "reference"}
@@ -135,18 +137,18 @@ def _checked(card: Card, unit: str) -> dict[str, Any]:
 def _as_yaml(card: Card, program: str, unit: str, sections: Mapping[str, Any]) -> str:
     import yaml
 
-    from hpcinv.files.names import in_one_line
+    from hpcinv.files.names import escaped_line
 
     name = f" of material {card.name}" if card.name else ""
     comments = [f"{card.title}{name} ({program}), stresses in {unit}", *card.law.notes]
     if unknown := [family for family, direction in card.law.fibres.items() if direction is None]:
         comments.append(f"the card does not state the directions of fibres: give {', '.join(unknown)} in 'fibres'")
-    lines = [f"# {in_one_line(comment)}\n" for comment in comments]
+    lines = [f"# {escaped_line(comment)}\n" for comment in comments]
     body = yaml.safe_dump(dict(sections), sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
     return "".join([*lines, body])
 
 
-def _to_card(options: argparse.Namespace) -> str:
+def _write_card(options: argparse.Namespace) -> str:
     from hpcinv.cards.card import Values
     from hpcinv.quantity.units import as_float, parse_unit
 
@@ -177,7 +179,7 @@ def _laws(path: Path) -> dict[str, MaterialLaw]:
     from hpcinv.job.yaml_reader import read_yaml
     from hpcinv.materials import Material, MaterialLaw
     from hpcinv.quantity.expressions import LET, Expression
-    from hpcinv.quantity.schema import at, problems_in
+    from hpcinv.quantity.schema import dotted_key, problems_in
 
     data = read_yaml(path)
     if "material" not in data:
@@ -187,7 +189,9 @@ def _laws(path: Path) -> dict[str, MaterialLaw]:
         context = {LET: resolve({name: Expression(str(text)) for name, text in definitions.items()})}
         material = TypeAdapter(Material).validate_python(data["material"], context=context)
     except ValidationError as error:
-        raise JobError(*(f"{path}: {at(('material', *place))}: {text}" for place, text in problems_in(error))) from None
+        raise JobError(
+            *(f"{path}: {dotted_key(('material', *place))}: {text}" for place, text in problems_in(error))
+        ) from None
     except (ValueError, AttributeError) as error:
         raise JobError(f"{path}: let: {error}") from None
     return {path.stem: material} if isinstance(material, MaterialLaw) else dict(material)

@@ -113,7 +113,7 @@ def _meaning(info: FieldInfo, text: str) -> str:
     if isinstance(quantity, VaryingQuantity):
         notes.append("may vary over the body")
     mark = metadata_in(Refers, info.annotation, *info.metadata)
-    if mark is not None and mark.to == "fibres":
+    if mark is not None and mark.kind == "fibres":
         notes.append("a name from 'fibres'")
     return text + (f" ({'; '.join(notes)})" if notes else "")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh_input import length_unit, on_one_process
+from hpcinv.cli.mesh_input import check_one_process, length_unit
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import write_output
 from hpcinv.files.untrusted import add_option
@@ -72,33 +72,33 @@ def _compare(options: argparse.Namespace) -> int:
     unit = None if options.unit is None else length_unit(options.unit)
     if options.to is not None and options.to.suffix != ".vtp":
         raise OutputError(f"{options.to}: a surface with distances ends in .vtp", "Name it *.vtp.")
-    on_one_process("compare")
+    check_one_process("compare")
     from hpcinv.results.surface_comparison import compare
     from hpcinv.workshop.comparison import surface_in
 
-    one, other = (surface_in(path, unit, options.shape, options.label) for path in (options.one, options.other))
+    first, second = (surface_in(path, unit, options.shape, options.label) for path in (options.one, options.other))
     align = None
     if options.align is not None:
         names = options.align.split(",") if options.align else []
-        if names and not one.regions:
+        if names and not first.regions:
             raise OutputError(f"{options.one}: has no regions to align by", "Give --align without regions.")
-        align = one.part(names), other.part(names)
-    found = compare(one.surface, other.surface, align)
+        align = first.part(names), second.part(names)
+    comparison = compare(first.surface, second.surface, align)
     if align:
-        moved, angle = readable(found.translation, "m"), math.degrees(found.rotation)
+        moved, angle = readable(comparison.translation, "m"), math.degrees(comparison.rotation)
         print(f"{options.one} moved by {moved}, turned by {angle:.3g} degrees")
-    for path, side in ((options.one, found.one), (options.other, found.other)):
+    for path, side in ((options.one, comparison.first), (options.other, comparison.second)):
         centre = ", ".join(f"{c:.6g}" for c in side.centre)
         axis = ", ".join(f"{c:.3g}" for c in side.axes[0])
         print(f"{path}: volume {readable(side.volume, 'm^3')}, centre ({centre}) m, long axis ({axis})")
         figures = (side.mean, side.rms, side.quantile_95, side.largest)
         mean, rms, most, largest = (readable(figure, "m") for figure in figures)
         print(f"  from the other's surface: mean {mean} (outside positive), rms {rms}, 95 % {most}, largest {largest}")
-    print(f"overlap (Dice): {found.dice:.4f}")
+    print(f"overlap (Dice): {comparison.dice:.4f}")
     if options.json is not None:
-        write_output(options.json, json.dumps(found.as_data(), indent=1).encode(), _ADVICE)
+        write_output(options.json, json.dumps(comparison.as_data(), indent=1).encode(), _ADVICE)
     if options.to is not None:
-        write_output(options.to, _vtp(found.surface).encode(), _ADVICE)
+        write_output(options.to, _vtp(comparison.surface).encode(), _ADVICE)
     return 0
 
 

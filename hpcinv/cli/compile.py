@@ -50,7 +50,7 @@ def _compile(options: argparse.Namespace) -> int:
         from hpcinv.parallel.runtime import MPI, agree, compilation_explained, on_root
 
         jobs = on_root(comm, lambda: list(_distinct(options.jobs)))
-        before = _ready(DIRECTORY)
+        ready_before = _ready(DIRECTORY)
         comm.Barrier()
         error: HpcinvError | None = None
         try:
@@ -63,7 +63,7 @@ def _compile(options: argparse.Namespace) -> int:
         except HpcinvError as found:
             error = found
         agree(comm, error)
-        on_root(comm, lambda: print(f"{_ready(DIRECTORY) - before} kernels compiled; they are in {DIRECTORY}"))
+        on_root(comm, lambda: print(f"{_ready(DIRECTORY) - ready_before} kernels compiled; they are in {DIRECTORY}"))
     return 0
 
 
@@ -87,8 +87,8 @@ def _differentiated(job: Job) -> Job:
     """Return the job, one with a section ``identify`` also with the derivatives that this needs."""
     if job.identify is None:
         return job
-    given = {key: {"sd": one.sd, "also": list(one.also)} for key, one in job.sensitivities.items()}
-    tied = {key for one in job.sensitivities.values() for key in one.also}
+    given = {key: {"sd": entry.sd, "also": list(entry.also)} for key, entry in job.sensitivities.items()}
+    tied = {key for entry in job.sensitivities.values() for key in entry.also}
     return job.with_(
         {"sensitivities": given | {key: None for key in job.identify.keys if key not in tied | given.keys()}}
     )

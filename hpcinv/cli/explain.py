@@ -44,32 +44,34 @@ def _explain(options: argparse.Namespace) -> int:
                 print(text, file=sys.stderr, flush=True)
 
         with compilation_explained(comm):
-            found = explain(job, comm, note)
+            explanation = explain(job, comm, note)
         if comm.rank == 0:
-            show(job, found)
+            show(job, explanation)
     return 0
 
 
-def show(job: Job, found: Explanation) -> None:
+def show(job: Job, explanation: Explanation) -> None:
     from hpcinv.output.console import table_console, table_of_numbers
 
     console = table_console()
-    unknowns = f"{found.displacements} displacements" + (f", {found.pressures} pressures" if found.pressures else "")
-    console.print(f"{job.job}: {found.direction}, {found.cells} cells, {unknowns}")
-    if found.families:
-        console.print(f"fibres: {', '.join(found.families)}")
+    unknowns = f"{explanation.displacements} displacements" + (
+        f", {explanation.pressures} pressures" if explanation.pressures else ""
+    )
+    console.print(f"{job.job}: {explanation.direction}, {explanation.cells} cells, {unknowns}")
+    if explanation.families:
+        console.print(f"fibres: {', '.join(explanation.families)}")
     titles = ("part", "integrals", "constants", "fields", "compile (CPU)", "residual", "tangent", "of an iteration")
     table = table_of_numbers(*titles)
-    for i, row in enumerate((*found.rows, found.total)):
-        table.add_row(*_cells(row, found, signed=0 < i < len(found.rows)))
-    first = "factorization" if found.linear_solver == "direct" else "preconditioner"
-    for name, seconds in ((first, found.factorization), ("solution", found.solution)):
-        table.add_row(name, "", "", "", "", "", _ms(seconds), f"{seconds / found.iteration:.1%}")
+    for i, row in enumerate((*explanation.rows, explanation.total)):
+        table.add_row(*_cells(row, explanation, signed=0 < i < len(explanation.rows)))
+    first = "factorization" if explanation.linear_solver == "direct" else "preconditioner"
+    for name, seconds in ((first, explanation.factorization), ("solution", explanation.solution)):
+        table.add_row(name, "", "", "", "", "", _ms(seconds), f"{seconds / explanation.iteration:.1%}")
     console.print(table)
-    console.print(f"one Newton iteration with a new tangent: {_ms(found.iteration)}")
+    console.print(f"one Newton iteration with a new tangent: {_ms(explanation.iteration)}")
 
 
-def _cells(row: PartCosts, found: Explanation, *, signed: bool) -> tuple[str, ...]:
+def _cells(row: PartCosts, explanation: Explanation, *, signed: bool) -> tuple[str, ...]:
     sign = "+" if signed else ""
     kinds = ", ".join(f"{sign}{n} {kind}" for kind, n in row.integrals.items()) or "-"
     return (
@@ -80,7 +82,7 @@ def _cells(row: PartCosts, found: Explanation, *, signed: bool) -> tuple[str, ..
         _cost(row.compile, f"{row.compile:{sign}.1f} s"),
         _cost(row.residual, f"{sign}{_ms(row.residual)}"),
         _cost(row.tangent, f"{sign}{_ms(row.tangent)}"),
-        _cost(row.assembly, f"{row.assembly / found.iteration:{sign}.1%}"),
+        _cost(row.assembly, f"{row.assembly / explanation.iteration:{sign}.1%}"),
     )
 
 

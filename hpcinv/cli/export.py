@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh_input import length, length_unit, on_one_process
+from hpcinv.cli.mesh_input import check_one_process, length, length_unit
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
 from hpcinv.quantity.units import readable
@@ -68,7 +68,7 @@ def _export(options: argparse.Namespace) -> int:
     if not (options.scale > 0 and math.isfinite(options.scale)):
         raise OutputError(f"--scale {options.scale:g}: must be above 0")
     plane = _plane(options, unit)
-    on_one_process("export")
+    check_one_process("export")
 
     from hpcinv.workshop.formats import check, write
     from hpcinv.workshop.mould import Split, mould

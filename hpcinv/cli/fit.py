@@ -95,14 +95,14 @@ def _fit(options: argparse.Namespace) -> int:
     failures: list[str] = []
     for law in candidates:
         try:
-            outcomes.append(CheckedFit.of(fit(law, tests)))
+            outcomes.append(CheckedFit.check(fit(law, tests)))
         except FitError as error:
             failures.append(str(error))
     if not outcomes:
         raise JobError(*failures)
     for test in tests:
-        if test.at_rest:
-            print(f"{test.name}: points without strain left out, where every law gives 0: {test.at_rest}")
+        if test.rest_count:
+            print(f"{test.name}: points without strain left out, where every law gives 0: {test.rest_count}")
     for outcome in outcomes:
         print("\n".join(describe(outcome)))
     if len(outcomes) > 1:
@@ -122,22 +122,22 @@ def _candidates(options: argparse.Namespace, fixed: dict[str, str]) -> list[Cand
     from hpcinv.materials import laws
 
     named = [text for text in dict.fromkeys(options.law) if text != "all"]
-    found = [candidate(text, fixed, compressible=options.compressible) for text in named]
+    candidates = [candidate(text, fixed, compressible=options.compressible) for text in named]
     for name in laws() if "all" in options.law else ():
         if name not in (*named, "formula"):
             with contextlib.suppress(JobError):  # with fibres, or compressible only
-                found.append(candidate(name, fixed, compressible=options.compressible))
-    return found
+                candidates.append(candidate(name, fixed, compressible=options.compressible))
+    return candidates
 
 
 def _fixed(texts: list[str]) -> dict[str, str]:
-    found = {}
+    values = {}
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not equals or not name or not value:
             raise JobError(f"--fix {text}: is written NAME=VALUE, such as --fix 'kappa=2 GPa'")
-        found[name] = value
-    return found
+        values[name] = value
+    return values
 
 
 def _check_fixed(fixed: dict[str, str], candidates: list[Candidate]) -> None:
@@ -150,7 +150,7 @@ def _check_fixed(fixed: dict[str, str], candidates: list[Candidate]) -> None:
 
 
 def _tests(options: argparse.Namespace) -> list[Test]:
-    from hpcinv.fitting.measurements import mode_named, read_file, with_deviations
+    from hpcinv.fitting.measurements import mode_named, read_file, set_deviations
 
     if options.mode is not None:
         try:
@@ -174,7 +174,7 @@ def _tests(options: argparse.Namespace) -> list[Test]:
     tests = [test.deformed() for test in tests]
     if empty := [test.name for test in tests if not len(test)]:
         raise JobError(f"{empty[0]}: no points with strain are left")
-    return with_deviations(tests, options.sd)
+    return set_deviations(tests, options.sd)
 
 
 def _test_options(options: argparse.Namespace) -> TestOptions:

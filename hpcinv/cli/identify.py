@@ -55,15 +55,15 @@ def _identify(options: argparse.Namespace) -> int:
         job = on_root(comm, lambda: _read(options.job))
         directory = options.output or Path("results") / f"{job.job}-identified"
 
-        def tell(number: int, values: Floats, chi_squared: float, found: Evaluation) -> None:
+        def tell(number: int, values: Floats, chi_squared: float, evaluation: Evaluation) -> None:
             if options.quiet:
                 return
             parameters = job.with_({"sensitivities": list(job.identify.parameters)}).differentiated  # type: ignore[union-attr]
             shown = ", ".join(f"{p.key} = {value_text(p, v)}" for p, v in zip(parameters, values, strict=True))
-            ended = f"not reached: {found.failure}" if found.failure else f"chi-square {chi_squared:.6g}"
-            print(f"evaluation {number}{' (kept)' if found.kept else ''}: {shown}: {ended}", flush=True)
+            ended = f"not reached: {evaluation.failure}" if evaluation.failure else f"chi-square {chi_squared:.6g}"
+            print(f"evaluation {number}{' (kept)' if evaluation.kept else ''}: {shown}: {ended}", flush=True)
 
-        found = identify(
+        identified = identify(
             job,
             comm,
             directory=directory,
@@ -72,19 +72,21 @@ def _identify(options: argparse.Namespace) -> int:
             stop_asked=stop,
             ranks_per_state=options.ranks_per_state,
         )
-        texts = warnings(found.estimate)
-        verdict = found.result.certificate.verdict
+        texts = warnings(identified.estimate)
+        verdict = identified.result.certificate.verdict
         if comm.rank == 0:
-            lines = describe(found.estimate)
-            for name, sd in found.shape_deviations.items():
+            lines = describe(identified.estimate)
+            for name, sd in identified.shape_deviations.items():
                 lines.append(f"shape{f' {name!r}' if name else ''}: standard deviation up to {sd:.2g} m")
-            for name, deviation in found.quantity_deviations.items():
+            for name, deviation in identified.quantity_deviations.items():
                 shown = (
-                    f"{found.result.quantities[name]:.6g} ± {deviation:.2g}" if isinstance(deviation, float) else None
+                    f"{identified.result.quantities[name]:.6g} ± {deviation:.2g}"
+                    if isinstance(deviation, float)
+                    else None
                 )
-                lines.append(f"{name}: {shown or found.result.quantities[name]}")
+                lines.append(f"{name}: {shown or identified.result.quantities[name]}")
             lines.append(f"certificate: {verdict.value}")
-            lines.append(str(found.cost))
+            lines.append(str(identified.cost))
             print("\n".join(lines))
             print(f"\n{(directory / 'sections.yaml').read_text('utf-8')}\nresults: {directory}", flush=True)
             for text in texts:

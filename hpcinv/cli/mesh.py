@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh_input import JOBS, length_unit, mesh_spec, on_one_process
+from hpcinv.cli.mesh_input import JOBS, check_one_process, length_unit, mesh_spec
 from hpcinv.cli.options import positive
 from hpcinv.cli.show import add_picture, show
 from hpcinv.errors import JobError, OutputError
@@ -109,7 +109,7 @@ def _add_scans(actions: Any) -> None:
         help="voxels that are not meshed, as mesh.neighbours of a job",
     )
     image.add_argument("--orientation", help="frame of the mesh, as mesh.orientation of a job; by default LPS")
-    image.set_defaults(command=_from_image)
+    image.set_defaults(command=_image_mesh)
 
     surface = add_command(
         actions,
@@ -138,7 +138,7 @@ def _add_degree(action: argparse.ArgumentParser) -> None:
     action.add_argument("--geometry-degree", type=int, choices=(1, 2), help="as mesh.geometry_degree of a job")
 
 
-def _from_image(options: argparse.Namespace) -> int:
+def _image_mesh(options: argparse.Namespace) -> int:
     options.label = [text for text in options.label if text]
     needed = {"the mesh to write": options.output, "--size": options.size, "--label": options.label}
     if missing := [name for name, value in needed.items() if not value]:
@@ -156,7 +156,7 @@ def _from_image(options: argparse.Namespace) -> int:
 def _what_to_give(options: argparse.Namespace, missing: list[str]) -> str:
     """Message on arguments that are not there, with the labels of the image among which to choose."""
     _check_ending(options.input, IMAGES, "image")
-    on_one_process("mesh")
+    check_one_process("mesh")
     from hpcinv.mesh.imaging.label_image import labels_in
 
     labels = labels_in(options.input, length_unit(options.unit or "mm"))
@@ -176,7 +176,7 @@ def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, gi
     _check_ending(options.input, endings, kind)
     given |= {name: getattr(options, name) for name in ("size", "unit", "geometry_degree", "grade")}
     spec = mesh_spec(options.input, given)
-    on_one_process("mesh")
+    check_one_process("mesh")
     from hpcinv.mesh.body import read_source
     from hpcinv.mesh.checks import check
     from hpcinv.mesh.mesh_files import SAVERS, save
@@ -212,7 +212,7 @@ def _partition(options: argparse.Namespace) -> int:
     if options.output.suffix != SUFFIX:
         raise OutputError(f"{options.output}: a partitioned mesh ends in {SUFFIX}", f"Name it *{SUFFIX}.")
     spec, path = _asked_for(options)
-    on_one_process("mesh")
+    check_one_process("mesh")
     from hpcinv.mesh.body import read_source
     from hpcinv.mesh.checks import check
     from hpcinv.mesh.distributed.partitioned import write_partitioned
@@ -236,7 +236,7 @@ def _gather(options: argparse.Namespace) -> int:
         raise OutputError(f"{options.input}: is no partitioned mesh ({SUFFIX})")
     if is_asked() and (fault := mesh_fault(options.input.parent, options.input.name)):
         raise JobError(f"{options.input}: {fault}")
-    on_one_process("mesh")
+    check_one_process("mesh")
     from hpcinv.mesh.mesh_files import SAVERS, save
     from hpcinv.mesh.readers import FILES
 

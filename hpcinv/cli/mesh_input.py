@@ -51,7 +51,7 @@ def length(option: str, text: str, *, positive: bool = True) -> float:
     return value
 
 
-def on_one_process(command: str) -> None:
+def check_one_process(command: str) -> None:
     """Raise ``OutputError`` if a command was started with several ranks."""
     from hpcinv.parallel.ranks import MPI
 

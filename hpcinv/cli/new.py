@@ -17,7 +17,7 @@ from hpcinv.cli.mesh import label_of
 from hpcinv.cli.mesh_input import length, length_unit
 from hpcinv.errors import JobError, OutputError
 from hpcinv.files.atomic import output_errors, replace, write_output
-from hpcinv.files.names import in_one_line, yaml_text
+from hpcinv.files.names import escaped_line, yaml_text
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import parse
 from hpcinv.job.sections import IMAGES, SURFACES
@@ -70,7 +70,7 @@ class _Source:
     mesh: str
     box: tuple[np.ndarray, np.ndarray] | None = None
     frame: str = ""
-    beside: Path | None = None
+    mesh_file: Path | None = None
     write: Callable[[Path], None] | None = None
     is_example: bool = False
     ends: tuple[str, ...] = ()
@@ -106,29 +106,29 @@ def _new(options: argparse.Namespace) -> int:
     kind, output = options.kind, options.output
     _check(options)
     if options.image is not None:
-        source = _of_wall(options) if kind in _WALLS else _of_image(options)
+        source = _wall_source(options) if kind in _WALLS else _image_source(options)
     elif options.surface is not None:
-        source = _of_surface(options)
+        source = _surface_source(options)
     else:
         source = _example(options)
     values = {
-        "command": in_one_line(" ".join(["hpcinv new", kind, *_typed(options), shlex.quote(str(output))])),
-        "file": in_one_line(shlex.quote(str(output))),
+        "command": escaped_line(" ".join(["hpcinv new", kind, *_typed(options), shlex.quote(str(output))])),
+        "file": escaped_line(shlex.quote(str(output))),
         "name": output.stem,
     }
     text = _job(kind, source, values)
-    paths = [output] if source.beside is None else [output, source.beside]
+    paths = [output] if source.mesh_file is None else [output, source.mesh_file]
     if (existing := [path for path in paths if path.exists()]) and not options.force:
         raise OutputError(f"{existing[0]}: exists", "Choose another name, or replace it by --force.")
     try:
-        if source.beside is not None and source.write is not None:
-            with output_errors(source.beside):
-                source.write(source.beside)
+        if source.mesh_file is not None and source.write is not None:
+            with output_errors(source.mesh_file):
+                source.write(source.mesh_file)
         parse(read_text(text, str(output)), output)  # before it is written, but beside its mesh
         write_output(output, text.encode())
     except Exception:
-        if source.beside is not None and not existing:
-            source.beside.unlink(missing_ok=True)
+        if source.mesh_file is not None and not existing:
+            source.mesh_file.unlink(missing_ok=True)
         raise
     print(f"{output}: a job for {_article(kind)}; read what it says, and change it. Then:")
     for line in ("validate", "show", "run"):
@@ -173,7 +173,7 @@ def _example(options: argparse.Namespace) -> _Source:
     path = options.output.with_name(f"{options.output.stem}_mesh.py")
     section = _section([f"file: {path.name}, unit: mm", parameters])
     content = (_GENERATORS / generator).read_bytes()
-    return _Source(section, beside=path, write=lambda file: replace(file, content), is_example=True)
+    return _Source(section, mesh_file=path, write=lambda file: replace(file, content), is_example=True)
 
 
 def _labels(options: argparse.Namespace, example: str) -> dict[str, list[int]]:
@@ -186,7 +186,7 @@ def _labels(options: argparse.Namespace, example: str) -> dict[str, list[int]]:
     return dict(label_of(text) for text in options.label)
 
 
-def _of_wall(options: argparse.Namespace) -> _Source:
+def _wall_source(options: argparse.Namespace) -> _Source:
     """The wall around a cavity, meshed now: only with the cavity is it known which of its surfaces is which."""
     from hpcinv.mesh.checks import check
     from hpcinv.mesh.imaging.hollow_wall import (
@@ -216,11 +216,11 @@ def _of_wall(options: argparse.Namespace) -> _Source:
         path, labels, metres, unit, ends, inner, outer, lambda text: print(f"{path}: {text}", flush=True)
     )
     check(meshed)
-    beside = options.output.with_name(f"{options.output.stem}_mesh.msh")
+    mesh_file = options.output.with_name(f"{options.output.stem}_mesh.msh")
     error = f"{{sd: {0.12e3 * meshed.voxel:.2g} mm, correlation: {max(meshed.voxel, metres / 2) * 1e3:.2g} mm}}"
-    entries = [f"file: {beside.name}", "geometry_degree: 2", f"surface_error: {error}"]
+    entries = [f"file: {mesh_file.name}", "geometry_degree: 2", f"surface_error: {error}"]
     write = partial(save, source=meshed, points=meshed.points)
-    return _Source(_section(entries), beside=beside, write=write, ends=tuple(ends))
+    return _Source(_section(entries), mesh_file=mesh_file, write=write, ends=tuple(ends))
 
 
 def _size_in_wall(thickness: float, volume: float) -> str:
@@ -232,7 +232,7 @@ def _article(kind: str) -> str:
     return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
 
-def _of_image(options: argparse.Namespace) -> _Source:
+def _image_source(options: argparse.Namespace) -> _Source:
     import numpy as np
 
     from hpcinv.mesh.imaging.label_image import read_labels
@@ -253,7 +253,7 @@ def _of_image(options: argparse.Namespace) -> _Source:
     return _Source(_section(entries), box, _LPS)
 
 
-def _of_surface(options: argparse.Namespace) -> _Source:
+def _surface_source(options: argparse.Namespace) -> _Source:
     import numpy as np
 
     from hpcinv.mesh.imaging.closed_surface import read_closed
@@ -277,15 +277,19 @@ def _job(kind: str, source: _Source, values: Mapping[str, Any]) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    tissue = {name: of for name, law in laws().items() if (of := law.starting_values.get("tissue"))}
+    tissue = {
+        name: values_of_tissue
+        for name, law in laws().items()
+        if (values_of_tissue := law.starting_values.get("tissue"))
+    }
     ends: dict[str, dict[str, str]] = {}
     longest = ""
     if source.box is not None:
         low, size = source.box[0] * 1e3, (source.box[1] - source.box[0]) * 1e3  # mm
         longest = "xyz"[int(size.argmax())]
         for i, axis in enumerate("xyz"):
-            below, above = low[i] + _HELD * size[i], low[i] + (1 - _HELD) * size[i]
-            ends[axis] = {"low": f"{axis} < {below:.4g} mm", "high": f"{axis} > {above:.4g} mm"}
+            low_bound, high_bound = low[i] + _HELD * size[i], low[i] + (1 - _HELD) * size[i]
+            ends[axis] = {"low": f"{axis} < {low_bound:.4g} mm", "high": f"{axis} > {high_bound:.4g} mm"}
     return templates.get_template(f"{kind}.yaml").render(
         mesh=source.mesh,
         frame=source.frame,

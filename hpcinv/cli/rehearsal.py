@@ -51,7 +51,7 @@ def _rehearse(job: Job, source: MeshSource) -> None:
     if job.certificate.estimate and not source.is_partitioned:
         finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
     points = [np.array(q.at) for q in job.quantities if q.at is not None]
-    body = sample_body(source, job.regions, points, finer).of_degree(job.discretisation.displacement)
+    body = sample_body(source, job.regions, points, finer).raise_degree(job.discretisation.displacement)
     moved = [any(s.displacement for s in step.job.supports) or step.start is not None for step in job.plan]
 
     def compile_step(
@@ -108,6 +108,6 @@ def _held(job: Job) -> Job:
     """Return the job with supports on all cells, which need no kernels, and the linear solver with most kernels."""
     supports = (Support(region=HELD, fix=("x", "y", "z")),)
     states = tuple(s if s.is_rest else s.model_copy(update={"supports": supports}) for s in job.states)
-    keys = {key: one for key, one in job.sensitivities.items() if "supports" not in parse_key(key)}
+    keys = {key: entry for key, entry in job.sensitivities.items() if "supports" not in parse_key(key)}
     solver = job.solver if job.solver.linear == "direct" else job.solver.model_copy(update={"linear": "iterative"})
     return job.model_copy(update={"supports": supports, "states": states, "sensitivities": keys, "solver": solver})

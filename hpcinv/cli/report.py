@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh_input import JOBS, on_one_process
+from hpcinv.cli.mesh_input import JOBS, check_one_process
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.yaml_reader import read_yaml
@@ -35,7 +35,7 @@ def _report(options: argparse.Namespace) -> int:
     given: Path = options.input
     if not given.exists():
         raise OutputError(f"{given}: no such file or directory", "Give the directory of a run, a sweep or a study.")
-    on_one_process("report")
+    check_one_process("report")
     content = read_yaml(given) if given.suffix in JOBS else {}
     is_sweep, is_study = "axes" in content, "series" in content
     if given.is_file() and not (is_sweep or is_study):
@@ -44,22 +44,22 @@ def _report(options: argparse.Namespace) -> int:
         if getattr(options, option) and not is_valid:
             raise OutputError(f"{given}: --{option} is for {'sweeps' if option == 'cases' else 'studies'}")
     if is_sweep:
-        print(_of_sweep(given, options.output, each=options.cases))
+        print(_sweep_report(given, options.output, each=options.cases))
     elif is_study:
-        print(_of_study(given, options.output, options.results))
+        print(_study_report(given, options.output, options.results))
     else:
-        print(_of_run(given, options.output))
+        print(_run_report(given, options.output))
     return 0
 
 
-def _of_run(directory: Path, output: Path | None) -> Path:
+def _run_report(directory: Path, output: Path | None) -> Path:
     from hpcinv.output.run_directory import RunDirectory
     from hpcinv.reports.of_run import write_run_report
 
     return write_run_report(directory, RunDirectory(directory).summary(), output)
 
 
-def _of_sweep(path: Path, output: Path | None, *, each: bool) -> Path:
+def _sweep_report(path: Path, output: Path | None, *, each: bool) -> Path:
     from hpcinv.sweep.sweep_page import write_sweep_report
     from hpcinv.sweep.sweep_plan import load_sweep
 
@@ -68,7 +68,7 @@ def _of_sweep(path: Path, output: Path | None, *, each: bool) -> Path:
     return write_sweep_report(plan, plan.ledger, page, each=each)
 
 
-def _of_study(path: Path, output: Path | None, results: Path | None) -> Path:
+def _study_report(path: Path, output: Path | None, results: Path | None) -> Path:
     from hpcinv.study.executions import executions_in
     from hpcinv.study.study_page import write_study_report
     from hpcinv.study.study_plan import load_study

@@ -78,7 +78,7 @@ def _run(options: argparse.Namespace) -> int:
         directory.check_free(overwrite=options.overwrite)
         return job, directory
 
-    return _in_parallel(options, read, resume=False)
+    return _run_in_parallel(options, read, resume=False)
 
 
 def _reported(job: Job, options: argparse.Namespace) -> Job:
@@ -99,7 +99,7 @@ def _resume(options: argparse.Namespace) -> int:
         directory.check_same_problem(job)
         return _reported(job, options), directory
 
-    return _in_parallel(options, read, resume=True)
+    return _run_in_parallel(options, read, resume=True)
 
 
 def _import_console() -> None:
@@ -107,7 +107,7 @@ def _import_console() -> None:
     import hpcinv.output.console  # noqa: F401
 
 
-def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunDirectory]], *, resume: bool) -> int:
+def _run_in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunDirectory]], *, resume: bool) -> int:
     from hpcinv.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):
@@ -126,9 +126,9 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
             end_on_interrupt(interrupted)
             job, directory = on_root(comm, read)
             if resume and on_root(comm, lambda: directory.is_finished):
-                found = on_root(comm, lambda: directory.verdict)
+                verdict_text = on_root(comm, lambda: directory.verdict)
                 # That of another version may not be known here, or be missing.
-                verdict = next((known for known in Verdict if known.value == found), Verdict.UNDECIDED)
+                verdict = next((known for known in Verdict if known.value == verdict_text), Verdict.UNDECIDED)
                 results = f"its results are in summary.json, certificate: {verdict.value}"
                 progress.note(f"{directory.path}: this run is finished; {results}")
                 if options.job is not None and not on_root(comm, lambda: directory.holds(job)):

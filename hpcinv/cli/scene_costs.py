@@ -110,10 +110,10 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
             note(f"compiling {name}")
             compiled[scene] = _Compiled(scene, equations.supports.conditions)
     measured = _measured(compiled)
-    total, laws, *without_one = (_part(scene, *measured[scene]) for scene in scenes.values())
+    total, laws, *reduced_costs = (_part(scene, *measured[scene]) for scene in scenes.values())
     rows = [replace(laws, name=_laws(job))]
-    for (where, effect), without in zip(job.named_effects, without_one, strict=True):
-        rows.append(total.more_than(without, f"{where} {effect.effect}"))  # type: ignore[attr-defined]
+    for (where, effect), reduced in zip(job.named_effects, reduced_costs, strict=True):
+        rows.append(total.more_than(reduced, f"{where} {effect.effect}"))  # type: ignore[attr-defined]
     linear_solver, factorization, solution = _linear_solver(equations, everything)
     displacements = equations.unknowns.displacement_space.dofmap
     n = displacements.index_map.size_global * displacements.index_map_bs

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh_input import JOBS, mesh_spec, on_one_process
+from hpcinv.cli.mesh_input import JOBS, check_one_process, mesh_spec
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import load
@@ -61,18 +61,18 @@ def show(options: argparse.Namespace) -> int:
     from hpcinv.pictures.drawing import check_png
 
     check_png(path)
-    on_one_process("show")
+    check_one_process("show")
     if options.colour and not is_run:
         raise OutputError(f"{given}: --colour is for results, and this is not the directory of a run")
     if options.unit and (is_run or given.suffix in JOBS):
         raise OutputError(f"{given}: --unit is for meshes; jobs and results state theirs")
-    picture = _of_run(given, options.colour or "displacement") if is_run else _of_body(given, options.unit)
+    picture = _run_picture(given, options.colour or "displacement") if is_run else _body_picture(given, options.unit)
     picture.save(path)
     print(path)
     return 0
 
 
-def _of_run(directory: Path, colour: Colour) -> Picture:
+def _run_picture(directory: Path, colour: Colour) -> Picture:
     from hpcinv.output.run_directory import RunDirectory
     from hpcinv.pictures.boundary_surface import NAME, read_boundary
     from hpcinv.pictures.result_picture import draw_result
@@ -92,7 +92,7 @@ def _of_run(directory: Path, colour: Colour) -> Picture:
         ) from error
 
 
-def _of_body(path: Path, unit: str | None) -> Picture:
+def _body_picture(path: Path, unit: str | None) -> Picture:
     job = load(path) if path.suffix in JOBS else None
     spec = job.mesh if job else mesh_spec(path, {"unit": unit})
 

@@ -12,7 +12,7 @@ from hpcinv.study.study_plan import load_study
 _ACTIONS = ("run", "status")
 
 
-def with_action(arguments: list[str]) -> list[str]:
+def complete_action(arguments: list[str]) -> list[str]:
     """Return the arguments of the command line with ``study FILE`` completed to ``study run FILE``."""
     if arguments[:1] != ["study"] or {*_ACTIONS, "-h", "--help"}.intersection(arguments[1:2]):
         return arguments

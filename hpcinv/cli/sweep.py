@@ -85,10 +85,10 @@ def _lease(text: str) -> float:
 
 
 def _shard(text: str) -> tuple[int, int]:
-    number, _, of = text.partition("/")
-    if not (number.isdigit() and of.isdigit() and 1 <= int(number) <= int(of)):
+    number, _, count = text.partition("/")
+    if not (number.isdigit() and count.isdigit() and 1 <= int(number) <= int(count)):
         raise argparse.ArgumentTypeError(f"'{text}' is not a share such as 2/8")
-    return int(number), int(of)
+    return int(number), int(count)
 
 
 def _plan(options: argparse.Namespace) -> int:
@@ -124,9 +124,9 @@ def _run(options: argparse.Namespace) -> int:
 
         def end() -> tuple[int, int]:
             ledger = plan.ledger
-            found = status_of(plan, ledger, results(plan, ledger))
-            print("\n".join(lines(found)), flush=True)
-            return found.exit_code(strict=options.strict), found.unfinished
+            status = status_of(plan, ledger, results(plan, ledger))
+            print("\n".join(lines(status)), flush=True)
+            return status.exit_code(strict=options.strict), status.unfinished
 
         is_unfinished = on_root(world, begin)  # else no process has to import PETSc
         interrupted = False

@@ -125,12 +125,12 @@ def _indices(options: argparse.Namespace) -> int:
         with output_errors(path, "Choose another file."):
             path.parent.mkdir(parents=True, exist_ok=True)
     print("\n".join(indices.describe_sample(sample, records)), flush=True)
-    found, left_out = indices.quantity_indices(sample, records, options.confidence)
-    for quantity in found:
+    quantity_indices, left_out = indices.quantity_indices(sample, records, options.confidence)
+    for quantity in quantity_indices:
         print("\n".join(indices.describe(quantity, keys, options.confidence)), flush=True)
     for text in left_out:
         print(f"left out: {text}")
-    data = indices.as_data(found, sample, options.confidence)
+    data = indices.as_data(quantity_indices, sample, options.confidence)
     if options.shape is not None:
         from hpcinv.sweep.shape_spread import describe_shape, shape_spread
 
@@ -139,7 +139,7 @@ def _indices(options: argparse.Namespace) -> int:
         print("\n".join(describe_shape(spread, keys, options.confidence)))
         print(options.shape)
         data["shape"] = indices.data_of(spread.whole, sample)
-    elif not found:
+    elif not quantity_indices:
         raise JobError(f"{plan.path}: no case has a quantity; add 'quantities' to the job, or ask for --shape")
     if options.output is not None:
         _write(options.output, json.dumps(json_data(data), indent=1, ensure_ascii=False).encode())
@@ -171,8 +171,8 @@ def _read(plan: SweepPlan, ledger: Ledger) -> dict[str, CaseRecord]:
     return records
 
 
-def _stem(plan: SweepPlan, quantity: str, over: list[str]) -> Path:
-    name = re.sub(r"[^\w.]+", "-", f"{quantity} over {' '.join(over)}").strip("-")
+def _stem(plan: SweepPlan, quantity: str, axes: list[str]) -> Path:
+    name = re.sub(r"[^\w.]+", "-", f"{quantity} over {' '.join(axes)}").strip("-")
     return plan.results / name
 
 

@@ -49,10 +49,10 @@ def add_submit(action: Callable[..., argparse.ArgumentParser]) -> None:
 
 
 def _submit(options: argparse.Namespace) -> int:
-    per_case = options.ranks_per_case
-    if per_case < 1 or options.ntasks % per_case:
+    ranks = options.ranks_per_case
+    if ranks < 1 or options.ntasks % ranks:
         raise SubmitError(
-            f"--ranks-per-case {per_case}: {options.ntasks} ranks cannot be divided into groups of that size",
+            f"--ranks-per-case {ranks}: {options.ntasks} ranks cannot be divided into groups of that size",
             "Ask for a multiple of it with --ntasks.",
         )
     limit, lead = _seconds(options.time), LEAD if options.lead is None else options.lead

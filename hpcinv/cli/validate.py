@@ -45,13 +45,13 @@ def _validate(options: argparse.Namespace) -> int:
     failed = 0
     for path in options.jobs:
         try:
-            found = (load_study if is_study(path) else load_sweep if is_sweep(path) else load)(path)
+            content = (load_study if is_study(path) else load_sweep if is_sweep(path) else load)(path)
         except HpcinvError as error:
             print(error, file=sys.stderr)
             failed = error.exit_code
         else:
-            if isinstance(found, Job) and found.output.unit_warnings:
-                for text in doubtful_moduli(found):
+            if isinstance(content, Job) and content.output.unit_warnings:
+                for text in doubtful_moduli(content):
                     print(f"warning: {path}: {text}", file=sys.stderr)
             print(f"{path}: valid")
     return failed

@@ -43,7 +43,7 @@ class Centrifugal(Effect):
 
     def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
         r = k.x - par.centre
-        along = sum(par.axis[i] * r[i] for i in range(3)) / sum(a * a for a in par.axis)
-        arm = sum((r[i] - along * par.axis[i]) * v[i] for i in range(3))
+        height = sum(par.axis[i] * r[i] for i in range(3)) / sum(a * a for a in par.axis)
+        arm = sum((r[i] - height * par.axis[i]) * v[i] for i in range(3))
         work = load * par.density * par.angular_velocity**2 * arm
         return k.dm(work, self.density_in)

@@ -114,20 +114,20 @@ class Contact(Effect):
         return frozenset() if self.pressure is not None and self.penalty is None else frozenset("xyz")
 
     def quantities(self) -> dict[str, tuple[Any, Dimension]]:
-        found = super().quantities()
+        quantities = super().quantities()
         if self.penetration is None:
-            found["penetration"] = LengthsOfBody(TOLERANCE), found["penetration"][1]
-        return found | {f"obstacle_{name}": value for name, value in self.obstacle.quantities().items()}
+            quantities["penetration"] = LengthsOfBody(TOLERANCE), quantities["penetration"][1]
+        return quantities | {f"obstacle_{name}": value for name, value in self.obstacle.quantities().items()}
 
     def functions(self, degree: int) -> Mapping[str, tuple[int, int]]:
-        found = {f"obstacle_{name}": value for name, value in self.obstacle.functions(degree).items()}
+        functions = {f"obstacle_{name}": value for name, value in self.obstacle.functions(degree).items()}
         if not self.is_augmented:
-            return found
-        return found | {"multiplier": (1, 1)} | ({"penalty": (1, 1)} if self.penalty is None else {})
+            return functions
+        return functions | {"multiplier": (1, 1)} | ({"penalty": (1, 1)} if self.penalty is None else {})
 
     def position(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the current position relative to the obstacle where 'obstacle' places it."""
-        return k.x if self.travel is None else k.x - k.at_load(load)[1] * par.travel
+        return k.x if self.travel is None else k.x - k.load_factors(load)[1] * par.travel
 
     def gap(self, k: Kinematics, load: Any, par: Any) -> tuple[Any, Any]:
         """Return the gap and the direction away from the obstacle."""
@@ -147,11 +147,11 @@ class Contact(Effect):
 
     def _share(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the share of the pressure at full load that acts."""
-        return k.at_load(load, par.growing if self.presses_at_any_load else 0)[0]
+        return k.load_factors(load, par.growing if self.presses_at_any_load else 0)[0]
 
     def _pressing(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the scalar that is positive where there is contact: there it is the pressure at full load."""
-        moved, slope, depth = k.at_load(load)[1], self._slope(par), -self.gap(k, load, par)[0]
+        moved, slope, depth = k.load_factors(load)[1], self._slope(par), -self.gap(k, load, par)[0]
         if self.stand_off is not None:
             depth = depth + par.stand_off
         known = moved * par.pressure if self.pressure is not None else par.multiplier if self.is_augmented else 0

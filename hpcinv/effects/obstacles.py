@@ -196,12 +196,12 @@ class LevelSet(Obstacle):
         """Return the formula at points (3, n) in m, and its gradient by central differences."""
         import numpy as np
 
-        def value(at: Any) -> Any:
-            return self.formula.evaluate(**dict(zip("xyz", at, strict=True)))
+        def value(points: Any) -> Any:
+            return self.formula.evaluate(**dict(zip("xyz", points, strict=True)))
 
         step = _DIFFERENCE * float(np.abs(x).max(initial=0.0))
         steps = step * np.eye(3)[:, :, None]
-        return value(x), np.stack([(value(x + along) - value(x - along)) / (2 * step) for along in steps])
+        return value(x), np.stack([(value(x + shift) - value(x - shift)) / (2 * step) for shift in steps])
 
 
 class SurfaceObstacle(Obstacle):

@@ -78,16 +78,16 @@ class Prestrain(Effect):
         if not isinstance(self.tensor, tuple):
             return
         entries = [x for row in self.tensor for x in row]
-        by_region = [x for x in entries if isinstance(x, ByRegion)]
+        regional = [x for x in entries if isinstance(x, ByRegion)]
         if not all(is_uniform(x) or isinstance(x, ByRegion) for x in entries):
             return
-        for region in dict.fromkeys(name for x in by_region for name in x.values) or [ELSEWHERE]:
-            if any(x.at(region) is None for x in by_region):
+        for region in dict.fromkeys(name for x in regional for name in x.values) or [ELSEWHERE]:
+            if any(x.value_in(region) is None for x in regional):
                 continue
             F0 = components(
-                tuple(tuple(x.at(region) if isinstance(x, ByRegion) else x for x in row) for row in self.tensor)
+                tuple(tuple(x.value_in(region) if isinstance(x, ByRegion) else x for x in row) for row in self.tensor)
             )
-            where: KeyPath = ("tensor", region) if by_region else ("tensor",)
+            where: KeyPath = ("tensor", region) if regional else ("tensor",)
             if (determinant := float(_determinant(F0))) <= 0:
                 yield where, f"inverts the material: det F0 must be above 0, not {determinant:g}"
             elif (least := float(least_determinant(F0))) <= 0:
@@ -113,9 +113,9 @@ class Prestrain(Effect):
         if self.tensor is not None:
             return load * (par.tensor - k.I)
         if len(self.fibres) == 1:
-            along, across = par.stretches[0], par.stretches[1]
-            return load * ((across - 1) * k.I + (along - across) * k.fibre(self.fibres[0]).dyad)
-        return load * k.along(self.fibres, [stretch - 1 for stretch in par.stretches])
+            axial, lateral = par.stretches[0], par.stretches[1]
+            return load * ((lateral - 1) * k.I + (axial - lateral) * k.fibre(self.fibres[0]).dyad)
+        return load * k.axial_strain(self.fibres, [stretch - 1 for stretch in par.stretches])
 
 
 def _determinant(tensor: Any) -> Any:
@@ -129,5 +129,5 @@ def _spanned(directions: Sequence[Any]) -> Any:
     import numpy as np
 
     normal = np.cross(directions[0], directions[1])
-    found = np.linalg.norm(normal, axis=-1) if len(directions) == 2 else abs((normal * directions[2]).sum(axis=-1))
-    return np.where(found < 1e-8, 0.0, found)
+    size = np.linalg.norm(normal, axis=-1) if len(directions) == 2 else abs((normal * directions[2]).sum(axis=-1))
+    return np.where(size < 1e-8, 0.0, size)

@@ -18,12 +18,12 @@ _MEANINGS = {
 }
 
 
-def _with_temperatures(schema: dict[str, Any], _kind: type[Any]) -> None:
+def _add_temperatures(schema: dict[str, Any], _kind: type[Any]) -> None:
     """Add two temperatures to the JSON schema, as an alternative to their difference."""
-    one: dict[str, Any] = {"type": ["string", "number"]}
-    either = {"anyOf": [one, {"type": "object", "additionalProperties": one}]}
+    number: dict[str, Any] = {"type": ["string", "number"]}
+    either = {"anyOf": [number, {"type": "object", "additionalProperties": number}]}
     schema["properties"]["temperature"] = either | {"description": _MEANINGS["temperature"]}
-    schema["properties"]["reference_temperature"] = one | {"description": _MEANINGS["reference_temperature"]}
+    schema["properties"]["reference_temperature"] = number | {"description": _MEANINGS["reference_temperature"]}
     schema["required"] = [key for key in schema.get("required", ()) if key != "temperature_change"]
 
 
@@ -40,7 +40,7 @@ class ThermalExpansion(Effect):
     Source: Vujošević & Lubarda (2002), Theoretical and Applied Mechanics 28–29.
     """
 
-    model_config = ConfigDict(json_schema_extra=_with_temperatures)
+    model_config = ConfigDict(json_schema_extra=_add_temperatures)
 
     example: ClassVar = {"effect": "thermal-expansion", "coefficient": "3e-4 1/K", "temperature_change": "40 K"}
 
@@ -71,14 +71,14 @@ class ThermalExpansion(Effect):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         """Yield stretches of plain numbers that are not positive; fields are checked on the mesh."""
         factors = (self.coefficient, self.temperature_change)
-        by_region = [x for x in factors if isinstance(x, ByRegion)]
+        regional = [x for x in factors if isinstance(x, ByRegion)]
         if not all(is_uniform(x) or isinstance(x, ByRegion) for x in factors):
             return
-        for region in dict.fromkeys(name for x in by_region for name in x.values) or [ELSEWHERE]:
-            alpha, change = (x.at(region) if isinstance(x, ByRegion) else x for x in factors)
+        for region in dict.fromkeys(name for x in regional for name in x.values) or [ELSEWHERE]:
+            alpha, change = (x.value_in(region) if isinstance(x, ByRegion) else x for x in factors)
             if alpha is None or change is None or (stretch := 1 + alpha * change) > 0:
                 continue
-            where = f" in region '{region}'" if by_region else ""
+            where = f" in region '{region}'" if regional else ""
             text = f"gives the stretch 1 + alpha ΔT = {stretch:g}{where}, which must be above 0"
             yield ("coefficient",), f"{text}: correct {alpha:g} 1/K, or the temperature change of {change:g} K"
 

@@ -107,23 +107,23 @@ def _flush_directory(path: Path) -> None:
         os.close(descriptor)
 
 
-def _create(path: Path, content: bytes, without_links: Callable[[Path, Path], None]) -> bool:
+def _create(path: Path, content: bytes, fallback: Callable[[Path, Path], None]) -> bool:
     partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}.partial")
     try:
         _write(partial, "xb", content)
-        return _link(partial, path, without_links)
+        return _link(partial, path, fallback)
     finally:
         partial.unlink(missing_ok=True)
 
 
-def _link(partial: Path, path: Path, without_links: Callable[[Path, Path], None]) -> bool:
+def _link(partial: Path, path: Path, fallback: Callable[[Path, Path], None]) -> bool:
     try:
         try:
             os.link(partial, path)
         except OSError as error:
             if error.errno not in _NO_HARD_LINKS:
                 raise
-            without_links(partial, path)
+            fallback(partial, path)
     except FileExistsError:
         with contextlib.suppress(FileNotFoundError):  # the file has been removed since
             return path.samefile(partial)  # NFS may repeat a request: then this process has created it

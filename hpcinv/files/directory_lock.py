@@ -83,13 +83,13 @@ def _lock(descriptor: int, path: Path, goes_on: str = _RESUME) -> None:
     except BlockingIOError:
         raise _refusal(path, *_written(path), goes_on) from None
     except OSError:  # the file system has no locks
-        holder, since = _written(path)
+        holder, start = _written(path)
         if holder is not None and Identity.of_this_process().runs(holder) is not False:
-            raise _refusal(path, holder, since, goes_on, only_told=True) from None
+            raise _refusal(path, holder, start, goes_on, only_told=True) from None
 
 
-def _refusal(path: Path, holder: Identity | None, since: str, goes_on: str, *, only_told: bool = False) -> OutputError:
-    who = f"{holder}, since {since}" if holder else "another process"
+def _refusal(path: Path, holder: Identity | None, start: str, goes_on: str, *, only_told: bool = False) -> OutputError:
+    who = f"{holder}, since {start}" if holder else "another process"
     advice = f"Wait until it has ended, or end it; then {goes_on}."
     if only_told:
         advice = f"{advice} If it is not running any more, which cannot be checked from here, remove {path}."

@@ -30,12 +30,12 @@ class _Recorder:
 
     def __init__(self) -> None:
         self.is_active = False
-        self.found: dict[str, bool] = {}
+        self.files: dict[str, bool] = {}
 
     def note(self, path: str, *, written: bool) -> None:
         real = os.path.realpath(path)
         if not real.startswith(_SYSTEM) and not real.endswith(".pyc"):
-            self.found.setdefault(real, not written)
+            self.files.setdefault(real, not written)
 
 
 _recorder = _Recorder()
@@ -65,11 +65,11 @@ def recorded_inputs(program: Path, *, anew: bool = False) -> Iterator[dict[str, 
     if not _is_hooked:
         sys.addaudithook(_hook)  # for the life of the process
         _is_hooked.append(True)
-    home, before, modules = program.absolute().parent, _working_directory(), set(sys.modules)
+    home, last_directory, modules = program.absolute().parent, _working_directory(), set(sys.modules)
     # Python takes kept byte code for current if a module changes within a second and keeps its size.
     writes_no_bytecode, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     inputs: dict[str, str] = {}
-    _recorder.found, _recorder.is_active = {}, True
+    _recorder.files, _recorder.is_active = {}, True
     sys.path.insert(0, str(home))
     os.chdir(home)
     try:
@@ -78,15 +78,15 @@ def recorded_inputs(program: Path, *, anew: bool = False) -> Iterator[dict[str, 
         _recorder.is_active, sys.dont_write_bytecode = False, writes_no_bytecode
         with suppress(ValueError):
             sys.path.remove(str(home))
-        if before is not None:
-            os.chdir(before)
+        if last_directory is not None:
+            os.chdir(last_directory)
         for name in set(sys.modules) - modules:
             file = getattr(sys.modules[name], "__file__", None)
             if isinstance(file, str) and not os.path.realpath(file).startswith(_SYSTEM):
                 _recorder.note(file, written=False)
                 if anew and home in Path(file).absolute().parents:
                     del sys.modules[name]
-        read = (path for path, is_read in _recorder.found.items() if is_read and path != os.path.realpath(program))
+        read = (path for path, is_read in _recorder.files.items() if is_read and path != os.path.realpath(program))
         inputs |= {os.path.relpath(path, home): digest for path in sorted(read) if (digest := digest_of(Path(path)))}
 
 
@@ -107,7 +107,7 @@ def digest_of(path: Path) -> str:
 
 def changed_inputs(inputs: Mapping[str, str], home: Path) -> list[str]:
     """Return the inputs of a program in a directory ``home`` whose content is another one now; missing ones are not."""
-    return [name for name, before in inputs.items() if digest_of(home / name) not in ("", before)]
+    return [name for name, known_digest in inputs.items() if digest_of(home / name) not in ("", known_digest)]
 
 
 def _working_directory() -> str | None:

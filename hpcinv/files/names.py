@@ -10,7 +10,7 @@ exists, is_file = os.path.exists, os.path.isfile
 """False, and no error as from methods of a path, for names that are too long or have a null character"""
 
 
-def in_one_line(text: str) -> str:
+def escaped_line(text: str) -> str:
     """Return a text from a user with escapes for what ends a line or is not printable, for comments in files."""
     return "".join(c if c.isprintable() else _escape(c) for c in text)
 
@@ -20,7 +20,7 @@ def yaml_text(text: str) -> str:
     if re.fullmatch(_PLAIN, text, re.ASCII) and text.lower() not in _WORDS:
         return text
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{in_one_line(escaped)}"'
+    return f'"{escaped_line(escaped)}"'
 
 
 _PLAIN = r"[A-Za-z_/][\w./-]*|\.{1,2}/[\w./-]*"

@@ -78,27 +78,27 @@ def asked_for(options: argparse.Namespace) -> Iterator[None]:
     Raises:
         JobError: files in the working directory could be executed.
     """
-    before = os.environ.get(VARIABLE)
+    kept_value = os.environ.get(VARIABLE)
     if getattr(options, "untrusted", False):
         os.environ[VARIABLE] = "1"
     try:
         if is_asked():
             values = [
-                one for value in vars(options).values() for one in (value if isinstance(value, list) else [value])
+                entry for value in vars(options).values() for entry in (value if isinstance(value, list) else [value])
             ]
             _check_working_directory([value for value in values if isinstance(value, Path)])
         yield
     finally:
-        if before is None:
+        if kept_value is None:
             os.environ.pop(VARIABLE, None)
         else:
-            os.environ[VARIABLE] = before
+            os.environ[VARIABLE] = kept_value
 
 
 def _check_working_directory(files: list[Path]) -> None:
     here = Path.cwd()
-    if found := [name for name in _WORKING_DIRECTORY if os.path.lexists(name)]:
-        text = f"{here / found[0]}: {REFUSED}: a library reads it, as it is in the working directory"
+    if names := [name for name in _WORKING_DIRECTORY if os.path.lexists(name)]:
+        text = f"{here / names[0]}: {REFUSED}: a library reads it, as it is in the working directory"
         raise JobError(f"{text}, and it can name code to load; start from another directory, or remove it")
     homes = [path.resolve().parent for path in files if path.is_file()]
     if str(here) in sys.path and any(here == home or home in here.parents for home in homes):
@@ -156,7 +156,7 @@ def _heavy_data(path: Path) -> list[str]:
         items = [(item.text or "").strip() for item in ET.parse(path).iter("DataItem")]
     except (ET.ParseError, OSError, ValueError):  # reported by its reader
         return []
-    return list(dict.fromkeys(found[1] for item in items if (found := re.fullmatch(r"(.+?):(/.+)", item))))
+    return list(dict.fromkeys(match[1] for item in items if (match := re.fullmatch(r"(.+?):(/.+)", item))))
 
 
 _KRYLOV = "preonly cg fcg pipecg minres gmres fgmres lgmres dgmres gcr bcgs fbcgs bcgsl tfqmr cr richardson chebyshev"

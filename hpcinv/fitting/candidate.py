@@ -17,7 +17,7 @@ from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.keys import assigned, parse_key
 from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.quantity import quantity_of
-from hpcinv.quantity.schema import KeyPath, at, job_error, problems_in
+from hpcinv.quantity.schema import KeyPath, dotted_key, job_error, problems_in
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension, parse_unit
 
@@ -45,11 +45,11 @@ class FreeParameter:
 
     @property
     def key(self) -> str:
-        return f"material.{at(self.place)}"
+        return f"material.{dotted_key(self.place)}"
 
     @property
     def name(self) -> str:
-        return at(self.place)
+        return dotted_key(self.place)
 
     @property
     def is_stress(self) -> bool:
@@ -131,7 +131,7 @@ def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Can
             f"isotropic laws are {', '.join(isotropic)}"
         )
     is_whole = len(given) > 1
-    data = _with_terms(given if is_whole else law.example, law, terms, place)
+    data = _repeat_terms(given if is_whole else law.example, law, terms, place)
     fixed = {k: value for k, value in fixed.items() if k.partition("[")[0] in law.model_fields or k in _known(data)}
     bulk = law.replaceable[1] if law.replaceable else None
     is_stated = bulk in fixed or (is_whole and bulk in given)
@@ -139,7 +139,7 @@ def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Can
         data = {**data, bulk: "incompressible"}
     try:
         data = assigned(data, {_key(key, data): yaml.safe_load(value) for key, value in fixed.items()})
-        found = law.model_validate(data)
+        model = law.model_validate(data)
     except ValidationError as error:
         remedy = []
         if not is_stated and any(where[:1] == (bulk,) for where, _ in problems_in(error)):
@@ -150,10 +150,10 @@ def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Can
     kept = {parse_key(_key(key, data)) for key in fixed}
     if bulk is not None and not compressible:
         kept.add((bulk,))
-    parameters = tuple(_parameters(found, kept))
+    parameters = tuple(_parameters(model, kept))
     if not parameters:
         raise JobError(f"{place}: all of its parameters are fixed")
-    return Candidate(name if is_whole else text, found, data, parameters)
+    return Candidate(name if is_whole else text, model, data, parameters)
 
 
 def _given(text: str) -> tuple[dict[str, Any], int | None]:
@@ -163,13 +163,13 @@ def _given(text: str) -> tuple[dict[str, Any], int | None]:
     if not text.lstrip().startswith("{"):
         return {"law": text}, None
     try:
-        found = yaml.safe_load(text)
+        section = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise JobError(f"--law {text}: is not a mapping: {' '.join(str(error).split())}") from None
-    return found, None
+    return section, None
 
 
-def _with_terms(data: Mapping[str, Any], law: type[MaterialLaw], terms: int | None, place: Path) -> dict[str, Any]:
+def _repeat_terms(data: Mapping[str, Any], law: type[MaterialLaw], terms: int | None, place: Path) -> dict[str, Any]:
     """Return the data with lists of some length, by repetition of their last entries."""
     lists = [name for name, value in law.example.items() if isinstance(value, list)]
     if terms is None:
@@ -182,8 +182,8 @@ def _with_terms(data: Mapping[str, Any], law: type[MaterialLaw], terms: int | No
 
 
 def _known(data: Mapping[str, Any]) -> Mapping[str, Any]:
-    found = data.get("parameters", {})
-    return found if isinstance(found, Mapping) else {}
+    parameters = data.get("parameters", {})
+    return parameters if isinstance(parameters, Mapping) else {}
 
 
 def _key(name: str, data: Mapping[str, Any]) -> str:
@@ -209,7 +209,7 @@ def _parameters(law: MaterialLaw, kept: set[tuple[Any, ...]]) -> Iterator[FreePa
 
 def _values(law: MaterialLaw, places: Sequence[KeyPath]) -> Floats:
     numbers = law.numbers()
-    found = [numbers[place] for place in places]
-    if not all(isinstance(number, Number) for number in found):
+    entries = [numbers[place] for place in places]
+    if not all(isinstance(number, Number) for number in entries):
         raise KeyError
-    return np.array([number.value for number in found if isinstance(number, Number)])
+    return np.array([number.value for number in entries if isinstance(number, Number)])

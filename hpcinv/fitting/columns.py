@@ -93,13 +93,13 @@ def _plain(title: str) -> tuple[str, str]:
 class Names:
     """Names that a user gives to titles of a file, such as ``{"spannung": "nominal stress [MPa]"}``."""
 
-    given: Mapping[str, str]
+    names: Mapping[str, str]
 
-    def of(self, title: str) -> tuple[str, str]:
+    def lookup(self, title: str) -> tuple[str, str]:
         """Return the name of the column with a title, which may be unknown, and the text of its unit."""
         name, unit = _plain(title)
-        if name in self.given:
-            name, own = _plain(self.given[name])
+        if name in self.names:
+            name, own = _plain(self.names[name])
             unit = own or unit
         return _ALIASES.get(name, name), unit
 
@@ -112,7 +112,7 @@ class Names:
         Raises:
             ValueError: the name is unknown, or the unit is missing or another.
         """
-        name, unit = self.of(title)
+        name, unit = self.lookup(title)
         if COLUMNS.get(name, COLUMNS["mode"]).role == "ignored":
             return name, 1.0
         remedy = f"name it so with --column '{title}=nominal stress', or leave it out with --column '{title}={IGNORE}'"
@@ -127,18 +127,20 @@ class Names:
             example = {"Pa": "MPa", "m": "mm"}.get(dimension.unit, dimension.unit)
             raise ValueError(f"column '{title}' needs a unit: '{name} [{example}]'")
         try:
-            factor, found = parse_unit("" if unit in ("-", "1") else unit)
+            factor, unit_dimension = parse_unit("" if unit in ("-", "1") else unit)
         except ValueError as error:
             raise ValueError(f"column '{title}': {error}") from None
-        if found != dimension:
-            raise ValueError(f"column '{title}': must be {dimension}, but {unit or 'a number without unit'} is {found}")
+        if unit_dimension != dimension:
+            raise ValueError(
+                f"column '{title}': must be {dimension}, but {unit or 'a number without unit'} is {unit_dimension}"
+            )
         return name, as_float(factor)
 
     def score(self, row: Row) -> int:
         """Return how many entries of a row name a column, 0 if it names no strain or no stress."""
         roles = [
             "stress" if name in _AMBIGUOUS else COLUMNS[name].role
-            for name, _ in map(self.of, row.entries)
+            for name, _ in map(self.lookup, row.entries)
             if name in COLUMNS or name in _AMBIGUOUS
         ]
         return len(roles) if {"strain", "stress"} <= set(roles) else 0
@@ -160,7 +162,7 @@ def is_row_of_units(row: Row, titles: Row, names: Names) -> bool:
     used = [
         _bare(unit)
         for title, unit in zip(titles.entries, row.entries, strict=False)
-        if (name := names.of(title)[0]) != IGNORE and (name in COLUMNS or name in _AMBIGUOUS)
+        if (name := names.lookup(title)[0]) != IGNORE and (name in COLUMNS or name in _AMBIGUOUS)
     ]
     return not row.has_numbers and any(used) and all(map(_is_unit, used))
 

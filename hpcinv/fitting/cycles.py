@@ -9,14 +9,14 @@ REVERSAL = 0.1
 errors of the measurement count as cycles."""
 
 
-def loading_branches(measure: Floats, at_rest: float) -> list[tuple[int, int]]:
+def loading_branches(measure: Floats, rest_measure: float) -> list[tuple[int, int]]:
     """Return first and last point of each branch of loading: from where the strain begins to grow to its largest value.
 
     Args:
         measure: in the order of the test, (n,).
-        at_rest: its value in the undeformed state.
+        rest_measure: its value in the undeformed state.
     """
-    strain = np.abs(measure - at_rest)
+    strain = np.abs(measure - rest_measure)
     threshold = REVERSAL * float(np.ptp(strain))
     branches: list[tuple[int, int]] = []
     low, high, is_loading = 0, 0, False

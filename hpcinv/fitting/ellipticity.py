@@ -38,31 +38,31 @@ def is_elliptic(response: Response, parameters: Floats, mode: Mode, measure: Flo
     stretches = response.state(mode, measure, parameters)
     W = response.energy(stretches, parameters, slopes=False)
     defined = np.isfinite(W.value) & np.isfinite(W.gradient).all(axis=1) & np.isfinite(W.hessian).all(axis=(1, 2))
-    found = np.zeros(len(measure), dtype=bool)
+    elliptic = np.zeros(len(measure), dtype=bool)
     check = _keeps_volume if response.is_incompressible else _is_general
-    found[defined] = check(stretches[defined], W.gradient[defined], W.hessian[defined])
-    return found
+    elliptic[defined] = check(stretches[defined], W.gradient[defined], W.hessian[defined])
+    return elliptic
 
 
 def _is_general(stretches: Floats, slope: Floats, curvature: Floats) -> Booleans:
     alike, opposite = _mixed(stretches, slope, curvature)
-    found: Booleans = np.all(alike + opposite > 0, axis=1)
+    elliptic: Booleans = np.all(alike + opposite > 0, axis=1)
     for differs in (None, 0, 1, 2):
-        found &= _is_copositive_of_three(_quadratic(stretches, alike, opposite, curvature, differs))
-    return found
+        elliptic &= _is_copositive_of_three(_quadratic(stretches, alike, opposite, curvature, differs))
+    return elliptic
 
 
 def _keeps_volume(stretches: Floats, slope: Floats, curvature: Floats) -> Booleans:
     alike, opposite = _mixed(stretches, slope, curvature)
-    found: Booleans = np.all(alike + opposite > 0, axis=1)
+    elliptic: Booleans = np.all(alike + opposite > 0, axis=1)
     for k in range(3):
         i, j = (n for n in range(3) if n != k)
         A = _quadratic(stretches, alike, opposite, curvature, k)
         # |p_k|/λ_k = |p_i|/λ_i + |p_j|/λ_j
         first = A[:, i, i] + 2 * A[:, i, k] + A[:, k, k]
         second = A[:, j, j] + 2 * A[:, j, k] + A[:, k, k]
-        found &= _is_copositive(first, second, A[:, i, j] + A[:, i, k] + A[:, j, k] + A[:, k, k])
-    return found
+        elliptic &= _is_copositive(first, second, A[:, i, j] + A[:, i, k] + A[:, j, k] + A[:, k, k])
+    return elliptic
 
 
 def _mixed(stretches: Floats, slope: Floats, curvature: Floats) -> tuple[Floats, Floats]:
@@ -89,19 +89,19 @@ def _quadratic(stretches: Floats, alike: Floats, opposite: Floats, curvature: Fl
 
 
 def _is_copositive(a: Floats, b: Floats, mixed: Floats) -> Booleans:
-    found: Booleans = (a > 0) & (b > 0) & (mixed + np.sqrt(np.maximum(a * b, 0.0)) > 0)
-    return found
+    copositive: Booleans = (a > 0) & (b > 0) & (mixed + np.sqrt(np.maximum(a * b, 0.0)) > 0)
+    return copositive
 
 
 def _is_copositive_of_three(A: Floats) -> Booleans:
     """Return whether symmetric matrices (n, 3, 3) are strictly copositive, by Hadeler's criterion."""
     roots = np.sqrt(np.maximum(A[:, range(3), range(3)], 0.0))
-    found = np.all(A[:, range(3), range(3)] > 0, axis=1)
+    copositive = np.all(A[:, range(3), range(3)] > 0, axis=1)
     product, total = np.full(len(A), 2.0), roots.prod(axis=1)
     for i, j in _PAIRS:
         bounded = A[:, i, j] + roots[:, i] * roots[:, j]
-        found &= bounded > 0
+        copositive &= bounded > 0
         product *= np.maximum(bounded, 0.0)
         total += A[:, i, j] * roots[:, 3 - i - j]
     last: Booleans = total + np.sqrt(product) > 0
-    return np.logical_and(found, last)
+    return np.logical_and(copositive, last)

@@ -47,8 +47,8 @@ def plot(path: Path, outcomes: Sequence[CheckedFit]) -> None:
             )
         axes.legend(fontsize="small")
         mode, cauchy = tests[0].mode, key[1]
-        low = min(mode.at_rest, *(float(t.measure.min()) for t in tests))
-        high = max(mode.at_rest, *(float(t.measure.max()) for t in tests))
+        low = min(mode.rest_measure, *(float(t.measure.min()) for t in tests))
+        high = max(mode.rest_measure, *(float(t.measure.max()) for t in tests))
         measure = np.linspace(low, high, _POINTS)
         lines = [
             axes.plot(measure, _stress(outcome, mode, measure, cauchy=cauchy) / size, style)[0]

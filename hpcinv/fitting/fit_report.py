@@ -7,7 +7,7 @@ from typing import Any, Self
 import numpy as np
 import yaml
 
-from hpcinv.files.names import in_one_line
+from hpcinv.files.names import escaped_line
 from hpcinv.fitting.candidate import quantity, short
 from hpcinv.fitting.least_squares import Fit
 from hpcinv.fitting.linearised import correlations
@@ -25,7 +25,7 @@ class CheckedFit:
     ranges: tuple[Range, ...]
 
     @classmethod
-    def of(cls, fit: Fit) -> Self:
+    def check(cls, fit: Fit) -> Self:
         return cls(fit, tuple(stability(fit.response, fit.values, fit.tests)))
 
     @property
@@ -53,30 +53,32 @@ class CheckedFit:
 
     def warnings(self) -> list[str]:
         """Return what a user should know before the law is used."""
-        found = []
+        messages = []
         for r in self.ranges:
             if r.lost_at is not None:
-                found.append(
+                messages.append(
                     f"{self.label} is not stable {_place(r)}: {r.mode.name}, {r.mode.measure} {r.lost_at:.4g}"
                     f" (Drucker's condition, checked from {r.low:.4g} to {r.high:.4g})"
                 )
             if r.not_elliptic_at is not None:
-                found.append(
+                messages.append(
                     f"{self.label} is not strongly elliptic {_place(r)}: {r.mode.name}, {r.mode.measure}"
                     f" {r.not_elliptic_at:.4g} (checked from {r.low:.4g} to {r.high:.4g}): the strain may jump across"
                     " surfaces in a body that is so deformed, and results depend on the mesh"
                 )
         fit = self.fit
         if fit.deviations_known and fit.scatter > _POOR:
-            found.append(
+            messages.append(
                 f"{self.label} does not describe the tests within their standard deviations: residuals are"
                 f" {fit.scatter:.3g} of them, so that those of the parameters are too small"
             )
         for p, value in zip(fit.candidate.parameters, fit.values, strict=True):
             for bound in (p.lower, p.upper):
                 if np.isfinite(bound) and abs(value - bound) <= 1e-6 * max(abs(bound), abs(value), 1e-3):
-                    found.append(f"{self.label}: {p.name} is at the end of its range, {bound:.4g}; it has no use here")
-        return found
+                    messages.append(
+                        f"{self.label}: {p.name} is at the end of its range, {bound:.4g}; it has no use here"
+                    )
+        return messages
 
     def as_data(self) -> dict[str, Any]:
         """Return all figures, in SI, as plain data."""
@@ -101,8 +103,8 @@ class CheckedFit:
                     "mode": test.mode.name,
                     "stress": "cauchy" if test.is_cauchy else "nominal",
                     "points": len(test),
-                    "points_at_rest": test.at_rest,
-                    **dict(zip(("rms_residual", "largest_residual", "r_squared"), fit.of(i), strict=True)),
+                    "points_at_rest": test.rest_count,
+                    **dict(zip(("rms_residual", "largest_residual", "r_squared"), fit.quality(i), strict=True)),
                     "measure": test.measure,
                     "measured": test.stress,
                     "fitted": test.stress + fit.residuals[i],
@@ -124,7 +126,7 @@ def commented(sections: dict[str, Any], origin: str, correlation: str, warnings:
     comments = [origin]
     if correlation:
         comments += [correlation, "(sensitivities take the standard deviations as independent of each other)"]
-    lines = [f"# {in_one_line(comment)}\n" for comment in (*comments, *warnings)]
+    lines = [f"# {escaped_line(comment)}\n" for comment in (*comments, *warnings)]
     body = yaml.safe_dump(sections, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
     return "".join([*lines, body])
 
@@ -139,7 +141,7 @@ def describe(outcome: CheckedFit) -> list[str]:
     if len(fit.values) > 1:
         lines.append(f"  correlation: {_correlations(fit)}")
     for i, test in enumerate(fit.tests):
-        rms, largest, r_squared = fit.of(i)
+        rms, largest, r_squared = fit.quality(i)
         lines.append(
             f"  {test.name}: {len(test)} points, residual {readable(rms, 'Pa')} (rms), {readable(largest, 'Pa')}"
             f" (largest), R² {r_squared:.5f}"

@@ -29,14 +29,14 @@ class Mode:
         measure: what its strain column states, after conversion: a stretch, an amount of shear, or a volume ratio.
         stretches: principal stretches (n, 3) from the measure (n,), of an incompressible material where one is free.
         free: which of them have no stress, if the material is compressible.
-        at_rest: the measure of the undeformed state.
+        rest_measure: the measure of the undeformed state.
     """
 
     name: str
     measure: str
     stretches: Callable[[Floats], Floats]
     free: tuple[int, ...] = ()
-    at_rest: float = 1.0
+    rest_measure: float = 1.0
 
     @property
     def is_shear(self) -> bool:
@@ -58,7 +58,7 @@ MODES: dict[str, Mode] = {
         Mode("uniaxial", "stretch", lambda x: np.stack([x, x**-0.5, x**-0.5], axis=1), (1, 2)),
         Mode("equibiaxial", "stretch", lambda x: np.stack([x, x, x**-2.0], axis=1), (2,)),
         Mode("planar", "stretch", lambda x: np.stack([x, np.ones_like(x), 1 / x], axis=1), (2,)),
-        Mode("simple-shear", "amount of shear", _shear_stretches, at_rest=0.0),
+        Mode("simple-shear", "amount of shear", _shear_stretches, rest_measure=0.0),
         Mode("volumetric", "volume ratio", lambda x: np.stack([np.cbrt(x)] * 3, axis=1)),
     )
 }
@@ -107,8 +107,8 @@ class Response:
         I1, I2, scale = a2 + b2 + c2, a2 * b2 + b2 * c2 + c2 * a2, J ** (-1 / 3)
         values |= {"J": J, "I1": I1, "I2": I2, "I1_bar": I1 * scale**2, "I2_bar": I2 * scale**4}
         values |= {f"lambda{i}_bar": stretch * scale for i, stretch in enumerate((a, b, c), start=1)}
-        found: Taylor = self._energy.apply(values, FUNCTIONS)
-        return found
+        energy: Taylor = self._energy.apply(values, FUNCTIONS)
+        return energy
 
     def state(self, mode: Mode, measure: Floats, parameters: Floats) -> Floats:
         """Return principal stretches (n, 3) in a test; not a number where there is no equilibrium."""
@@ -141,16 +141,16 @@ class Response:
         stretches = self.state(mode, measure, parameters)
         W = self.energy(stretches, parameters)
         weights = _stress_weights(mode, stretches, incompressible=self.is_incompressible)
-        by_stretch, by_parameter = W.hessian[:, :3, :3], W.hessian[:, :3, 3:]
+        stretch_slopes, parameter_slopes = W.hessian[:, :3, :3], W.hessian[:, :3, 3:]
         stress = np.einsum("ni,ni->n", weights, W.gradient[:, :3])
-        slopes = np.einsum("ni,nik->nk", weights, by_parameter)
+        slopes = np.einsum("ni,nik->nk", weights, parameter_slopes)
         factor = 1 / (stretches[:, 1] * stretches[:, 2]) if cauchy and mode.free else np.ones(len(measure))
         if self.is_incompressible or not mode.free:
             return factor * stress, factor[:, None] * slopes
         free = list(mode.free)
         # The lateral stretch follows the parameters so that its stress stays zero.
-        lateral = -by_parameter[:, free].sum(axis=1) / by_stretch[:, free][:, :, free].sum(axis=(1, 2))[:, None]
-        slopes += np.einsum("ni,nij->nj", weights, by_stretch)[:, free].sum(axis=1)[:, None] * lateral
+        lateral = -parameter_slopes[:, free].sum(axis=1) / stretch_slopes[:, free][:, :, free].sum(axis=(1, 2))[:, None]
+        slopes += np.einsum("ni,nij->nj", weights, stretch_slopes)[:, free].sum(axis=1)[:, None] * lateral
         if cauchy:
             thinning = -len(free) / stretches[:, free[0]]
             slopes += (stress * thinning)[:, None] * lateral
@@ -159,11 +159,11 @@ class Response:
 
 def _constants(law: MaterialLaw) -> dict[str, float]:
     values: Mapping[str, Any] = {name: value for name, (value, _) in law.quantities().items()}
-    found: dict[str, float] = {}
+    constants: dict[str, float] = {}
     for name, value in values.items():
         entries = {f"{name}{i}": v for i, v in enumerate(value, 1)} if isinstance(value, tuple) else {name: value}
-        found |= {n: float(v) for n, v in entries.items() if v is not None}
-    return found
+        constants |= {n: float(v) for n, v in entries.items() if v is not None}
+    return constants
 
 
 def _stress_weights(mode: Mode, stretches: Floats, *, incompressible: bool) -> Floats:

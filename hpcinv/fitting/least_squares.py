@@ -77,7 +77,7 @@ class Fit:
     def response(self) -> Response:
         return Response(self.candidate.law, self.candidate.places)
 
-    def of(self, number: int) -> tuple[float, float, float]:
+    def quality(self, number: int) -> tuple[float, float, float]:
         """Return root-mean-square residual (Pa), largest residual (Pa) and R² of a test."""
         return _quality(self.residuals[number], self.tests[number].stress)
 
@@ -119,16 +119,16 @@ def fit(candidate: Candidate, tests: Sequence[Test]) -> Fit:
     problem.check()
     starts = problem.starts()
     first = _FIRST_EVALUATIONS if len(starts) > 1 else _MOST_EVALUATIONS
-    found = [solution for start in starts if (solution := problem.solved(start, first)) is not None]
-    if not found:
+    solutions = [solution for start in starts if (solution := problem.solved(start, first)) is not None]
+    if not solutions:
         raise FitError(
             f"{candidate.label}: no values were found for which the law is defined at all points of the tests; leave "
             "out large strains (--largest-stretch), or choose another law"
         )
     if len(starts) == 1:
-        return problem.conclude(found[0])
-    found.sort(key=attrgetter("cost"))
-    refined = [problem.solved(solution.x * problem.unit, _MOST_EVALUATIONS) for solution in found[:_FINALISTS]]
+        return problem.conclude(solutions[0])
+    solutions.sort(key=attrgetter("cost"))
+    refined = [problem.solved(solution.x * problem.unit, _MOST_EVALUATIONS) for solution in solutions[:_FINALISTS]]
     return problem.conclude(min((solution for solution in refined if solution is not None), key=attrgetter("cost")))
 
 
@@ -178,10 +178,10 @@ class _LeastSquares:
             sign = np.where(generator.random(len(start)) < 0.5, -1.0, 1.0)
             free = np.isneginf(self._lower)
             drawn = np.where(free, sign * size / 8, np.where(free, 0.0, self._lower) + size)
-            within = np.isfinite(self._lower) & np.isfinite(self._upper)
+            is_bounded = np.isfinite(self._lower) & np.isfinite(self._upper)
             share = generator.random(len(start))
-            span = np.where(within, self._upper - np.where(within, self._lower, 0.0), 0.0)
-            drawn = np.where(within, np.where(within, self._lower, 0.0) + share * span, drawn)
+            span = np.where(is_bounded, self._upper - np.where(is_bounded, self._lower, 0.0), 0.0)
+            drawn = np.where(is_bounded, np.where(is_bounded, self._lower, 0.0) + share * span, drawn)
             yield np.where(self._is_stress, start, np.minimum(drawn, self._upper))
 
     def linear_part_solved(self, values: Floats) -> Floats:
@@ -194,13 +194,13 @@ class _LeastSquares:
             return values
         bounds = (self._lower[linear] / self._size, self._upper[linear] / self._size)
         solution = scipy.optimize.lsq_linear(matrix, self._data / self._deviation, bounds=bounds)
-        found = values.copy()
-        found[linear] = solution.x * self._size
-        return found
+        solved = values.copy()
+        solved[linear] = solution.x * self._size
+        return solved
 
     def solved(self, start: Floats, evaluations: int) -> scipy.optimize.OptimizeResult | None:
         """Return the least squares from a start; ``None`` if the law is not defined there."""
-        x = np.clip(start / self.unit, self._inside(self._lower, 1), self._inside(self._upper, -1))
+        x = np.clip(start / self.unit, self._inner_bound(self._lower, 1), self._inner_bound(self._upper, -1))
         if not (np.abs(self._residuals(x)) < _LARGEST).all():
             return None
         return scipy.optimize.least_squares(
@@ -215,7 +215,7 @@ class _LeastSquares:
             max_nfev=evaluations,
         )
 
-    def _inside(self, bound: Floats, sign: int) -> Floats:
+    def _inner_bound(self, bound: Floats, sign: int) -> Floats:
         bound = bound / self.unit
         return bound + sign * 1e-10 * np.where(np.isfinite(bound), np.maximum(np.abs(bound), 1e-3), 0.0)
 

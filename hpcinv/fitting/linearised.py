@@ -66,20 +66,20 @@ class Linearised:
 
     def free(self) -> list[Combination]:
         """Combinations that change no data."""
-        return [one for one in self.combinations if not np.isfinite(one.deviation)]
+        return [combination for combination in self.combinations if not np.isfinite(combination.deviation)]
 
     def covariance(self) -> Floats:
         """Return the covariance (k, k) of the parameters within the determined combinations."""
         scales = self.scales if self.scales is not None else 1 / np.where(self.lengths > 0, self.lengths, 1.0)
         total = np.zeros((len(scales), len(scales)))
-        for one in self.combinations:
-            if np.isfinite(one.deviation):
-                total += np.outer(one.vector, one.vector) * one.deviation**2
+        for combination in self.combinations:
+            if np.isfinite(combination.deviation):
+                total += np.outer(combination.vector, combination.vector) * combination.deviation**2
         return total * np.outer(scales, scales)
 
     def undetermined(self) -> list[int]:
         """Numbers of the parameters that are part of a free combination."""
-        return sorted({i for one in self.free() for i in one.involved})
+        return sorted({i for combination in self.free() for i in combination.involved})
 
 
 def correlation_of(covariance: Floats) -> Floats:

@@ -49,33 +49,33 @@ def stability(response: Response, parameters: Floats, tests: Sequence[Test]) -> 
     """Check the ranges of the tests, then the other modes up to the largest tested stretch."""
     ranges: dict[str, tuple[float, float]] = {}
     for test in tests:
-        low, high = ranges.get(test.mode.name, (test.mode.at_rest, test.mode.at_rest))
+        low, high = ranges.get(test.mode.name, (test.mode.rest_measure, test.mode.rest_measure))
         ranges[test.mode.name] = min(low, float(test.measure.min())), max(high, float(test.measure.max()))
     largest = max((float(t.largest_stretch.max()) for t in tests if not t.mode.is_volumetric), default=1.0)
-    found = []
+    checked = []
     for name, mode in MODES.items():
         tested = name in ranges
-        low, high = ranges.get(name, (mode.at_rest, largest - 1 / largest if mode.is_shear else largest))
+        low, high = ranges.get(name, (mode.rest_measure, largest - 1 / largest if mode.is_shear else largest))
         if tested or (not mode.is_volumetric and high > low):
             points = _points(mode, low, high)
             lost_at, not_elliptic_at = (
                 _nearest(mode, points, ~holds(response, parameters, mode, points))
                 for holds in (_is_stable, is_elliptic)
             )
-            found.append(Range(mode, low, high, tested, lost_at, not_elliptic_at))
-    return found
+            checked.append(Range(mode, low, high, tested, lost_at, not_elliptic_at))
+    return checked
 
 
 def _points(mode: Mode, low: float, high: float) -> Floats:
     """Return the measures at which a range is checked, without the undeformed state."""
-    ends = [end for end in (low, high) if end != mode.at_rest]
-    return np.concatenate([np.linspace(mode.at_rest, end, _POINTS + 1)[1:] for end in ends])
+    ends = [end for end in (low, high) if end != mode.rest_measure]
+    return np.concatenate([np.linspace(mode.rest_measure, end, _POINTS + 1)[1:] for end in ends])
 
 
 def _nearest(mode: Mode, measure: Floats, lost: npt.NDArray[np.bool_]) -> float | None:
     """Return the measure nearest to the undeformed state among those that are marked."""
-    found = measure[lost]
-    return float(found[np.abs(found - mode.at_rest).argmin()]) if len(found) else None
+    marked = measure[lost]
+    return float(marked[np.abs(marked - mode.rest_measure).argmin()]) if len(marked) else None
 
 
 def _is_stable(response: Response, parameters: Floats, mode: Mode, measure: Floats) -> npt.NDArray[np.bool_]:

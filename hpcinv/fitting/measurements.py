@@ -43,7 +43,7 @@ class Test:
         measure: stretch, amount of shear or volume ratio, (n,).
         stress: in Pa, (n,); the pressure of a volumetric test.
         deviation: standard deviations of the stress in Pa (n,), or ``None``.
-        at_rest: number of points left out because they are not deformed, where every law gives 0.
+        rest_count: number of points left out because they are not deformed, where every law gives 0.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Test:
     stress: Floats
     deviation: Floats | None = None
     is_cauchy: bool = False
-    at_rest: int = 0
+    rest_count: int = 0
 
     def __len__(self) -> int:
         return len(self.measure)
@@ -64,18 +64,18 @@ class Test:
 
     def up_to(self, largest: float) -> Self:
         """Return the points whose largest principal stretch is not above a limit."""
-        return self.select(self.largest_stretch <= largest, self.at_rest)
+        return self.select(self.largest_stretch <= largest, self.rest_count)
 
     def deformed(self) -> Self:
         """Return the points that are deformed."""
-        moved = self.measure != self.mode.at_rest
+        moved = self.measure != self.mode.rest_measure
         return self.select(moved, int((~moved).sum()))
 
-    def select(self, kept: np.ndarray, at_rest: int = 0) -> Self:
-        """Return the points that are kept; ``at_rest`` is the number of those left out as not deformed."""
+    def select(self, kept: np.ndarray, rest_count: int = 0) -> Self:
+        """Return the points that are kept; ``rest_count`` is the number of those left out as not deformed."""
         deviation = None if self.deviation is None else self.deviation[kept]
         measure, stress = self.measure[kept], self.stress[kept]
-        return replace(self, measure=measure, stress=stress, deviation=deviation, at_rest=at_rest)
+        return replace(self, measure=measure, stress=stress, deviation=deviation, rest_count=rest_count)
 
 
 @dataclass(frozen=True)
@@ -160,10 +160,10 @@ class _Reader:
         data = data[has_units:]
         if not data:
             self._fail("has no data below the names of its columns")
-        sorted_rows = self._by_mode(columns, data)
+        sorted_rows = self._sorted_rows(columns, data)
         self._end()
         several = len(sorted_rows) > 1
-        tests = [self._test(mode, columns, found, several) for mode, found in sorted_rows.items()]
+        tests = [self._test(mode, columns, mode_rows, several) for mode, mode_rows in sorted_rows.items()]
         return TestFile(tests, tuple(self._notes))
 
     def _fail(self, text: str, line: int | None = None) -> NoReturn:
@@ -214,7 +214,7 @@ class _Reader:
 
     def _columns(self, titles: Row, units: Sequence[str], *, understood: bool) -> dict[int, tuple[str, float]]:
         """Return name and SI factor of each column by its index."""
-        found: dict[int, tuple[str, float]] = {}
+        columns: dict[int, tuple[str, float]] = {}
         line = titles.line
         if not understood and titles.has_only_numbers:
             self._fail(f"has numbers; {_TITLES}", line)
@@ -223,28 +223,28 @@ class _Reader:
                 continue
             try:
                 name, factor = self._names.column(title, units[i] if i < len(units) else "")
-                if name != IGNORE and name in [other for other, _ in found.values()]:
+                if name != IGNORE and name in [other for other, _ in columns.values()]:
                     raise ValueError(f"the column '{name}' occurs twice")
-                found[i] = name, factor
+                columns[i] = name, factor
             except ValueError as error:
                 self._problem(str(error), line)
         self._end()
         for role, examples in (("strain", "stretch [-]"), ("stress", "nominal stress [MPa]")):
-            names = [name for name, _ in found.values() if COLUMNS[name].role == role]
+            names = [name for name, _ in columns.values() if COLUMNS[name].role == role]
             if len(names) != 1:
                 fault = f"more than one column of {role}: {', '.join(names)}" if names else f"no column of {role}"
                 remedy = f"leave one out with --column 'TITLE={IGNORE}'" if names else ""
                 possible = ", ".join(name for name, column in COLUMNS.items() if column.role == role)
                 needed = remedy or f"it needs one of {possible}, with its unit, such as '{examples}'"
                 self._problem(f"has {fault}; {needed}", line)
-        for name, _ in found.values():
+        for name, _ in columns.values():
             need = COLUMNS[name].needs
             if need and need not in self._statements:
                 example = {"area": "25 mm^2", "length": "20 mm"}[need]
                 remedy = f"--{need} '{example}', or a line '# {need}: {example}' ahead of the columns"
                 self._problem(f"the column '{name}' needs {remedy}", line)
         self._end()
-        return found
+        return columns
 
     def _describe(
         self, titles: Row, columns: Mapping[int, tuple[str, float]], *, titled: int, units: int | None
@@ -264,9 +264,11 @@ class _Reader:
         if ignored:
             self._notes.append(f"  not used: {', '.join(ignored)}")
 
-    def _by_mode(self, columns: dict[int, tuple[str, float]], rows: list[Row]) -> dict[Mode, list[dict[str, float]]]:
+    def _sorted_rows(
+        self, columns: dict[int, tuple[str, float]], rows: list[Row]
+    ) -> dict[Mode, list[dict[str, float]]]:
         """Return the values (SI) of all rows by column, sorted by mode."""
-        found: dict[Mode, list[dict[str, float]]] = {}
+        mode_rows: dict[Mode, list[dict[str, float]]] = {}
         for row in rows:
             line, entries = row.line, row.entries
             if len(entries) <= max(columns) or any(entries[max(columns) + 1 :]):
@@ -288,10 +290,10 @@ class _Reader:
                 mode = mode or self._mode()
                 if len(values) == len([1 for n, _ in columns.values() if COLUMNS[n].role not in ("mode", "ignored")]):
                     self._check(mode, values, line)
-                    found.setdefault(mode, []).append({**values, _LINE: line})
+                    mode_rows.setdefault(mode, []).append({**values, _LINE: line})
             except ValueError as error:
                 self._fail(str(error))
-        return found
+        return mode_rows
 
     def _mode(self) -> Mode:
         stated = self._statements.get("mode")
@@ -323,29 +325,29 @@ class _Reader:
         column = COLUMNS[name]
         stated = self._statements.get(column.needs, 1.0)
         assert isinstance(stated, float)
-        found = column.convert(values, stated)
-        return found + 1.0 if name in _RELATIVE and not mode.is_shear else found
+        converted = column.convert(values, stated)
+        return converted + 1.0 if name in _RELATIVE and not mode.is_shear else converted
 
     def _test(
         self, mode: Mode, columns: dict[int, tuple[str, float]], rows: list[dict[str, float]], several: bool
     ) -> Test:
-        by_role = {COLUMNS[name].role: name for name, _ in columns.values()}
+        role_names = {COLUMNS[name].role: name for name, _ in columns.values()}
         arrays = {
             role: self._converted(name, mode, np.array([row[name] for row in rows]))
-            for role, name in by_role.items()
+            for role, name in role_names.items()
             if role not in ("mode", "ignored")
         }
         lines = [int(row[_LINE]) for row in rows]
         stem = self._path.stem
         name = f"{stem}, {mode.name}" if several or mode.name not in stem else stem
-        is_cauchy = COLUMNS[by_role["stress"]].is_cauchy
+        is_cauchy = COLUMNS[role_names["stress"]].is_cauchy
         test = Test(name, mode, arrays["strain"], arrays["stress"], arrays.get("deviation"), is_cauchy)
         return self._branch(test, lines)
 
     def _branch(self, test: Test, lines: Sequence[int]) -> Test:
         """Return the branch of loading that the user asks for, and note what the test has."""
         mode, cycle = test.mode, self._options.cycle
-        branches = loading_branches(test.measure, mode.at_rest)
+        branches = loading_branches(test.measure, mode.rest_measure)
         several = f", {len(branches)} cycles" if len(branches) > 1 else ""
         self._notes.append(f"  {mode.name} test of {len(test)} points{several}: {_ranges(test)}")
         if cycle is None:
@@ -380,7 +382,7 @@ def _finite(number: float, text: str) -> float:
     return number
 
 
-def with_deviations(tests: list[Test], given: list[str]) -> list[Test]:
+def set_deviations(tests: list[Test], given: list[str]) -> list[Test]:
     """Return tests with standard deviations of their stress: those of their files, or the given ones.
 
     Args:
@@ -399,14 +401,14 @@ def with_deviations(tests: list[Test], given: list[str]) -> list[Test]:
             raise JobError(f"--sd: {error}") from None
         absolute, relative = (absolute, value) if dimension == _PURE else (value, relative)
     if not given:
-        without = [test.name for test in tests if test.deviation is None]
-        if without and len(without) < len(tests):
-            raise JobError(f"{without[0]}: has no column 'standard deviation', as other tests have; give one with --sd")
+        missing = [test.name for test in tests if test.deviation is None]
+        if missing and len(missing) < len(tests):
+            raise JobError(f"{missing[0]}: has no column 'standard deviation', as other tests have; give one with --sd")
         return tests
-    found = []
+    weighted = []
     for test in tests:
         deviation = np.hypot(absolute, relative * test.stress) if test.deviation is None else test.deviation
         if not (deviation > 0).all():
             raise JobError(f"{test.name}: {relative:.3g} of a stress of 0 is no standard deviation; add --sd '1 kPa'")
-        found.append(replace(test, deviation=deviation))
-    return found
+        weighted.append(replace(test, deviation=deviation))
+    return weighted

@@ -112,8 +112,8 @@ def _larger(a: TaylorOrFloat, b: TaylorOrFloat) -> TaylorOrFloat:
 
 
 def _norm(*terms: TaylorOrFloat) -> TaylorOrFloat:
-    found: TaylorOrFloat = sqrt(sum(t * t for t in terms))
-    return found
+    norm: TaylorOrFloat = sqrt(sum(t * t for t in terms))
+    return norm
 
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {

@@ -58,7 +58,7 @@ class ParameterEstimate:
         scales: sizes of the parameters in combinations, (k,): those of the values, if they are not zero.
         jacobian: of the residuals in standard deviations, (n, k), without priors.
         priors: mean and standard deviation by parameter, ``None`` without one.
-        at_bound: parameters that are at a bound.
+        bound_flags: whether parameters are at a bound.
         history: χ² after each evaluation, infinite where a state was not reached.
         converged: whether the tolerance was met; otherwise the evaluations ended it.
     """
@@ -69,7 +69,7 @@ class ParameterEstimate:
     residuals: tuple[Residuals, ...]
     jacobian: Floats
     priors: Sequence[tuple[float, float] | None]
-    at_bound: Sequence[bool]
+    bound_flags: Sequence[bool]
     evaluations: Sequence[Evaluation]
     history: Sequence[float]
     converged: bool
@@ -100,8 +100,8 @@ class ParameterEstimate:
     def deviations(self) -> list[float | None]:
         """Standard deviations (SI), ``None`` of parameters that are not determined."""
         free = self.posterior.undetermined()
-        found = np.sqrt(np.diag(self.covariance))
-        return [None if i in free else float(sd) for i, sd in enumerate(found)]
+        deviations = np.sqrt(np.diag(self.covariance))
+        return [None if i in free else float(sd) for i, sd in enumerate(deviations)]
 
     @property
     def combinations(self) -> list[Combination]:
@@ -111,12 +111,12 @@ class ParameterEstimate:
     @property
     def chi_squared(self) -> float:
         """Of the observations."""
-        return float(sum((one.values**2).sum() for one in self.residuals))
+        return float(sum((residual.values**2).sum() for residual in self.residuals))
 
     @property
     def count(self) -> int:
         """Number of observed numbers."""
-        return sum(len(one.values) for one in self.residuals)
+        return sum(len(residual.values) for residual in self.residuals)
 
     @property
     def freedom(self) -> int:
@@ -149,14 +149,14 @@ def estimate(evaluations: Evaluations, report: Report) -> ParameterEstimate:
     comm = evaluations.comm
     if comm.rank == 0:
         problem = _Problem(evaluations, report)
-        found: ParameterEstimate | None = None
+        result: ParameterEstimate | None = None
         try:
-            found = problem.solve()
+            result = problem.solve()
         except (JobError, SolveError) as error:
             comm.bcast((None, error))
             raise
-        comm.bcast((None, found))
-        return found
+        comm.bcast((None, result))
+        return result
     while True:
         values, ending = comm.bcast(None)
         if values is None:
@@ -164,7 +164,7 @@ def estimate(evaluations: Evaluations, report: Report) -> ParameterEstimate:
                 raise ending
             assert isinstance(ending, ParameterEstimate)
             return ending
-        evaluations.at(values)
+        evaluations.evaluate(values)
 
 
 class _Problem:
@@ -180,8 +180,8 @@ class _Problem:
         self._lower, self._upper = np.array([bounds_of(s) for s in sought]).T
         self._priors = [prior_of(p, s) for p, s in pairs]
         self._most = section.maximum_evaluations
-        self._counts = [one.count for one in evaluations.observed]
-        self._deviation = np.repeat([one.deviation for one in evaluations.observed], self._counts)
+        self._counts = [observed.count for observed in evaluations.observed]
+        self._deviation = np.repeat([observed.deviation for observed in evaluations.observed], self._counts)
         self._unit = np.array([self._size(i) for i in range(len(pairs))])
         self._known: dict[bytes, Evaluation] = {}
         self._history: list[float] = []
@@ -193,7 +193,7 @@ class _Problem:
         return float(next((c for c in candidates if c > 0), 1.0))
 
     def solve(self) -> ParameterEstimate:
-        first = self._at(self._start)
+        first = self._evaluation(self._start)
         if first.failure:
             raise SolveError(
                 f"with the starting values a state was not reached: {first.failure}",
@@ -202,7 +202,7 @@ class _Problem:
         self._check(first)
         solution = scipy.optimize.least_squares(
             self._residuals,
-            self._inside(self._start / self._unit),
+            self._inner_point(self._start / self._unit),
             jac=self._jacobian,
             bounds=(self._lower / self._unit, self._upper / self._unit),
             x_scale="jac",
@@ -211,10 +211,10 @@ class _Problem:
             gtol=_TOLERANCE**1.5,
             max_nfev=self._most,
         )
-        last, values = self._at(solution.x * self._unit), solution.x * self._unit
+        last, values = self._evaluation(solution.x * self._unit), solution.x * self._unit
         parts = np.split(last.differences / self._deviation, np.cumsum(self._counts)[:-1])
         observed = self._evaluations.observed
-        near = _AT_BOUND * self._unit
+        tolerance = _AT_BOUND * self._unit
         return ParameterEstimate(
             parameters=self.parameters,
             values=values,
@@ -222,7 +222,7 @@ class _Problem:
             residuals=tuple(Residuals(o.spec.name, r, o.deviation) for o, r in zip(observed, parts, strict=True)),
             jacobian=last.jacobian / self._deviation[:, None],
             priors=self._priors,
-            at_bound=((values - self._lower < near) | (self._upper - values < near)).tolist(),
+            bound_flags=((values - self._lower < tolerance) | (self._upper - values < tolerance)).tolist(),
             evaluations=list(self._known.values()),
             history=self._history,
             converged=bool(solution.status > 0),
@@ -249,36 +249,36 @@ class _Problem:
                 " or observe something that does"
             )
 
-    def _inside(self, x: Floats) -> Floats:
+    def _inner_point(self, x: Floats) -> Floats:
         """Return a point strictly within the bounds, as the method needs it."""
         low, high = self._lower / self._unit, self._upper / self._unit
         margin = np.minimum(1e-6, np.where(np.isfinite(high - low), (high - low) / 10, 1e-6))
         return np.clip(x, low + margin, high - margin)
 
-    def _at(self, values: Floats) -> Evaluation:
+    def _evaluation(self, values: Floats) -> Evaluation:
         # Rounding errors, which depend on the ranks, must not hide that an evaluation was made before.
         values = np.array([float(f"{value:.{_DIGITS}g}") for value in values])
         key = values.tobytes()
         if key not in self._known:
             self._evaluations.comm.bcast((values, None))
-            found = self._evaluations.at(values)
-            assert found is not None  # on rank 0
-            self._known[key] = found
-            chi = np.inf if found.failure else float(((found.differences / self._deviation) ** 2).sum())
+            evaluation = self._evaluations.evaluate(values)
+            assert evaluation is not None  # on rank 0
+            self._known[key] = evaluation
+            chi = np.inf if evaluation.failure else float(((evaluation.differences / self._deviation) ** 2).sum())
             self._history.append(chi)
-            self._report(len(self._known), values, chi, found)
+            self._report(len(self._known), values, chi, evaluation)
         return self._known[key]
 
     def _residuals(self, x: Floats) -> Floats:
         values = x * self._unit
-        found = self._at(values)
-        if found.failure:  # the method then takes a smaller step
+        evaluation = self._evaluation(values)
+        if evaluation.failure:  # the method then takes a smaller step
             return np.full(sum(self._counts) + sum(p is not None for p in self._priors) + len(x), np.inf)
         priors = [(v - p[0]) / p[1] for v, p in zip(values, self._priors, strict=True) if p is not None]
-        return np.concatenate([found.differences / self._deviation, priors, _TIE * (x - self._start / self._unit)])
+        return np.concatenate([evaluation.differences / self._deviation, priors, _TIE * (x - self._start / self._unit)])
 
     def _jacobian(self, x: Floats) -> Floats:
-        found = self._at(x * self._unit)
+        evaluation = self._evaluation(x * self._unit)
         rows = [np.eye(len(x))[i] / p[1] for i, p in enumerate(self._priors) if p is not None]
-        whole = np.concatenate([found.jacobian / self._deviation[:, None], np.reshape(rows, (-1, len(x)))])
+        whole = np.concatenate([evaluation.jacobian / self._deviation[:, None], np.reshape(rows, (-1, len(x)))])
         return np.concatenate([whole * self._unit, _TIE * np.eye(len(x))])

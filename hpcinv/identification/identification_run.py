@@ -111,12 +111,12 @@ def identify(
     with ExitStack() as own:
         size = comm.size if ranks_per_state is None else ranks_per_state
         shares = on_root(comm, lambda: shares_of(job, teams_of(comm.size, size)))
-        of_team = workspace = workspace or own.enter_context(Workspace(comm))
+        team_workspace = workspace = workspace or own.enter_context(Workspace(comm))
         if len(shares) > 1:
             team = cast(MPI.Intracomm, comm.Split(comm.rank // size))
             own.callback(team.Free)
-            of_team = own.enter_context(Workspace(team))
-        evaluations = Evaluations(job, comm, of_team, shares[comm.rank // size], directory, stop_asked)
+            team_workspace = own.enter_context(Workspace(team))
+        evaluations = Evaluations(job, comm, team_workspace, shares[comm.rank // size], directory, stop_asked)
         if directory is not None:
 
             def open_and_lock() -> None:
@@ -126,14 +126,14 @@ def identify(
             on_root(comm, open_and_lock)
         begun = time.perf_counter()
         try:
-            found = estimate(evaluations, report)
+            estimated = estimate(evaluations, report)
         except Interrupted:
             where = f"evaluations are kept in {directory}" if directory else "nothing was saved"
             raise Interrupted(f"stopped by a signal; {where}", "Start the same command again.") from None
         took, timer = time.perf_counter() - begun, SolveTimer(comm)
-        best = job.with_(changes(found, evaluations.section))
+        best = job.with_(changes(estimated, evaluations.section))
         result = run(
-            best.with_({"sensitivities": sensitivities(found)}),
+            best.with_({"sensitivities": sensitivities(estimated)}),
             comm,
             workspace=workspace,
             directory=directory and directory / _RUN,
@@ -141,9 +141,9 @@ def identify(
             progress=timer,
             stop_asked=stop_asked,
         )
-        cost = _cost(found.evaluations, took, timer.solves[0], result.solutions[0].factorizations)
-        shapes, quantities = _spread(result, [p.key for p in found.parameters], found.covariance)
-        identified = Identified(found, best, result, cost, shapes, quantities)
+        cost = _cost(estimated.evaluations, took, timer.solves[0], result.solutions[0].factorizations)
+        shapes, quantities = _spread(result, [p.key for p in estimated.parameters], estimated.covariance)
+        identified = Identified(estimated, best, result, cost, shapes, quantities)
         if directory is not None:
             on_root(comm, lambda: _write(directory, identified))
         return identified
@@ -151,9 +151,9 @@ def identify(
 
 def _cost(evaluations: Sequence[Evaluation], seconds: float, unit: float, factorizations: int) -> IdentificationCost:
     """Return the cost of evaluations that took ``seconds`` now, and of one solve."""
-    kept = [one for one in evaluations if one.kept]
-    total = sum(one.factorizations for one in evaluations)
-    whole = seconds + sum(one.seconds for one in kept)
+    kept = [evaluation for evaluation in evaluations if evaluation.kept]
+    total = sum(evaluation.factorizations for evaluation in evaluations)
+    whole = seconds + sum(evaluation.seconds for evaluation in kept)
     return IdentificationCost(len(evaluations), len(kept), whole, unit, (total, factorizations))
 
 
@@ -190,33 +190,36 @@ def _spread(
     slopes = result.sensitivities
     assert slopes is not None
     comm, shapes = result.body.mesh.comm, {}
-    for name, one in (slopes.shapes or {"": slopes}).items():
-        nodes = np.stack([one.nodes[key] for key in keys], axis=2)
+    for name, shape_slopes in (slopes.shapes or {"": slopes}).items():
+        nodes = np.stack([shape_slopes.nodes[key] for key in keys], axis=2)
         variances = np.einsum("nik,kl,nil->n", nodes, covariance, nodes)
         shapes[name] = comm.allreduce(float(np.sqrt(variances.max(initial=0.0))), op=MPI.MAX)
     quantities: dict[str, float | list[float]] = {}
-    for name, by_key in slopes.slopes.items():
-        rows = np.stack([np.array(by_key[key], dtype=float) for key in keys], axis=-1)
+    for name, key_slopes in slopes.slopes.items():
+        rows = np.stack([np.array(key_slopes[key], dtype=float) for key in keys], axis=-1)
         quantities[name] = np.sqrt(np.einsum("...k,kl,...l->...", rows, covariance, rows)).tolist()
     return shapes, quantities
 
 
-def _write(directory: Path, found: Identified) -> None:
-    figures: dict[str, Any] = as_data(found.estimate) | {
-        "shapes": {name: {"sd": sd} for name, sd in found.shape_deviations.items()},
+def _write(directory: Path, identified: Identified) -> None:
+    figures: dict[str, Any] = as_data(identified.estimate) | {
+        "shapes": {name: {"sd": sd} for name, sd in identified.shape_deviations.items()},
         "quantities": {
-            name: {"value": found.result.quantities[name], "sd": sd} for name, sd in found.quantity_deviations.items()
+            name: {"value": identified.result.quantities[name], "sd": sd}
+            for name, sd in identified.quantity_deviations.items()
         },
         "cost": {
-            "evaluations": found.cost.evaluations,
-            "kept": found.cost.kept,
-            "seconds": found.cost.seconds,
-            "inverse_solves": found.cost.seconds / found.cost.unit,
-            "factorizations": found.cost.factorizations[0],
-            "factorizations_of_one_solve": found.cost.factorizations[1],
-            "seconds_of_one_evaluation": statistics.median(one.seconds for one in found.estimate.evaluations),
+            "evaluations": identified.cost.evaluations,
+            "kept": identified.cost.kept,
+            "seconds": identified.cost.seconds,
+            "inverse_solves": identified.cost.seconds / identified.cost.unit,
+            "factorizations": identified.cost.factorizations[0],
+            "factorizations_of_one_solve": identified.cost.factorizations[1],
+            "seconds_of_one_evaluation": statistics.median(
+                evaluation.seconds for evaluation in identified.estimate.evaluations
+            ),
         },
     }
     with output_errors(directory):
-        replace(directory / _SECTIONS, sections(found.job, found.estimate).encode())
+        replace(directory / _SECTIONS, sections(identified.job, identified.estimate).encode())
         replace(directory / _FIGURES, (json.dumps(json_data(figures), indent=1, ensure_ascii=False) + "\n").encode())

@@ -138,12 +138,12 @@ class Evaluations:
         body = workspace.body(job)
         self._inputs = dict(body.source.inputs)
         self.observed: list[Observed] = observations_of(job, body)
-        self._own = [one for one in self.observed if share.has(one.spec, first=first)]
+        self._own = [observation for observation in self.observed if share.has(observation.spec, first=first)]
         self._guesses: tuple[Guess, ...] = ()
         self._digest = cache(file_digest)
         self.content = on_root(comm, self._content)
 
-    def at(self, values: Floats) -> Evaluation | None:
+    def evaluate(self, values: Floats) -> Evaluation | None:
         """Evaluate the job at values (SI) of the parameters, or take what is kept; on rank 0, ``None`` on others.
 
         Raises:
@@ -158,11 +158,11 @@ class Evaluations:
         if known is not None:
             return known if self.comm.rank == 0 else None
         begun = time.perf_counter()
-        found = self._joined(self._of_team(job), begun)
-        on_root(self.comm, lambda: self._keep(found, path))
-        return found
+        evaluation = self._joined(self._team_result(job), begun)
+        on_root(self.comm, lambda: self._keep(evaluation, path))
+        return evaluation
 
-    def _of_team(self, job: Job) -> _TeamResult:
+    def _team_result(self, job: Job) -> _TeamResult:
         """Solve the states of this team."""
         team, share = self._workspace.comm, self._share
         result: Result | None = None
@@ -182,12 +182,12 @@ class Evaluations:
             return _TeamResult({}, 0, failure)
         keys = [share.key(p) for p in self.parameters]
         predictions: dict[str, PredictedObservation] = {}
-        for one in self._own:
-            found = one.predict(result, [key for key in keys if key])
-            if found is not None:
-                whole = np.zeros((len(found.differences), len(keys)))
-                whole[:, [i for i, key in enumerate(keys) if key]] = found.jacobian
-                predictions[one.spec.name] = PredictedObservation(found.differences, whole)
+        for observation in self._own:
+            prediction = observation.predict(result, [key for key in keys if key])
+            if prediction is not None:
+                whole = np.zeros((len(prediction.differences), len(keys)))
+                whole[:, [i for i, key in enumerate(keys) if key]] = prediction.jacobian
+                predictions[observation.spec.name] = PredictedObservation(prediction.differences, whole)
         return _TeamResult(predictions, sum(solution.factorizations for solution in result.solutions))
 
     def _joined(self, part: _TeamResult, begun: float) -> Evaluation | None:
@@ -195,26 +195,26 @@ class Evaluations:
         parts = self.comm.gather(part if self._workspace.comm.rank == 0 else None)
         if parts is None:
             return None
-        teams = [one for one in parts if one is not None]
-        if failures := [one.failure for one in teams if one.failure]:
+        teams = [entry for entry in parts if entry is not None]
+        if failures := [entry.failure for entry in teams if entry.failure]:
             return self._failed(failures[0])
-        known = {name: found for one in teams for name, found in one.predictions.items()}
-        ordered = [known[one.spec.name] for one in self.observed]
-        for one, found in zip(self.observed, ordered, strict=True):
-            if not (np.isfinite(found.differences).all() and np.isfinite(found.jacobian).all()):
-                return self._failed(f"observation '{one.spec.name}' or a derivative of it has no finite value")
+        known = {name: prediction for entry in teams for name, prediction in entry.predictions.items()}
+        ordered = [known[entry.spec.name] for entry in self.observed]
+        for entry, prediction in zip(self.observed, ordered, strict=True):
+            if not (np.isfinite(prediction.differences).all() and np.isfinite(prediction.jacobian).all()):
+                return self._failed(f"observation '{entry.spec.name}' or a derivative of it has no finite value")
         return Evaluation(
-            np.concatenate([one.differences for one in ordered]),
-            np.concatenate([one.jacobian for one in ordered]),
-            sum(one.factorizations for one in teams),
+            np.concatenate([entry.differences for entry in ordered]),
+            np.concatenate([entry.jacobian for entry in ordered]),
+            sum(entry.factorizations for entry in teams),
             time.perf_counter() - begun,
         )
 
-    def _keep(self, found: Evaluation | None, path: Path | None) -> None:
-        if found is not None and path is not None:
+    def _keep(self, evaluation: Evaluation | None, path: Path | None) -> None:
+        if evaluation is not None and path is not None:
             with output_errors(path):
                 path.parent.mkdir(parents=True, exist_ok=True)
-                replace(path, found.as_bytes())
+                replace(path, evaluation.as_bytes())
 
     def _failed(self, failure: str) -> Evaluation | None:
         return Evaluation(np.zeros(0), np.zeros((0, 0)), 0, 0.0, failure) if self.comm.rank == 0 else None
@@ -226,7 +226,7 @@ class Evaluations:
 
     def _files(self) -> list[str]:
         """Return the digests of the files of observations."""
-        files = (one.file for one in self.section.observations)
+        files = (observation.file for observation in self.section.observations)
         return [self._digest(self.job.resolve(file)) for file in files if file is not None]
 
     def _circumstances(self) -> dict[str, Any]:
@@ -235,16 +235,18 @@ class Evaluations:
     def _content(self) -> str:
         """Return a hash of all that the estimate depends on."""
         data = self.section.model_dump(mode="json", exclude={"maximum_evaluations"})
-        for one in data["observations"]:  # a moved file is the same observation
+        for observation in data["observations"]:  # a moved file is the same observation
             for kind in ("mesh", "surface", "landmarks"):
-                if isinstance(one[kind], str):
-                    one[kind] = ""
+                if isinstance(observation[kind], str):
+                    observation[kind] = ""
         return content_key(self._base, self._digest, identify=data, **self._circumstances())
 
     def _path(self, job: Job) -> Path | None:
         if self._directory is None:
             return None
-        data = [one.model_dump(mode="json", exclude={"sd", "name"}) for one in self.section.observations]
+        data = [
+            observation.model_dump(mode="json", exclude={"sd", "name"}) for observation in self.section.observations
+        ]
         observed = hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
         key = content_key(job, self._digest, observed=observed, **self._circumstances())
         return self._directory / f"{key}.npz"
@@ -252,12 +254,12 @@ class Evaluations:
 
 def texts(parameters: Sequence[Parameter], values: Floats) -> dict[str, float | str]:
     """Return values (SI) as a job may state them, by key, exactly, with what is tied to a parameter."""
-    found: dict[str, float | str] = {}
+    stated: dict[str, float | str] = {}
     for parameter, value in zip(parameters, values, strict=True):
         unit = parameter.dimension.unit if parameter.dimension is not None else ""
         text = f"{float(value)!r} {unit}" if unit else float(value)
-        found |= {one.key: text for one in (parameter, *parameter.ties)}
-    return found
+        stated |= {number.key: text for number in (parameter, *parameter.ties)}
+    return stated
 
 
 def _guess(solution: Solution) -> Guess:

@@ -17,7 +17,7 @@ from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.identification import TABLES, Observation
 from hpcinv.job.job import Job
 from hpcinv.job.sections import MeshSpec
-from hpcinv.mesh import Body, in_source_order
+from hpcinv.mesh import Body, reorder_to_source
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.location import PointLocation, locate, position
 from hpcinv.mesh.regions import LocalIndices
@@ -66,12 +66,12 @@ class Observed(ABC):
 
     def _nodes(self, result: Result, keys: Sequence[str]) -> list[Floats]:
         """Return the local nodes (n, 3) m in the observed state, and their derivatives by the parameters."""
-        found = result.sensitivities
-        assert found is not None
+        sensitivities = result.sensitivities
+        assert sensitivities is not None
         state = self.spec.state
-        of_state = found if state is None else found.shapes.get(state, found)
+        state_sensitivities = sensitivities if state is None else sensitivities.shapes.get(state, sensitivities)
         nodes = result.shape if state is None else result.shapes[state]
-        return [nodes, *(of_state.nodes[key] for key in keys)]
+        return [nodes, *(state_sensitivities.nodes[key] for key in keys)]
 
 
 class ObservedQuantity(Observed):
@@ -104,7 +104,7 @@ class ObservedMesh(Observed):
         self.count = 0 if self._points is None else self._points.size
 
     def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
-        arrays = [_whole(result.body, in_source_order(result.body, n)) for n in self._nodes(result, keys)]
+        arrays = [_whole(result.body, reorder_to_source(result.body, n)) for n in self._nodes(result, keys)]
         if self._points is None:
             return None
         nodes, *slopes = (array.ravel() for array in arrays if array is not None)
@@ -120,13 +120,13 @@ class ObservedLandmarks(Observed):
             path = job.resolve(spec.landmarks)
             rows = on_root(body.mesh.comm, lambda: read_table(path, 6)) * spec.unit
         else:
-            rows = np.array([[*one.at, *one.observed] for one in spec.landmarks or ()])
+            rows = np.array([[*landmark.at, *landmark.observed] for landmark in spec.landmarks or ()])
         self._observed = rows[:, 3:]
         self.count = self._observed.size
         self._places: list[PointLocation] = []
-        for number, at in enumerate(rows[:, :3]):
-            if (place := locate(body, at)) is None:
-                point = ", ".join(f"{c:g}" for c in at)
+        for number, point_there in enumerate(rows[:, :3]):
+            if (place := locate(body, point_there)) is None:
+                point = ", ".join(f"{c:g}" for c in point_there)
                 raise MeshError(
                     f"landmark {number}: its position ({point}) m in the given mesh is outside of the body",
                     "Landmarks begin with their position in the given mesh; check their unit.",
@@ -176,11 +176,11 @@ class ObservedSurface(Observed):
         cells, nearest = pyvista.PolyData.from_regular_faces(cuts[0].points, corners).find_closest_cell(
             self._points, return_closest_point=True
         )
-        at = cuts[0].points[corners[cells]]
-        weights = barycentric(at, np.asarray(nearest))
-        normals = np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])
+        triangles = cuts[0].points[corners[cells]]
+        weights = barycentric(triangles, np.asarray(nearest))
+        normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        offsets = np.einsum("nv,nvi->ni", weights, at) - self._points
+        offsets = np.einsum("nv,nvi->ni", weights, triangles) - self._points
         moved = [np.einsum("nv,nvi->ni", weights, cut.points[corners[cells]]) for cut in cuts[1:]]
         jacobian = np.stack([np.einsum("ni,ni->n", normals, m) for m in moved], axis=1)
         # Along the normal alone: at the rim of a region errors along the surface say nothing.
@@ -195,21 +195,21 @@ def observations_of(job: Job, body: Body) -> list[Observed]:
     """
     section = job.identify
     assert section is not None
-    found: list[Observed] = []
+    observations: list[Observed] = []
     for i, spec in enumerate(section.observations):
         deviation = float(np.hypot(spec.sd.value, section.given_sd or 0.0))
         with naming_field(f"{job.path}: identify.observations[{i}] ({spec.name})"):
             match spec.kind:
                 case "quantity":
-                    found.append(ObservedQuantity(spec))
+                    observations.append(ObservedQuantity(spec))
                 case "mesh":
-                    found.append(ObservedMesh(spec, deviation, job, body))
+                    observations.append(ObservedMesh(spec, deviation, job, body))
                 case "landmarks":
-                    found.append(ObservedLandmarks(spec, deviation, job, body))
+                    observations.append(ObservedLandmarks(spec, deviation, job, body))
                 case _:
-                    found.append(ObservedSurface(spec, deviation, job, body))
-                    check_size(found[-1]._points, body)  # type: ignore[attr-defined]
-    return found
+                    observations.append(ObservedSurface(spec, deviation, job, body))
+                    check_size(observations[-1]._points, body)  # type: ignore[attr-defined]
+    return observations
 
 
 def check_size(points: Floats, body: Body) -> None:
@@ -219,10 +219,10 @@ def check_size(points: Floats, body: Body) -> None:
         MeshError: on all ranks, if not.
     """
     size = diagonal(body.mesh.comm, body.given_nodes)
-    found = float(np.linalg.norm(np.ptp(points, axis=0)))
-    if found > _SIZE * size or (len(points) > 3 and found < size / _SIZE / 10):
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+    if extent > _SIZE * size or (len(points) > 3 and extent < size / _SIZE / 10):
         raise MeshError(
-            f"its points extend over {found:.3g} m, and the body over {size:.3g} m",
+            f"its points extend over {extent:.3g} m, and the body over {size:.3g} m",
             "Give the length unit of the file as 'unit'.",
         )
 
@@ -241,7 +241,7 @@ def read_table(path: Path, columns: int) -> Floats:
     """
     wanted = "x, y, z of the point in the given mesh, and as observed" if columns == 6 else "x, y, z"
     advice = f"Each line has {columns} numbers, {wanted}; give their length unit as 'unit'."
-    found: list[list[float]] = []
+    table: list[list[float]] = []
     try:
         ways = [_points(way.rows, columns) for way in readings_of(path, _LARGEST_TABLE)]
     except ValueError as error:
@@ -251,14 +251,14 @@ def read_table(path: Path, columns: int) -> Floats:
         if len(row.entries) != columns:
             raise MeshError(f"{path}: line {row.line}: has {len(row.entries)} entries, not {columns}", advice)
         try:
-            found.append([row.number(i) for i in range(columns)])
+            table.append([row.number(i) for i in range(columns)])
         except ValueError as error:
             raise MeshError(f"{path}: line {row.line}: {error}", advice) from None
-        if not np.isfinite(found[-1]).all():
+        if not np.isfinite(table[-1]).all():
             raise MeshError(f"{path}: line {row.line}: has a number that is too large", advice)
-    if not found:
+    if not table:
         raise MeshError(f"{path}: has no points", advice)
-    return np.array(found)
+    return np.array(table)
 
 
 def _points(rows: Iterable[Row | tuple[int, str]], columns: int) -> list[Row]:

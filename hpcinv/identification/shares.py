@@ -48,13 +48,13 @@ class Share:
 
     def _keys(self, parameter: Parameter) -> list[str]:
         """Return the keys in that job of all numbers that it has with the parameter's value."""
-        return [own for one in (parameter, *parameter.ties) if (own := self._own(one.key)) is not None]
+        return [own for number in (parameter, *parameter.ties) if (own := self._own(number.key)) is not None]
 
     def _own(self, key: str) -> str | None:
-        of_state = _OF_STATE.fullmatch(key)
-        if self.states is None or of_state is None:
+        match = _OF_STATE.fullmatch(key)
+        if self.states is None or match is None:
             return key
-        number, rest = int(of_state[1]), of_state[2]
+        number, rest = int(match[1]), match[2]
         return f"states[{self.states.index(number)}]{rest}" if number in self.states else None
 
     def has(self, observation: Observation, *, first: bool) -> bool:
@@ -94,10 +94,10 @@ def shares_of(job: Job, teams: int) -> list[Share]:
             f"--ranks-per-state: {teams} teams of ranks, but {count} not begin at another one",
             f"Give each more ranks, so that there are at most {max(len(chains), 1)} teams.",
         )
-    found: list[list[int]] = [[] for _ in range(teams)]
+    parts: list[list[int]] = [[] for _ in range(teams)]
     for chain in sorted(chains, key=len, reverse=True):
-        min(found, key=len).extend(chain)
-    return [Share(job, tuple(sorted([*common, *part]))) for part in found]
+        min(parts, key=len).extend(chain)
+    return [Share(job, tuple(sorted([*common, *part]))) for part in parts]
 
 
 def _is_common(state: StateSpec) -> bool:
@@ -109,11 +109,11 @@ def _chains(states: Sequence[StateSpec]) -> list[list[int]]:
     names = {state.name: i for i, state in enumerate(states)}
 
     def origin(i: int) -> int:
-        before: Any = names.get(states[i].start or "")
-        return i if before is None or _is_common(states[before]) else origin(before)
+        start_number: Any = names.get(states[i].start or "")
+        return i if start_number is None or _is_common(states[start_number]) else origin(start_number)
 
-    found: dict[int, list[int]] = {}
+    chains: dict[int, list[int]] = {}
     for i, state in enumerate(states):
         if not _is_common(state):
-            found.setdefault(origin(i), []).append(i)
-    return list(found.values())
+            chains.setdefault(origin(i), []).append(i)
+    return list(chains.values())

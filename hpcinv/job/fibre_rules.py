@@ -37,11 +37,11 @@ class FibreRule(Spec):
         return {name: region for name in names if (region := getattr(self, name, None)) is not None}
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
-        found = dict[str, str]()
+        owners = dict[str, str]()
         for field, region in self.surfaces.items():
-            if region in found:
-                yield (field,), f"'{region}' is already the region of '{found[region]}'"
-            found.setdefault(region, field)
+            if region in owners:
+                yield (field,), f"'{region}' is already the region of '{owners[region]}'"
+            owners.setdefault(region, field)
 
 
 class VentricleRule(FibreRule):

@@ -14,7 +14,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.mesh_header import SUFFIX, read_header
 from hpcinv.quantity.expressions import LET
 from hpcinv.quantity.plugins import inputs_of
-from hpcinv.quantity.schema import KeyPath, at
+from hpcinv.quantity.schema import KeyPath, dotted_key
 
 _PHYSICS = {"analysis", "regions", "fibres", "material", "load_cases", "effects", "supports"}
 WITH_DEFINITIONS = {LET: True}
@@ -95,7 +95,7 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
         "quadrature": job.discretisation.quadrature,
     }
     if job.is_mixed and (layerings := job.layerings):  # each layer has its own pressures
-        discretisation["layers"] = [one.as_data() for one in layerings]
+        discretisation["layers"] = [layering.as_data() for layering in layerings]
     if job.discretisation.displacement > 1 and any(solve.mesh is not None for solve in job.plan):
         # Later solves are on the recovered body, of which earlier versions moved the nodes of the given cells only.
         discretisation["recovered_geometry"] = job.discretisation.displacement
@@ -142,7 +142,7 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """One line such as ``material.c1: 101709.7 -> 99999.0`` for each difference between two fingerprints."""
     a, b = dict(_leaves(old, ())), dict(_leaves(new, ()))
     return [
-        f"{at(where)}: {a.get(where, 'absent')} -> {b.get(where, 'absent')}"
+        f"{dotted_key(where)}: {a.get(where, 'absent')} -> {b.get(where, 'absent')}"
         for where in {**a, **b}
         if a.get(where, _ABSENT) != b.get(where, _ABSENT)
     ]

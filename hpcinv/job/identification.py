@@ -23,9 +23,9 @@ SURFACES = (".stl", ".ply", ".obj", ".vtp", *TABLES)
 
 def _whole(name: object) -> object:
     """Return the name of a quantity, which is not one of its components."""
-    if isinstance(name, str) and (found := re.fullmatch(r"(.*)\[\d\]", name)):
+    if isinstance(name, str) and (component := re.fullmatch(r"(.*)\[\d\]", name)):
         raise ValueError(
-            f"{shown(name)} is a component: give 'quantity: {found[1]}' with a value of 3 components, or observe a"
+            f"{shown(name)} is a component: give 'quantity: {component[1]}' with a value of 3 components, or observe a"
             " quantity of one component, such as 'of: uz'"
         )
     return name
@@ -177,23 +177,23 @@ def faults_of_identification(
             yield ("parameters", key, *place), text
         for i, other in enumerate(sought.also if sought else ()):
             try:
-                found = parameter(other, owners, None)
+                tied = parameter(other, owners, None)
             except ValueError as error:
                 yield ("parameters", key, "also", i), str(error)
             else:
-                if fault := fault_of_tie(found, number):
+                if fault := fault_of_tie(tied, number):
                     yield ("parameters", key, "also", i), fault
     keys = section.keys
     for i in repeated(keys):
         yield ("parameters",), f"{keys[i]} is duplicated"
-    names = [one.name for one in section.observations]
+    names = [observation.name for observation in section.observations]
     for i in repeated(names):
         yield ("observations", i, "name"), f"'{names[i]}' is the name of an earlier observation"
     if not names:
         yield ("observations",), "must have one entry at least: one scan by itself fixes no material"
     known = {quantity.name: quantity for quantity in quantities}
-    for i, one in enumerate(section.observations):
-        for place, text in _faults_of_observation(one, known, shapes, given):
+    for i, observation in enumerate(section.observations):
+        for place, text in _faults_of_observation(observation, known, shapes, given):
             yield ("observations", i, *place), text
 
 
@@ -208,9 +208,11 @@ def _faults_of_parameter(number: Parameter, sought: Sought) -> Faults:
         if sought.prior.sd.value <= 0:
             yield ("prior", "sd"), "must be above 0"
     wrong = [
-        (place, f"must be {number.dimension}, as {number.key} is, but it is {one.dimension}")
-        for place, one in given
-        if one is not None and number.dimension is not None and one.dimension not in (number.dimension, Dimension())
+        (place, f"must be {number.dimension}, as {number.key} is, but it is {quantity.dimension}")
+        for place, quantity in given
+        if quantity is not None
+        and number.dimension is not None
+        and quantity.dimension not in (number.dimension, Dimension())
     ]
     yield from wrong
     if wrong:
@@ -224,35 +226,43 @@ def _faults_of_parameter(number: Parameter, sought: Sought) -> Faults:
 
 
 def _faults_of_observation(
-    one: Observation, quantities: Mapping[str, QuantityOfInterest], shapes: Sequence[str], given: str
+    observation: Observation, quantities: Mapping[str, QuantityOfInterest], shapes: Sequence[str], given: str
 ) -> Faults:
-    if one.kind == "quantity":
-        quantity = quantities.get(str(one.quantity))
-        if one.state is not None:
+    if observation.kind == "quantity":
+        quantity = quantities.get(str(observation.quantity))
+        if observation.state is not None:
             yield ("state",), "is not valid with a quantity, whose name says of which state it is"
         if quantity is None:
-            yield ("quantity",), f"there is no quantity '{one.quantity}'.{did_you_mean(str(one.quantity), quantities)}"
+            yield (
+                ("quantity",),
+                f"there is no quantity '{observation.quantity}'.{did_you_mean(str(observation.quantity), quantities)}",
+            )
             return
         if quantity.is_reaction:
             yield ("quantity",), "is a reaction, which has no derivatives"
             return
-        if isinstance(one.value, tuple) != quantity.is_vector:
+        if isinstance(observation.value, tuple) != quantity.is_vector:
             yield ("value",), f"must be {'a list of 3 lengths' if quantity.is_vector else 'one number'}"
-        values = {"sd": one.sd} | ({"value": one.value} if isinstance(one.value, Measured) else {})
+        values = {"sd": observation.sd} | (
+            {"value": observation.value} if isinstance(observation.value, Measured) else {}
+        )
         for field, value in values.items():
             if quantity.dimension is not None and value.dimension not in (quantity.dimension, Dimension()):
-                yield (field,), f"must be {quantity.dimension}, as '{one.quantity}' is, but it is {value.dimension}"
+                yield (
+                    (field,),
+                    f"must be {quantity.dimension}, as '{observation.quantity}' is, but it is {value.dimension}",
+                )
         return
     if not shapes:
-        if one.state is not None:
+        if observation.state is not None:
             yield ("state",), "is not valid in a job without 'states'"
         return
-    if one.state is None:
+    if observation.state is None:
         yield ("state",), f"is needed: one of {', '.join(shapes)}"
-    elif one.state == given:
+    elif observation.state == given:
         yield ("state",), f"'{given}' is the given state, which is the mesh itself: observe another one"
-    elif one.state not in shapes:
-        yield ("state",), f"there is no computed state '{one.state}'.{did_you_mean(one.state, shapes)}"
+    elif observation.state not in shapes:
+        yield ("state",), f"there is no computed state '{observation.state}'.{did_you_mean(observation.state, shapes)}"
 
 
 def start_of(number: Parameter, sought: Sought) -> float:

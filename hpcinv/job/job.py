@@ -34,7 +34,7 @@ from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest,
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
-from hpcinv.job.states import StateSpec, faults_of_states, given_on_current, in_order, rest_of
+from hpcinv.job.states import StateSpec, faults_of_states, given_on_current, rest_of, solve_order
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import Material, MaterialLaw
 from hpcinv.materials.formula_law.invariants import fault_of_name
@@ -51,8 +51,8 @@ from hpcinv.quantity.schema import (
     Name,
     Problems,
     Spec,
-    at,
     collected,
+    dotted_key,
     job_error,
     name_from,
     raise_if_any,
@@ -217,17 +217,17 @@ class Job(Spec):
         if not self.states:
             first, *more = self.directions
             return (PlannedSolve(self, first, None), *(PlannedSolve(self, direction, 0) for direction in more))
-        order = in_order(self.states)
+        order = solve_order(self.states)
         has_rest = not self.states[order[0]].given  # then the mesh is the rest shape
-        found: list[PlannedSolve] = []
+        solves: list[PlannedSolve] = []
         for i in order:
             direction: Direction = "inverse" if self.states[i].given else "forward"
-            names = [solve.job.state for solve in found]
-            start = names.index(before) if (before := self.states[i].start) in names else None
+            names = [solve.job.state for solve in solves]
+            start = names.index(start_name) if (start_name := self.states[i].start) in names else None
             shape = self.rest if self.states[i].given else self.states[i].name
-            mesh = 0 if found and not has_rest else None
-            found.append(PlannedSolve(self._in_state(i), direction, mesh, start, shape))
-        return tuple(found)
+            mesh = 0 if solves and not has_rest else None
+            solves.append(PlannedSolve(self._job_of_state(i), direction, mesh, start, shape))
+        return tuple(solves)
 
     @property
     def state(self) -> str:
@@ -244,7 +244,7 @@ class Job(Spec):
         """Name of the rest shape; empty without states."""
         return rest_of(self.states) if self.states else ""
 
-    def _in_state(self, number: int) -> Job:
+    def _job_of_state(self, number: int) -> Job:
         """The job of one of the loaded states by itself."""
         state = self.states[number]
         changes = {
@@ -457,10 +457,10 @@ class Job(Spec):
             parts += [(tuple(where.split(".", 1)), law) for where, law in laws.items()]
             for owner, part in parts:
                 for place in given_on_current(part):
-                    text = (
-                        f"{at((*owner, *place))} is given on the current body, but the given one, '{rest}', is the rest"
+                    text = f"{dotted_key((*owner, *place))} is given on the current body, but the given one, '{rest}',"
+                    raise ValueError(
+                        f"{text} is the rest shape: give it on the reference body (in a formula by X, Y, Z)"
                     )
-                    raise ValueError(f"{text} shape: give it on the reference body (in a formula by X, Y, Z)")
         return states
 
     @field_validator("effects")
@@ -547,11 +547,11 @@ class Job(Spec):
     def _check_sensitivities(cls, given: object, info: ValidationInfo) -> Mapping[str, Uncertain]:
         if not {"material", "effects", "fibres", "supports"} <= info.data.keys():  # already reported
             return {}
-        found, problems = read_sensitivities(given, _all_owners(info.data))
+        uncertain, problems = read_sensitivities(given, _all_owners(info.data))
         raise_if_any(problems)
-        if found:
+        if uncertain:
             _check_differentiable(info.data, "are")
-        return found
+        return uncertain
 
     @field_validator("identify")
     @classmethod
@@ -583,7 +583,9 @@ class Job(Spec):
             for i, q in enumerate(quantities)
             if q.state is not None and q.state not in loaded
         )
-        numbered = [(i, one) for i, q in enumerate(quantities) for one in _by_state(q, list(loaded))]
+        numbered = [
+            (i, quantity) for i, q in enumerate(quantities) for quantity in _quantities_of_states(q, list(loaded))
+        ]
         names = [q.name for _, q in numbered]
         raise_if_any(
             ((numbered[i][0], "name"), f"'{names[i]}' is the name of another quantity in a state")
@@ -594,12 +596,12 @@ class Job(Spec):
             supports = loaded[quantity.state].supports if quantity.state else None
             regions = list(dict.fromkeys(s.region for s in (info.data["supports"] if supports is None else supports)))
             effects = loaded[quantity.state].effects if quantity.state else info.data.get("effects", ())
-            if quantity.of_prestrain and not any(effect.writes_its_stress for effect in effects):
+            if quantity.prestrain_names and not any(effect.writes_its_stress for effect in effects):
                 state = f" of state '{quantity.state}'" if quantity.state else ""
-                what = f"has '{quantity.of_prestrain[0]}', but there is no prestrain among the effects{state}"
+                what = f"has '{quantity.prestrain_names[0]}', but there is no prestrain among the effects{state}"
                 problems.append(((i, "of"), what))
             if quantity.is_contact:
-                problems += _without_contact(
+                problems += _missing_contact(
                     i, quantity, {name: s.effects for name, s in loaded.items()} or {"": effects}
                 )
             elif quantity.is_reaction and quantity.on not in regions:
@@ -625,14 +627,14 @@ class Job(Spec):
         yield from ((("fibres", name, "given_on"), text) for name, family in rules if family.given_on != mesh)
 
 
-def _by_state(quantity: QuantityOfInterest, loaded: Sequence[str]) -> list[QuantityOfInterest]:
+def _quantities_of_states(quantity: QuantityOfInterest, loaded: Sequence[str]) -> list[QuantityOfInterest]:
     """The quantity, or one for each loaded state, with its name added to that of the quantity, if it names none."""
     if quantity.state is not None or not loaded:
         return [quantity]
     return [quantity.model_copy(update={"name": f"{quantity.name}-{name}", "state": name}) for name in loaded]
 
 
-def _without_contact(
+def _missing_contact(
     number: int, quantity: QuantityOfInterest, loads: Mapping[str, Iterable[Effect]]
 ) -> Iterator[tuple[KeyPath, str]]:
     """Fault of a result of contact on a region without one, with the effects of each loaded state."""
@@ -641,9 +643,9 @@ def _without_contact(
     if quantity.on in regions[state]:
         return
     where = f"those with contact are {', '.join(regions[state])}" if regions[state] else "there is no contact"
-    remedy = _state_to_give([name for name, found in regions.items() if quantity.on in found])
-    in_state = f" in state '{state}'" if state else ""
-    yield (number, "on"), f"{shown(quantity.on)} is not the region of a contact{in_state}: {where}{remedy}"
+    remedy = _state_to_give([name for name, contact_regions in regions.items() if quantity.on in contact_regions])
+    state_text = f" in state '{state}'" if state else ""
+    yield (number, "on"), f"{shown(quantity.on)} is not the region of a contact{state_text}: {where}{remedy}"
 
 
 def _state_to_give(states: Sequence[str]) -> str:
@@ -682,11 +684,11 @@ def _owners(
 def _all_owners(data: Mapping[str, Any]) -> dict[str, Owner]:
     """The parts with numbers of a job and of all its states, from its sections."""
     material, fibres, supports = data["material"], data["fibres"], data["supports"]
-    found = _owners(material, data["effects"], fibres, supports, {})
+    owners = _owners(material, data["effects"], fibres, supports, {})
     for i, state in enumerate(data.get("states", ())):
-        of_state = supports if state.supports is None else state.supports
-        found |= _owners(material, state.effects, fibres, of_state, _places_of(i, state))
-    return found
+        state_supports = supports if state.supports is None else state.supports
+        owners |= _owners(material, state.effects, fibres, state_supports, _places_of(i, state))
+    return owners
 
 
 def _check_differentiable(data: Mapping[str, Any], verb: str) -> None:
@@ -762,7 +764,7 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
         raise JobError(f"{path}: plugins: a law or effect failed where it was checked: {fault}") from error
     job._path, job._data, job._untrusted = path, data, untrusted
     unknown = unknown_regions(job.resolve(job.mesh.file), job.regions, _named_regions(job))
-    if lines := [f"{path}: {at(where)}: {what}" for where, what in unknown]:
+    if lines := [f"{path}: {dotted_key(where)}: {what}" for where, what in unknown]:
         raise JobError(*lines)
     return job
 
@@ -778,12 +780,12 @@ def _named_regions(job: Job) -> Iterator[tuple[KeyPath, str]]:
             for name, field in effect.surfaces.items():
                 yield (*place, "effects", i, field), name
             for field in type(effect).model_fields:
-                yield from _in_values(getattr(effect, field), (*place, "effects", i, field))
+                yield from _value_regions(getattr(effect, field), (*place, "effects", i, field))
     for where, law in job.laws.items():
         if (region := where.partition(".")[2]) and region != ELSEWHERE:
             yield ("material", region), region
         for field in type(law).model_fields:
-            yield from _in_values(getattr(law, field), (*where.split(".", 1), field))
+            yield from _value_regions(getattr(law, field), (*where.split(".", 1), field))
     for name, family in job.fibres.items():
         for field, region in family.rule.surfaces.items() if family.rule is not None else ():
             yield ("fibres", name, "rule", field), region
@@ -792,7 +794,7 @@ def _named_regions(job: Job) -> Iterator[tuple[KeyPath, str]]:
             yield ("quantities", i, "on"), quantity.on
 
 
-def _in_values(value: object, where: KeyPath) -> Iterator[tuple[KeyPath, str]]:
+def _value_regions(value: object, where: KeyPath) -> Iterator[tuple[KeyPath, str]]:
     names = dict.fromkeys(name for entry in entries(value) if isinstance(entry, ByRegion) for name in entry.values)
     for name in names:
         if name != ELSEWHERE:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hpcinv.effects import Effect
-from hpcinv.job.sensitivities import Parameter, with_ties
+from hpcinv.job.sensitivities import Parameter, tied_parameters
 from hpcinv.materials import MaterialLaw
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.expressions import LET
@@ -43,31 +43,31 @@ def layerings_of(
         varied: numbers by which results are differentiated. Regions that have such numbers of their own are never the
             same, since they differ as soon as one of the numbers changes.
     """
-    free = {(one.where, *one.place) for one in with_ties(varied)}
-    of_laws = _classes({where: _text(law, where, free) for where, law in laws.items()})
+    free = {(number.where, *number.place) for number in tied_parameters(varied)}
+    law_layers = _classes({where: _text(law, where, free) for where, law in laws.items()})
     values: dict[tuple[int | None, tuple[str, ...]], list[Sequence[Any]]] = {}
-    owners: list[tuple[int | None, str, Ingredient]] = [(of_laws[where], where, law) for where, law in laws.items()]
+    owners: list[tuple[int | None, str, Ingredient]] = [(law_layers[where], where, law) for where, law in laws.items()]
     owners += [(None, where, effect) for where, effect in effects.items() if not effect.is_load]
     for law, where, owner in owners:
         own = {part for place in free if place[0] == where for part in place[1:]}
-        for field in _by_region(owner):
+        for field in _regional_entries(owner):
             numbers = [(number, region if region in own else "") for region, number in field.values.items()]
             values.setdefault((law, tuple(field.values)), []).append(numbers)
-    found = [Layering({where.removeprefix("material."): number for where, number in of_laws.items()})]
-    found += [
+    layerings = [Layering({where.removeprefix("material."): number for where, number in law_layers.items()})]
+    layerings += [
         Layering(_classes(dict(zip(regions, zip(*fields, strict=True), strict=True))), law)
         for (law, regions), fields in values.items()
     ]
-    return tuple(one for one in found if max(one.classes.values()) > 0)
+    return tuple(layering for layering in layerings if max(layering.classes.values()) > 0)
 
 
 def _text(law: MaterialLaw, where: str, free: set[tuple[Any, ...]]) -> str:
     """Return all of a law as text, with its place if one of its numbers is free."""
-    of_law = [where] if any(owner == where for owner, *_ in free) else []
-    return json.dumps([law.model_dump(mode="json", context={LET: True}), of_law], sort_keys=True)
+    own_place = [where] if any(owner == where for owner, *_ in free) else []
+    return json.dumps([law.model_dump(mode="json", context={LET: True}), own_place], sort_keys=True)
 
 
-def _by_region(part: Ingredient) -> Iterator[ByRegion]:
+def _regional_entries(part: Ingredient) -> Iterator[ByRegion]:
     """Yield the quantities, and the entries of vectors and tensors, that have a value for each region."""
     for value, _ in part.quantities().values():
         yield from (entry for entry in entries(value) if isinstance(entry, ByRegion))

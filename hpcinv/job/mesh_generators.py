@@ -127,7 +127,7 @@ def read_parameters(
     return values, problems
 
 
-def in_unit(path: Path, given: Mapping[str, ParameterValue], unit: float) -> dict[str, ParameterValue]:
+def converted_parameters(path: Path, given: Mapping[str, ParameterValue], unit: float) -> dict[str, ParameterValue]:
     """Parameters for a generator that works in a length ``unit`` (m), converted from SI, with defaults of others.
 
     Parameters annotated as lengths, areas or volumes are converted, and rounded to 13 digits: a mesh may change
@@ -169,12 +169,12 @@ class Resolution:
 
 def resolution_of(path: Path, given: Mapping[str, ParameterValue]) -> Resolution:
     """Resolution of the generator at ``path`` with ``given`` parameters (SI)."""
-    found: dict[str, dict[str, float]] = {"Size": {}, "Divisions": {}}
+    sizes: dict[str, dict[str, float]] = {"Size": {}, "Divisions": {}}
     for name, parameter in parameters_of(path).items():
         value = given.get(name, parameter.default)
-        if parameter.kind in found and isinstance(value, float | int):
-            found[parameter.kind][name] = value
-    return Resolution(found["Size"], {name: int(number) for name, number in found["Divisions"].items()})
+        if parameter.kind in sizes and isinstance(value, float | int):
+            sizes[parameter.kind][name] = value
+    return Resolution(sizes["Size"], {name: int(number) for name, number in sizes["Divisions"].items()})
 
 
 def is_generator(path: Path) -> bool:
@@ -196,7 +196,7 @@ def parameters_of(path: Path) -> dict[str, GeneratorParameter]:
 
 
 @cache  # many jobs use the same generator
-def _of_python(text: str) -> dict[str, GeneratorParameter]:
+def _python_parameters(text: str) -> dict[str, GeneratorParameter]:
     functions = [n for n in ast.parse(text).body if isinstance(n, ast.FunctionDef) and n.name == "build"]
     if not functions:
         raise ValueError("a mesh generator must define build(gmsh, *, …)")
@@ -230,11 +230,11 @@ def _kind(argument: ast.arg) -> str:
 
 
 @cache
-def _of_geo(text: str) -> dict[str, GeneratorParameter]:
+def _geo_parameters(text: str) -> dict[str, GeneratorParameter]:
     text = re.sub(r"//[^\n]*|/\*.*?\*/", "", re.sub(r'"[^"\n]*"', '""', text), flags=re.DOTALL)
     blocks = re.findall(r"DefineConstant\s*\[(.*?)\]\s*;", text, flags=re.DOTALL)
     names = (name for block in blocks for name in re.findall(r"(\w+)\s*(?:=|,|$)", re.sub(r"\{.*?\}", "0", block)))
     return {name: GeneratorParameter("float", required=False) for name in names if not name[0].isdigit()}
 
 
-_FORMATS = {".py": _of_python, ".geo": _of_geo}
+_FORMATS = {".py": _python_parameters, ".geo": _geo_parameters}

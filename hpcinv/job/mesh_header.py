@@ -78,13 +78,13 @@ def read_header(path: Path) -> Header:
     """
     try:
         content = json.loads((path / HEADER).read_text(encoding="utf-8"))
-        found = content.pop("format")
-        if found != _FORMAT:
+        version = content.pop("format")
+        if version != _FORMAT:
             raise MeshError(
-                f"{path}: has format {found}, but this version of hpcinv reads {_FORMAT}",
+                f"{path}: has format {version}, but this version of hpcinv reads {_FORMAT}",
                 "Partition the mesh again with 'hpcinv mesh partition'.",
             )
-        if content.pop("sha256") != _digest({"format": found} | content):
+        if content.pop("sha256") != _digest({"format": version} | content):
             raise MeshError(f"{path}: {HEADER} in it is damaged: its checksum is wrong", _REMEDY)
         lists = {key: tuple(tuple(v) if isinstance(v, list) else v for v in content[key]) for key in _LISTS}
         header = Header(**(content | lists))

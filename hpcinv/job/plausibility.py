@@ -27,9 +27,9 @@ def doubtful_moduli(job: Job) -> Iterator[str]:
 
 def largest_bulk_modulus(job: Job) -> float | None:
     """Return the bulk modulus (Pa) of the stiffest part; ``None`` if a law is incompressible or has fields."""
-    found = [float(law.bulk_modulus(par)) for law in job.laws.values() for par in law.cases()]
+    moduli = [float(law.bulk_modulus(par)) for law in job.laws.values() for par in law.cases()]
     is_known = all(any(True for _ in law.cases()) for law in job.laws.values())
-    largest = max(found, default=0.0)
+    largest = max(moduli, default=0.0)
     return largest if is_known and largest > 0 and not isinf(largest) else None
 
 

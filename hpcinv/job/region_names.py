@@ -65,18 +65,18 @@ def _groups(path: Path, _changed: int, _size: int) -> Groups | None:
     """Groups of a mesh file, None if they cannot be known."""
     match path.suffix:
         case ".msh":
-            return _of_msh(path)
+            return _msh_groups(path)
         case ".vtu":
-            return _of_vtu(path)
+            return _vtu_groups(path)
         case ".xdmf":
-            return _of_xdmf(path)
+            return _xdmf_groups(path)
         case suffix if suffix == SUFFIX:
             header = read_header(path)
             return Groups(frozenset(name for name, _, _ in header.groups), frozenset(header.thin_groups))
     return None
 
 
-def _of_msh(path: Path) -> Groups | None:
+def _msh_groups(path: Path) -> Groups | None:
     """Groups of an MSH file; names are text also in binary files."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         if content[:1] != b"$" or content.find(b"$Elements") < 0:
@@ -92,7 +92,7 @@ class _HeaderEnd(Exception):
     pass
 
 
-def _of_vtu(path: Path) -> Groups | None:
+def _vtu_groups(path: Path) -> Groups | None:
     """Groups by the names of cell arrays, which are declared before any appended data."""
     if path.stat().st_size > 100 * _LARGEST_XML:
         return None
@@ -115,15 +115,15 @@ def _of_vtu(path: Path) -> Groups | None:
     return Groups(frozenset(names)) if is_whole[0] else None
 
 
-def _of_xdmf(path: Path) -> Groups | None:
+def _xdmf_groups(path: Path) -> Groups | None:
     """Patterns of names by grid; the values of tags are in another file."""
     if path.stat().st_size > _LARGEST_XML:
         return None
     try:
-        found = ET.parse(path).getroot().findall("Domain/Grid")
+        elements = ET.parse(path).getroot().findall("Domain/Grid")
     except (ET.ParseError, ValueError, LookupError):
         return None
-    grids = [grid for grid in found if grid.find("Topology") is not None]
+    grids = [grid for grid in elements if grid.find("Topology") is not None]
     if not grids:
         return None  # not a mesh
     return Groups(frozenset(), patterns=tuple(rf"{re.escape(grid.get('Name', 'tags'))}--?\d+" for grid in grids))

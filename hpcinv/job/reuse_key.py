@@ -57,10 +57,13 @@ def structure_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
 def numbers_of(job: Job) -> tuple[float, ...]:
     """The numbers (SI) that `reuse_group_of` omits, in the same order for all jobs of a reuse group."""
     jobs = [solve.job for solve in job.plan] if job.states else [job]
-    effects = (effect for one in jobs for effect in one.effects)
+    effects = (effect for each_job in jobs for effect in each_job.effects)
     ingredients = (*job.laws.values(), *effects, *job.families.values())
-    of_ingredients = (n for i in ingredients for value, _ in i.quantities().values() for n in _numbers(value))
-    return (*of_ingredients, *(n for one in jobs for support in one.supports for n in _numbers_of_support(support)))
+    ingredient_numbers = (n for i in ingredients for value, _ in i.quantities().values() for n in _numbers(value))
+    return (
+        *ingredient_numbers,
+        *(n for each_job in jobs for support in each_job.supports for n in _numbers_of_support(support)),
+    )
 
 
 def _skeleton_of_loads(job: Job) -> dict[str, Any]:

@@ -21,10 +21,10 @@ from pydantic_core import core_schema
 from hpcinv.files.names import exists, is_file
 from hpcinv.files.untrusted import applies, mesh_fault
 from hpcinv.job import msh_format
-from hpcinv.job.mesh_generators import ParameterValue, in_unit, is_generator, read_parameters
+from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_generator, read_parameters
 from hpcinv.job.mesh_header import HEADER, SUFFIX
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
-from hpcinv.quantity.parameter_paths import Number, with_scalar
+from hpcinv.quantity.parameter_paths import Number, replace_scalar
 from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Size
 from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Problems, Spec, Triple, raise_if_any, shown
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
@@ -131,8 +131,8 @@ class MeshFile(Spec):
         cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """JSON schema with the keys that stand for ``file``."""
-        found = super().__get_pydantic_json_schema__(schema, handler)
-        content = handler.resolve_ref_schema(found)
+        json_schema = super().__get_pydantic_json_schema__(schema, handler)
+        content = handler.resolve_ref_schema(json_schema)
         kinds = {"image": "a segmented image, in place of 'file'", "surface": "a closed surface, in place of 'file'"}
         content["properties"] |= {
             key: {"type": "string", "description": kinds[key]} for key in cls.sources if key in kinds
@@ -140,7 +140,7 @@ class MeshFile(Spec):
         content["required"] = [key for key in content.get("required", ()) if key != "file"]
         content["oneOf"] = [{"required": [key]} for key in cls.sources]
         content["dependentRequired"] = {key: list(needed) for key, needed in cls.sources.items() if needed}
-        return found
+        return json_schema
 
     @property
     def is_partitioned(self) -> bool:
@@ -181,8 +181,10 @@ class MeshFile(Spec):
             raise ValueError(f"{shown(file)} {fault}")
         if not exists(path):
             others = [p.name for p in path.parent.glob("*")] if exists(path.parent) else []
-            near = did_you_mean(path.name, others, list_all=False)
-            raise ValueError(f"there is no file '{path}'.{near or ' Paths start from the directory of the job file'}")
+            suggestion = did_you_mean(path.name, others, list_all=False)
+            raise ValueError(
+                f"there is no file '{path}'.{suggestion or ' Paths start from the directory of the job file'}"
+            )
         if not is_file(path / HEADER if path.suffix == SUFFIX else path):
             raise ValueError(
                 f"'{path}' is not of the kind of its suffix; 'hpcinv mesh partition' makes a partitioned mesh"
@@ -216,7 +218,7 @@ class MeshFile(Spec):
             yield ("unit",), "is not valid with a .geo script, which does not define which parameters are lengths"
         elif is_generator(Path(self.file)):
             try:
-                in_unit(directory_of(info) / self.file, self.parameters, self.unit)
+                converted_parameters(directory_of(info) / self.file, self.parameters, self.unit)
             except ValueError as error:
                 yield ("unit",), str(error)
 
@@ -299,7 +301,7 @@ class MeshSpec(MeshFile):
     @property
     def files(self) -> tuple[str, ...]:
         """All files from which the mesh is made."""
-        return tuple(file for of in self.surfaces.values() for file in of) or (self.file,)
+        return tuple(file for group in self.surfaces.values() for file in group) or (self.file,)
 
     @model_validator(mode="before")
     @classmethod
@@ -393,7 +395,7 @@ class Support(Spec):
 
     def with_number(self, place: KeyPath, number: float) -> Self:
         """A copy with another constant (SI) at one of the places of `numbers`."""
-        return self.model_copy(update={"constants": with_scalar(self.constants, place[1:], number)})
+        return self.model_copy(update={"constants": replace_scalar(self.constants, place[1:], number)})
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if (self.fix is None) == (self.displacement is None):
@@ -419,9 +421,9 @@ def is_of_nodes(quantity: Mapping[str, Any], let: Mapping[str, Any]) -> bool:
         return False
     words, texts = set[str](), [str(quantity["of"])]
     while texts:
-        found = set(re.findall(r"[A-Za-z_]\w*", texts.pop())) - words
-        words |= found
-        texts += [str(let[name]) for name in found & let.keys()]
+        new_words = set(re.findall(r"[A-Za-z_]\w*", texts.pop())) - words
+        words |= new_words
+        texts += [str(let[name]) for name in new_words & let.keys()]
     return words.isdisjoint(FIELDS)
 
 
@@ -465,10 +467,10 @@ class QuantityOfInterest(Spec):
     def __get_pydantic_json_schema__(
         cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        found = super().__get_pydantic_json_schema__(schema, handler)
-        properties = handler.resolve_ref_schema(found)["properties"]
+        json_schema = super().__get_pydantic_json_schema__(schema, handler)
+        properties = handler.resolve_ref_schema(json_schema)["properties"]
         properties["region"] = {"type": "string", "description": "the same as 'on', which YAML 1.1 reads as true"}
-        return found
+        return json_schema
 
     @model_validator(mode="before")
     @classmethod
@@ -489,8 +491,8 @@ class QuantityOfInterest(Spec):
 
     def unit_of_integral(self, dimensions: int) -> str:
         """Return the SI unit of an integral over a volume (3 ``dimensions``) or an area (2)."""
-        found = self.of.check(POSITIONS | FIELDS)
-        length, *others = found if isinstance(found, Dimension) else Dimension()
+        dimension = self.of.check(POSITIONS | FIELDS)
+        length, *others = dimension if isinstance(dimension, Dimension) else Dimension()
         return Dimension(length + dimensions, *others).unit
 
     @property
@@ -528,7 +530,7 @@ class QuantityOfInterest(Spec):
         return not self.of.names.isdisjoint(NORMALS)
 
     @property
-    def of_prestrain(self) -> list[str]:
+    def prestrain_names(self) -> list[str]:
         """Names in the formula that only bodies with prestrain have."""
         return [name for name in (*PRESTRAIN_STRESSES, *PRESTRAIN_COMPONENTS) if name in self.of.names]
 
@@ -537,12 +539,12 @@ class QuantityOfInterest(Spec):
         """Dimension of a displacement or formula; ``None`` if numbers leave it open, or only the mesh defines it."""
         if self.is_displacement:
             return LENGTH
-        found = self.of.check(POSITIONS | FIELDS)
+        dimension = self.of.check(POSITIONS | FIELDS)
         # That of an integral depends on whether its region is a volume or a surface.
-        return found if isinstance(found, Dimension) and self.reduce != "integral" else None
+        return dimension if isinstance(dimension, Dimension) and self.reduce != "integral" else None
 
     @property
-    def by_quadrature(self) -> bool:
+    def uses_quadrature(self) -> bool:
         """True if it is reduced over the volume or area of a region, rather than over its nodes."""
         return self.on is not None and (self.over is not None or bool(self.fields))
 

@@ -7,7 +7,7 @@ from hpcinv.job.sections import Support
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.keys import JobKey, parse_key
 from hpcinv.quantity.quantity import AnyQuantity, positive
-from hpcinv.quantity.schema import KeyPath, ListOf, Spec, at, collected, shown
+from hpcinv.quantity.schema import KeyPath, ListOf, Spec, collected, dotted_key, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
@@ -62,10 +62,10 @@ def read_sensitivities(
         entries = [(str(key), key, value) for key, value in given.items()]
     else:
         entries = [(i, key, None) for i, key in enumerate(given)]
-    found: dict[str, Uncertain] = {}
+    uncertain: dict[str, Uncertain] = {}
     problems: list[tuple[KeyPath, str]] = []
     for place, key, value in entries:
-        known = {name for first, entry in found.items() for name in (first, *entry.also)}
+        known = {name for first, entry in uncertain.items() for name in (first, *entry.also)}
         with collected(problems, place):
             number = _number(key, owners, known)
             deviation, also = (value.get("sd"), value.get("also", ())) if isinstance(value, Mapping) else (value, ())
@@ -80,8 +80,8 @@ def read_sensitivities(
                 if fault := fault_of_tie(tied, number):
                     raise ValueError(fault)
             sd = None if deviation is None else positive(deviation, number.dimension, number.key)
-            found[number.key] = Uncertain.model_construct(sd=sd, also=tuple(also))
-    return found, problems
+            uncertain[number.key] = Uncertain.model_construct(sd=sd, also=tuple(also))
+    return uncertain, problems
 
 
 def _number(key: object, owners: Mapping[str, Owner], known: set[str]) -> Parameter:
@@ -103,14 +103,14 @@ def fault_of_tie(tied: Parameter, number: Parameter) -> str | None:
 def uncertain_parameters(given: Mapping[str, Uncertain], owners: Mapping[str, Owner]) -> list[Parameter]:
     """The parameters of a section, with what changes with each."""
     return [
-        replace(parameter(key, owners, one.sd), ties=tuple(parameter(other, owners, None) for other in one.also))
-        for key, one in given.items()
+        replace(parameter(key, owners, entry.sd), ties=tuple(parameter(other, owners, None) for other in entry.also))
+        for key, entry in given.items()
     ]
 
 
-def with_ties(parameters: Sequence[Parameter]) -> list[Parameter]:
+def tied_parameters(parameters: Sequence[Parameter]) -> list[Parameter]:
     """The parameters and all that changes with them."""
-    return [number for one in parameters for number in (one, *one.ties)]
+    return [number for parameter in parameters for number in (parameter, *parameter.ties)]
 
 
 def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) -> Parameter:
@@ -124,9 +124,9 @@ def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) ->
                     raise ValueError(f"{key} {number}: there is no derivative by it")
                 return Parameter(key, where, owner, place, number.value, number.dimension, deviation)
             if not isinstance(number, str):
-                known[(*begin, *place)] = at((*begin, *place))
-    if inside := [name for place, name in known.items() if place[: len(location)] == location]:
-        raise ValueError(f"{key} is not one number; choose {' or '.join(_first(inside))}")
+                known[(*begin, *place)] = dotted_key((*begin, *place))
+    if inner_keys := [name for place, name in known.items() if place[: len(location)] == location]:
+        raise ValueError(f"{key} is not one number; choose {' or '.join(_first(inner_keys))}")
     hint = (
         did_you_mean(key, known.values(), list_all=False) or f" Possible keys are {', '.join(_first(known.values()))}."
     )
@@ -136,9 +136,9 @@ def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) ->
 def _location(where: str) -> KeyPath:
     """``effects[0]``, ``states[1].effects[0]``, ``material.REGION`` and ``fibres.NAME`` as places in a job."""
     state, _, rest = where.rpartition("].")
-    before = _location(f"{state}]") if state else ()
+    state_place = _location(f"{state}]") if state else ()
     section, bracket, number = rest.partition("[")
-    return (*before, section, int(number.removesuffix("]"))) if bracket else (*before, *rest.split(".", 1))
+    return (*state_place, section, int(number.removesuffix("]"))) if bracket else (*state_place, *rest.split(".", 1))
 
 
 def _first(names: Iterable[str]) -> list[str]:

@@ -173,7 +173,7 @@ class CertificateSettings(Spec):
 
     @model_validator(mode="before")
     @classmethod
-    def _from_level(cls, data: Any) -> Any:
+    def _expand_level(cls, data: Any) -> Any:
         """Replace the name of a level by a mapping, and add the switches of the level."""
         if isinstance(data, str):
             data = {"level": data}

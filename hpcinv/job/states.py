@@ -70,16 +70,16 @@ def faults_of_states(states: Sequence[StateSpec]) -> Faults:
         yield (names.index(cycle[0]), "start"), f"leads back to the state itself: {' -> '.join(cycle)}"
 
 
-def in_order(states: Sequence[StateSpec]) -> list[int]:
+def solve_order(states: Sequence[StateSpec]) -> list[int]:
     """Indices of the loaded states in the order in which they are solved: the given one, then each after its start."""
     loaded = [i for i, state in enumerate(states) if not state.is_rest]
     number = {states[i].name: i for i in loaded}
-    found = [i for i in loaded if states[i].given]
-    while len(found) < len(loaded):
-        found += [
-            i for i in loaded if i not in found and ((s := states[i].start) not in number or number[str(s)] in found)
+    order = [i for i in loaded if states[i].given]
+    while len(order) < len(loaded):
+        order += [
+            i for i in loaded if i not in order and ((s := states[i].start) not in number or number[str(s)] in order)
         ]
-    return found
+    return order
 
 
 def rest_of(states: Sequence[StateSpec]) -> str:

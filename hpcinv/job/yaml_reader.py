@@ -112,24 +112,24 @@ def _syntax_error(error: yaml.MarkedYAMLError, where: str) -> str:
     """Return the message for a syntax error: what was found, in which line, and what to do."""
     mark, begin = error.problem_mark or error.context_mark, error.context_mark
     line = f":{mark.line + 1}" if mark else ""
-    found = " ".join(filter(None, [error.problem or "is not valid YAML", error.context]))
-    remedy = next((f"; {remedy}" for part, remedy in _REMEDIES.items() if part in found), "")
+    problem = " ".join(filter(None, [error.problem or "is not valid YAML", error.context]))
+    remedy = next((f"; {remedy}" for part, remedy in _REMEDIES.items() if part in problem), "")
     if mark and begin and begin.line != mark.line:
-        found += f", which begins in line {begin.line + 1}"
-    return f"{where}{line}: {found}{remedy}"
+        problem += f", which begins in line {begin.line + 1}"
+    return f"{where}{line}: {problem}{remedy}"
 
 
 def _content(path: Path) -> bytes:
     """Bytes of a regular file of limited size; a pipe may never end, and a run reads its job twice."""
-    found = path.stat()
-    if stat.S_ISDIR(found.st_mode):
+    status = path.stat()
+    if stat.S_ISDIR(status.st_mode):
         raise JobError(f"{path}: cannot be read: it is a directory")
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(status.st_mode):
         raise JobError(f"{path}: cannot be read: it is a device or a pipe; use a regular file")
     with path.open("rb") as file:  # not the size from stat, which is 0 for files of /proc
         content = file.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
-        size = max(found.st_size, len(content))
+        size = max(status.st_size, len(content))
         raise JobError(f"{path}: has {size:,} bytes, and may have {MOST_BYTES:,}; large data belong in a mesh file")
     return content
 
@@ -137,12 +137,12 @@ def _content(path: Path) -> bytes:
 @lru_cache(maxsize=2)  # a file is read several times: first for its kind, then for its content
 def _parsed(text: str) -> Any:
     document: Any = None
-    found = 0
+    documents = 0
     events = yaml.parse(text, Loader=_Loader)
     for event in events:
         if isinstance(event, yaml.DocumentStartEvent):
-            found += 1
-            if found > 1:
+            documents += 1
+            if documents > 1:
                 raise _YamlFault("begins a second document ('---'), but only one is allowed", event)
             document = _Document(events).content()
     return document
@@ -166,10 +166,10 @@ class _Document:
     def _value(self, event: Any) -> Any:
         if isinstance(event, yaml.AliasEvent):
             return self._alias(event)
-        before = self.values
+        count_before = self.values
         value = self._scalar(event) if isinstance(event, yaml.ScalarEvent) else self._container(event)
         if event.anchor is not None:
-            self.anchors[event.anchor] = value, self.values - before
+            self.anchors[event.anchor] = value, self.values - count_before
         return value
 
     def _scalar(self, event: Any) -> str | bool | int | float | None:

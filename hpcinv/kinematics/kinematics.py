@@ -121,15 +121,15 @@ class Deformation:
         """Return ``a0·(C - I) b0`` of two families: ``a·b`` of the deformed fibres, if ``a0·b0 = 0``."""
         return 2 * ufl.inner(self.fibres[family], self.E * self.fibres[other])
 
-    def at_right_angles(self, family: str, other: str) -> Deformation:
+    def orthogonalised(self, family: str, other: str) -> Deformation:
         """Return the same deformation with the direction of ``other`` replaced by its part across ``family``."""
         a, b = self.fibres[family], self.fibres[other]
-        across = b - ufl.inner(a, b) * a
-        found = copy(self)
-        found.fibres = {**self.fibres, other: across / ufl.sqrt(ufl.inner(across, across))}
-        return found
+        normal_part = b - ufl.inner(a, b) * a
+        deformation = copy(self)
+        deformation.fibres = {**self.fibres, other: normal_part / ufl.sqrt(ufl.inner(normal_part, normal_part))}
+        return deformation
 
-    def along(self, families: Sequence[str], strains: Sequence[Any]) -> Any:
+    def axial_strain(self, families: Sequence[str], strains: Sequence[Any]) -> Any:
         """Return ``Σ ε_i a_i⊗aⁱ``, which strains lines along three families ``a_i``; ``aⁱ`` are reciprocal to them.
 
         A third direction that is left out is normal to the other two.
@@ -141,7 +141,7 @@ class Deformation:
         volume = ufl.inner(axes[0], pairs[0])
         return sum(e / volume * ufl.outer(a, pair) for e, a, pair in zip(strains, axes, pairs, strict=True))
 
-    def after(self, stretch: Deformation) -> Deformation:
+    def elastic_part(self, stretch: Deformation) -> Deformation:
         """Return ``F F_g⁻¹`` for a stretch ``F_g`` that precedes it, with fibres ``F_g a0 / |F_g a0|``.
 
         Fibres are lines of the material, so that a rotation in ``F_g`` changes no invariant.
@@ -215,7 +215,7 @@ class Kinematics(ABC):
         self.u = u
         self.given: Kinematics | OtherState = self
         self.integration = integration
-        self._at = ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))
+        self._coordinates = ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))
 
     @cached_property
     def H(self) -> Variable:
@@ -245,11 +245,11 @@ class Kinematics(ABC):
         """Gradient of the map from the mesh to the other body, less ``I``."""
         return self.sign * ufl.grad(self.u)
 
-    def _by_body(self, mesh: Any, other: Any) -> tuple[Any, Any]:
+    def _reference_and_current(self, mesh: Any, other: Any) -> tuple[Any, Any]:
         """Return the value of the reference and the value of the current body."""
         return (mesh, other) if self.sign > 0 else (other, mesh)
 
-    def at_load(self, load: Any, growing: Any = 0) -> tuple[Any, Any]:
+    def load_factors(self, load: Any, growing: Any = 0) -> tuple[Any, Any]:
         """Return two factors at a load factor: of forces given by the current position, and of motions in space.
 
         In forward problems such forces, of an obstacle say, act at every load, on a body that reaches its position
@@ -264,22 +264,22 @@ class Kinematics(ABC):
     @cached_property
     def X(self) -> Any:
         """Reference position in scaled lengths."""
-        return self._at if self.sign > 0 else self._at - self.u
+        return self._coordinates if self.sign > 0 else self._coordinates - self.u
 
     @cached_property
     def x(self) -> Any:
         """Current position in scaled lengths."""
-        return self._at + self.u if self.sign > 0 else self._at
+        return self._coordinates + self.u if self.sign > 0 else self._coordinates
 
     @cached_property
     def N(self) -> Any:
         """Outward unit normal of the reference body."""
-        return self._by_body(self._normal, self._area_vector / self._area)[0]
+        return self._reference_and_current(self._normal, self._area_vector / self._area)[0]
 
     @cached_property
     def n(self) -> Any:
         """Outward unit normal of the current body."""
-        return self._by_body(self._normal, self._area_vector / self._area)[1]
+        return self._reference_and_current(self._normal, self._area_vector / self._area)[1]
 
     @property
     def J(self) -> Any:
@@ -289,12 +289,12 @@ class Kinematics(ABC):
     @property
     def volumes(self) -> tuple[Any, Any]:
         """Volume of the reference and of the current body per volume of the mesh."""
-        return self._by_body(1, self.mesh_J)
+        return self._reference_and_current(1, self.mesh_J)
 
     @property
     def areas(self) -> tuple[Any, Any]:
         """Area of the boundary of the reference and of the current body per area of the mesh."""
-        return self._by_body(1, self._area)
+        return self._reference_and_current(1, self._area)
 
     def dV(self, integrand: Any, measure: Any = None) -> Any:
         """Return the integral over the reference volume, of the whole body or of ``measure``."""
@@ -331,7 +331,7 @@ class Kinematics(ABC):
         Args:
             least_degree: quadrature degree, if that of the scene is lower.
         """
-        n_da = self._by_body(self._normal, self._area_vector)[1]
+        n_da = self._reference_and_current(self._normal, self._area_vector)[1]
         return ufl.inner(vector, n_da) * self.integration.surface(region, least_degree)
 
     @cached_property
@@ -341,7 +341,7 @@ class Kinematics(ABC):
 
     @cached_property
     def _normal(self) -> Any:
-        return ufl.FacetNormal(ufl.domain.extract_unique_domain(self._at))
+        return ufl.FacetNormal(ufl.domain.extract_unique_domain(self._coordinates))
 
     @cached_property
     def _area_vector(self) -> Any:

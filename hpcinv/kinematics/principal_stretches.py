@@ -51,10 +51,10 @@ class IsochoricStretches:
 
         At stretches from 1/6 to 6 and ``|α| ≤ 30`` the relative error is below 1e-10, also of the derivatives.
         """
-        coinciding, isolated = self._near_identity(alpha / 2), self._from_isolated(self._sign * alpha / 2)
+        coinciding, isolated = self._identity_series(alpha / 2), self._isolated_form(self._sign * alpha / 2)
         return ufl.conditional(ufl.lt(self._J2, _ALL_COINCIDE_BELOW), coinciding, isolated)
 
-    def _near_identity(self, beta: Any) -> Any:
+    def _identity_series(self, beta: Any) -> Any:
         """Return ``Σ e^(β hᵢ) - 3 = Σ βⁿ pₙ/n!`` from n = 2 to 11, ``h = ln C̄`` and ``pₙ = Σ hᵢⁿ``.
 
         The invariants ``j2 = ½ h:h`` and ``j3 = det h`` follow from ``Ī1 - 3`` and ``Ī2 - 3``, which are ``β = ±1``, by
@@ -68,7 +68,7 @@ class IsochoricStretches:
             p.append(j2 * p[n - 2] + j3 * p[n - 3])
         return sum(beta**n / factorial(n) * p[n] for n in range(2, _LAST_POWER + 1))
 
-    def _from_isolated(self, beta: Any) -> Any:
+    def _isolated_form(self, beta: Any) -> Any:
         """Return ``x^(2β) + 2 x^(-β) cosh βη - 3``, written as a sum of positive terms."""
         x, z, eta = self._isolated_and_pair
         w = beta * ufl.ln(x)

@@ -31,7 +31,7 @@ def expm1_remainder(x: Any) -> Any:
     import ufl
 
     terms = [1 / math.factorial(k) for k in range(2, 2 + _EXP_TERMS)]
-    return _by_size(x, x**2 * polynomial(x, terms), ufl.exp(x) - 1 - x, _REMAINDERS_BELOW)
+    return _series_or_closed(x, x**2 * polynomial(x, terms), ufl.exp(x) - 1 - x, _REMAINDERS_BELOW)
 
 
 def power_remainder(x: Any, n: Any) -> Any:
@@ -39,7 +39,7 @@ def power_remainder(x: Any, n: Any) -> Any:
     terms = [n * (n - 1) / 2]  # binomial coefficients
     for k in range(2, 1 + _POWER_TERMS):
         terms.append(terms[-1] * (n - k) / (k + 1))
-    return _by_size(x, x**2 * polynomial(x, terms), (1 + x) ** n - 1 - n * x, _REMAINDERS_BELOW)
+    return _series_or_closed(x, x**2 * polynomial(x, terms), (1 + x) ** n - 1 - n * x, _REMAINDERS_BELOW)
 
 
 def log1p(x: Any) -> Any:
@@ -47,7 +47,7 @@ def log1p(x: Any) -> Any:
     import ufl
 
     z, tail = _artanh_series(x)
-    return _by_size(x, 2 * z * (1 + z**2 * tail), ufl.ln(1 + x))
+    return _series_or_closed(x, 2 * z * (1 + z**2 * tail), ufl.ln(1 + x))
 
 
 def log1p_remainder(x: Any) -> Any:
@@ -55,7 +55,7 @@ def log1p_remainder(x: Any) -> Any:
     import ufl
 
     z, tail = _artanh_series(x)
-    return _by_size(x, z * (2 * z**2 * tail - x), ufl.ln(1 + x) - x)
+    return _series_or_closed(x, z * (2 * z**2 * tail - x), ufl.ln(1 + x) - x)
 
 
 def log1p_remainder_ratio(x: Any) -> Any:
@@ -63,7 +63,7 @@ def log1p_remainder_ratio(x: Any) -> Any:
     import ufl
 
     z, tail = _artanh_series(x)
-    return _by_size(x, (2 * z * tail / (2 + x) - 1) / (2 + x), (ufl.ln(1 + x) - x) / x**2)
+    return _series_or_closed(x, (2 * z * tail / (2 + x) - 1) / (2 + x), (ufl.ln(1 + x) - x) / x**2)
 
 
 def positive_part(x: Any) -> Any:
@@ -95,7 +95,7 @@ def _artanh_series(x: Any) -> tuple[Any, Any]:
     return z, polynomial(z**2, [1 / (2 * n + 3) for n in range(_SERIES_TERMS)])
 
 
-def _by_size(x: Any, series: Any, closed: Any, bound: float = _SERIES_BELOW) -> Any:
+def _series_or_closed(x: Any, series: Any, closed: Any, bound: float = _SERIES_BELOW) -> Any:
     import ufl
 
     return ufl.conditional(ufl.lt(abs(x), bound), series, closed)

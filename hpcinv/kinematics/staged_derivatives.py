@@ -29,22 +29,22 @@ def stage(expression: Callable[[Any], Any]) -> cached_property[Any]:
     return cached_property(lambda owner: ufl.variable(expression(owner)))
 
 
-def gradient(scalar: Any, by: Variable) -> Any:
+def gradient(scalar: Any, variable: Variable) -> Any:
     """Return ``∂scalar/∂by``, of the shape of ``by``, with all other variables fixed."""
     whole = ufl.variable(scalar)
     stages = [e for e in unique_post_traversal(whole) if isinstance(e, Variable)]  # from ``by`` to the scalar
     adjoints: dict[Any, Any] = {whole: None}
-    local = Local(ufl.domain.extract_unique_domain(by))
-    for one in reversed(stages):
-        if one == by or one not in adjoints:
+    local = Local(ufl.domain.extract_unique_domain(variable))
+    for stage in reversed(stages):
+        if stage == variable or stage not in adjoints:
             continue
-        adjoint = adjoints[one]
-        if adjoint is not None and not one.ufl_shape:
+        adjoint = adjoints[stage]
+        if adjoint is not None and not stage.ufl_shape:
             adjoint = ufl.variable(adjoint)
-        for part, slope in local.derivatives(one.ufl_operands[0]):
-            share = slope if adjoint is None else _contracted(adjoint, len(one.ufl_shape), slope)
+        for part, slope in local.derivatives(stage.ufl_operands[0]):
+            share = slope if adjoint is None else _contracted(adjoint, len(stage.ufl_shape), slope)
             adjoints[part] = adjoints[part] + share if part in adjoints else share
-    return adjoints.get(by, ufl.zero(by.ufl_shape))
+    return adjoints.get(variable, ufl.zero(variable.ufl_shape))
 
 
 class Jacobian:
@@ -56,21 +56,21 @@ class Jacobian:
             takes fewer products than one for each stage after it.
     """
 
-    def __init__(self, by: Variable, local: Local, through: Variable | None = None) -> None:
-        self._by, self._local = by, local
+    def __init__(self, variable: Variable, local: Local, inner_stage: Variable | None = None) -> None:
+        self._variable, self._local = variable, local
         self._known: dict[Variable, Any] = {}  # of stages
-        self._through: tuple[int, Jacobian, Any] | None = None  # rank of that stage, Jacobians by it, and its own
-        if through is not None and (inner := self._of_stage(through)) is not None:
-            self._through = len(through.ufl_shape), Jacobian(through, local), inner
-            self._known[through] = None  # fixed in what is added stage by stage from here on
+        self._inner_stage: tuple[int, Jacobian, Any] | None = None  # rank of that stage, Jacobians by it, and its own
+        if inner_stage is not None and (inner := self._stage_jacobian(inner_stage)) is not None:
+            self._inner_stage = len(inner_stage.ufl_shape), Jacobian(inner_stage, local), inner
+            self._known[inner_stage] = None  # fixed in what is added stage by stage from here on
 
-    def of(self, expression: Any) -> Any:
+    def differentiate(self, expression: Any) -> Any:
         """Return the Jacobian of an expression, ``None`` if it does not depend on the variable."""
         total = self._stage_by_stage(expression)
-        if self._through is None:
+        if self._inner_stage is None:
             return total
-        rank, by_through, inner = self._through
-        if (outer := by_through.of(expression)) is None:
+        rank, outer_jacobian, inner = self._inner_stage
+        if (outer := outer_jacobian.differentiate(expression)) is None:
             return total
         share = _contracted(outer, rank, inner)
         return share if total is None else total + share
@@ -78,17 +78,17 @@ class Jacobian:
     def _stage_by_stage(self, expression: Any) -> Any:
         total = None
         for part, slope in self._local.derivatives(expression):
-            inner = self._of_stage(part)
-            if inner is None and part != self._by:
+            inner = self._stage_jacobian(part)
+            if inner is None and part != self._variable:
                 continue
-            share = slope if part == self._by else _contracted(slope, len(part.ufl_shape), inner)
+            share = slope if part == self._variable else _contracted(slope, len(part.ufl_shape), inner)
             total = share if total is None else total + share
         return total
 
-    def _of_stage(self, one: Variable) -> Any:
-        if one != self._by and one not in self._known:
-            self._known[one] = self._stage_by_stage(one.ufl_operands[0])
-        return self._known.get(one)
+    def _stage_jacobian(self, stage: Variable) -> Any:
+        if stage != self._variable and stage not in self._known:
+            self._known[stage] = self._stage_by_stage(stage.ufl_operands[0])
+        return self._known.get(stage)
 
 
 class Local:
@@ -118,17 +118,17 @@ class Local:
 
 
 def _outermost(expression: Any) -> list[Variable]:
-    found, seen, left = [], set(), [expression]
+    stages, seen, left = [], set(), [expression]
     while left:
-        one = left.pop()
-        if one in seen:
+        node = left.pop()
+        if node in seen:
             continue
-        seen.add(one)
-        if isinstance(one, Variable):
-            found.append(one)
+        seen.add(node)
+        if isinstance(node, Variable):
+            stages.append(node)
         else:
-            left.extend(one.ufl_operands)
-    return found
+            left.extend(node.ufl_operands)
+    return stages
 
 
 def _contracted(a: Any, rank: int, b: Any) -> Any:
@@ -148,8 +148,8 @@ class _Exchanged(MultiFunction):  # type: ignore[misc]  # UFL has no types
         super().__init__()
         self._others = others
 
-    def variable(self, one: Variable) -> Variable:
-        return self._others[one]
+    def variable(self, node: Variable) -> Variable:
+        return self._others[node]
 
 
 class _Plain(MultiFunction):  # type: ignore[misc]  # UFL has no types
@@ -159,7 +159,7 @@ class _Plain(MultiFunction):  # type: ignore[misc]  # UFL has no types
         return operand
 
 
-def without_stages(expression: Any) -> Any:
+def remove_stages(expression: Any) -> Any:
     """Return an expression or form without variables, whose running numbers would change the hash of each kernel."""
     rules = _Plain()
     return map_integrands(lambda e: map_expr_dag(rules, e), expression)

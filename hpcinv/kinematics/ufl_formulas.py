@@ -9,7 +9,7 @@ from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from hpcinv.kinematics.kinematics import Kinematics, OtherState
-from hpcinv.kinematics.staged_derivatives import without_stages
+from hpcinv.kinematics.staged_derivatives import remove_stages
 from hpcinv.quantity.expressions import Expression
 
 UFL_FUNCTIONS: dict[str, Callable[..., Any]] = {
@@ -27,7 +27,7 @@ UFL_FUNCTIONS: dict[str, Callable[..., Any]] = {
 """Functions in formulas."""
 
 
-def at_position(formula: Expression, k: Kinematics | OtherState, metre: Any, constants: Mapping[str, Any]) -> Any:
+def position_formula(formula: Expression, k: Kinematics | OtherState, metre: Any, constants: Mapping[str, Any]) -> Any:
     """Return a formula of ``X, Y, Z`` (reference) and ``x, y, z`` (current) in SI, at each point of the body.
 
     Args:
@@ -35,13 +35,13 @@ def at_position(formula: Expression, k: Kinematics | OtherState, metre: Any, con
         constants: values of further names.
     """
     positions = {name: (k.X, i) for i, name in enumerate("XYZ")} | {name: (k.x, i) for i, name in enumerate("xyz")}
-    found = {name: metre * positions[name][0][positions[name][1]] for name in formula.names & positions.keys()}
-    return formula.apply(found | dict(constants), UFL_FUNCTIONS)
+    values = {name: metre * positions[name][0][positions[name][1]] for name in formula.names & positions.keys()}
+    return formula.apply(values | dict(constants), UFL_FUNCTIONS)
 
 
 def value_and_gradient(formula: Expression, position: Any) -> tuple[Any, Any]:
     """Return a formula of ``x, y, z`` at a position (UFL vector, SI) and its gradient, without UFL variables."""
-    at = ufl.variable(position)
-    value = formula.apply({name: at[i] for i, name in enumerate("xyz")}, UFL_FUNCTIONS)
-    slope = apply_derivatives(apply_algebra_lowering(ufl.diff(value, at)))
-    return without_stages(value), without_stages(slope)
+    variable = ufl.variable(position)
+    value = formula.apply({name: variable[i] for i, name in enumerate("xyz")}, UFL_FUNCTIONS)
+    slope = apply_derivatives(apply_algebra_lowering(ufl.diff(value, variable)))
+    return remove_stages(value), remove_stages(slope)

@@ -31,9 +31,9 @@ class OneOrByRegion(OneOf):
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        one = super().__get_pydantic_json_schema__(schema, handler)
-        by_region = {"type": "object", "additionalProperties": one, "minProperties": 1}
-        return {"oneOf": [*one["oneOf"], by_region]}
+        single = super().__get_pydantic_json_schema__(schema, handler)
+        regional = {"type": "object", "additionalProperties": single, "minProperties": 1}
+        return {"oneOf": [*single["oneOf"], regional]}
 
 
 Material = Annotated[MaterialLaw | Mapping[str, MaterialLaw], OneOrByRegion("law", MaterialLaw)]

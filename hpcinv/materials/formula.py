@@ -80,7 +80,7 @@ class Formula(IsochoricLaw):
         except ValueError as error:
             raise ValueError(f"{error}{_missing_units(energy, known, parameters)}") from None
         try:
-            faults = list(_faults(_in_floats(energy, parameters, 0.0, 0.0, 0.0)))
+            faults = list(_faults(_float_jet(energy, parameters, 0.0, 0.0, 0.0)))
             shear, bulk = _moduli(energy, parameters)
         except (OverflowError, ZeroDivisionError):
             raise ValueError(f"'{energy}' has no finite value near F = I") from None
@@ -130,7 +130,7 @@ class Formula(IsochoricLaw):
     def structure(self) -> list[bool]:
         """Return the decisions by the parameters about terms of the energy, such as that one is 0."""
         with recorded_decisions() as decisions:
-            _in_floats(self.energy, self.parameters, _SMALL, 0.3 * _SMALL, -0.7 * _SMALL)
+            _float_jet(self.energy, self.parameters, _SMALL, 0.3 * _SMALL, -0.7 * _SMALL)
         return decisions
 
     def numbers(self) -> dict[KeyPath, Number | str]:
@@ -171,7 +171,7 @@ def _missing_units(energy: Expression, known: dict[str, Dimension | None], param
     return ""
 
 
-def _in_floats(energy: Expression, parameters: Mapping[str, Measured], *e: float) -> Jet:
+def _float_jet(energy: Expression, parameters: Mapping[str, Measured], *e: float) -> Jet:
     constants = {name: Coefficient.parameter(p.value, p.value) for name, p in parameters.items()}
     return evaluate(energy, constants, PrincipalStretches(*e), FLOATS)[0]
 
@@ -180,7 +180,7 @@ def _moduli(energy: Expression, parameters: Mapping[str, Measured]) -> tuple[flo
     """Return shear and bulk modulus (Pa) without fibres, by ``psi = mu dev(e):dev(e) + K/2 tr²(e)`` at small ``e``."""
 
     def psi(*e: float) -> float:
-        return float(_in_floats(energy, parameters, *e).remainder)
+        return float(_float_jet(energy, parameters, *e).remainder)
 
     def limit(modulus: Callable[[float], float]) -> float:
         fine, coarse = modulus(_SMALL), modulus(2 * _SMALL)

@@ -23,4 +23,4 @@ class GreenLagrangeLaw(IsochoricLaw):
     def own_formula(self) -> str:
         if self.strain == "total":
             return self.formula
-        return _INVARIANT.sub(lambda found: f"({found[0]}*J**({_POWERS[found[1]]}))", self.formula)
+        return _INVARIANT.sub(lambda match: f"({match[0]}*J**({_POWERS[match[1]]}))", self.formula)

@@ -42,7 +42,7 @@ class StartingValues:
     source: str
 
 
-def _with_moduli(schema: dict[str, Any], law: type[Any]) -> None:
+def _add_moduli(schema: dict[str, Any], law: type[Any]) -> None:
     """Add elastic moduli to the JSON schema of a law, as alternatives to the parameters that they determine."""
     if law.replaceable is not None:
         schema["properties"] |= moduli_schema()
@@ -60,7 +60,7 @@ class MaterialLaw(Ingredient):
     names in the formula; the moduli read them from ``par`` as floats, arrays or UFL scalars.
     """
 
-    model_config = ConfigDict(json_schema_extra=_with_moduli)
+    model_config = ConfigDict(json_schema_extra=_add_moduli)
 
     formula: ClassVar[str]
     """The energy without its volumetric part, in the syntax of the law 'formula'; fibres have the names of the fields
@@ -117,11 +117,11 @@ class MaterialLaw(Ingredient):
 
     def _families_by_formula_name(self) -> dict[str, str]:
         """Return families of fibres by the field that names them, with a number for lists."""
-        found = {}
+        families = {}
         for family, field in self.families.items():
             value = getattr(self, field)
-            found[f"{field}{value.index(family) + 1}" if isinstance(value, tuple) else field] = family
-        return found
+            families[f"{field}{value.index(family) + 1}" if isinstance(value, tuple) else field] = family
+        return families
 
     @property
     def energy_formula(self) -> str:
@@ -149,21 +149,21 @@ class MaterialLaw(Ingredient):
         """Yield namespaces of numbers (SI), one for each region with different values; none if they are fields."""
         values = {name: value for name, (value, _) in self.quantities().items()}
         entries = [e for v in values.values() for e in (v if isinstance(v, tuple) else (v,))]
-        by_region = [e for e in entries if isinstance(e, ByRegion)]
+        regional = [e for e in entries if isinstance(e, ByRegion)]
         if not all(is_uniform(e) or isinstance(e, ByRegion) for e in entries):
             return
-        for region in dict.fromkeys(name for e in by_region for name in e.values) or [ELSEWHERE]:
-            if all(e.at(region) is not None for e in by_region):
-                yield SimpleNamespace(**{name: _at(value, region) for name, value in values.items()})
+        for region in dict.fromkeys(name for e in regional for name in e.values) or [ELSEWHERE]:
+            if all(e.value_in(region) is not None for e in regional):
+                yield SimpleNamespace(**{name: _regional_value(value, region) for name, value in values.items()})
 
     def numbers(self) -> dict[KeyPath, Number | str]:
         """Return all numbers, including Young's modulus and Poisson's ratio, whichever moduli the job gives."""
-        found = super().numbers()
+        numbers = super().numbers()
         if self.replaceable is not None and self.replaceable[0] is not None and self._is_uniform:
             young, poisson = self._young_and_poisson()
-            found["young",] = Number(young, _STRESS)
-            found["poisson",] = "is 0.5, the end of its range" if poisson == 0.5 else Number(poisson, Dimension())
-        return found
+            numbers["young",] = Number(young, _STRESS)
+            numbers["poisson",] = "is 0.5, the end of its range" if poisson == 0.5 else Number(poisson, Dimension())
+        return numbers
 
     def rates(self, place: KeyPath) -> dict[str, tuple[Any, Dimension]]:
         if place not in (("young",), ("poisson",)):
@@ -173,14 +173,14 @@ class MaterialLaw(Ingredient):
         assert shear is not None
         (young, poisson), mu = self._young_and_poisson(), self.shear_modulus(self._parameters())
         if place == ("young",):
-            by_shear, by_bulk = mu / young, math.inf if poisson == 0.5 else self._bulk() / young
+            shear_rate, bulk_rate = mu / young, math.inf if poisson == 0.5 else self._bulk() / young
         else:
-            by_shear, by_bulk = -mu / (1 + poisson), 2 * young / (3 * (1 - 2 * poisson) ** 2)
-        change = by_shear / self._slope(self.shear_modulus, self.place_of(shear))
-        rates = {shear: (self._with_entry(shear, change), _STRESS)}
-        if math.isfinite(by_bulk):
-            by_bulk -= change * self._slope(self.bulk_modulus, self.place_of(shear))
-            rates[bulk] = (by_bulk / self._slope(self.bulk_modulus, self.place_of(bulk)), _STRESS)
+            shear_rate, bulk_rate = -mu / (1 + poisson), 2 * young / (3 * (1 - 2 * poisson) ** 2)
+        change = shear_rate / self._slope(self.shear_modulus, self.place_of(shear))
+        rates = {shear: (self._parameter_value(shear, change), _STRESS)}
+        if math.isfinite(bulk_rate):
+            bulk_rate -= change * self._slope(self.bulk_modulus, self.place_of(shear))
+            rates[bulk] = (bulk_rate / self._slope(self.bulk_modulus, self.place_of(bulk)), _STRESS)
         return rates
 
     @classmethod
@@ -219,14 +219,14 @@ class MaterialLaw(Ingredient):
         """Return the derivative of a modulus by a number in which it is linear."""
         # A step of the size of the moduli loses no digits.
         step = float(self.shear_modulus(self._parameters()))
-        off, on = (self.with_number(place, x)._parameters() for x in (0.0, step))
-        return float(modulus(on) - modulus(off)) / step
+        start, end = (self.with_number(place, x)._parameters() for x in (0.0, step))
+        return float(modulus(end) - modulus(start)) / step
 
     def _solved(self, modulus: Callable[[Any], Any], value: float, place: KeyPath) -> float:
         """Return the number at a place for which a modulus has a given value."""
         return (value - float(modulus(self.with_number(place, 0.0)._parameters()))) / self._slope(modulus, place)
 
-    def _with_entry(self, parameter: str, value: float) -> Any:
+    def _parameter_value(self, parameter: str, value: float) -> Any:
         """Return a value at the place of a parameter, with 0 in the other entries of a list."""
         place = self.place_of(parameter)
         if len(place) == 1:
@@ -235,7 +235,7 @@ class MaterialLaw(Ingredient):
 
     @model_validator(mode="before")
     @classmethod
-    def _from_moduli(cls, data: Any, info: ValidationInfo) -> Any:
+    def _replace_moduli(cls, data: Any, info: ValidationInfo) -> Any:
         """Replace elastic moduli by parameters of the law."""
         if cls.replaceable is None or not isinstance(data, Mapping) or data.keys().isdisjoint(NAMES):
             return data
@@ -261,8 +261,8 @@ class MaterialLaw(Ingredient):
         except ValueError as error:
             raise Problems(((next(name for name in NAMES if name in data),), str(error))) from None
         if shear is not None and finds_shear:
-            found = law._solved(law.shear_modulus, mu, law.place_of(shear))
-            law, own = law.with_number(law.place_of(shear), found), cls.put(shear, found, own)
+            solved = law._solved(law.shear_modulus, mu, law.place_of(shear))
+            law, own = law.with_number(law.place_of(shear), solved), cls.put(shear, solved, own)
         if finds_bulk:
             finite = math.isfinite(kappa)
             own = cls.put(bulk, law._solved(law.bulk_modulus, kappa, (bulk,)) if finite else "incompressible", own)
@@ -299,7 +299,7 @@ def _check_number_of_moduli(
         raise Problems(((first,), f"needs a second modulus: one of {', '.join(others)}"))
 
 
-def _at(value: Any, region: str) -> Any:
+def _regional_value(value: Any, region: str) -> Any:
     if isinstance(value, tuple):
-        return tuple(_at(entry, region) for entry in value)
-    return value.at(region) if isinstance(value, ByRegion) else value
+        return tuple(_regional_value(entry, region) for entry in value)
+    return value.value_in(region) if isinstance(value, ByRegion) else value

@@ -71,4 +71,4 @@ class UsykMcCulloch(GreenLagrangeLaw):
         return par.c * par.b_sn / 2
 
     def _evaluated_formula(self, k: Deformation, par: Any) -> tuple[Any, tuple[Any, ...]]:
-        return super()._evaluated_formula(k.at_right_angles(self.fibre, self.sheet), par)
+        return super()._evaluated_formula(k.orthogonalised(self.fibre, self.sheet), par)

@@ -3,8 +3,8 @@
 import hpcinv.parallel.runtime  # noqa: F401  (first: it fixes the import order)
 
 # isort: split
-from hpcinv.mesh.body import Body, build_body, in_source_order, read_source
+from hpcinv.mesh.body import Body, build_body, read_source, reorder_to_source
 from hpcinv.mesh.mesh_files import write_mesh
 from hpcinv.mesh.source import MeshSource
 
-__all__ = ["Body", "MeshSource", "build_body", "in_source_order", "read_source", "write_mesh"]
+__all__ = ["Body", "MeshSource", "build_body", "read_source", "reorder_to_source", "write_mesh"]

@@ -16,7 +16,7 @@ from dolfinx import fem, la
 
 from hpcinv.errors import MeshError
 from hpcinv.files.names import exists
-from hpcinv.job.mesh_generators import in_unit
+from hpcinv.job.mesh_generators import converted_parameters
 from hpcinv.job.mesh_header import SUFFIX
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body_length import body_length
@@ -29,8 +29,8 @@ from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.io.length_unit import check_unit
 from hpcinv.mesh.readers import FILES, GENERATORS
-from hpcinv.mesh.refine.degree import of_degree
-from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, of_file, of_surface
+from hpcinv.mesh.refine.degree import change_degree
+from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geometry, surface_geometry
 from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
@@ -79,32 +79,32 @@ class Body:
         self.mesh.geometry.x[:] = nodes / self.length_scale
 
     @cached_property
-    def with_finer_geometry(self) -> tuple[Body | None, str]:
+    def true_geometry_body(self) -> tuple[Body | None, str]:
         """The same cells with the true geometry of the body, and why it is unknown, if it is; collective.
 
         It is the body itself if its geometry is the true one, and ``None`` if the true one is unknown. It is at the
         coordinates of the source, also if ``mesh`` has been moved since.
         """
-        comm, found = self.mesh.comm, list[FinerGeometry]()
+        comm, geometries = self.mesh.comm, list[FinerGeometry]()
 
-        def on_rank_0() -> tuple[str, MeshSource | None]:
+        def read_on_root() -> tuple[str, MeshSource | None]:
             read = self.read_finer_geometry or (lambda: FinerGeometry(NO_CAD))
-            found.append(read())
-            return found[0].unknown, found[0].source and found[0].source.header()
+            geometries.append(read())
+            return geometries[0].unknown, geometries[0].source and geometries[0].source.header()
 
-        unknown, header = on_root(comm, on_rank_0)
+        unknown, header = on_root(comm, read_on_root)
         if unknown or header is None:
             return None if unknown else self, unknown
-        source = found[0].source if found else header
+        source = geometries[0].source if geometries else header
         assert source is not None
-        return with_geometry(self, source), ""
+        return replace_geometry(self, source), ""
 
     @property
     def degree(self) -> int:
         """Degree of the geometry of ``mesh``."""
         return kind_and_degree(self.mesh)[1]
 
-    def of_degree(self, degree: int) -> Body:
+    def raise_degree(self, degree: int) -> Body:
         """The body with cells of at least this geometry degree, whose nodes are on the given cells; collective."""
         return self if self.degree >= degree else replace(self, mesh=_raised(self.mesh, degree))
 
@@ -134,8 +134,8 @@ class Body:
         """Local facets of a region of the boundary; raises ``MeshError`` on all ranks if some are inside the body."""
         facets = self.facets(name)
         topology = self.mesh.topology
-        inside = np.setdiff1d(facets, dolfinx.mesh.exterior_facet_indices(topology))
-        owned = np.count_nonzero(inside < topology.index_map(2).size_local)
+        inner_facets = np.setdiff1d(facets, dolfinx.mesh.exterior_facet_indices(topology))
+        owned = np.count_nonzero(inner_facets < topology.index_map(2).size_local)
         if count := self.mesh.comm.allreduce(int(owned)):
             raise MeshError(
                 f"{self.source.path}: region '{name}' has {count} facets inside the body",
@@ -170,14 +170,16 @@ def read_source(
         raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
     try:
         if path.suffix in GENERATORS:
-            parameters = spec.parameters if spec.unit == 1.0 else in_unit(path, spec.parameters, spec.unit)
+            parameters = spec.parameters if spec.unit == 1.0 else converted_parameters(path, spec.parameters, spec.unit)
             monitor = MeshingMonitor(spec.maximum_cells, report)
             generate = GENERATORS[path.suffix]
-            source = generate(path, parameters, spec.geometry_degree, monitor, size_factor).in_metres(spec.unit)
+            source = generate(path, parameters, spec.geometry_degree, monitor, size_factor).convert_to_metres(spec.unit)
         elif spec.size is not None and spec.is_surface:
             from hpcinv.mesh.imaging import BODY, surface_mesh  # loads VTK
 
-            parts = {name: [beside(path, spec.file, file) for file in files] for name, files in spec.surfaces.items()}
+            parts = {
+                name: [sibling_path(path, spec.file, file) for file in files] for name, files in spec.surfaces.items()
+            }
             source = surface_mesh(parts or {BODY: [path]}, spec, report)
         elif spec.size is not None:
             from hpcinv.mesh.imaging import image_mesh
@@ -187,15 +189,15 @@ def read_source(
             source = FILES[path.suffix](path)
             if path.suffix != SUFFIX:  # partitioned meshes are in metres
                 check_unit(path, source.unit, spec.unit)
-                source = source.in_metres(spec.unit)
+                source = source.convert_to_metres(spec.unit)
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     check_nodes(source)
-    source = source.without_unused_nodes()
-    return source if spec.geometry_degree is None else of_degree(source, spec.geometry_degree)
+    source = source.drop_unused_nodes()
+    return source if spec.geometry_degree is None else change_degree(source, spec.geometry_degree)
 
 
-def beside(path: Path, file: str, other: str) -> Path:
+def sibling_path(path: Path, file: str, other: str) -> Path:
     """Path of a file ``other`` that a job names, from the ``path`` of one that it names ``file``."""
     return Path(str(path).removesuffix(file)) / other if str(path).endswith(file) else path.parent / Path(other).name
 
@@ -238,7 +240,7 @@ def build_body(
     named = build_regions(mesh, source, regions, length_scale)
     finer = None if source.is_partitioned else lambda: read_finer_geometry(spec, resolve(spec.file), source)
     body = Body(mesh, length_scale, named, partition_of(mesh, method), source, mesh.geometry, finer)
-    return body.of_degree(degree)
+    return body.raise_degree(degree)
 
 
 def _raised(mesh: Mesh, degree: int) -> Mesh:
@@ -250,10 +252,10 @@ def _raised(mesh: Mesh, degree: int) -> Mesh:
     _transfer(kind, mesh.geometry.x, mesh.geometry, space.dofmap.list, degree, nodes.array.reshape(-1, 3))
     nodes.scatter_forward()  # so that ranks agree to the last digit
     numbers = space.dofmap.index_map.local_to_global(np.arange(len(nodes.array) // 3, dtype=np.int32))
-    return _with_nodes(mesh, space.dofmap, element, nodes.array.reshape(-1, 3), numbers)
+    return _mesh_at_nodes(mesh, space.dofmap, element, nodes.array.reshape(-1, 3), numbers)
 
 
-def _with_nodes(mesh: Mesh, dofmap: fem.DofMap, element: Any, nodes: Floats, numbers: Ints) -> Mesh:
+def _mesh_at_nodes(mesh: Mesh, dofmap: fem.DofMap, element: Any, nodes: Floats, numbers: Ints) -> Mesh:
     """A mesh with the topology of another one, and numbered nodes at the degrees of freedom of a space on that."""
     cells = fem.coordinate_element(element.basix_element)
     geometry = dolfinx.mesh.create_geometry(dofmap.index_map, dofmap.list, cells, nodes, numbers)
@@ -284,10 +286,10 @@ def read_finer_geometry(spec: MeshSpec, path: Path, source: MeshSource) -> Finer
     """Geometry of higher degree that a mesh file or generator has for the cells of ``source``; not collective."""
 
     if path.suffix in GENERATORS:
-        return of_surface(source)
+        return surface_geometry(source)
     if spec.geometry_degree != 1 or spec.size is not None:  # of images and surfaces other cells are made
         return FinerGeometry(NO_CAD)
-    return of_file(source, lambda: read_source(spec.model_copy(update={"geometry_degree": None}), path))
+    return file_geometry(source, lambda: read_source(spec.model_copy(update={"geometry_degree": None}), path))
 
 
 def read_anywhere(
@@ -306,26 +308,26 @@ def read_anywhere(
         return read_partitioned(on_root(comm, lambda: resolve(spec.file)), comm)
     whole: list[MeshSource] = []
 
-    def on_rank_0() -> MeshSource:
+    def read_on_root() -> MeshSource:
         whole.append(given or read_source(spec, resolve(spec.file), report))
         return whole[0].header()
 
-    header = on_root(comm, on_rank_0)
+    header = on_root(comm, read_on_root)
     return whole[0] if whole else header
 
 
-def in_source_order(body: Body, values: npt.NDArray[np.float64]) -> Floats:
+def reorder_to_source(body: Body, values: npt.NDArray[np.float64]) -> Floats:
     """Values at the nodes of this rank's source, from values (n, c) at the local geometry nodes; collective.
 
     Rank 0 gets all of them, or each rank some of them if the mesh is a partitioned one.
     """
     geometry = body.source_geometry
     owned = geometry.index_map().size_local
-    rows = Rows.of(body.mesh.comm, len(body.source.points))
-    return rows.deliver(at_source_nodes(body, values)[:owned], geometry.input_global_indices[:owned])
+    rows = Rows.distributed(body.mesh.comm, len(body.source.points))
+    return rows.deliver(source_node_values(body, values)[:owned], geometry.input_global_indices[:owned])
 
 
-def at_source_nodes(body: Body, values: Floats) -> Floats:
+def source_node_values(body: Body, values: Floats) -> Floats:
     """Values at the local nodes of the source's cells, from values at the local geometry nodes."""
     if body.degree == body.source.degree:
         return values
@@ -337,11 +339,11 @@ def at_source_nodes(body: Body, values: Floats) -> Floats:
 
 def source_values(body: Body, values: Floats) -> Floats:
     """Values at the local nodes of the source's cells, from values (n, c) at this rank's rows of them; collective."""
-    rows = Rows.of(body.mesh.comm, len(body.source.points))
+    rows = Rows.distributed(body.mesh.comm, len(body.source.points))
     return rows.fetch(values, body.source_geometry.input_global_indices)
 
 
-def at_local_nodes(body: Body, values: Floats) -> Floats:
+def local_node_values(body: Body, values: Floats) -> Floats:
     """Values at the local geometry nodes, from values (n, c) at the nodes of this rank's source; collective."""
     here = source_values(body, values)
     if body.degree == body.source.degree:
@@ -353,7 +355,7 @@ def at_local_nodes(body: Body, values: Floats) -> Floats:
     return np.array(there)
 
 
-def with_geometry(body: Body, source: MeshSource) -> Body:
+def replace_geometry(body: Body, source: MeshSource) -> Body:
     """The body with the same distributed cells and the geometry of another source; collective.
 
     Spaces on both meshes number their unknowns alike, so that functions of one are functions of the other.
@@ -363,7 +365,7 @@ def with_geometry(body: Body, source: MeshSource) -> Body:
     dofmap = fem.functionspace(mesh, element).dofmap
     nodes = np.empty(dofmap.index_map.size_local + dofmap.index_map.num_ghosts, dtype=np.int64)
     here = np.asarray(mesh.topology.original_cell_index)
-    nodes[dofmap.list] = Rows.of(comm, len(source.cells)).fetch(source.cells, here)
-    points = Rows.of(comm, len(source.points)).fetch(source.points, nodes)
-    curved = _with_nodes(mesh, dofmap, element, points / body.length_scale, nodes)
+    nodes[dofmap.list] = Rows.distributed(comm, len(source.cells)).fetch(source.cells, here)
+    points = Rows.distributed(comm, len(source.points)).fetch(source.points, nodes)
+    curved = _mesh_at_nodes(mesh, dofmap, element, points / body.length_scale, nodes)
     return replace(body, mesh=curved, source=source, source_geometry=curved.geometry, read_finer_geometry=None)

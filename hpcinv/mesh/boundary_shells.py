@@ -29,8 +29,8 @@ def outer_facets(mesh: Mesh, facets: LocalIndices) -> tuple[LocalIndices, Floats
         areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     else:  # vertices of quadrilaterals are numbered row by row
         areas = np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1]) / 2
-    to_cells = mesh.topology.connectivity(2, 3)
-    cells = to_cells.array[to_cells.offsets[facets]]
+    cell_links = mesh.topology.connectivity(2, 3)
+    cells = cell_links.array[cell_links.offsets[facets]]
     middles = mesh.geometry.x[mesh.geometry.dofmaps[0][cells][:, : vertex_count(kind)]].mean(axis=1)
     areas[np.einsum("ij,ij->i", areas, corners.mean(axis=1) - middles) < 0] *= -1
     return nodes, areas
@@ -51,8 +51,8 @@ def cavities(mesh: Mesh, exterior: LocalIndices) -> Ints:
     gathered = mesh.comm.gather((numbers, volumes))
     shares = None
     if gathered is not None:
-        found = shells(np.concatenate([n for n, _ in gathered]), np.concatenate([v for _, v in gathered]))
-        shares = np.split(found, np.cumsum([len(v) for _, v in gathered])[:-1])
+        cavity_numbers = shells(np.concatenate([n for n, _ in gathered]), np.concatenate([v for _, v in gathered]))
+        shares = np.split(cavity_numbers, np.cumsum([len(v) for _, v in gathered])[:-1])
     return np.asarray(mesh.comm.scatter(shares))
 
 

@@ -95,32 +95,32 @@ def _expected(gmsh: Any) -> float:
     """Number of cells estimated from the mesh of the curves; 0 without volumes."""
 
     @cache
-    def of_curve(tag: int) -> tuple[float, float]:
+    def measure_curve(tag: int) -> tuple[float, float]:
         return _edges(gmsh, tag)
 
-    return sum(_cells(gmsh, volume, *_sum(map(of_curve, curves))) for volume, curves in _volumes(gmsh))
+    return sum(_cells(gmsh, volume, *_sum(map(measure_curve, curves))) for volume, curves in _volumes(gmsh))
 
 
 def _least(gmsh: Any) -> float:
     """Lower bound of the number of cells by options and sizes at points, before anything is meshed; 0 if unknown."""
     option = gmsh.option.getNumber
     largest, factor = option("Mesh.MeshSizeMax"), option("Mesh.MeshSizeFactor")
-    from_points = bool(option("Mesh.MeshSizeFromPoints"))
+    uses_point_sizes = bool(option("Mesh.MeshSizeFromPoints"))
 
-    def of_curve(tag: int) -> tuple[float, float]:
+    def measure_curve(tag: int) -> tuple[float, float]:
         points = gmsh.model.getBoundary([(1, tag)], combined=False, oriented=False)
-        sizes = gmsh.model.mesh.getSizes(points) if from_points and points else []
+        sizes = gmsh.model.mesh.getSizes(points) if uses_point_sizes and points else []
         coarsest = max(sizes, default=0.0) if len(sizes) and min(sizes) > 0 else math.inf
         size = max(min(largest, coarsest), option("Mesh.MeshSizeMin")) * factor
         length = _extent(gmsh, 1, tag)
         return (length / size if 0 < size < _UNLIMITED else 0.0), length
 
-    found = []
+    counts = []
     for volume, curves in _volumes(gmsh):
-        each = list(map(of_curve, curves))
+        each = list(map(measure_curve, curves))
         if all(number for number, _ in each):
-            found.append(_cells(gmsh, volume, *_sum(each)))
-    return sum(found)
+            counts.append(_cells(gmsh, volume, *_sum(each)))
+    return sum(counts)
 
 
 def _sum(each: Iterable[tuple[float, float]]) -> tuple[float, float]:
@@ -158,5 +158,5 @@ def _edges(gmsh: Any, curve: int) -> tuple[float, float]:
         return 0, 0.0
     tags, points, _ = gmsh.model.mesh.getNodes(1, curve, includeBoundary=True)
     order = np.argsort(tags)
-    at = points.reshape(-1, 3)[order][np.searchsorted(tags, nodes, sorter=order)].reshape(-1, 2, 3)
-    return len(at), float(np.linalg.norm(at[:, 1] - at[:, 0], axis=1).sum())
+    ends = points.reshape(-1, 3)[order][np.searchsorted(tags, nodes, sorter=order)].reshape(-1, 2, 3)
+    return len(ends), float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())

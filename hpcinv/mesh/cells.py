@@ -109,9 +109,9 @@ def kind_and_degree(mesh: dolfinx.mesh.Mesh) -> tuple[str, int]:
     return mesh.basix_cell().name, mesh.ufl_domain().ufl_coordinate_element().degree
 
 
-def jacobians(kind: str, degree: int, nodes: Floats, at: Floats) -> Floats:
+def jacobians(kind: str, degree: int, nodes: Floats, reference_points: Floats) -> Floats:
     """Jacobians ∂x/∂ξ (cells, points, 3, 3) at reference points of cells with node coordinates ``nodes`` (c, n, 3)."""
-    gradients: Floats = scalar_element(kind, degree).tabulate(1, at)[1:, :, :, 0]
+    gradients: Floats = scalar_element(kind, degree).tabulate(1, reference_points)[1:, :, :, 0]
     # Much faster than einsum without a path, or than a product for each cell: (3·c, n) × (3·p, n)ᵀ.
     flat = nodes.transpose(0, 2, 1).reshape(-1, nodes.shape[1]) @ gradients.reshape(-1, gradients.shape[2]).T
-    return np.asarray(flat.reshape(len(nodes), 3, 3, len(at)).transpose(0, 3, 1, 2))
+    return np.asarray(flat.reshape(len(nodes), 3, 3, len(reference_points)).transpose(0, 3, 1, 2))

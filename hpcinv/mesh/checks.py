@@ -25,7 +25,7 @@ def check(source: MeshSource) -> None:
         raise MeshError(f"{source.path}: some node coordinates are not finite", "Write the mesh again.")
     if (np.abs(source.points) > FARTHEST).any():
         raise MeshError(f"{source.path}: some node coordinates are beyond {FARTHEST:g} m", "Write the mesh again.")
-    table = FacetTable.of(source.kind, source.cells[:, : vertex_count(source.kind)])
+    table = FacetTable.build(source.kind, source.cells[:, : vertex_count(source.kind)])
     problems = [
         *_duplicate_nodes(source),
         *_duplicate_cells(source),
@@ -82,7 +82,7 @@ def _duplicate_nodes(source: MeshSource) -> MeshProblems:
 def _overlaps(source: MeshSource, table: FacetTable) -> MeshProblems:
     crowded = table.sharing > 2
     if crowded.any():
-        cells = np.flatnonzero(crowded[table.of_cell].any(axis=1))
+        cells = np.flatnonzero(crowded[table.cell_facets].any(axis=1))
         yield (
             f"{crowded.sum()} facets have more than two cells ({_first_of(source.cell_tags[cells], 'cell')})",
             "Remove duplicate or overlapping cells, such as those of a volume that was saved in two physical groups.",
@@ -111,13 +111,13 @@ def _bad_cells(source: MeshSource) -> MeshProblems:
 def determinants(source: MeshSource) -> tuple[Floats, Floats]:
     """Smallest and largest det J / ∏|∂x/∂ξᵢ| of each cell, over its nodes and the nodes of degree 4."""
     constant = source.kind == "tetrahedron" and source.degree == 1
-    at = np.zeros((1, 3))
+    reference_points = np.zeros((1, 3))
     if not constant:
-        at = np.concatenate([scalar_element(source.kind, d).points for d in {source.degree, 4}])
+        reference_points = np.concatenate([scalar_element(source.kind, d).points for d in {source.degree, 4}])
     least, most = np.empty(len(source.cells)), np.empty(len(source.cells))
     for start in range(0, len(source.cells), CHUNK):
         part = slice(start, start + CHUNK)
-        gradient = jacobians(source.kind, source.degree, source.points[source.cells[part]], at)
+        gradient = jacobians(source.kind, source.degree, source.points[source.cells[part]], reference_points)
         scale = np.linalg.norm(gradient, axis=2).prod(axis=2)
         shape = np.divide(det(gradient), scale, out=np.zeros_like(scale), where=scale > 0)
         least[part], most[part] = shape.min(axis=1), shape.max(axis=1)
@@ -131,16 +131,16 @@ def det(matrices: Floats) -> Floats:
 
 
 def _bad_groups(source: MeshSource, table: FacetTable) -> MeshProblems:
-    found = table.find(source.facets[:, : table.vertices.shape[1]])
+    facet_rows = table.find(source.facets[:, : table.vertices.shape[1]])
     for group in source.groups:
         if not len(group.members):
             yield f"physical group '{group.name}' is empty", "Add meshed entities to it, or delete it."
-        elif group.dim == 2 and (found[group.members] < 0).any():
+        elif group.dim == 2 and (facet_rows[group.members] < 0).any():
             yield (
-                f"{(found[group.members] < 0).sum()} facets of physical group '{group.name}' belong to no cell",
+                f"{(facet_rows[group.members] < 0).sum()} facets of physical group '{group.name}' belong to no cell",
                 "A surface group must lie on the boundary of, or between, meshed volumes.",
             )
-    yield from _shared(source, 2, found)
+    yield from _shared(source, 2, facet_rows)
     yield from _shared(source, 3, np.arange(len(source.cells)))
     grouped = np.zeros(len(source.cells), dtype=bool)
     for group in source.groups:

@@ -30,15 +30,15 @@ def coarser_body(
     Raises:
         MeshError: the same on every rank: the generator makes no such mesh, or not an admissible one.
     """
-    comm, found = body.mesh.comm, list[MeshSource]()
+    comm, sources = body.mesh.comm, list[MeshSource]()
     cells = sum(body.partition.cells)
 
-    def on_rank_0() -> None:
+    def read_on_root() -> None:
         source = read_source(spec, resolve(spec.file), size_factor=size_factor)
         if len(source.cells) > most * cells:
             raise MeshError(f"its generator makes {len(source.cells):,} coarser cells in place of {cells:,}")
-        found.append(source)
+        sources.append(source)
 
-    on_root(comm, on_rank_0)
-    given = found[0] if found else None
+    on_root(comm, read_on_root)
+    given = sources[0] if sources else None
     return build_body(spec, regions, comm, resolve=resolve, degree=body.degree, given=given)

@@ -21,7 +21,7 @@ class Overlap:
     """Number of pairs of boundary facets that cross, a point (m) of one pair, ``None`` if none do, and these facets."""
 
     pairs: int
-    at: tuple[float, float, float] | None
+    point: tuple[float, float, float] | None
     facets: frozenset[int] = frozenset()
 
 
@@ -31,34 +31,36 @@ def find_overlap(surface: Surface) -> Overlap:
     Parts that touch, up to 1e-9 of the body's diagonal, do not cross. Curved facets are compared as triangles, at first
     between their nodes, then four times finer: overlaps flatter than what these leave out may go unseen.
     """
-    pairs, at = _crossing_facets(surface.cut(surface.degree, np.arange(len(surface.nodes))))
+    pairs, points = _crossing_facets(surface.cut(surface.degree, np.arange(len(surface.nodes))))
     if len(pairs) and not surface.is_flat:
-        pairs, at = _crossing_facets(surface.cut(_FINER * surface.degree, np.unique(pairs)), pairs)
+        pairs, points = _crossing_facets(surface.cut(_FINER * surface.degree, np.unique(pairs)), pairs)
     if not len(pairs):
         return Overlap(0, None)
-    x, y, z = at[0].tolist()
+    x, y, z = points[0].tolist()
     return Overlap(len(pairs), (x, y, z), frozenset(np.unique(pairs).tolist()))
 
 
-def _crossing_facets(triangles: Triangles, among: Ints | None = None) -> tuple[Ints, Floats]:
+def _crossing_facets(triangles: Triangles, candidate_pairs: Ints | None = None) -> tuple[Ints, Floats]:
     """Distinct pairs of facets with triangles that cross, (n, 2), and a point (n, 3) of each.
 
     Args:
         among: the distinct pairs of facets (m, 2) that are in question; all if ``None``.
     """
     shrunk = _shrunk(triangles)
-    found = meeting(shrunk, triangles.corners)
-    if among is not None:
-        found = found[find_rows(np.sort(triangles.facet[found], axis=1), among) >= 0]
+    triangle_pairs = meeting(shrunk, triangles.corners)
+    if candidate_pairs is not None:
+        triangle_pairs = triangle_pairs[
+            find_rows(np.sort(triangles.facet[triangle_pairs], axis=1), candidate_pairs) >= 0
+        ]
     pairs, points = [np.zeros((0, 2), dtype=np.int64)], [np.zeros((0, 3))]
-    for i, j in (part.T for part in np.array_split(found, 1 + len(found) // _CHUNK)):
+    for i, j in (part.T for part in np.array_split(triangle_pairs, 1 + len(triangle_pairs) // _CHUNK)):
         crosses, where = crossing(shrunk, triangles.corners[i], triangles.corners[j])
         pairs.append(np.sort(triangles.facet[np.stack([i[crosses], j[crosses]], axis=1)], axis=1))
         points.append(where[crosses])
     distinct, place = unique_rows(np.concatenate(pairs))
-    at = np.empty((len(distinct), 3))
-    at[place] = np.concatenate(points)
-    return distinct, at
+    positions = np.empty((len(distinct), 3))
+    positions[place] = np.concatenate(points)
+    return distinct, positions
 
 
 def _shrunk(triangles: Triangles) -> Floats:

@@ -7,7 +7,7 @@ import numpy as np
 from dolfinx import fem
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.body import Body, at_local_nodes
+from hpcinv.mesh.body import Body, local_node_values
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.source import DataArray, Floats
 from hpcinv.quantity.suggestions import did_you_mean
@@ -22,10 +22,10 @@ def distribute(body: Body, name: str) -> DataArray:
         MeshError: on all ranks, if the mesh has no such array, or if values of it are missing or not finite.
     """
     array, mesh = _find(body, name), body.mesh
-    rows = Rows.of(mesh.comm, len(array.values))
+    rows = Rows.distributed(mesh.comm, len(array.values))
     _check(body, array, rows)
-    if array.on == "nodes":
-        return dataclasses.replace(array, values=at_local_nodes(body, array.values))
+    if array.place == "nodes":
+        return dataclasses.replace(array, values=local_node_values(body, array.values))
     return dataclasses.replace(array, values=rows.fetch(array.values, np.asarray(mesh.topology.original_cell_index)))
 
 
@@ -37,17 +37,17 @@ def as_function(body: Body, array: DataArray) -> fem.Function:
     mesh, geometry = body.mesh, body.mesh.geometry
     components = array.values.shape[1]
     shape = SHAPES[components]
-    if array.on == "nodes":
+    if array.place == "nodes":
         element = basix.ufl.element("Lagrange", mesh.basix_cell(), body.degree, shape=shape)
     else:
         element = basix.ufl.element("DG", mesh.basix_cell(), 0, shape=shape)
     function = fem.Function(fem.functionspace(mesh, element), name=array.name)
-    of_cells = array.values[geometry.dofmaps[0]] if array.on == "nodes" else array.values[:, None]
-    function.x.array.reshape(-1, components)[function.function_space.dofmap.list] = of_cells
+    cell_values = array.values[geometry.dofmaps[0]] if array.place == "nodes" else array.values[:, None]
+    function.x.array.reshape(-1, components)[function.function_space.dofmap.list] = cell_values
     return function
 
 
-def at_geometry_nodes(body: Body, function: fem.Function) -> Floats:
+def geometry_node_values(body: Body, function: fem.Function) -> Floats:
     """Values (local nodes, 1) of a continuous scalar function at the geometry nodes of its mesh; collective."""
     mesh, degree = body.mesh, body.degree
     element = basix.ufl.element("Lagrange", mesh.basix_cell(), degree)
@@ -63,7 +63,7 @@ def _find(body: Body, name: str) -> DataArray:
     data = body.source.data
     if name in data:
         return data[name]
-    there = ", ".join(f"{a.name} ({a.on}, {a.values.shape[1]})" for a in data.values())
+    there = ", ".join(f"{a.name} ({a.place}, {a.values.shape[1]})" for a in data.values())
     raise MeshError(
         f"{body.source.path}: no data array '{name}'.{did_you_mean(name, data, list_all=False)}",
         (f"The mesh has, with place and number of components: {there}." if data else "The mesh has none.")
@@ -73,12 +73,12 @@ def _find(body: Body, name: str) -> DataArray:
 
 def _check(body: Body, array: DataArray, rows: Rows) -> None:
     wrong = np.flatnonzero(~np.isfinite(array.values).all(axis=1))
-    tags = body.source.node_tags if array.on == "nodes" else body.source.cell_tags
-    found = rows.comm.allgather((tags[wrong[:1]].tolist(), len(wrong)))
-    if count := sum(number for _, number in found):
-        first = next(tag for some, _ in found for tag in some)
+    tags = body.source.node_tags if array.place == "nodes" else body.source.cell_tags
+    faults = rows.comm.allgather((tags[wrong[:1]].tolist(), len(wrong)))
+    if count := sum(number for _, number in faults):
+        first = next(tag for some, _ in faults for tag in some)
         raise MeshError(
             f"{body.source.path}: data array '{array.name}' is missing or not finite on {count} of {rows.total}"
-            f" {array.on} (first: {array.on.removesuffix('s')} {first})",
-            f"Give the array a finite value on all {array.on} of the body.",
+            f" {array.place} (first: {array.place.removesuffix('s')} {first})",
+            f"Give the array a finite value on all {array.place} of the body.",
         )

@@ -34,7 +34,7 @@ class Places:
 
     cells: Ints
     xi: Floats
-    outside: Floats
+    distance: Floats
 
 
 class GatheredCells:
@@ -61,9 +61,9 @@ class GatheredCells:
         dofmap = function.function_space.dofmap
         return self.gathered(function.x.array.reshape(-1, dofmap.bs)[dofmap.list[: self._owned]])
 
-    def gathered[T: np.generic](self, of_cells: npt.NDArray[T]) -> npt.NDArray[T]:
+    def gathered[T: np.generic](self, cell_values: npt.NDArray[T]) -> npt.NDArray[T]:
         """Return values of all cells from values of the local ones; collective."""
-        return np.concatenate(self.comm.allgather(of_cells[: self._owned]))
+        return np.concatenate(self.comm.allgather(cell_values[: self._owned]))
 
     def part(self, cells: npt.NDArray[np.bool_]) -> GatheredCells:
         """Return some of the cells by themselves, for `find` and `evaluate`."""
@@ -78,21 +78,21 @@ class GatheredCells:
         Among flat cells one may be taken beside that of the point, up to 0.1 of it. Where no cell around a point has
         it, nor nearly, its distance is large, at most infinite.
         """
-        cells, xi, outside = np.zeros(len(points), dtype=np.int64), np.empty((len(points), 3)), np.empty(len(points))
-        outside[:] = np.inf
-        for near in _NEAR:
-            missing = np.flatnonzero(outside > _FAR)
-            for part in np.array_split(missing, 1 + len(missing) // (_CHUNK * _NEAR[0] // near)):
-                cells[part], xi[part], outside[part] = self._find(points[part], min(near, len(self.nodes)))
-        return Places(cells, xi, outside)
+        cells, xi, distance = np.zeros(len(points), dtype=np.int64), np.empty((len(points), 3)), np.empty(len(points))
+        distance[:] = np.inf
+        for count in _NEAR:
+            missing = np.flatnonzero(distance > _FAR)
+            for part in np.array_split(missing, 1 + len(missing) // (_CHUNK * _NEAR[0] // count)):
+                cells[part], xi[part], distance[part] = self._find(points[part], min(count, len(self.nodes)))
+        return Places(cells, xi, distance)
 
     def evaluate(self, places: Places, element: Any, values: Floats) -> Floats:
         """Return values (n, components) at places, from `values` of a function with a scalar Basix element."""
-        found = np.empty((len(places.cells), values.shape[2]))
-        for part in np.array_split(np.arange(len(found)), 1 + len(found) // _CHUNK):
+        interpolated = np.empty((len(places.cells), values.shape[2]))
+        for part in np.array_split(np.arange(len(interpolated)), 1 + len(interpolated) // _CHUNK):
             shapes = element.tabulate(0, places.xi[part])[0].reshape(len(part), values.shape[1])
-            found[part] = np.einsum("pn,pni->pi", shapes, values[places.cells[part]])
-        return found
+            interpolated[part] = np.einsum("pn,pni->pi", shapes, values[places.cells[part]])
+        return interpolated
 
     @cached_property
     def _linear(self) -> tuple[Any, Floats, Floats]:
@@ -104,24 +104,28 @@ class GatheredCells:
         gradients = jacobians(self.kind, self.degree, self.nodes, self._middle[None])[:, 0]
         return cKDTree(centres), centres, np.asarray(np.linalg.inv(gradients), dtype=np.float64)
 
-    def _find(self, points: Floats, near: int) -> tuple[Ints, Floats, Floats]:
+    def _find(self, points: Floats, count: int) -> tuple[Ints, Floats, Floats]:
         tree, centres, inverse = self._linear
         rows = np.arange(len(points))
-        candidates = tree.query(points, near)[1].reshape(len(points), near)
+        candidates = tree.query(points, count)[1].reshape(len(points), count)
         linear = self._middle + np.einsum("pkij,pkj->pki", inverse[candidates], points[:, None] - centres[candidates])
-        estimated = self._outside(linear)
+        estimated = self._distance_outside(linear)
         order = np.argsort(estimated, axis=1)[:, :_TRIES]
-        cells, xi, outside = candidates[rows, order[:, 0]], linear[rows, order[:, 0]], np.full(len(points), np.inf)
+        cells, xi, best_distance = (
+            candidates[rows, order[:, 0]],
+            linear[rows, order[:, 0]],
+            np.full(len(points), np.inf),
+        )
         for nth in order.T:
-            may_be_better = estimated[rows, nth] < outside.clip(max=FARTHEST) + _CURVED
-            missing = np.flatnonzero((outside > _INSIDE) & may_be_better)
-            of = nth[missing]
-            tried = candidates[missing, of]
-            found, distance = self._pulled_back(points[missing], tried, linear[missing, of])
-            better = distance < outside[missing]
+            may_be_better = estimated[rows, nth] < best_distance.clip(max=FARTHEST) + _CURVED
+            missing = np.flatnonzero((best_distance > _INSIDE) & may_be_better)
+            column = nth[missing]
+            tried = candidates[missing, column]
+            new_xi, distance = self._pulled_back(points[missing], tried, linear[missing, column])
+            better = distance < best_distance[missing]
             cells[missing[better]] = tried[better]
-            xi[missing[better]], outside[missing[better]] = found[better], distance[better]
-        return cells, xi, outside
+            xi[missing[better]], best_distance[missing[better]] = new_xi[better], distance[better]
+        return cells, xi, best_distance
 
     def _pulled_back(self, points: Floats, cells: Ints, xi: Floats) -> tuple[Floats, Floats]:
         """Return reference coordinates of points in cells by Newton's method from ``xi``, and distances outside."""
@@ -139,14 +143,14 @@ class GatheredCells:
                     / np.einsum("pi,pi->p", a, adjugate[:, 0])[:, None]
                 )
             step = np.nan_to_num(step, posinf=1.0, neginf=-1.0)
-            before, xi = xi, (xi + step).clip(_LOW, _HIGH)
-            error = np.abs(xi - before).max(axis=1)
+            previous, xi = xi, (xi + step).clip(_LOW, _HIGH)
+            error = np.abs(xi - previous).max(axis=1)
             if (error <= _CONVERGED).all():
                 break
-        at_end = ((xi == _LOW) | (xi == _HIGH)).any(axis=1)
-        return xi, np.where((error <= _CONVERGED) & ~at_end, self._outside(xi), np.inf)
+        is_at_end = ((xi == _LOW) | (xi == _HIGH)).any(axis=1)
+        return xi, np.where((error <= _CONVERGED) & ~is_at_end, self._distance_outside(xi), np.inf)
 
-    def _outside(self, xi: Floats) -> Floats:
+    def _distance_outside(self, xi: Floats) -> Floats:
         """Distance (…) of reference coordinates (…, 3) from the reference cell, at most 0 inside."""
-        beyond = xi.sum(axis=-1) if self.kind == "tetrahedron" else xi.max(axis=-1)
-        return np.asarray(np.maximum(-xi.min(axis=-1), beyond - 1))
+        upper = xi.sum(axis=-1) if self.kind == "tetrahedron" else xi.max(axis=-1)
+        return np.asarray(np.maximum(-xi.min(axis=-1), upper - 1))

@@ -35,22 +35,25 @@ def locate(body: Body, point: Floats) -> PointLocation | None:
     padding = _MARGIN * float(mesh.h(3, owned).max(initial=0.0))
     tree = geometry.bb_tree(mesh, 3, padding=padding, entities=owned)
     nearest: tuple[float, int, int] = (np.inf, mesh.comm.rank, -1)
-    found = np.zeros(3)
+    coordinates = np.zeros(3)
     for cell in np.sort(geometry.compute_collisions_points(tree, scaled).array):
         xi = _pulled_back(mesh.geometry.cmaps[0], scaled, x[dofmap[cell]])
-        if xi is not None and (outside := round(max(_outside(body.source.kind, xi), 0.0), _DIGITS)) < nearest[0]:
-            nearest, found = (outside, mesh.comm.rank, int(cell)), xi
+        if (
+            xi is not None
+            and (distance := round(max(_distance_outside(body.source.kind, xi), 0.0), _DIGITS)) < nearest[0]
+        ):
+            nearest, coordinates = (distance, mesh.comm.rank, int(cell)), xi
     least, rank, cell = min(mesh.comm.allgather(nearest))
-    return PointLocation(rank, cell, mesh.comm.bcast(found, root=rank)) if least <= _MARGIN else None
+    return PointLocation(rank, cell, mesh.comm.bcast(coordinates, root=rank)) if least <= _MARGIN else None
 
 
 def position(body: Body, place: PointLocation, nodes: Floats) -> Floats:
     """Return the position (3,) of a material point of the body with its geometry nodes at ``nodes``; collective."""
-    found = None
+    point = None
     if body.mesh.comm.rank == place.rank:
         shapes = scalar_element(body.source.kind, body.degree).tabulate(0, place.xi[None])[0, 0, :, 0]
-        found = shapes @ nodes[body.mesh.geometry.dofmaps[0][place.cell]]
-    return np.asarray(body.mesh.comm.bcast(found, root=place.rank))
+        point = shapes @ nodes[body.mesh.geometry.dofmaps[0][place.cell]]
+    return np.asarray(body.mesh.comm.bcast(point, root=place.rank))
 
 
 def _pulled_back(cmap: Any, point: Floats, nodes: Floats) -> Floats | None:
@@ -60,7 +63,7 @@ def _pulled_back(cmap: Any, point: Floats, nodes: Floats) -> Floats | None:
         return None
 
 
-def _outside(kind: str, xi: Floats) -> float:
+def _distance_outside(kind: str, xi: Floats) -> float:
     """Distance of a point from the reference cell; at most 0 inside."""
-    beyond = xi.sum() - 1 if kind == "tetrahedron" else xi.max() - 1
-    return float(max(-xi.min(), beyond))
+    upper = xi.sum() - 1 if kind == "tetrahedron" else xi.max() - 1
+    return float(max(-xi.min(), upper))

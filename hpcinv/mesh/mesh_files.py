@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from hpcinv.errors import OutputError
 from hpcinv.job.mesh_header import SUFFIX
-from hpcinv.mesh.body import Body, in_source_order
+from hpcinv.mesh.body import Body, reorder_to_source
 from hpcinv.mesh.distributed.partitioned import write_partitioned
 from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.io.vtu import save_vtu
@@ -30,8 +30,8 @@ def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, F
     Raises:
         OutputError: on every rank, if it cannot be written; an `UnstorableMesh` if its format cannot hold the mesh.
     """
-    points, comm = in_source_order(body, coordinates), body.mesh.comm
-    arrays = {name: DataArray(name, "nodes", in_source_order(body, values)) for name, values in more.items()}
+    points, comm = reorder_to_source(body, coordinates), body.mesh.comm
+    arrays = {name: DataArray(name, "nodes", reorder_to_source(body, values)) for name, values in more.items()}
     source = dataclasses.replace(body.source, data={**body.source.data, **arrays})
     if path.suffix == SUFFIX:
         write_partitioned(path, comm, dataclasses.replace(source, points=points))

@@ -15,7 +15,7 @@ from hpcinv.job.mesh_generators import ParameterValue
 from hpcinv.job.msh_format import fault_of
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored
 from hpcinv.mesh.distributed.partitioned import read_partitioned
-from hpcinv.mesh.distributed.parts import by_tags
+from hpcinv.mesh.distributed.parts import sort_by_tags
 from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.generator_files import note_script, noted_files
 from hpcinv.mesh.io.gmsh_model import extract, read_views, session
@@ -57,7 +57,7 @@ def build_python(
             raise MeshError(f"{path}{line}: {described(exc)}", "Correct the generator or its parameters.") from exc
         if not gmsh.isInitialized():
             raise MeshError(f"{path}: build() finalised gmsh", "Leave gmsh running: its mesh is read after build().")
-        source = _of_degree(gmsh, path, degree)
+        source = _extracted(gmsh, path, degree)
     return dataclasses.replace(source, inputs=inputs)
 
 
@@ -83,7 +83,7 @@ def build_geo(
             raise
         except Exception as exc:  # gmsh raises nothing narrower
             raise MeshError(f"{path}: gmsh could not mesh it: {exc}", "Check the geometry and the parameters.") from exc
-        source = _of_degree(gmsh, path, degree)
+        source = _extracted(gmsh, path, degree)
     return dataclasses.replace(source, inputs=inputs)
 
 
@@ -120,7 +120,7 @@ def _merge(gmsh: Any, path: Path, called: Path | None = None) -> None:
         ) from exc
 
 
-def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
+def _extracted(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
     """The generated mesh, with the additional nodes of a higher degree on the CAD surfaces."""
     if degree is not None and len(gmsh.model.mesh.getElementTypes(3)):
         gmsh.model.mesh.setOrder(degree)
@@ -136,5 +136,5 @@ FILES: dict[str, Callable[[Path], MeshSource]] = {
     ".msh": read_msh,
     ".xdmf": read_xdmf,
     ".vtu": read_vtu,
-    ".bp": lambda path: by_tags(read_partitioned(path, MPI.COMM_SELF)),
+    ".bp": lambda path: sort_by_tags(read_partitioned(path, MPI.COMM_SELF)),
 }

@@ -66,12 +66,12 @@ def build_regions(
         if "cavity" in condition.names and cavity is None:
             cavity = cavities(mesh, exterior)
         try:
-            if of_facets(condition):
-                facets, cells = exterior[_on_facets(mesh, name, condition, exterior, points, cavity)], owned[:0]
+            if is_facet_condition(condition):
+                facets, cells = exterior[_facet_mask(mesh, name, condition, exterior, points, cavity)], owned[:0]
             else:
-                inside = evaluate(name, condition, points)
-                facets = exterior[_all_vertices(mesh, 2, exterior, inside)]
-                cells = owned[_all_vertices(mesh, 3, owned, inside)]
+                is_inside = evaluate(name, condition, points)
+                facets = exterior[_all_vertices(mesh, 2, exterior, is_inside)]
+                cells = owned[_all_vertices(mesh, 3, owned, is_inside)]
         except HpcinvError as exc:
             error = exc
         except (ArithmeticError, TypeError, ValueError) as exc:
@@ -98,18 +98,18 @@ def evaluate(name: str, condition: Expression, points: npt.NDArray[np.float64]) 
 def _holds(
     name: str, condition: Expression, values: Mapping[str, npt.NDArray[np.float64]], count: int
 ) -> npt.NDArray[np.bool_]:
-    inside = np.asarray(condition.evaluate(**values))
-    if inside.dtype != np.bool_:
+    is_inside = np.asarray(condition.evaluate(**values))
+    if is_inside.dtype != np.bool_:
         raise MeshError(f"region '{name}': '{condition}' is a number, not a condition", "Compare it: x < 1 mm")
-    return np.broadcast_to(inside, count)
+    return np.broadcast_to(is_inside, count)
 
 
-def of_facets(condition: Expression) -> bool:
+def is_facet_condition(condition: Expression) -> bool:
     """Return whether a condition is one of outer normals or of cavities, which only facets have."""
     return bool(condition.names & _OF_FACETS)
 
 
-def _on_facets(
+def _facet_mask(
     mesh: Mesh,
     name: str,
     condition: Expression,
@@ -152,8 +152,8 @@ def _physical(mesh: Mesh, source: MeshSource) -> dict[str, Region]:
     for name in names:
         parts = {}
         for dim, (entities, labels) in local.items():
-            of_name = [i for i, g in enumerate(source.groups) if g.name == name and g.dim == dim]
-            parts[dim] = entities[np.isin(labels, of_name)]
+            group_numbers = [i for i, g in enumerate(source.groups) if g.name == name and g.dim == dim]
+            parts[dim] = entities[np.isin(labels, group_numbers)]
         regions[name] = _region(mesh, name, "physical", parts[2], parts[3])
     return regions
 
@@ -168,12 +168,14 @@ def _distribute(mesh: Mesh, source: MeshSource, dim: int) -> tuple[LocalIndices,
     return tags.indices, tags.values
 
 
-def _all_vertices(mesh: Mesh, dim: int, entities: LocalIndices, inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def _all_vertices(
+    mesh: Mesh, dim: int, entities: LocalIndices, is_inside: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
     if not len(entities):
         return np.zeros(0, dtype=bool)
     kind = mesh.topology.cell_type.name
     vertices = vertex_count(kind if dim == 3 else FACET_KIND[kind])  # vertices come first; other nodes do not count
-    return np.asarray(inside[dolfinx.mesh.entities_to_geometry(mesh, dim, entities)[:, :vertices]].all(axis=1))
+    return np.asarray(is_inside[dolfinx.mesh.entities_to_geometry(mesh, dim, entities)[:, :vertices]].all(axis=1))
 
 
 def _region(mesh: Mesh, name: str, origin: str, facets: LocalIndices, cells: LocalIndices) -> Region:

@@ -11,7 +11,7 @@ from hpcinv.mesh.body import Body
 from hpcinv.mesh.cells import coordinate_element, vertex_count
 from hpcinv.mesh.distributed.partition import partition_of
 from hpcinv.mesh.refine.finer_geometry import FinerGeometry
-from hpcinv.mesh.regions import Region, build_regions, evaluate, of_facets
+from hpcinv.mesh.regions import Region, build_regions, evaluate, is_facet_condition
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable
 from hpcinv.parallel.runtime import MPI
@@ -44,22 +44,28 @@ def sample_body(
     comm = MPI.COMM_SELF
     element = coordinate_element(part.kind, part.degree)
     mesh = dolfinx.mesh.create_mesh(comm, part.cells, element, part.points / length_scale)
-    of_place = {name: condition for name, condition in conditions.items() if not of_facets(condition)}
-    regions = build_regions(mesh, part, of_place, length_scale)
+    place_conditions = {name: condition for name, condition in conditions.items() if not is_facet_condition(condition)}
+    regions = build_regions(mesh, part, place_conditions, length_scale)
     mesh.topology.create_connectivity(3, 2)
     first = np.sort(mesh.topology.connectivity(3, 2).array.reshape(len(chosen), -1)[:, 0])
     held = Region(HELD, "built in", first, np.zeros(0, dtype=np.int32), len(first), 0)
     # Separate cells have other normals and cavities than the body.
-    of_normals = {n: replace(held, name=n, origin="geometric") for n in conditions if n not in of_place}
+    normal_regions = {n: replace(held, name=n, origin="geometric") for n in conditions if n not in place_conditions}
     read = None if finer is None else lambda: finer
     return Body(
-        mesh, length_scale, regions | of_normals | {HELD: held}, partition_of(mesh, "none"), part, mesh.geometry, read
+        mesh,
+        length_scale,
+        regions | normal_regions | {HELD: held},
+        partition_of(mesh, "none"),
+        part,
+        mesh.geometry,
+        read,
     )
 
 
 def _first_of_each(source: MeshSource, conditions: Mapping[str, Expression]) -> Ints:
     """First cell of each combination of regions."""
-    table = FacetTable.of(source.kind, source.cells[:, : vertex_count(source.kind)])
+    table = FacetTable.build(source.kind, source.cells[:, : vertex_count(source.kind)])
     marks = np.stack([np.zeros(len(source.cells), dtype=bool), *_memberships(source, table, conditions)], axis=1)
     return np.asarray(np.unique(marks, axis=0, return_index=True)[1], dtype=np.int64)
 
@@ -68,20 +74,20 @@ def _memberships(
     source: MeshSource, table: FacetTable, conditions: Mapping[str, Expression]
 ) -> Iterator[npt.NDArray[np.bool_]]:
     """For each region two flags of each cell: whether the cell is in it, and whether a facet of the cell is in it."""
-    on_facets = table.find(source.facets[:, : table.vertices.shape[1]])
+    facet_rows = table.find(source.facets[:, : table.vertices.shape[1]])
     for group in source.groups:
         if group.dim == 3:
             yield np.isin(np.arange(len(source.cells)), group.members)
         else:
-            yield np.asarray(np.isin(table.of_cell, on_facets[group.members]).any(axis=1))
+            yield np.asarray(np.isin(table.cell_facets, facet_rows[group.members]).any(axis=1))
     exterior = table.sharing == 1
-    yield exterior[table.of_cell].any(axis=1)
+    yield exterior[table.cell_facets].any(axis=1)
     for name, condition in conditions.items():
-        if of_facets(condition):
+        if is_facet_condition(condition):
             continue
-        inside = evaluate(name, condition, source.points)
-        yield np.asarray(inside[source.cells[:, : vertex_count(source.kind)]].all(axis=1))
-        yield (exterior & inside[table.vertices].all(axis=1))[table.of_cell].any(axis=1)
+        is_inside = evaluate(name, condition, source.points)
+        yield np.asarray(is_inside[source.cells[:, : vertex_count(source.kind)]].all(axis=1))
+        yield (exterior & is_inside[table.vertices].all(axis=1))[table.cell_facets].any(axis=1)
 
 
 def _cells_near(source: MeshSource, points: Iterable[Floats]) -> Iterator[int]:
@@ -102,12 +108,12 @@ def _separated(source: MeshSource, chosen: Ints) -> MeshSource:
         if group.dim == 3:
             groups.append(replace(group, members=np.flatnonzero(np.isin(chosen, group.members))))
             continue
-        of_group, before = source.facets[group.members], len(facets)
+        group_facets, facet_count = source.facets[group.members], len(facets)
         for cell, cell_nodes in zip(new, nodes, strict=True):
-            mine = np.isin(of_group, cell_nodes).all(axis=1)
+            mine = np.isin(group_facets, cell_nodes).all(axis=1)
             place = {int(node): int(own) for node, own in zip(cell_nodes, cell, strict=True)}
-            facets += [[place[int(node)] for node in facet] for facet in of_group[mine]]
-        groups.append(replace(group, members=np.arange(before, len(facets))))
+            facets += [[place[int(node)] for node in facet] for facet in group_facets[mine]]
+        groups.append(replace(group, members=np.arange(facet_count, len(facets))))
     data = source.nodal_data(lambda values: values[nodes.ravel()])
     return replace(
         source,
@@ -117,6 +123,6 @@ def _separated(source: MeshSource, chosen: Ints) -> MeshSource:
         cell_tags=source.cell_tags[chosen],
         facets=np.array(facets, dtype=np.int64).reshape(len(facets), source.facets.shape[1]),
         groups=tuple(groups),
-        data={n: replace(a, values=a.values[chosen]) if a.on == "cells" else a for n, a in data.items()},
+        data={n: replace(a, values=a.values[chosen]) if a.place == "cells" else a for n, a in data.items()},
         parts=(),
     )

@@ -33,24 +33,24 @@ class DataArray:
     """Values (n, components) at the nodes or in the cells of a mesh."""
 
     name: str
-    on: Place
+    place: Place
     values: Floats
 
 
-def data_arrays(found: Iterable[tuple[str, Place, npt.NDArray[np.generic]]]) -> dict[str, DataArray]:
+def data_arrays(candidates: Iterable[tuple[str, Place, npt.NDArray[np.generic]]]) -> dict[str, DataArray]:
     """Numeric arrays of 1, 3 or 9 components among the arrays (n,) or (n, components) of a file.
 
     If nodes and cells have arrays of the same name, these are renamed ``NAME (nodes)`` and ``NAME (cells)``.
     """
     kept: dict[tuple[str, Place], Floats] = {}
-    for name, on, values in found:
+    for name, place, values in candidates:
         rows = values[:, None] if values.ndim == 1 else values
         if rows.dtype.kind in "fiu" and rows.ndim == 2 and rows.shape[1] in COMPONENTS:
-            kept[name, on] = rows.astype(np.float64)
+            kept[name, place] = rows.astype(np.float64)
     arrays = []
-    for (name, on), rows in kept.items():
+    for (name, place), rows in kept.items():
         both = {(name, "nodes"), (name, "cells")} <= kept.keys()
-        arrays.append(DataArray(f"{name} ({on})" if both else name, on, rows))
+        arrays.append(DataArray(f"{name} ({place})" if both else name, place, rows))
     return {array.name: array for array in arrays}
 
 
@@ -127,7 +127,7 @@ class MeshSource:
             groups=tuple(
                 dataclasses.replace(g, members=np.sort(m[m >= 0])) for g, m in zip(self.groups, members, strict=True)
             ),
-            data={name: dataclasses.replace(a, values=a.values[rows[a.on]]) for name, a in self.data.items()},
+            data={name: dataclasses.replace(a, values=a.values[rows[a.place]]) for name, a in self.data.items()},
         )
 
     def header(self) -> Self:
@@ -135,14 +135,14 @@ class MeshSource:
         none: Ints = np.zeros(0, dtype=np.int64)
         return dataclasses.replace(self.select(none, none, none), surface=None)
 
-    def in_metres(self, unit: float) -> Self:
+    def convert_to_metres(self, unit: float) -> Self:
         """The same mesh in metres, from coordinates in ``unit`` (m)."""
         if unit == 1.0:
             return dataclasses.replace(self, unit=unit)
         surface = self.surface and dataclasses.replace(self.surface, nodes=self.surface.nodes * unit)
         return dataclasses.replace(self, points=self.points * unit, surface=surface, unit=unit)
 
-    def without_unused_nodes(self) -> Self:
+    def drop_unused_nodes(self) -> Self:
         """The same mesh without nodes of no cell (such as centres of arcs); the others keep order and tags."""
         used = np.zeros(len(self.points), dtype=bool)
         used[self.cells] = True
@@ -154,12 +154,12 @@ class MeshSource:
     def nodal_data(self, change: Callable[[Floats], Floats]) -> dict[str, DataArray]:
         """The data arrays, with ``change`` applied to the values at nodes."""
         return {
-            name: dataclasses.replace(a, values=change(a.values)) if a.on == "nodes" else a
+            name: dataclasses.replace(a, values=change(a.values)) if a.place == "nodes" else a
             for name, a in self.data.items()
         }
 
 
-def with_distinct_tags(groups: Sequence[Group]) -> tuple[Group, ...]:
+def distinct_tags(groups: Sequence[Group]) -> tuple[Group, ...]:
     """Return groups whose tags differ within a dimension and are valid in all formats: from 1 to 2³¹ - 1.
 
     Tags that are valid and not taken by an earlier group are kept.

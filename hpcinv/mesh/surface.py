@@ -63,8 +63,8 @@ class Surface:
         the surfaces are not farther apart there.
         """
         corners = ((0, 1), (1, 2), (2, 0), (0, 1, 2))
-        found = [np.linalg.norm(chords, axis=2).max(initial=0.0) for chords in self._chords(divisions, corners)]
-        return float(max(found, default=0.0))
+        lengths = [np.linalg.norm(chords, axis=2).max(initial=0.0) for chords in self._chords(divisions, corners)]
+        return float(max(lengths, default=0.0))
 
     def rises(self, divisions: int) -> Floats:
         """Return the vector (m, 3) from the middle of each triangle of that cut of all facets to the facet."""
@@ -75,12 +75,12 @@ class Surface:
         lattice, triangles, _ = _pattern(self.kind, divisions)
         element, places = scalar_element(self.kind, self.degree), lattice.mean(axis=1)
         nodes = element.tabulate(0, places)[0, :, :, 0]
-        at_once = max(1, _VALUES_AT_ONCE // (3 * len(triangles)))
+        chunk = max(1, _VALUES_AT_ONCE // (3 * len(triangles)))
         for some in corners:
-            at = triangles[:, some]
-            difference = element.tabulate(0, places[at].mean(axis=1))[0, :, :, 0] - nodes[at].mean(axis=1)
-            for begin in range(0, len(self.nodes), at_once):
-                yield difference @ self.nodes[begin : begin + at_once]
+            parts = triangles[:, some]
+            difference = element.tabulate(0, places[parts].mean(axis=1))[0, :, :, 0] - nodes[parts].mean(axis=1)
+            for begin in range(0, len(self.nodes), chunk):
+                yield difference @ self.nodes[begin : begin + chunk]
 
     @property
     def is_flat(self) -> bool:
@@ -142,11 +142,11 @@ def gather_surface(body: Body, nodes: Floats, evaluate: SurfaceEvaluation | None
     topology.create_connectivity(2, 3)
     topology.create_connectivity(3, 2)
     facets = dolfinx.mesh.exterior_facet_indices(topology)
-    of_facet = topology.connectivity(2, 3)
-    local_cells = of_facet.array[of_facet.offsets[facets]]
+    facet_cells = topology.connectivity(2, 3)
+    local_cells = facet_cells.array[facet_cells.offsets[facets]]
     cells = local_cells.astype(np.int64)
-    of_cell = topology.connectivity(3, 2).array.reshape(-1, len(sub_entities(kind, 2)))
-    which = (of_cell[cells] == facets[:, None]).argmax(axis=1)
+    cell_facets = topology.connectivity(3, 2).array.reshape(-1, len(sub_entities(kind, 2)))
+    which = (cell_facets[cells] == facets[:, None]).argmax(axis=1)
 
     table, turned = _facets_of_reference_cell(kind, degree)
     local = geometry.dofmaps[0][cells[:, None], table[which]]
@@ -169,11 +169,11 @@ def gather_surface(body: Body, nodes: Floats, evaluate: SurfaceEvaluation | None
 def _facets_of_reference_cell(kind: str, degree: int) -> tuple[Ints, npt.NDArray[np.bool_]]:
     """Return the nodes of each facet in reference order, and whether its reference normal points outwards."""
     vertices: Floats = scalar_element(kind, 1).points
-    of_cell: Floats = scalar_element(kind, degree).points
-    on_facet = scalar_element(FACET_KIND[kind], 1).tabulate(0, scalar_element(FACET_KIND[kind], degree).points)
+    cell_nodes: Floats = scalar_element(kind, degree).points
+    facet_shapes = scalar_element(FACET_KIND[kind], 1).tabulate(0, scalar_element(FACET_KIND[kind], degree).points)
     corners = vertices[sub_entities(kind, 2)]
-    nodes = on_facet[0, :, :, 0] @ corners
-    table = np.abs(nodes[:, :, None] - of_cell).max(axis=3).argmin(axis=2)
+    nodes = facet_shapes[0, :, :, 0] @ corners
+    table = np.abs(nodes[:, :, None] - cell_nodes).max(axis=3).argmin(axis=2)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return table, np.einsum("fi,fi->f", normals, corners[:, 0] - vertices.mean(axis=0)) > 0
 
@@ -190,19 +190,19 @@ def _pattern(kind: str, divisions: int) -> tuple[Floats, Ints, Ints]:
         points = [(i, j) for i in range(divisions + 1) for j in range(divisions + 1 - i)]
         upright = [((i, j), (i + 1, j), (i, j + 1)) for i, j in points if i + j < divisions]
         hanging = [((i + 1, j), (i + 1, j + 1), (i, j + 1)) for i, j in points if i + j < divisions - 1]
-        triangles, steps, around = upright + hanging, divisions, [(0, 0)]
+        triangles, steps, corners = upright + hanging, divisions, [(0, 0)]
     else:
         # Midpoints are those of the corners, not of the facet, which could invert thin curved parts.
-        steps, around = 2 * divisions, [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+        steps, corners = 2 * divisions, [(-1, -1), (1, -1), (1, 1), (-1, 1)]
         points = [(i, j) for i in range(steps + 1) for j in range(steps + 1) if i % 2 == j % 2]
-        sides = list(zip(around, around[1:] + around[:1], strict=True))
+        sides = list(zip(corners, corners[1:] + corners[:1], strict=True))
         triangles = [
             ((i, j), (i + a[0], j + a[1]), (i + b[0], j + b[1])) for i, j in points if i % 2 == 1 for a, b in sides
         ]
     i, j = np.array(points).T
     n = steps
     weights = [n - i - j, i, j] if kind == "triangle" else [(n - i) * (n - j), i * (n - j), (n - i) * j, i * j]
-    spread = np.array(around) * (i % 2)[:, None, None] if kind == "quadrilateral" else np.zeros((1, 1, 2))
+    spread = np.array(corners) * (i % 2)[:, None, None] if kind == "quadrilateral" else np.zeros((1, 1, 2))
     number = {point: k for k, point in enumerate(points)}
     return (
         (np.stack([i, j], axis=1)[:, None] + spread) / n,

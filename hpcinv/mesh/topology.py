@@ -42,10 +42,10 @@ class FacetTable:
 
     vertices: Ints
     sharing: Ints
-    of_cell: Ints  # (cells, facets of a cell): rows of ``vertices``
+    cell_facets: Ints  # (cells, facets of a cell): rows of ``vertices``
 
     @classmethod
-    def of(cls, kind: str, cells: Ints) -> Self:
+    def build(cls, kind: str, cells: Ints) -> Self:
         """Table of the facets of ``cells`` (c, vertices)."""
         local = sub_entities(kind, 2)
         vertices, place = unique_rows(vertex_sets(cells, local))
@@ -58,9 +58,9 @@ class FacetTable:
     def separates(self, label: Ints) -> npt.NDArray[np.bool_]:
         """Mask (f,) of the facets between two cells of different ``label`` (cells,)."""
         first = np.empty(len(self.vertices), dtype=label.dtype)
-        first[self.of_cell] = label[:, None]
+        first[self.cell_facets] = label[:, None]
         mask = np.zeros(len(self.vertices), dtype=bool)
-        mask[self.of_cell[first[self.of_cell] != label[:, None]]] = True
+        mask[self.cell_facets[first[self.cell_facets] != label[:, None]]] = True
         return mask
 
 

@@ -41,21 +41,21 @@ def crossing(points: Floats, first: Ints, second: Ints) -> tuple[npt.NDArray[np.
     crosses, where = np.zeros(len(first), dtype=bool), np.full((len(first), 3), np.nan)
     shared = (first[:, :, None] == second[:, None, :]).sum(axis=(1, 2))
     left = np.flatnonzero(shared <= 1)
-    for one, other in ((first, second), (second, first)):
-        left = left[_straddles(points, one[left], other[left])]
-    for one, other in ((first, second), (second, first)):
+    for cutting, pierced_side in ((first, second), (second, first)):
+        left = left[_straddles(points, cutting[left], pierced_side[left])]
+    for cutting, pierced_side in ((first, second), (second, first)):
         for p, q in _EDGES:
-            pierced, at = _pierces(points, one[left, p], one[left, q], other[left])
+            pierced, positions = _pierces(points, cutting[left, p], cutting[left, q], pierced_side[left])
             rows = left[pierced]
-            crosses[rows], where[rows] = True, at[pierced]
+            crosses[rows], where[rows] = True, positions[pierced]
     return crosses, where
 
 
-def _straddles(points: Floats, one: Ints, other: Ints) -> npt.NDArray[np.bool_]:
+def _straddles(points: Floats, base: Ints, tested: Ints) -> npt.NDArray[np.bool_]:
     """Return whether corners of ``other`` lie on both sides of the plane of ``one``."""
-    a, b, c = (points[one[:, k]] for k in range(3))
-    heights = np.einsum("nki,ni->nk", points[other] - a[:, None], np.cross(b - a, c - a))
-    heights[(other[:, :, None] == one[:, None, :]).any(axis=2)] = 0.0
+    a, b, c = (points[base[:, k]] for k in range(3))
+    heights = np.einsum("nki,ni->nk", points[tested] - a[:, None], np.cross(b - a, c - a))
+    heights[(tested[:, :, None] == base[:, None, :]).any(axis=2)] = 0.0
     return np.asarray((heights.min(axis=1) < 0) & (heights.max(axis=1) > 0))
 
 
@@ -64,11 +64,11 @@ def _pierces(points: Floats, p: Ints, q: Ints, triangle: Ints) -> tuple[npt.NDAr
     apart = ((p[:, None] != triangle) & (q[:, None] != triangle)).all(axis=1)
     a, b, c = (points[triangle[:, k]] for k in range(3))
     start, end = points[p], points[q]
-    above, below = _volume(a, b, c, start), _volume(a, b, c, end)
-    around = np.stack([_volume(start, end, *side) for side in ((a, b), (b, c), (c, a))], axis=1)
-    inside = (around > 0).all(axis=1) | (around < 0).all(axis=1)
-    pierces = apart & (((above > 0) & (below < 0)) | ((above < 0) & (below > 0))) & inside
-    share = np.divide(above, above - below, out=np.zeros_like(above), where=pierces)
+    start_volume, end_volume = _volume(a, b, c, start), _volume(a, b, c, end)
+    side_volumes = np.stack([_volume(start, end, *side) for side in ((a, b), (b, c), (c, a))], axis=1)
+    is_inside = (side_volumes > 0).all(axis=1) | (side_volumes < 0).all(axis=1)
+    pierces = apart & (((start_volume > 0) & (end_volume < 0)) | ((start_volume < 0) & (end_volume > 0))) & is_inside
+    share = np.divide(start_volume, start_volume - end_volume, out=np.zeros_like(start_volume), where=pierces)
     return pierces, start + share[:, None] * (end - start)
 
 

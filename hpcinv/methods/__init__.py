@@ -57,9 +57,9 @@ def solve_direction(equations: Equations, direction: Direction, start: Start, ob
     unused = tuple(equilibrium.linear.options.unused()) if start.load != 1.0 else None
     equations.release(equilibrium)
     used = equilibrium.linear.used
-    found = SolvedDirection(direction, tuple(solves), method.reached, used, stopped, can_restart, unused)
-    observer.ended(found)
-    return found
+    solved = SolvedDirection(direction, tuple(solves), method.reached, used, stopped, can_restart, unused)
+    observer.ended(solved)
+    return solved
 
 
 __all__ = ["UPDATES", "DirectMethod", "FixedPointMethod", "Method", "method_for", "solve_direction"]

@@ -121,9 +121,9 @@ def _anderson(problem: Problem, steps: Steps, load: float) -> Solves:
 def _fixed_point(problem: Problem) -> Solves:
     """Solves of the fixed-point method to a coarse tolerance, and a last one of the inverse problem from there."""
     job = problem.equations.job
-    near = job.fixed_point.model_copy(update={"tolerance": 1e-3, "maximum_iterations": 20})
+    coarse_settings = job.fixed_point.model_copy(update={"tolerance": 1e-3, "maximum_iterations": 20})
     problem.equations.unload()
-    method = FixedPointMethod(problem.equations, problem.observer, "anderson", near)
+    method = FixedPointMethod(problem.equations, problem.observer, "anderson", coarse_settings)
     try:
         for solve in method.solves():
             yield solve
@@ -184,11 +184,11 @@ class Attempt:
 
 def attempts(solves: Sequence[Solve]) -> list[Attempt]:
     """Return the strategies tried in one direction, in order; only the last can have reached the full load."""
-    found = []
+    attempts_made = []
     for strategy, group in groupby(solves, key=lambda solve: solve.strategy):
         own = list(group)
         reached = [s.load for s in own if s.outcome.accepted]
-        found.append(
+        attempts_made.append(
             Attempt(
                 strategy,
                 reached[-1] if reached else None,
@@ -198,4 +198,4 @@ def attempts(solves: Sequence[Solve]) -> list[Attempt]:
                 sum(s.factorizations for s in own),
             )
         )
-    return found
+    return attempts_made

@@ -158,7 +158,7 @@ class FixedPointMethod(Method):
         """Move the body by a step, halved until no element turns inside out; return whether that succeeded."""
         for halvings in range(10):
             X = self._X + step / 2**halvings
-            if self.mesh.least_volume_ratio(X, of=self._X) > self._least_volume_ratio:
+            if self.mesh.least_volume_ratio(X, other=self._X) > self._least_volume_ratio:
                 self._X = X
                 return True
         return False
@@ -192,7 +192,7 @@ class MovableMesh:
 
     def displacement(self) -> Floats:
         """Return the displacement of the present state at the nodes, the same on all ranks that share a node."""
-        return self.unknowns.at_nodes(self.unknowns.displacement())
+        return self.unknowns.geometry_values(self.unknowns.displacement())
 
     def correct_displacement(self, change: Floats) -> None:
         """Add a field of the geometry's degree, given at the nodes, to the displacement of the present state."""
@@ -203,10 +203,10 @@ class MovableMesh:
         u.x.array[:] += self.unknowns.displacement().x.array
         self.unknowns.set_displacement(u.x.array)
 
-    def least_volume_ratio(self, X: Floats, of: Floats | None = None) -> float:
+    def least_volume_ratio(self, X: Floats, other: Floats | None = None) -> float:
         """Return the smallest volume of body ``X`` per volume of another (by default the given one) at any point."""
-        before = self._given_jacobian if of is None else self._jacobians(of)
-        least = float((self._jacobians(X) / before).min(initial=np.inf))
+        jacobians = self._given_jacobian if other is None else self._jacobians(other)
+        least = float((self._jacobians(X) / jacobians).min(initial=np.inf))
         return float(self.mesh.comm.allreduce(least, op=MPI.MIN))
 
     def inner(self, a: Floats, b: Floats) -> float:

@@ -94,11 +94,11 @@ def solve_nested(
         return _not_begun(equations, direction), coarse
     if coarse.unused:
         note(f"  not used: {coarse.unused}")
-    found = solve_direction(equations, direction, Start(guess=guess), observer)
-    first = next((solve for solve in found.solves if solve.strategy == NESTED), None)
+    solved = solve_direction(equations, direction, Start(guess=guess), observer)
+    first = next((solve for solve in solved.solves if solve.strategy == NESTED), None)
     if first is not None and not first.outcome.accepted:
         coarse = replace(coarse, unused=first.outcome.text)
-    return found, coarse
+    return solved, coarse
 
 
 def _not_begun(equations: Equations, direction: Direction) -> SolvedDirection:
@@ -121,11 +121,11 @@ def _has_cell_sizes(equations: Equations) -> bool:
     """Return whether the generator may make larger cells: not if it has numbers of divisions alone; collective."""
     job = equations.job
 
-    def on_rank_0() -> bool:
+    def read_on_root() -> bool:
         resolution = resolution_of(job.resolve(job.mesh.file), job.mesh.parameters)
         return bool(resolution.sizes) or not resolution.divisions
 
-    return on_root(equations.body.mesh.comm, on_rank_0)
+    return on_root(equations.body.mesh.comm, read_on_root)
 
 
 def _coarse_solution(
@@ -133,42 +133,44 @@ def _coarse_solution(
 ) -> tuple[Guess | None, CoarseSolve]:
     """Return the solution on coarser cells as a guess, ``None`` if it cannot be one, and a report; collective."""
     job, timings = equations.job, equations.timings
-    found = CoarseSolve()
+    coarse_solve = CoarseSolve()
     try:
         with timings("coarser mesh"):
             body = coarser_body(
                 equations.body, job.mesh, job.regions, resolve=job.resolve, size_factor=COARSER, most=_MOST_CELLS
             )
-        coarse = Equations(_on_coarser_cells(job), body, timings)
-        found = CoarseSolve(sum(body.partition.cells), coarse.unknowns.size)
-        note(f"on cells {COARSER:g} times as large, {found.cells} cells, {found.unknowns} unknowns:")
+        coarse = Equations(_coarse_job(job), body, timings)
+        coarse_solve = CoarseSolve(sum(body.partition.cells), coarse.unknowns.size)
+        note(f"on cells {COARSER:g} times as large, {coarse_solve.cells} cells, {coarse_solve.unknowns} unknowns:")
         method = DirectMethod(coarse, direction, IterationObserver(observer))
     except MeshError as error:  # such a mesh may lack regions, or be inverted at a curved surface
-        return None, replace(found, unused=error.message)
+        return None, replace(coarse_solve, unused=error.message)
     try:
         for solve in _limited(method.solves()):
-            found = replace(found, solves=(*found.solves, solve))
+            coarse_solve = replace(coarse_solve, solves=(*coarse_solve.solves, solve))
             note(_line(solve))
             if _is_interrupted(coarse, observer, (solve,)):
-                return None, replace(found, unused=Outcome.INTERRUPTED.text)
+                return None, replace(coarse_solve, unused=Outcome.INTERRUPTED.text)
         if method.reached < 1.0:
-            return None, replace(found, unused=f"the load was not reached there: {found.solves[-1].outcome.text}")
-        sign, fault = _sign(found.solves, equations, coarse)
+            return None, replace(
+                coarse_solve, unused=f"the load was not reached there: {coarse_solve.solves[-1].outcome.text}"
+            )
+        sign, fault = _sign(coarse_solve.solves, equations, coarse)
         if not fault:
             with timings("transfer"):
                 guess = _transferred(coarse, equations, sign)
             if guess is not None:
-                return guess, found
+                return guess, coarse_solve
             fault = "the given mesh has points that are too far outside the coarser one"
-        return None, replace(found, unused=fault)
+        return None, replace(coarse_solve, unused=fault)
     except MeshError as error:  # an obstacle may be elsewhere
-        return None, replace(found, unused=error.message)
+        return None, replace(coarse_solve, unused=error.message)
     finally:
         method.equilibrium.destroy()
         coarse.destroy()
 
 
-def _on_coarser_cells(job: Job) -> Job:
+def _coarse_job(job: Job) -> Job:
     """Return the job with a solver that ends soon: the error of coarser cells is larger than its tolerance."""
     tolerance = max(job.solver.tolerance, AdaptiveSteps.path_tolerance)
     return job.model_copy(update={"solver": job.solver.model_copy(update={"tolerance": tolerance, "rescue": ()})})
@@ -223,18 +225,18 @@ def _transferred(coarse: Equations, equations: Equations, sign: int) -> Guess | 
         space, values = new.function_space, cells.values(old)
         points = space.tabulate_dof_coordinates() * equations.body.length_scale
         nodal = new.x.array.reshape(len(points), space.dofmap.bs)
-        for dofs, of_layer in _layers(equations, coarse, cells, space):
-            part = cells if of_layer is None else cells.part(of_layer)
+        for dofs, layer_cells in _layers(equations, coarse, cells, space):
+            part = cells if layer_cells is None else cells.part(layer_cells)
             places = part.find(points[dofs])
-            nodal[dofs] = part.evaluate(places, element, values if of_layer is None else values[of_layer])
-            farthest = max(farthest, float(places.outside.max(initial=0.0)))
+            nodal[dofs] = part.evaluate(places, element, values if layer_cells is None else values[layer_cells])
+            farthest = max(farthest, float(places.distance.max(initial=0.0)))
         new.x.scatter_forward()  # an extrapolated value may depend on the rank by rounding errors
         fields.append(new)
     if equations.body.mesh.comm.allreduce(farthest, op=MPI.MAX) > FARTHEST:
         return None
     equations.put_fields((fields[0], fields[1] if len(fields) > 1 else None))
-    for one in equations.supports.prescribed:
-        equations.unknowns.state.x.array[one.dofs] = one.full[one.nodes]
+    for support in equations.supports.prescribed:
+        equations.unknowns.state.x.array[support.dofs] = support.full[support.nodes]
     u, p = equations.state().fields
     equations.unload()
     return Guess(np.array(u.x.array), None if p is None else np.array(p.x.array), sign, NESTED)
@@ -252,5 +254,5 @@ def _layers(
     given = cells.gathered(coarse_layers)
     for layer in np.unique(layers):
         dofs = np.unique(space.dofmap.list[layers == layer])
-        of_layer = given == layer
-        yield dofs[dofs < owned], of_layer if of_layer.any() else None
+        is_in_layer = given == layer
+        yield dofs[dofs < owned], is_in_layer if is_in_layer.any() else None

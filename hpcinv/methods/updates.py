@@ -62,15 +62,15 @@ class Aitken(Update):
 
     names: ClassVar = ("aitken", "rausch")
 
-    _before: tuple[Floats, Floats] | None = None
+    _previous: tuple[Floats, Floats] | None = None
 
     def step(self, X: Floats, r: Floats) -> Floats:
-        if self._before is not None:
-            dX, dr = X - self._before[0], r - self._before[1]
+        if self._previous is not None:
+            dX, dr = X - self._previous[0], r - self._previous[1]
             square = self.inner(dr, dr)
             if square > 0:
                 self.relaxation = self.inner(dX, dr) / square
-        self._before = X.copy(), r.copy()
+        self._previous = X.copy(), r.copy()
         return -self.relaxation * r
 
 
@@ -95,12 +95,12 @@ class Anderson(Update):
     def __init__(self, relaxation: float, memory: int, inner: Callable[[Floats, Floats], float]) -> None:
         super().__init__(relaxation, memory, inner)
         self._changes: deque[tuple[Floats, Floats]] = deque(maxlen=memory)
-        self._before: tuple[Floats, Floats] | None = None
+        self._previous: tuple[Floats, Floats] | None = None
 
     def step(self, X: Floats, r: Floats) -> Floats:
-        if self._before is not None:
-            self._changes.append((X - self._before[0], r - self._before[1]))
-        self._before = X.copy(), r.copy()
+        if self._previous is not None:
+            self._changes.append((X - self._previous[0], r - self._previous[1]))
+        self._previous = X.copy(), r.copy()
         step, rest = 0 * X, r
         for q, s in self._orthonormal():
             share = self.inner(q, rest)

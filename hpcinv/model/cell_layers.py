@@ -25,21 +25,21 @@ def layers_of_cells(job: Job, body: Body) -> Ints | None:
         return None
     cells = body.mesh.topology.index_map(3)
     laws = [name.removeprefix("material.") for name in job.laws]
-    of_law = np.zeros(cells.size_local + cells.num_ghosts, dtype=np.int64)
-    layers = np.zeros_like(of_law)
+    cell_laws = np.zeros(cells.size_local + cells.num_ghosts, dtype=np.int64)
+    layers = np.zeros_like(cell_laws)
     for layering in layerings:
         names = list(layering.classes)
         number = np.array([*layering.classes.values(), 0])[parts(body, names, "material")]
         if layering.law is not None:
-            number[of_law != layering.law] = 0
+            number[cell_laws != layering.law] = 0
         elif names == laws and layering is layerings[0]:
-            of_law = number
+            cell_laws = number
         layers = layers * (1 + max(layering.classes.values())) + number  # the same on all meshes of the body
     vector = la.vector(cells, dtype=np.int64)
     vector.array[: cells.size_local] = layers[: cells.size_local]
     vector.scatter_forward()  # only the owner of a ghost is sure to have its region
-    found: Ints = vector.array.copy()
-    return found if len(layers_on(body.mesh.comm, found)) > 1 else None
+    numbers: Ints = vector.array.copy()
+    return numbers if len(layers_on(body.mesh.comm, numbers)) > 1 else None
 
 
 def layers_on(comm: MPI.Intracomm, layers: Ints) -> Ints:

@@ -17,7 +17,7 @@ from hpcinv.effects.contact import PENALTY, QUADRATURE, Contact
 from hpcinv.effects.obstacles import SurfaceObstacle
 from hpcinv.errors import MeshError
 from hpcinv.kinematics.kinematics import Kinematics
-from hpcinv.kinematics.staged_derivatives import without_stages
+from hpcinv.kinematics.staged_derivatives import remove_stages
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.obstacle_passage import Passage, Passages, SurfacePoints
@@ -90,7 +90,7 @@ class PenaltyDirection(Protocol):
     def moved(self, step: float, rates: Floats) -> AbstractContextManager[None]:
         """Context with the penalty raised by a share ``step``, and pressures at the vertices by ``step * rates``."""
 
-    def at_vertices(self) -> tuple[Floats, Floats]:
+    def vertex_values(self) -> tuple[Floats, Floats]:
         """Return present pressures and gaps at the vertices of the region, scaled."""
 
 
@@ -101,15 +101,15 @@ class _Nodal:
         mesh, count = body.mesh, vector.ufl_shape[0]
         self.space = fem.functionspace(mesh, ("Lagrange", degree, (count,)))
         points = self.space.element.interpolation_points
-        self._compiled = fem.Expression(without_stages(vector), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        self._compiled = fem.Expression(remove_stages(vector), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
         self.values, self._count = fem.Function(self.space), count
 
     def __call__(self) -> Floats:
         # On all cells: a rank may own a node on the edge of a region of which it has no facet.
         self.values.interpolate(self._compiled)
         self.values.x.scatter_forward()
-        found: Floats = self.values.x.array.reshape(-1, self._count)
-        return found
+        values: Floats = self.values.x.array.reshape(-1, self._count)
+        return values
 
 
 class Contacts:
@@ -130,49 +130,53 @@ class Contacts:
         degree: int,
         modulus: float,
     ) -> None:
-        found = [(where, e) for where, e in effects if isinstance(e[0], Contact)]
-        names = ["contact_pressure"] if len(found) == 1 else [f"contact_pressure_{i}" for i in range(len(found))]
+        contact_effects = [(where, e) for where, e in effects if isinstance(e[0], Contact)]
+        names = (
+            ["contact_pressure"]
+            if len(contact_effects) == 1
+            else [f"contact_pressure_{i}" for i in range(len(contact_effects))]
+        )
         self._all = [
             _OneContact(name, where, *e, k, body, resolve, degree, modulus)
-            for name, (where, e) in zip(names, found, strict=True)
+            for name, (where, e) in zip(names, contact_effects, strict=True)
         ]
-        self.is_iterated = any(one.is_iterated for one in self._all)
+        self.is_iterated = any(contact.is_iterated for contact in self._all)
 
     def passages(self, unknowns: Unknowns) -> Passages:
         """Return the ways of the body past obstacles that a forward solve must not lead through."""
-        passages = [one.passage(unknowns) for one in self._all]
+        passages = [contact.passage(unknowns) for contact in self._all]
         return Passages([passage for passage in passages if passage is not None], unknowns.mesh.comm)
 
     def update_parameters(self, effects: Sequence[Effect], modulus: float) -> None:
         """Take the numbers of other effects and the shear modulus, of a job of the same reuse group."""
         contacts = (effect for effect in effects if isinstance(effect, Contact))
-        for one, effect in zip(self._all, contacts, strict=True):
-            one.update_parameters(effect, modulus)
+        for contact, effect in zip(self._all, contacts, strict=True):
+            contact.update_parameters(effect, modulus)
 
     def reset(self) -> None:
         """Set the pressures of rigid obstacles to zero, and their penalties to the first ones."""
-        for one in self._all:
-            one.reset()
+        for contact in self._all:
+            contact.reset()
 
     def restore(
-        self, reports: Sequence[ContactReport], scales: Scales, on_mesh: Callable[[fem.Function], fem.Function]
+        self, reports: Sequence[ContactReport], scales: Scales, transfer: Callable[[fem.Function], fem.Function]
     ) -> None:
         """Set the pressures and penalties of rigid obstacles to those of a solution.
 
         Args:
             on_mesh: returns a function of the solution's mesh on that of these contacts, which has the same cells.
         """
-        for one, report in zip(self._all, reports, strict=True):
-            one.restore(report, scales, on_mesh)
+        for contact, report in zip(self._all, reports, strict=True):
+            contact.restore(report, scales, transfer)
 
     def locate(self) -> None:
         """Find the nearest points of triangulated surfaces to the present state."""
-        for one in self._all:
-            one.locate()
+        for contact in self._all:
+            contact.locate()
 
     def update(self) -> bool:
         """Update pressures and nearest points, unless they have settled; return whether they had not."""
-        changes = [one.change() for one in self._all]
+        changes = [contact.change() for contact in self._all]
         if max((size for size, _ in changes), default=0.0) <= 1.0:
             return False
         for _, apply in changes:
@@ -186,22 +190,22 @@ class Contacts:
             MeshError: on all ranks, if a rigid obstacle overlaps the undeformed body, or if no contact pressure acts on
                 a known current body.
         """
-        for one in self._all:
-            one.check_start()
+        for contact in self._all:
+            contact.check_start()
 
     def response(self) -> Floats:
         """Return the present force (3,), scaled, of contacts that the state of the body determines."""
-        forces = [one.totals()[:3] for one in self._all if one.depends_on_state]
-        found: Floats = np.sum([np.zeros(3), *forces], axis=0)
-        return found
+        forces = [contact.totals()[:3] for contact in self._all if contact.depends_on_state]
+        force: Floats = np.sum([np.zeros(3), *forces], axis=0)
+        return force
 
     def rigid(self) -> list[PenaltyDirection]:
         """Return the rigid obstacles with a uniform penalty, in the order of the job."""
-        return [one for one in self._all if one.has_uniform_penalty]
+        return [contact for contact in self._all if contact.has_uniform_penalty]
 
     def reports(self, scales: Scales) -> tuple[ContactReport, ...]:
         """Return the results of the present state."""
-        return tuple(one.report(scales) for one in self._all)
+        return tuple(contact.report(scales) for contact in self._all)
 
 
 class _OneContact:
@@ -221,7 +225,7 @@ class _OneContact:
         self._name, self.where, self.effect, self.load, self.par = name, where, effect, load, par
         self._k, self._body, self._resolve, self._degree = k, body, resolve, degree
         self._comm, self.depends_on_state = body.mesh.comm, k.sign > 0
-        self._before = np.inf  # the last change by an update
+        self._last_change = np.inf  # the last change by an update
         self._first = PENALTY * modulus / body.length
         if self._penalty is not None and not self._penalty.any():
             self._penalty[:] = self._first
@@ -234,19 +238,19 @@ class _OneContact:
         """Penalty at the vertices, scaled, if the job gives none."""
         if not self.effect.is_augmented or self.effect.penalty is not None:
             return None
-        found: Floats = self.par.penalty.x.array
-        return found
+        penalty: Floats = self.par.penalty.x.array
+        return penalty
 
     def reset(self) -> None:
         if self.effect.is_augmented:
             self.par.multiplier.x.array[:] = 0.0
         if self._penalty is not None:
-            self._penalty[:], self._before = self._first, np.inf
+            self._penalty[:], self._last_change = self._first, np.inf
 
-    def restore(self, report: ContactReport, scales: Scales, on_mesh: Callable[[fem.Function], fem.Function]) -> None:
+    def restore(self, report: ContactReport, scales: Scales, transfer: Callable[[fem.Function], fem.Function]) -> None:
         if self.effect.is_augmented:
             _, multiplier = report.fields
-            self.par.multiplier.x.array[:] = on_mesh(multiplier).x.array / scales.stress
+            self.par.multiplier.x.array[:] = transfer(multiplier).x.array / scales.stress
         if self._penalty is not None:
             assert report.penalty is not None
             self._penalty[:] = report.penalty * scales.length / scales.stress
@@ -264,17 +268,17 @@ class _OneContact:
     def moved(self, step: float, rates: Floats) -> Iterator[None]:
         values, entries = (self._penalty, slice(None)) if self._penalty is not None else entry_of(self.par.penalty)
         multiplier = self.par.multiplier.x.array
-        before, pressures = np.array(values[entries]), multiplier[self._vertices]
-        values[entries] = (1 + step) * before
+        kept_penalty, pressures = np.array(values[entries]), multiplier[self._vertices]
+        values[entries] = (1 + step) * kept_penalty
         multiplier[self._vertices] = pressures + step * rates
         try:
             yield
         finally:
-            values[entries], multiplier[self._vertices] = before, pressures
+            values[entries], multiplier[self._vertices] = kept_penalty, pressures
 
-    def at_vertices(self) -> tuple[Floats, Floats]:
-        found = self._values_at_vertices()
-        return found[:, 0].copy(), found[:, 1].copy()
+    def vertex_values(self) -> tuple[Floats, Floats]:
+        values = self._values_at_vertices()
+        return values[:, 0].copy(), values[:, 1].copy()
 
     @property
     def is_iterated(self) -> bool:
@@ -298,12 +302,12 @@ class _OneContact:
             bounds = surface.bounds[0] / length, surface.bounds[1] / length
             size = float((bounds[1] - bounds[0]).min()) / 2
 
-        def of_surface(points: Floats) -> tuple[Floats, Floats]:
+        def surface_distance(points: Floats) -> tuple[Floats, Floats]:
             assert surface is not None
             gaps, directions = surface(points * length)
             return gaps / length, directions
 
-        def of_formula(points: Floats) -> tuple[Floats, Floats]:
+        def formula_distance(points: Floats) -> tuple[Floats, Floats]:
             numbers = {name: present_value(entry) for name, entry in self.effect.obstacle_entries(par).items()}
             columns = {name: n[:, None] if isinstance(n, np.ndarray) else n for name, n in numbers.items()}
             with np.errstate(all="ignore"):  # the direction is not determined in the middle
@@ -317,14 +321,14 @@ class _OneContact:
             return travel
 
         points = SurfacePoints(self._body, self._body.boundary_facets(self.effect.region), unknowns, size)
-        return Passage(points, of_formula if surface is None else of_surface, bounds, shift)
+        return Passage(points, formula_distance if surface is None else surface_distance, bounds, shift)
 
     def _nodes(self, space: fem.FunctionSpace) -> Ints:
         facets = self._body.boundary_facets(self.effect.region)
         return np.asarray(fem.locate_dofs_topological(space, 2, facets), dtype=np.int64)
 
     @cached_property
-    def _at_nodes(self) -> _Nodal:
+    def _nodal(self) -> _Nodal:
         """Pressure, gap, and mismatch of the pressure (0 without one) at the nodes of the displacement."""
         args = self._k, self.load, self.par
         mismatch = self.effect.mismatch(*args) if self.effect.is_augmented else ufl.as_ufl(0.0)
@@ -332,20 +336,20 @@ class _OneContact:
         return _Nodal(ufl.as_vector(parts), self._body, self._degree)
 
     @cached_property
-    def _at_vertices(self) -> fem.Function:
+    def _vertex_function(self) -> fem.Function:
         return fem.Function(fem.functionspace(self._body.mesh, ("Lagrange", 1, (3,))))
 
     @cached_property
     def _vertices(self) -> Ints:
-        return self._nodes(self._at_vertices.function_space)
+        return self._nodes(self._vertex_function.function_space)
 
     def _values_at_vertices(self) -> Floats:
-        """Return present values of `_at_nodes` at the vertices of the region."""
-        self._at_nodes()
-        self._at_vertices.interpolate(self._at_nodes.values)
-        self._at_vertices.x.scatter_forward()
-        found: Floats = self._at_vertices.x.array.reshape(-1, 3)[self._vertices]
-        return found
+        """Return present values of `_nodal` at the vertices of the region."""
+        self._nodal()
+        self._vertex_function.interpolate(self._nodal.values)
+        self._vertex_function.x.scatter_forward()
+        values: Floats = self._vertex_function.x.array.reshape(-1, 3)[self._vertices]
+        return values
 
     @cached_property
     def _position(self) -> _Nodal:
@@ -367,21 +371,21 @@ class _OneContact:
         nodes = self._nodes(self.par.obstacle_distance.function_space)
         direction, position = direction.reshape(-1, 3), position.reshape(-1, 3)
         x, length = self._position()[nodes].copy(), self._body.length_scale
-        found, normals = self._surface(x * length)
+        distances, normals = self._surface(x * length)
 
         def apply() -> None:
-            distance[nodes], direction[nodes], position[nodes] = found / length, normals, x
+            distance[nodes], direction[nodes], position[nodes] = distances / length, normals, x
 
-        before = distance[nodes] + np.einsum("ni,ni->n", direction[nodes], x - position[nodes])
-        return float(np.abs(found / length - before).max(initial=0.0)), apply
+        expected = distance[nodes] + np.einsum("ni,ni->n", direction[nodes], x - position[nodes])
+        return float(np.abs(distances / length - expected).max(initial=0.0)), apply
 
     def change(self) -> tuple[float, Callable[[], None]]:
         """Return the change by an update, over the largest at which it has settled, and a function that makes it."""
         sizes, updates = [0.0], list[Callable[[], None]]()
         if self.effect.is_augmented:
-            found = self._values_at_vertices()
-            sizes.append(float(np.abs(found[:, 2]).max(initial=0.0)))
-            updates.append(lambda: self._set_pressure(found[:, 0]))
+            values = self._values_at_vertices()
+            sizes.append(float(np.abs(values[:, 2]).max(initial=0.0)))
+            updates.append(lambda: self._set_pressure(values[:, 0]))
         if self._surface is not None:
             moved, locate = self._nearest()
             sizes.append(moved / (_EXACT * self._tolerance))
@@ -391,9 +395,9 @@ class _OneContact:
         def apply() -> None:
             for update in updates:
                 update()
-            if self._penalty is not None and size > self._before / _FAST:
+            if self._penalty is not None and size > self._last_change / _FAST:
                 self._penalty[:] = np.minimum(4 * self._penalty, _STIFFEST * self._first)
-            self._before = size
+            self._last_change = size
 
         return size, apply
 
@@ -419,8 +423,8 @@ class _OneContact:
     @property
     def _owned(self) -> Floats:
         """Present pressure, gap and mismatch at the owned nodes of the region."""
-        nodes = self._nodes(self._at_nodes.space)
-        owned: Floats = self._at_nodes()[nodes[nodes < self._at_nodes.space.dofmap.index_map.size_local]]
+        nodes = self._nodes(self._nodal.space)
+        owned: Floats = self._nodal()[nodes[nodes < self._nodal.space.dofmap.index_map.size_local]]
         return owned
 
     def _largest(self, values: Floats, least: float = 0.0) -> float:
@@ -429,8 +433,8 @@ class _OneContact:
     @property
     def _tolerance(self) -> float:
         """Tolerated penetration in scaled lengths."""
-        found: float = present_value(self.par.penetration)
-        return found
+        penetration: float = present_value(self.par.penetration)
+        return penetration
 
     @cached_property
     def _weighted(self) -> fem.Form:
@@ -442,7 +446,7 @@ class _OneContact:
         touches = ufl.conditional(ufl.gt(p, 0), 1.0, 0.0)
         values = [*(p * m[i] for i in range(3)), touches, p, 1.0]
         integrand = sum(value * w[i] for i, value in enumerate(values))
-        return fem.form(without_stages(k.da(integrand, effect.region, QUADRATURE)), jit_options=JIT_OPTIONS)
+        return fem.form(remove_stages(k.da(integrand, effect.region, QUADRATURE)), jit_options=JIT_OPTIONS)
 
     def _penalty_in_si(self, scales: Scales) -> float | None:
         given = self.effect.penalty
@@ -453,15 +457,15 @@ class _OneContact:
     def totals(self) -> Floats:
         """Return the present force and area in contact (4,), scaled."""
         sums = fem.assemble_vector(self._weighted).array.reshape(-1, 6)[:, :4].sum(axis=0)
-        found: Floats = self._comm.allreduce(sums)
-        return found
+        totals: Floats = self._comm.allreduce(sums)
+        return totals
 
     def _mean_pressure(self, unit: float) -> fem.Function:
         """Return the pressure, linear between the vertices, with the same resultant on flat facets."""
-        found = fem.assemble_vector(self._weighted)
-        found.scatter_reverse(la.InsertMode.add)
-        found.scatter_forward()
-        integrals, areas = found.array.reshape(-1, 6)[self._vertices, 4:].T
+        vector = fem.assemble_vector(self._weighted)
+        vector.scatter_reverse(la.InsertMode.add)
+        vector.scatter_forward()
+        integrals, areas = vector.array.reshape(-1, 6)[self._vertices, 4:].T
         return self._linear(self._name, unit * integrals / areas)
 
     def _linear(self, name: str, values: Floats) -> fem.Function:

@@ -77,27 +77,27 @@ def rule_directions(body: Body, rule: FibreRule, where: str) -> Directions:
     key = f"fibres {rule.model_dump_json()}"
     if key not in body.computed:
         body.computed[key] = _computed(body, rule, where)
-    found: Directions = body.computed[key]
-    return found
+    directions: Directions = body.computed[key]
+    return directions
 
 
 def notes_on_rules(body: Body) -> Iterator[str]:
     """Yield notes for a report on the directions that rules have found on a body so far."""
-    for found in body.computed.values():
-        if isinstance(found, Directions) and found.text:
-            yield f"{found.function.name}: {found.text}"
+    for entry in body.computed.values():
+        if isinstance(entry, Directions) and entry.text:
+            yield f"{entry.function.name}: {entry.text}"
 
 
-def in_cells(function: fem.Function) -> Floats:
+def cell_vectors(function: fem.Function) -> Floats:
     """Return the vectors at the points of each local cell, ghosts included, (cells, points, 3)."""
     return np.asarray(function.x.array.reshape(-1, 3)[function.function_space.dofmap.list])
 
 
-def in_middles(function: fem.Function, cells: npt.NDArray[np.integer]) -> Floats:
+def middle_vectors(function: fem.Function, cells: npt.NDArray[np.integer]) -> Floats:
     """Return the vectors in the middle of local cells, (cells, 3)."""
     element = function.function_space.element.basix_element
     shapes = element.tabulate(0, element.points.mean(axis=0)[None])[0, 0, :, 0]
-    return np.asarray(np.einsum("n,cni->ci", shapes, in_cells(function)[cells]))
+    return np.asarray(np.einsum("n,cni->ci", shapes, cell_vectors(function)[cells]))
 
 
 def _computed(body: Body, rule: FibreRule, where: str) -> Directions:
@@ -105,24 +105,26 @@ def _computed(body: Body, rule: FibreRule, where: str) -> Directions:
     potentials = _potentials(body, rule, where)
     function = fem.Function(fem.functionspace(mesh, ("DG", _DEGREE, (3,))), name=where)
     dofs, points = function.function_space.dofmap.list, function.function_space.element.basix_element.points
-    at = np.vstack([points, points.mean(axis=0)])
+    sample_points = np.vstack([points, points.mean(axis=0)])
     element = function.function_space.element.basix_element
-    between: Floats = element.tabulate(0, basix.create_lattice(element.cell_type, 4, _EQUISPACED, True))[0, :, :, 0]
+    lattice_shapes: Floats = element.tabulate(0, basix.create_lattice(element.cell_type, 4, _EQUISPACED, True))[
+        0, :, :, 0
+    ]
     values = function.x.array.reshape(-1, 3)
     owned = mesh.topology.index_map(3).size_local
     counts = np.zeros(3, dtype=np.int64)
     for cells in np.array_split(np.arange(len(dofs)), 1 + len(dofs) // _CHUNK):
-        frames, wall, across, along = _frames(body, rule, potentials, cells, at)
+        frames, wall, has_normal, has_tangent = _frames(body, rule, potentials, cells, sample_points)
         axes = frames[..., _COLUMN[rule.gives]]
         others, middle = axes[:, :-1], axes[:, -1]
-        defined = (across & along)[:, :-1] | ~along[:, -1:]
+        defined = (has_normal & has_tangent)[:, :-1] | ~has_tangent[:, -1:]
         others = np.where(defined[..., None], others, middle[:, None])
         turn = np.where(defined, np.einsum("cpi,ci->cp", wall[:, :-1], wall[:, -1]), 1.0)
-        interpolated = np.linalg.norm(np.einsum("lp,cpi->cli", between, others), axis=2)
+        interpolated = np.linalg.norm(np.einsum("lp,cpi->cli", lattice_shapes, others), axis=2)
         turns = (turn.min(axis=1) < _TURN) | (interpolated.min(axis=1) < _SHORT)
         values[dofs[cells]] = np.where(turns[:, None, None], middle[:, None], others)
         mine = cells < owned
-        counts += [np.count_nonzero(flags[mine]) for flags in (~across[:, -1], ~along[:, -1], turns)]
+        counts += [np.count_nonzero(flags[mine]) for flags in (~has_normal[:, -1], ~has_tangent[:, -1], turns)]
     lost, undefined, turning = (int(n) for n in comm.allreduce(counts, op=MPI.SUM))
     cells_of_all = mesh.topology.index_map(3).size_global
     for count, most, text in (
@@ -154,9 +156,9 @@ def _potentials(body: Body, rule: FibreRule, where: str) -> Mapping[str, fem.Fun
                     surfaces[field] = laplace[0].dofs(rule.surfaces[field])
         return surfaces[field]
 
-    def solved(zero: tuple[str, ...], one: str) -> fem.Function:
-        names = [*zero, one]
-        key = "laplace " + " ".join(f"{name}={rule.surfaces.get(name)}" for name in (*sorted(zero), "to", one))
+    def solved(zero: tuple[str, ...], unit: str) -> fem.Function:
+        names = [*zero, unit]
+        key = "laplace " + " ".join(f"{name}={rule.surfaces.get(name)}" for name in (*sorted(zero), "to", unit))
         if "apex" in names:
             key += f" of {rule.surfaces['epi']} {rule.surfaces['base']}"
         if key not in body.computed:
@@ -164,9 +166,9 @@ def _potentials(body: Body, rule: FibreRule, where: str) -> Mapping[str, fem.Fun
                 laplace.append(Laplace(body))
             for a, b in combinations(names, 2):
                 _check_apart(body, laplace[0], rule, (a, b), (dofs(a), dofs(b)), where)
-            body.computed[key] = laplace[0].solve([*((dofs(name), 0.0) for name in zero), (dofs(one), 1.0)])
-        found: fem.Function = body.computed[key]
-        return found
+            body.computed[key] = laplace[0].solve([*((dofs(name), 0.0) for name in zero), (dofs(unit), 1.0)])
+        potential: fem.Function = body.computed[key]
+        return potential
 
     try:
         match rule:
@@ -184,8 +186,8 @@ def _potentials(body: Body, rule: FibreRule, where: str) -> Mapping[str, fem.Fun
             case _:
                 return {"outside": solved(("inner",), "outer")}
     finally:
-        for one in laplace:
-            one.destroy()
+        for solver in laplace:
+            solver.destroy()
 
 
 def _farthest(body: Body, laplace: Laplace, epi: Dofs, base: Dofs) -> Dofs:
@@ -218,7 +220,7 @@ def _check_apart(
 
 
 def _frames(
-    body: Body, rule: FibreRule, potentials: Mapping[str, fem.Function], cells: npt.NDArray[np.int64], at: Floats
+    body: Body, rule: FibreRule, potentials: Mapping[str, fem.Function], cells: npt.NDArray[np.int64], points: Floats
 ) -> tuple[Floats, Floats, Bools, Bools]:
     """Return frames at reference points of cells, (cells, points, 3, 3) with axes as columns.
 
@@ -227,43 +229,43 @@ def _frames(
     """
     kind, geometry = body.source.kind, body.mesh.geometry
     nodes = geometry.x[geometry.dofmaps[0][cells]]
-    inverse = np.linalg.inv(jacobians(kind, body.degree, nodes, at))
+    inverse = np.linalg.inv(jacobians(kind, body.degree, nodes, points))
     size = np.linalg.norm(nodes.max(axis=1) - nodes.min(axis=1), axis=1)[:, None]
 
     values, slopes = dict[str, Floats](), dict[str, Floats]()
     for name, function in potentials.items():
         space = function.function_space
-        table: Floats = space.element.basix_element.tabulate(1, at)[..., 0]  # (1 + 3, points, shape functions)
+        table: Floats = space.element.basix_element.tabulate(1, points)[..., 0]  # (1 + 3, points, shape functions)
         coefficients = function.x.array[space.dofmap.list[cells]]
         values[name] = coefficients @ table[0].T
-        of_reference = np.einsum("cn,dpn->cpd", coefficients, table[1:])
-        slopes[name] = np.einsum("cpd,cpdi->cpi", of_reference, inverse) * size[..., None]
+        reference_slopes = np.einsum("cn,dpn->cpd", coefficients, table[1:])
+        slopes[name] = np.einsum("cpd,cpdi->cpi", reference_slopes, inverse) * size[..., None]
 
     depth = np.clip(values["outside"], 0.0, 1.0)
     if isinstance(rule, TubeRule) and rule.axis is not None:
         longitudinal = np.broadcast_to(np.array(rule.axis), slopes["outside"].shape)
     else:
         longitudinal = slopes["along"]
-    across = np.linalg.norm(slopes["outside"], axis=2) > _FLAT
+    has_normal = np.linalg.norm(slopes["outside"], axis=2) > _FLAT
     helix = np.interp(depth, (0.0, 1.0), rule.helix)
     sheet = np.interp(depth, (0.0, 1.0), rule.sheet if isinstance(rule, VentricleRule) else (0.0, 0.0))
-    axes, along = _axes(longitudinal, slopes["outside"])
+    axes, has_tangent = _axes(longitudinal, slopes["outside"])
     frames = _turned(axes, helix, sheet)
     if "right" in potentials:
-        of_right = np.clip(values["right"], 0.0, 1.0)
-        of_both = of_right + np.clip(values["left"], 0.0, 1.0)
-        share = np.divide(of_right, of_both, out=np.zeros_like(of_both), where=of_both > 1e-12)
+        right_share = np.clip(values["right"], 0.0, 1.0)
+        total_share = right_share + np.clip(values["left"], 0.0, 1.0)
+        share = np.divide(right_share, total_share, out=np.zeros_like(total_share), where=total_share > 1e-12)
         left, has_left = _axes(longitudinal, -slopes["left"])
         right, has_right = _axes(longitudinal, slopes["right"])
         sign = 1 - 2 * share  # across the wall of the right ventricle is from outside to inside
-        left, right = (_turned(one, sign * helix, sign * sheet) for one in (left, right))
+        left, right = (_turned(side_axes, sign * helix, sign * sheet) for side_axes in (left, right))
         left = np.where(has_left[..., None, None], left, np.where(has_right[..., None, None], right, frames))
         right = np.where(has_right[..., None, None], right, left)
-        inside = _interpolated(left, right, share)
-        frames = np.where(along[..., None, None], _interpolated(inside, frames, depth), inside)
+        inner_frames = _interpolated(left, right, share)
+        frames = np.where(has_tangent[..., None, None], _interpolated(inner_frames, frames, depth), inner_frames)
         frames = _aligned(frames, axes, _turned(np.broadcast_to(np.eye(3), axes.shape), helix, sheet))
-        across, along = across | has_left | has_right, along | has_left | has_right
-    return frames, axes[..., 1], across, along
+        has_normal, has_tangent = has_normal | has_left | has_right, has_tangent | has_left | has_right
+    return frames, axes[..., 1], has_normal, has_tangent
 
 
 def _axes(longitudinal: Floats, transmural: Floats) -> tuple[Floats, Bools]:
@@ -288,11 +290,11 @@ def _unit(vectors: Floats, defined: Bools, otherwise: Floats) -> Floats:
 
 def _turned(axes: Floats, helix: Floats, sheet: Floats) -> Floats:
     """Return the frames fibre, normal, sheet as columns from the axes around, along and across the wall."""
-    around, along, across = (axes[..., i] for i in range(3))
+    circumferential, longitudinal, transmural = (axes[..., i] for i in range(3))
     c, s = np.cos(helix)[..., None], np.sin(helix)[..., None]
-    fibre, normal = c * around + s * along, c * along - s * around
+    fibre, normal = c * circumferential + s * longitudinal, c * longitudinal - s * circumferential
     c, s = np.cos(sheet)[..., None], np.sin(sheet)[..., None]
-    return np.stack([fibre, c * normal - s * across, s * normal + c * across], axis=-1)
+    return np.stack([fibre, c * normal - s * transmural, s * normal + c * transmural], axis=-1)
 
 
 def _aligned(frames: Floats, axes: Floats, turns: Floats) -> Floats:
@@ -303,8 +305,8 @@ def _aligned(frames: Floats, axes: Floats, turns: Floats) -> Floats:
         turns: rotations (cells, points, 3, 3) from axes of the wall to frames.
     """
     straight = np.einsum("cpij,sj,cpkj->scpik", frames, _SIGNS, turns)
-    in_middle = np.einsum("scij,cij->sc", straight[:, :, -1], axes[:, -1]).argmax(axis=0)
-    middle = straight[in_middle, np.arange(len(frames)), -1]
+    middle_signs = np.einsum("scij,cij->sc", straight[:, :, -1], axes[:, -1]).argmax(axis=0)
+    middle = straight[middle_signs, np.arange(len(frames)), -1]
     best = np.einsum("scpij,cij->scp", straight, middle).argmax(axis=0)
     return np.asarray(frames * _SIGNS[best][..., None, :])
 
@@ -313,8 +315,8 @@ def _interpolated(first: Floats, second: Floats, share: Floats) -> Floats:
     """Return frames on the shortest rotation from one to another, where axes of opposite sign are the same."""
     from scipy.spatial.transform import Rotation
 
-    between = np.einsum("cpki,cpkj->cpij", first, second)
-    best = (np.einsum("cpii->cpi", between) @ _SIGNS.T).argmax(axis=-1)
-    between = between * _SIGNS[best][..., None, :]
-    rotation = Rotation.from_matrix(between.reshape(-1, 3, 3)).as_rotvec() * share.reshape(-1, 1)
+    turn = np.einsum("cpki,cpkj->cpij", first, second)
+    best = (np.einsum("cpii->cpi", turn) @ _SIGNS.T).argmax(axis=-1)
+    turn = turn * _SIGNS[best][..., None, :]
+    rotation = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec() * share.reshape(-1, 1)
     return np.asarray(first @ Rotation.from_rotvec(rotation).as_matrix().reshape(first.shape))

@@ -101,9 +101,9 @@ def _require(fields: BodyFields, values: Floats, admits: Callable[[Floats], Any]
     finite = np.isfinite(values)
     bad = values[~finite] if not finite.all() else values[~np.asarray(admits(values), dtype=bool)]
     worst = fields.body.mesh.comm.allgather(float(bad.flat[0]) if bad.size else None)
-    if (found := next((w for w in worst if w is not None), None)) is not None:
-        must = f"must be {wanted}" if math.isfinite(found) and wanted else "must be finite"
+    if (value := next((w for w in worst if w is not None), None)) is not None:
+        must = f"must be {wanted}" if math.isfinite(value) and wanted else "must be finite"
         raise MeshError(
-            f"{fields.body.source.path}: {what} {must}, but is {found:g} in some cell",
+            f"{fields.body.source.path}: {what} {must}, but is {value:g} in some cell",
             "Correct the formula or the data, or give these cells another value by their region.",
         )

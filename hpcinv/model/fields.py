@@ -12,7 +12,7 @@ from hpcinv.errors import MeshError, naming_field
 from hpcinv.mesh import Body
 from hpcinv.mesh.data import as_function, distribute
 from hpcinv.mesh.source import DataArray, Floats
-from hpcinv.model.fibre_directions import in_cells, rule_directions
+from hpcinv.model.fibre_directions import cell_vectors, rule_directions
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRegion, ByRule, Varying
 
@@ -48,7 +48,7 @@ class BodyFields:
             function = as_function(self.body, self._array(value))
             function.x.array[:] *= value.factor / scale
             return function
-        function = self._by_region(value, where)
+        function = self._regional_function(value, where)
         function.x.array[:] /= scale
         return function
 
@@ -59,7 +59,7 @@ class BodyFields:
         """
         match value:
             case ByRegion():
-                function = self._by_region(value, where)
+                function = self._regional_function(value, where)
                 return np.asarray(function.x.array[function.function_space.dofmap.list])
             case ByData():
                 values = self._data(value) * value.factor
@@ -72,7 +72,7 @@ class BodyFields:
     def vector_samples(self, value: ByData | ByRule | tuple[ByFormula, ...], where: str) -> Floats:
         """Return vectors as `samples`, (cells, points, 3) after broadcasting; collective."""
         if isinstance(value, ByRule):
-            return _inwards(in_cells(rule_directions(self.body, value.rule, where).function))
+            return _inwards(cell_vectors(rule_directions(self.body, value.rule, where).function))
         if isinstance(value, ByData):
             return self._data(value)
         stacked: Floats = np.stack(np.broadcast_arrays(*(self.samples(v, where) for v in value)), axis=2)
@@ -87,16 +87,16 @@ class BodyFields:
 
     def _array(self, value: ByData) -> DataArray:
         array = distribute(self.body, value.array)
-        if (found := array.values.shape[1]) != value.components:
+        if (count := array.values.shape[1]) != value.components:
             raise MeshError(
-                f"{self.body.source.path}: the array '{value.array}' has {found} components, not {value.components}",
+                f"{self.body.source.path}: the array '{value.array}' has {count} components, not {value.components}",
                 "A parameter is an array of one component, a direction one of three, a tensor one of nine.",
             )
         return array
 
     def _data(self, value: ByData) -> Floats:
         array = self._array(value)
-        if array.on == "cells":
+        if array.place == "cells":
             return array.values[:, None, :]
         return _inwards(array.values[self._nodes])
 
@@ -108,7 +108,7 @@ class BodyFields:
     def _points(self) -> Floats:
         return _inwards(self.body.given_nodes[self._nodes])
 
-    def _by_region(self, value: ByRegion, where: str) -> fem.Function:
+    def _regional_function(self, value: ByRegion, where: str) -> fem.Function:
         """Return values (SI), constant in each cell."""
         number = parts(self.body, value.values, where)
         function = fem.Function(fem.functionspace(self.body.mesh, ("DG", 0)))
@@ -150,10 +150,10 @@ def parts(body: Body, names: Iterable[str] | Mapping[str, Any], where: str) -> n
                 body.cells(name)  # raises an error for unknown and empty regions
             groups[body.regions[name].origin].append((i, name))
     for origin, members in groups.items():
-        of_these = np.full_like(number, -1)
+        members_there = np.full_like(number, -1)
         for i, name in members:
             mine = body.cells(name)
-            taken = of_these[mine[mine < owned]]
+            taken = members_there[mine[mine < owned]]
             if body.mesh.comm.allreduce(bool((taken >= 0).any()), op=MPI.LOR):
                 other = body.mesh.comm.allreduce(int(taken.max(initial=-1)), op=MPI.MAX)
                 raise MeshError(
@@ -162,8 +162,8 @@ def parts(body: Body, names: Iterable[str] | Mapping[str, Any], where: str) -> n
                     "Let every cell be in one of these only. A region of the job takes its cells from groups of the"
                     " mesh.",
                 )
-            of_these[mine] = i
-        number = np.where(of_these >= 0, of_these, number)
+            members_there[mine] = i
+        number = np.where(members_there >= 0, members_there, number)
     for i, name in groups["physical"]:
         if not body.mesh.comm.allreduce(int(np.count_nonzero(number[:owned] == i)), op=MPI.SUM):
             raise MeshError(
@@ -183,5 +183,5 @@ def parts(body: Body, names: Iterable[str] | Mapping[str, Any], where: str) -> n
 def _inwards(nodal: Floats) -> Floats:
     """Return values at points inside of cells from nodal values, (cells, nodes, components)."""
     middle = nodal.mean(axis=1, keepdims=True)
-    inside: Floats = middle + _INWARDS * (nodal - middle)
-    return inside
+    inner: Floats = middle + _INWARDS * (nodal - middle)
+    return inner

@@ -66,8 +66,8 @@ class Laplace:
         ksp.setTolerances(rtol=_ACCURACY, max_it=_ITERATIONS)
         ksp.solve(b, solution.x.petsc_vec)
         converged = ksp.is_converged
-        for one in (ksp, matrix, b):
-            one.destroy()
+        for petsc_object in (ksp, matrix, b):
+            petsc_object.destroy()
         if not converged:
             raise MeshError(
                 f"{self._body.source.path}: Laplace's equation was not solved in {_ITERATIONS} iterations",

@@ -46,7 +46,7 @@ class NominalDisplacement:
         strains: Sequence[Any],
         potentials: Sequence[Any],
         works: Sequence[Any],
-        by: Any,
+        variable: Any,
         shear_moduli: Sequence[tuple[Any, Any]],
         unknowns: Unknowns,
         quadrature_degree: int,
@@ -54,7 +54,7 @@ class NominalDisplacement:
         self._unknowns, mesh = unknowns, unknowns.mesh
         _, self._weights = quadrature(mesh.basix_cell().name, quadrature_degree)
         volume = abs(ufl.JacobianDeterminant(mesh))
-        stresses = [gradient(potential, by) for potential in potentials]
+        stresses = [gradient(potential, variable) for potential in potentials]
         self._parts = []
         for mu, cells in shear_moduli:
             strain: Any = sum(map(_size, strains), ufl.as_ufl(0.0)) + sum(map(_size, stresses), ufl.as_ufl(0.0)) / mu
@@ -79,8 +79,8 @@ class NominalDisplacement:
         """Return the sum of the sizes of the forces at the nodes that this rank owns."""
         forces = fem_petsc.assemble_vector(form)
         forces.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        at_nodes = forces.array[self._unknowns.owned_displacement_dofs].reshape(-1, 3)
-        total = float(np.linalg.norm(at_nodes, axis=1).sum())
+        nodal_forces = forces.array[self._unknowns.owned_displacement_dofs].reshape(-1, 3)
+        total = float(np.linalg.norm(nodal_forces, axis=1).sum())
         forces.destroy()
         return total
 

@@ -60,18 +60,20 @@ class SurfacePoints:
         topology = mesh.topology
         topology.create_connectivity(2, 3)
         topology.create_connectivity(3, 2)
-        of_facet, of_cell = topology.connectivity(2, 3), topology.connectivity(3, 2)
-        cells = np.array([of_facet.links(facet)[0] for facet in facets], dtype=np.int64)
-        sides = np.array([of_cell.links(c).tolist().index(f) for c, f in zip(cells, facets, strict=True)], dtype=int)
+        facet_cells, cell_facets = topology.connectivity(2, 3), topology.connectivity(3, 2)
+        cells = np.array([facet_cells.links(facet)[0] for facet in facets], dtype=np.int64)
+        sides = np.array(
+            [cell_facets.links(c).tolist().index(f) for c, f in zip(cells, facets, strict=True)], dtype=int
+        )
         corners, places = sub_entities(kind, 2), basix.geometry(basix.CellType[kind])
         geometry = scalar_element(kind, body.degree)
         shape = unknowns.scalar_elements[0]
-        at_corners = geometry.tabulate(0, places)[0, :, :, 0]
+        corner_shapes = geometry.tabulate(0, places)[0, :, :, 0]
         self._parts = []
         for side in np.unique(sides):
             own = cells[sides == side]
             nodes = mesh.geometry.dofmaps[0][own]
-            vertices = np.einsum("vi,cij->cvj", at_corners[corners[side]], mesh.geometry.x[nodes])
+            vertices = np.einsum("vi,cij->cvj", corner_shapes[corners[side]], mesh.geometry.x[nodes])
             longest = float(np.linalg.norm(vertices - np.roll(vertices, 1, axis=1), axis=2).max(initial=0.0))
             wanted = _DIVISIONS if size is None else math.ceil(min(2 * longest / size, _POINTS))
             points = _lattice(places[corners[side]], max(min(wanted, math.isqrt(_POINTS // len(cells))), 2))
@@ -96,9 +98,11 @@ def _stacked(parts: Sequence[Floats]) -> Floats:
 def _lattice(corners: Floats, n: int) -> Floats:
     """Return points on a triangle or a quadrilateral of a reference cell, with its corners, ``n`` parts to an edge."""
     i, j = np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij")
-    inside = i + j <= n if len(corners) == 3 else np.ones_like(i, dtype=bool)
-    along, across = i[inside] / n, j[inside] / n
-    return np.asarray(corners[0] + np.outer(along, corners[1] - corners[0]) + np.outer(across, corners[2] - corners[0]))
+    is_inside = i + j <= n if len(corners) == 3 else np.ones_like(i, dtype=bool)
+    first_share, second_share = i[is_inside] / n, j[is_inside] / n
+    return np.asarray(
+        corners[0] + np.outer(first_share, corners[1] - corners[0]) + np.outer(second_share, corners[2] - corners[0])
+    )
 
 
 @dataclass(frozen=True)
@@ -152,11 +156,11 @@ class Passage:
 
     def _passes(self, start: Floats, end: Floats) -> Floats:
         """Return for each point the share of its way up to where a passage begins, infinite without one."""
-        found, (low, high) = np.full(len(start), np.inf), self._bounds
-        near = ((np.maximum(start, end) >= low) & (np.minimum(start, end) <= high) & np.isfinite(end)).all(axis=1)
-        near &= (start != end).any(axis=1)
-        found[near] = passages(self._distance, start[near], end[near])
-        return found
+        shares, (low, high) = np.full(len(start), np.inf), self._bounds
+        is_near = ((np.maximum(start, end) >= low) & (np.minimum(start, end) <= high) & np.isfinite(end)).all(axis=1)
+        is_near &= (start != end).any(axis=1)
+        shares[is_near] = passages(self._distance, start[is_near], end[is_near])
+        return shares
 
 
 class Passages:
@@ -198,15 +202,15 @@ def passages(distance: Distance, start: Floats, end: Floats) -> Floats:
 
     It is infinite for a way that does not pass through the obstacle.
     """
-    count, found = len(start), np.full(len(start), np.inf)
+    count, shares = len(start), np.full(len(start), np.inf)
     lengths = np.linalg.norm(end - start, axis=1)
-    at, entry, depth = np.zeros(count), np.full(count, np.nan), np.zeros(count)
-    direction, before = np.zeros((count, 3)), np.zeros(count)
+    position, entry, depth = np.zeros(count), np.full(count, np.nan), np.zeros(count)
+    direction, last_position = np.zeros((count, 3)), np.zeros(count)
     active = np.arange(count)
     for number in range(_MOST):
         if not len(active):
             break
-        t = at[active]
+        t = position[active]
         points = start[active] + t[:, None] * (end - start)[active]
         gap, normal = distance(points)
         is_new = np.isnan(entry[active]) & (gap <= 0)
@@ -217,16 +221,16 @@ def passages(distance: Distance, start: Floats, end: Floats) -> Floats:
         limit = np.where(depth[active] > _DEEP, _TURNED_DEEP, _TURNED)
         has_turned = is_inside & (depth[active] > _FINEST) & (cosine < limit)
         turned = active[has_turned]
-        turn = (before[turned] + at[turned]) / 2
-        found[turned] = entry[turned] + _TOUCH * (turn - entry[turned])
+        turn = (last_position[turned] + position[turned]) / 2
+        shares[turned] = entry[turned] + _TOUCH * (turn - entry[turned])
         has_left = is_inside & (gap > 0) & ~has_turned
         entry[active[has_left]], depth[active[has_left]] = np.nan, 0.0
         shortest = _FINEST * 2.0 ** (number // 8)
         # Inside, a step is at most twice as long as the way in so far: the depth of a formula is not its distance.
         step = np.where(is_inside & ~has_left, np.minimum(np.abs(gap), (t - entry[active]) * lengths[active]), gap)
-        before[active] = t
-        at[active] = t + np.maximum(step, shortest) / lengths[active]
+        last_position[active] = t
+        position[active] = t + np.maximum(step, shortest) / lengths[active]
         is_last = (t >= 1) | (~is_inside & (gap > (1 - t) * lengths[active]))
-        at[active] = np.minimum(at[active], 1.0)
+        position[active] = np.minimum(position[active], 1.0)
         active = active[~(has_turned | is_last)]
-    return found
+    return shares

@@ -22,7 +22,7 @@ from petsc4py import PETSc
 from ufl.classes import ListTensor
 
 from hpcinv.kinematics.kinematics import Kinematics, OtherState
-from hpcinv.kinematics.ufl_formulas import at_position
+from hpcinv.kinematics.ufl_formulas import position_formula
 from hpcinv.mesh.regions import Mesh
 from hpcinv.model.fields import BodyFields
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -84,8 +84,8 @@ class Parameters:
         self._numbers = {where: number for number, (where, _) in enumerate(ingredients)}
         self.constant = fem.Constant(fields.body.mesh, self._values)
         self._namespaces = [
-            SimpleNamespace(**{n: self._entry(p, kin.given if one.is_attached(n) else kin) for n, p in found.items()})
-            for (_, one), found in zip(ingredients, self._places, strict=True)
+            SimpleNamespace(**{n: self._entry(p, kin.given if part.is_attached(n) else kin) for n, p in places.items()})
+            for (_, part), places in zip(ingredients, self._places, strict=True)
         ]
 
     def load(self, case: int) -> Any:
@@ -111,14 +111,14 @@ class Parameters:
         if self._growing is not None:
             self._values[self._growing] = self.constant.value[self._growing] = float(growing)
 
-    def of(self, index: int) -> Any:
+    def quantities(self, index: int) -> Any:
         """Return the quantities of the ``index``-th ingredient by name, vectors as UFL vectors."""
         return self._namespaces[index]
 
     def update_parameters(self, ingredients: Sequence[tuple[str, Ingredient]], scales: Scales) -> None:
         """Set the numbers of other ingredients, of a job of the same reuse group, in other scales."""
         for function, dimension in self._functions.values():
-            function.x.array[:] *= self._scales.of(dimension) / scales.of(dimension)
+            function.x.array[:] *= self._scales.unit_of(dimension) / scales.unit_of(dimension)
         self._scales, count = scales, len(self._values)
         self._values, self._metre = [0.0] * self._cases, None
         for where, ingredient in ingredients:
@@ -150,7 +150,7 @@ class Parameters:
         def follow(place: Any, rate: Any, dimension: Dimension, name: str) -> None:
             match place:
                 case int():
-                    entries[place] = rate / self._scales.of(dimension)
+                    entries[place] = rate / self._scales.unit_of(dimension)
                 case list():
                     for i, (p, r) in enumerate(zip(place, rate, strict=True)):
                         follow(p, r, dimension, f"{name}[{i}]")
@@ -158,25 +158,28 @@ class Parameters:
                     for name, slope in rate.constants.items():
                         entries[place.constants[name]] = slope
                 case fem.Function() if isinstance(rate, ByRegion):
-                    functions.append((place, self.fields.function(rate, self._scales.of(dimension), name)))
+                    functions.append((place, self.fields.function(rate, self._scales.unit_of(dimension), name)))
 
-        for where, of_ingredient in rates.items():
+        for where, ingredient_rates in rates.items():
             places = self._places[self._numbers[where]]
-            for name, (rate, dimension) in of_ingredient.items():
+            for name, (rate, dimension) in ingredient_rates.items():
                 follow(places[name], rate, dimension, f"{where}.{name}")
         return ParameterDirection(entries, tuple(functions))
 
     @contextmanager
-    def moved(self, along: ParameterDirection, step: float) -> Iterator[None]:
+    def moved(self, direction: ParameterDirection, step: float) -> Iterator[None]:
         """Context with the parameters a step along a direction; afterwards they are restored exactly."""
-        vectors = [(self.constant.value, along.entries), *((f.x.array, rate.x.array) for f, rate in along.functions)]
-        before = [values.copy() for values, _ in vectors]
+        vectors = [
+            (self.constant.value, direction.entries),
+            *((f.x.array, rate.x.array) for f, rate in direction.functions),
+        ]
+        kept_values = [values.copy() for values, _ in vectors]
         for values, rate in vectors:
             values += step * rate
         try:
             yield
         finally:
-            for (values, _), kept in zip(vectors, before, strict=True):
+            for (values, _), kept in zip(vectors, kept_values, strict=True):
                 values[:] = kept
 
     def _places_of(self, where: str, ingredient: Ingredient) -> dict[str, Any]:
@@ -192,7 +195,7 @@ class Parameters:
             return [self._place(v, dimension, f"{where}[{i}]") for i, v in enumerate(value)]
         if isinstance(value, LengthsOfBody):
             return self._append(value * self.fields.body.length)
-        scale = self._scales.of(dimension)
+        scale = self._scales.unit_of(dimension)
         if isinstance(value, ByFormula):
             if self._metre is None:
                 self._metre = self._append(self._scales.length)
@@ -217,7 +220,7 @@ class Parameters:
             case _Formula(formula, scale, constants):
                 named = {name: self.constant[i] for name, i in constants.items()}
                 assert self._metre is not None
-                return self.constant[scale] * at_position(formula, k, self.constant[self._metre], named)
+                return self.constant[scale] * position_formula(formula, k, self.constant[self._metre], named)
             case _:
                 return place
 
@@ -265,11 +268,11 @@ class ParameterDerivative:
         form = ufl.replace(derivative, dict(zip((point, way), halves, strict=True)))
         self._form = fem.form(form, jit_options=JIT_OPTIONS)
 
-    def assemble(self, along: ParameterDirection, b: PETSc.Vec) -> None:
+    def assemble(self, direction: ParameterDirection, b: PETSc.Vec) -> None:
         """Assemble the derivative at the present state and load into ``b``, for the cells of this rank."""
-        self._point_and_way.value[:] = np.concatenate([self._parameters.constant.value, along.entries])
+        self._point_and_way.value[:] = np.concatenate([self._parameters.constant.value, direction.entries])
         for function, rate in zip(self._functions, self._rates, strict=True):
-            given = [found for known, found in along.functions if known is function]
+            given = [rate_function for known, rate_function in direction.functions if known is function]
             rate.x.array[:] = given[0].x.array if given else 0.0
         with b.localForm() as local:
             local.set(0.0)

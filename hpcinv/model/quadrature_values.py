@@ -8,7 +8,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from hpcinv.kinematics.staged_derivatives import without_stages
+from hpcinv.kinematics.staged_derivatives import remove_stages
 from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.regions import Mesh
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -35,19 +35,19 @@ class CellMeans:
         volume = abs(ufl.JacobianDeterminant(mesh))
         _, self._weights = quadrature(mesh.basix_cell().name, quadrature_degree)
         self._values = []
-        for expression, of in expressions:
+        for expression, cells in expressions:
             parts = [expression[i] for i in np.ndindex(shape)] if shape else [expression]
             weighted = volume * ufl.as_vector([*parts, 1])
-            self._values.append(QuadratureValues(weighted, mesh, quadrature_degree, of))
+            self._values.append(QuadratureValues(weighted, mesh, quadrature_degree, cells))
 
     def __call__(self) -> fem.Function:
         """Return the present means, piecewise constant."""
         means = fem.Function(self._space)
         values = means.x.array.reshape(-1, int(np.prod(self._shape)))
         dofs = means.function_space.dofmap.list[:, 0]
-        for of_part in self._values:
-            for cells, at_points in of_part:
-                sums = np.einsum("q,cqi->ci", self._weights, at_points)
+        for part in self._values:
+            for cells, samples in part:
+                sums = np.einsum("q,cqi->ci", self._weights, samples)
                 values[dofs[cells]] = sums[:, :-1] / sums[:, -1:]
         means.x.scatter_forward()
         return means
@@ -61,7 +61,7 @@ class QuadratureValues:
 
     def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: CellNumbers | None = None) -> None:
         points, _ = quadrature(mesh.basix_cell().name, quadrature_degree)
-        self._compiled = fem.Expression(without_stages(expression), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        self._compiled = fem.Expression(remove_stages(expression), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
         self._mesh = mesh
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
         self._cells = owned if cells is None else cells

@@ -54,7 +54,7 @@ def largest_stiffness(stiffness: Floats) -> float:
     return float(np.abs(np.linalg.eigvalsh(stiffness)).max(initial=0.0))
 
 
-def without_springs(free: Floats, stiffness: Floats, stiffest: float) -> Floats:
+def unsprung_basis(free: Floats, stiffness: Floats, stiffest: float) -> Floats:
     """Return a basis (m, l) of those motions of a basis (m, k) that do no work on springs.
 
     Args:
@@ -108,8 +108,8 @@ def _reduced(free: Floats) -> Floats:
 
 def _direction(vector: Floats) -> str:
     unit = vector / np.linalg.norm(vector)
-    along = int(np.abs(unit).argmax())
-    return AXES[along] if abs(unit[along]) > 1 - 1e-9 else _triple(unit)
+    axis = int(np.abs(unit).argmax())
+    return AXES[axis] if abs(unit[axis]) > 1 - 1e-9 else _triple(unit)
 
 
 def _triple(vector: Floats) -> str:

@@ -30,7 +30,7 @@ from ufl.classes import Label, Variable
 from hpcinv.effects import Effect
 from hpcinv.job.job import Job
 from hpcinv.kinematics.kinematics import Deformation, Kinematics, OtherState
-from hpcinv.kinematics.staged_derivatives import gradient, without_stages
+from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.materials import MaterialLaw
 from hpcinv.model.contacts import Contacts
 from hpcinv.model.field_checks import shear_modulus
@@ -118,46 +118,46 @@ class Scene:
         may_grow = kin.sign > 0 and any(effect.presses_at_any_load for effect in job.effects)
         self.parameters = par = Parameters(_ingredients(job), kin, fields, scales, job.case_count, may_grow=may_grow)
         count = len(job.laws)
-        of_effects = [
-            (effect, par.load(job.case_of(effect)), par.of(count + i)) for i, effect in enumerate(job.effects)
+        effect_data = [
+            (effect, par.load(job.case_of(effect)), par.quantities(count + i)) for i, effect in enumerate(job.effects)
         ]
         degree = job.discretisation.displacement
-        for (where, _), (effect, _, p) in zip(job.named_effects, of_effects, strict=True):
+        for (where, _), (effect, _, p) in zip(job.named_effects, effect_data, strict=True):
             if effect.presses_at_any_load:
                 p.growing = par.growing
-            for name, (components, of_degree) in effect.functions(degree).items():
-                setattr(p, name, fields.updated(f"{where}.{name}", components, of_degree))
-        named = tuple(zip((where for where, _ in job.named_effects), of_effects, strict=True))
+            for name, (components, function_degree) in effect.functions(degree).items():
+                setattr(p, name, fields.updated(f"{where}.{name}", components, function_degree))
+        named = tuple(zip((where for where, _ in job.named_effects), effect_data, strict=True))
         self.contacts = Contacts(named, kin, fields.body, job.resolve, degree, _modulus(job, fields, scales))
         directions = {
-            name.removeprefix("fibres."): _unit(kin.given, family.given_on, par.of(i).direction)
-            for i, (name, family) in enumerate(job.families.items(), start=count + len(of_effects))
+            name.removeprefix("fibres."): _unit(kin.given, family.given_on, par.quantities(i).direction)
+            for i, (name, family) in enumerate(job.families.items(), start=count + len(effect_data))
         }
         self.H = H = Variable(kin.H, LABEL)
         total = Deformation(H, directions)
         strains = [
             (effect, strain)
-            for effect, load, p in of_effects
+            for effect, load, p in effect_data
             if (strain := _strain(effect, effect.inelastic_strain(total, load, p), kin.given)) is not None
         ]
         elastic, J_g = _elastic(total, [strain for _, strain in strains])
         own = [strain for effect, strain in strains if effect.writes_its_stress]
         self._own = own
-        self._in_reference_shape = _elastic(Deformation(ufl.zero(3, 3), directions), own)[0] if own else None
+        self._reference_elastic = _elastic(Deformation(ufl.zero(3, 3), directions), own)[0] if own else None
         self._laws = tuple(job.laws.values())
-        potentials = [w for e, load, p in of_effects if (w := e.potential(total, load, p)) is not None]
+        potentials = [w for e, load, p in effect_data if (w := e.potential(total, load, p)) is not None]
         self.parts = tuple(
-            _part(law, par.of(i), elastic, J_g, potentials, unknowns.p, H, cells[i] if cells else None)
+            _part(law, par.quantities(i), elastic, J_g, potentials, unknowns.p, H, cells[i] if cells else None)
             for i, law in enumerate(job.laws.values())
         )
         self._strains, self._potentials, self._works = [strain for _, strain in strains], potentials, list[Any]()
         residual: Any = 0
-        for number, one in enumerate(self.parts):
+        for number, part in enumerate(self.parts):
             dx = integration.part(number)
-            residual += kin.dV(ufl.inner(one.P, kin.Grad(unknowns.v)), dx)
-            if one.constraint is not None:
-                residual -= kin.dV(one.constraint * unknowns.q, dx)
-        for effect, load, p in of_effects:
+            residual += kin.dV(ufl.inner(part.P, kin.Grad(unknowns.v)), dx)
+            if part.constraint is not None:
+                residual -= kin.dV(part.constraint * unknowns.q, dx)
+        for effect, load, p in effect_data:
             work = effect.virtual_work(kin, unknowns.v, load, p)
             if work is not None:
                 residual -= work
@@ -212,7 +212,7 @@ class Scene:
     def cauchy_stress(self) -> list[tuple[Any, npt.NDArray[np.int32] | None]]:
         """``σ = J⁻¹ P Fᵀ`` in scaled stresses, (3, 3), of each part and the cells of that part (``None`` for all)."""
         F = ufl.Identity(3) + self.kinematics.H
-        return [(without_stages(part.P * F.T / self.J), part.cells) for part in self.parts]
+        return [(remove_stages(part.P * F.T / self.J), part.cells) for part in self.parts]
 
     @property
     def prestrain_stress(self) -> list[tuple[Any, npt.NDArray[np.int32] | None]]:
@@ -220,17 +220,17 @@ class Scene:
 
         It is the deviator where the law is incompressible, since the strain does not determine the pressure.
         """
-        if self._in_reference_shape is None:
+        if self._reference_elastic is None:
             return []
-        H = Variable(self._in_reference_shape.H, LABEL)
-        elastic, found = Deformation(H, self._in_reference_shape.fibres), []
+        H = Variable(self._reference_elastic.H, LABEL)
+        elastic, stresses = Deformation(H, self._reference_elastic.fibres), []
         for number, (law, part) in enumerate(zip(self._laws, self.parts, strict=True)):
-            psi = law.isochoric_energy(elastic, self.parameters.of(number))
+            psi = law.isochoric_energy(elastic, self.parameters.quantities(number))
             if part.volumetric_modulus is not None:
                 psi = psi + part.volumetric_modulus * law.dilatation(elastic) ** 2 / 2
             sigma = gradient(psi, H) * elastic.F.T / elastic.J
-            found.append((without_stages(ufl.dev(sigma) if law.is_incompressible else sigma), part.cells))
-        return found
+            stresses.append((remove_stages(ufl.dev(sigma) if law.is_incompressible else sigma), part.cells))
+        return stresses
 
     @property
     def prestrain(self) -> Any:
@@ -238,7 +238,7 @@ class Scene:
         F0 = ufl.Identity(3)
         for strain in self._own:
             F0 = (ufl.Identity(3) + strain) * F0
-        return without_stages(F0)
+        return remove_stages(F0)
 
 
 def _part(
@@ -305,7 +305,7 @@ def _elastic(total: Deformation, strains: Iterable[Any]) -> tuple[Deformation, A
     elastic, J_g = total, 1
     for strain in strains:
         stretch = Deformation(strain)
-        elastic, J_g = elastic.after(stretch), J_g * stretch.J
+        elastic, J_g = elastic.elastic_part(stretch), J_g * stretch.J
     return elastic, J_g
 
 

@@ -67,10 +67,10 @@ class SceneMeans:
         _, self._weights = quadrature(mesh.basix_cell().name, quadrature_degree)
         volume = abs(ufl.JacobianDeterminant(mesh))
         self._parts = []
-        for one in parts:
-            sigma = [one.cauchy_stress[at] for at in np.ndindex(3, 3)]
-            vector = ufl.as_vector([*sigma, one.J, one.energy, volume])
-            self._parts.append(QuadratureValues(vector, mesh, quadrature_degree, one.cells))
+        for part in parts:
+            sigma = [part.cauchy_stress[index] for index in np.ndindex(3, 3)]
+            vector = ufl.as_vector([*sigma, part.J, part.energy, volume])
+            self._parts.append(QuadratureValues(vector, mesh, quadrature_degree, part.cells))
         self._prestrain_stress = CellMeans(prestrain_stress, mesh, quadrature_degree) if prestrain_stress else None
 
     def __call__(self) -> Means:
@@ -82,9 +82,9 @@ class SceneMeans:
                 volumes = self._weights * values[..., -1]
                 sums = np.einsum("cq,cqi->ci", volumes, values[..., :-1])
                 means = sums / volumes.sum(axis=1)[:, None]
-                for function, of in ((sigma, means[:, :9]), (J, means[:, 9:10])):
+                for function, columns in ((sigma, means[:, :9]), (J, means[:, 9:10])):
                     dofs = function.function_space.dofmap.list[cells, 0]
-                    function.x.array.reshape(-1, of.shape[1])[dofs] = of
+                    function.x.array.reshape(-1, columns.shape[1])[dofs] = columns
                 low, high = min(low, values[..., 9].min()), max(high, values[..., 9].max())
                 energy += sums[:, 10].sum()
         for function in (sigma, J):

@@ -116,9 +116,9 @@ class Unknowns:
         node = np.arange(len(self.state.x.array))
         displacement, *pressure = self.dofs_of_cells()
         node[displacement] = displacement[:, :, :1]
-        for of_cells in pressure:
-            vertices = min(of_cells.shape[1], self.mesh.ufl_cell().num_vertices)  # the first nodes of a cell
-            node[of_cells[:, :vertices, 0]] = displacement[:, :vertices, 0]
+        for cell_dofs in pressure:
+            vertices = min(cell_dofs.shape[1], self.mesh.ufl_cell().num_vertices)  # the first nodes of a cell
+            node[cell_dofs[:, :vertices, 0]] = displacement[:, :vertices, 0]
         order = np.argsort(node[:owned], kind="stable")
         begins = np.diff(node[order], prepend=-1) != 0
         first = dofmap.index_map.local_range[0] * dofmap.index_map_bs
@@ -172,7 +172,7 @@ class Unknowns:
         """Set the pressure of the state, by values at the local degrees of freedom of its space."""
         self.state.x.array[self._pressure_dofs] = values
 
-    def at_nodes(self, u: fem.Function) -> npt.NDArray[np.float64]:
+    def geometry_values(self, u: fem.Function) -> npt.NDArray[np.float64]:
         """Return values of the displacement ``u`` at the geometry nodes of the mesh, (local nodes, 3).
 
         ``u`` may be on the same cells with another geometry.

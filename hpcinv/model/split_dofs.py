@@ -33,11 +33,11 @@ def split(space: fem.FunctionSpace, columns: slice, layers: Ints) -> fem.Functio
     mesh, dofmap = space.mesh, space.dofmap
     dofs = dofmap.list.copy()
     copies = _Copies(mesh.comm, dofmap.index_map, dofs[:, columns], layers, mesh.topology.index_map(3).size_local)
-    dofs[:, columns] = copies.of_cells
+    dofs[:, columns] = copies.cell_copies
     index_map, dofs = copies.numbered(dofs)
     split_map = cpp.fem.DofMap(dofmap.dof_layout, index_map, 1, cpp.graph.AdjacencyList_int32(dofs), 1)
-    of_cpp = cpp.fem.FunctionSpace_float64(mesh._cpp_object, space.element._cpp_object, split_map)
-    return fem.FunctionSpace(mesh, space.ufl_element(), of_cpp)
+    cpp_space = cpp.fem.FunctionSpace_float64(mesh._cpp_object, space.element._cpp_object, split_map)
+    return fem.FunctionSpace(mesh, space.ufl_element(), cpp_space)
 
 
 class _Copies:
@@ -49,7 +49,8 @@ class _Copies:
         owned: number of owned cells.
 
     Attributes:
-        of_cells: copies in each cell, numbered after all ``dofs`` of the map unless they keep their number, (cells, n).
+        cell_copies: copies in each cell, numbered after all ``dofs`` of the map unless they keep their
+            number, (cells, n).
     """
 
     def __init__(self, comm: MPI.Intracomm, numbers: Any, dofs: Ints, layers: Ints, owned: int) -> None:
@@ -60,27 +61,27 @@ class _Copies:
         keys = dofs.astype(np.int64) * width + np.searchsorted(known, layers)[:, None]
         unique, inverse = np.unique(keys, return_inverse=True)
         dof, layer = np.divmod(unique, width)
-        in_own_cell = np.zeros(len(unique), dtype=bool)
-        in_own_cell[inverse.reshape(keys.shape)[:owned]] = True
+        is_in_own_cell = np.zeros(len(unique), dtype=bool)
+        is_in_own_cell[inverse.reshape(keys.shape)[:owned]] = True
         names = numbers.local_to_global(np.arange(local, dtype=np.int32))[dof] * width + layer  # on all ranks the same
         rank_of_dof = np.full(len(dof), comm.rank, dtype=np.int64)
         is_ghost = dof >= numbers.size_local
         rank_of_dof[is_ghost] = np.asarray(numbers.owners)[dof[is_ghost] - numbers.size_local]
 
-        owners = self._owners(width, names, in_own_cell, rank_of_dof)
+        owners = self._owners(width, names, is_in_own_cell, rank_of_dof)
         is_new, is_mine = owners != _KEPT, owners == comm.rank
         copy = np.where(is_new, 0, dof)
         copy[is_new] = local + np.arange(np.count_nonzero(is_new))
-        self.of_cells: Ints = copy[inverse].reshape(keys.shape)
+        self.cell_copies: Ints = copy[inverse].reshape(keys.shape)
         self._is_mine, self._owners_of_new = is_mine[is_new], owners[is_new]
         self._names_of_new = names[is_new]
 
-    def _owners(self, width: int, names: Ints, in_own_cell: npt.NDArray[np.bool_], rank_of_dof: Ints) -> Ints:
+    def _owners(self, width: int, names: Ints, is_in_own_cell: npt.NDArray[np.bool_], rank_of_dof: Ints) -> Ints:
         """Return the rank that owns each copy of this rank, `_KEPT` for one that keeps its number."""
         comm = self._comm
-        to = [np.flatnonzero(rank_of_dof == rank) for rank in range(comm.size)]
-        received = comm.alltoall([np.stack([names[of], in_own_cell[of]], axis=1) for of in to])
-        rank = np.repeat(np.arange(comm.size), [len(one) for one in received])
+        destinations = [np.flatnonzero(rank_of_dof == rank) for rank in range(comm.size)]
+        received = comm.alltoall([np.stack([names[rows], is_in_own_cell[rows]], axis=1) for rows in destinations])
+        rank = np.repeat(np.arange(comm.size), [len(part) for part in received])
         table = np.concatenate(received)
         here = rank == comm.rank
         # Ranks with a cell of their own come first, among them the owner of the degree of freedom.
@@ -89,36 +90,36 @@ class _Copies:
         owner = rank[order][first]
         # The first copy of the owner keeps the number.
         dof = name // width
-        by_dof = np.lexsort((name, owner != comm.rank, dof))
-        kept = by_dof[np.unique(dof[by_dof], return_index=True)[1]]
+        dof_order = np.lexsort((name, owner != comm.rank, dof))
+        kept = dof_order[np.unique(dof[dof_order], return_index=True)[1]]
         owner[kept] = _KEPT
         _, which, copies = np.unique(dof, return_inverse=True, return_counts=True)
         owner[copies[which] > MOST_LAYERS] = _KEPT
         answers = np.empty(len(table), dtype=np.int64)
         answers[order] = owner[number]
-        returned = comm.alltoall(np.split(answers, np.cumsum([len(one) for one in received])[:-1]))
-        found = np.empty(len(names), dtype=np.int64)
-        found[np.concatenate(to)] = np.concatenate(returned)
-        return found
+        returned = comm.alltoall(np.split(answers, np.cumsum([len(part) for part in received])[:-1]))
+        result = np.empty(len(names), dtype=np.int64)
+        result[np.concatenate(destinations)] = np.concatenate(returned)
+        return result
 
     def numbered(self, dofs: Ints) -> tuple[Any, npt.NDArray[np.int32]]:
-        """Return a map with the copies, and local numbers in it instead of those of `of_cells`."""
+        """Return a map with the copies, and local numbers in it instead of those of `cell_copies`."""
         comm, numbers = self._comm, self._numbers
         owned, local = numbers.size_local, numbers.size_local + numbers.num_ghosts
         mine, other = np.flatnonzero(self._is_mine), np.flatnonzero(~self._is_mine)
-        before, begins = (np.cumsum([0, *comm.allgather(n)]) for n in (owned, owned + len(mine)))
+        old_begins, begins = (np.cumsum([0, *comm.allgather(n)]) for n in (owned, owned + len(mine)))
 
         used = np.unique(dofs)
         ghosts = used[(used >= owned) & (used < local)] - owned  # without those of which only copies are left
         owners = np.asarray(numbers.owners, dtype=np.int64)[ghosts]
-        names = np.asarray(numbers.ghosts)[ghosts] - before[owners] + begins[owners]
+        names = np.asarray(numbers.ghosts)[ghosts] - old_begins[owners] + begins[owners]
 
-        to = [other[self._owners_of_new[other] == rank] for rank in range(comm.size)]
+        destinations = [other[self._owners_of_new[other] == rank] for rank in range(comm.size)]
         order = np.argsort(self._names_of_new[mine])
-        sought = comm.alltoall([self._names_of_new[of] for of in to])
-        places = [owned + order[np.searchsorted(self._names_of_new[mine], of, sorter=order)] for of in sought]
+        sought = comm.alltoall([self._names_of_new[rows] for rows in destinations])
+        places = [owned + order[np.searchsorted(self._names_of_new[mine], rows, sorter=order)] for rows in sought]
         answers = comm.alltoall([begins[comm.rank] + place for place in places])
-        other = np.concatenate(to)
+        other = np.concatenate(destinations)
 
         renumbered = np.zeros(local + len(self._is_mine), dtype=np.int32)
         renumbered[:owned] = np.arange(owned)

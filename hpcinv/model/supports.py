@@ -88,61 +88,62 @@ class Supports:
         Raises:
             MeshError: on all ranks, if a formula has no finite value somewhere.
         """
-        for one in self.prescribed:
-            spec = job.supports[one.support]
-            if spec.displacement and (formula := spec.displacement[one.axis]) is not None:
-                one.full[one.nodes] = _values(spec, formula, one.points * self._length) / self._length
-                if not self._comm.allreduce(bool(np.isfinite(one.full).all()), op=MPI.LAND):
+        for entry in self.prescribed:
+            spec = job.supports[entry.support]
+            if spec.displacement and (formula := spec.displacement[entry.axis]) is not None:
+                entry.full[entry.nodes] = _values(spec, formula, entry.points * self._length) / self._length
+                if not self._comm.allreduce(bool(np.isfinite(entry.full).all()), op=MPI.LAND):
                     raise MeshError(
-                        f"{one.field}: '{formula}' is not finite somewhere on '{spec.region}'",
+                        f"{entry.field}: '{formula}' is not finite somewhere on '{spec.region}'",
                         "Check it for divisions by zero, and for roots and logarithms of negative numbers.",
                     )
         self.end_path()
 
-    def rates(self, number: int, variant: Callable[[float], Support], at: float) -> list[Floats]:
+    def rates(self, number: int, variant: Callable[[float], Support], value: float) -> list[Floats]:
         """Return derivatives of the displacements at full load, on the mesh at its given coordinates.
 
         Args:
             variant: the support of this number as a function of a parameter.
             at: value of the parameter at which to differentiate.
         """
-        step, found = step_at(at), []
-        specs = [variant(at + k * step) for k in POINTS]
-        for one in self.prescribed:
-            rate = np.zeros_like(one.full)
-            formulas = [spec.displacement and spec.displacement[one.axis] for spec in specs]
-            if one.support == number and formulas[0] is not None:
-                points = one.points * self._length
+        step, changes = step_at(value), []
+        specs = [variant(value + k * step) for k in POINTS]
+        for entry in self.prescribed:
+            rate = np.zeros_like(entry.full)
+            formulas = [spec.displacement and spec.displacement[entry.axis] for spec in specs]
+            if entry.support == number and formulas[0] is not None:
+                points = entry.points * self._length
                 values = [_values(spec, f, points) for spec, f in zip(specs, formulas, strict=True) if f is not None]
-                rate[one.nodes] = central_difference(values, step) / self._length
-            found.append(rate)
-        return found
+                rate[entry.nodes] = central_difference(values, step) / self._length
+            changes.append(rate)
+        return changes
 
     def prescribe(self, values: Sequence[Floats]) -> None:
         """Prescribe what `rates` returned, until `scale` is called."""
-        for one, of_one in zip(self.prescribed, values, strict=True):
-            one.now.x.array[:] = of_one
+        for entry, entry_values in zip(self.prescribed, values, strict=True):
+            entry.now.x.array[:] = entry_values
 
     def scale(self, load: float) -> None:
         """Prescribe the displacements at a share of the whole load, or of the path from another state."""
-        for number, one in enumerate(self.prescribed):
+        for number, entry in enumerate(self.prescribed):
             if self._path is None:
-                one.now.x.array[:] = load_factor(load, one.case, self._case_count) * one.full
+                entry.now.x.array[:] = load_factor(load, entry.case, self._case_count) * entry.full
             else:
-                one.now.x.array[one.nodes] = (1 - load) * self._path[number] + load * one.full[one.nodes]
+                entry.now.x.array[entry.nodes] = (1 - load) * self._path[number] + load * entry.full[entry.nodes]
 
     def begin_path(self, x: npt.NDArray[np.float64]) -> None:
         """Let the displacements lead from those of a state ``x`` (all local unknowns) to the prescribed ones."""
-        self._path = [x[one.dofs] for one in self.prescribed]
+        self._path = [x[entry.dofs] for entry in self.prescribed]
         moves = any(
-            bool((start != one.full[one.nodes]).any()) for start, one in zip(self._path, self.prescribed, strict=True)
+            bool((start != entry.full[entry.nodes]).any())
+            for start, entry in zip(self._path, self.prescribed, strict=True)
         )
         self.prescribe_motion = self._comm.allreduce(moves, op=MPI.LOR)
 
     def end_path(self) -> None:
         """Let the displacements lead from the unloaded body again; collective."""
         self._path = None
-        moves = any(bool(one.full.any()) for one in self.prescribed)
+        moves = any(bool(entry.full.any()) for entry in self.prescribed)
         self.prescribe_motion = self._comm.allreduce(moves, op=MPI.LOR)
 
 

@@ -24,13 +24,13 @@ class SurfaceDistance:
     def __init__(self, path: Path, unit: float, flip: bool, comm: MPI.Intracomm) -> None:
         import pyvista
 
-        def on_rank_0() -> tuple[Floats, Ints]:
+        def read_on_root() -> tuple[Floats, Ints]:
             from hpcinv.mesh.io.surface_files import read_triangles  # loads VTK
 
-            found = read_triangles(path)
-            return np.asarray(found.points, dtype=np.float64), np.asarray(found.regular_faces)
+            polygons = read_triangles(path)
+            return np.asarray(polygons.points, dtype=np.float64), np.asarray(polygons.regular_faces)
 
-        points, triangles = on_root(comm, on_rank_0)
+        points, triangles = on_root(comm, read_on_root)
         surface = pyvista.PolyData.from_regular_faces(points * unit, triangles[:, ::-1] if flip else triangles)
         self._surface = surface.compute_normals(
             feature_angle=_SMOOTH,
@@ -72,5 +72,5 @@ def barycentric(corners: Floats, points: Floats) -> Floats:
     size = aa * bb - ab**2
     size = np.where(size > 0, size, 1.0)
     v, w = (bb * ca - ab * cb) / size, (aa * cb - ab * ca) / size
-    found: Floats = np.clip(np.stack([1 - v - w, v, w], axis=1), 0.0, 1.0)
-    return found
+    coordinates: Floats = np.clip(np.stack([1 - v - w, v, w], axis=1), 0.0, 1.0)
+    return coordinates

@@ -199,7 +199,7 @@ def named(number: int, u: Function, p: Function | None) -> dict[str, Function]:
 def cells_digest(body: Body) -> str:
     """Return a checksum of the cells of a body's mesh, in whose order functions are saved; collective."""
     cells = body.source.cells
-    return Rows.of(body.mesh.comm, len(cells)).checksum(cells)
+    return Rows.distributed(body.mesh.comm, len(cells)).checksum(cells)
 
 
 def nodes_digest(body: Body) -> str:
@@ -273,8 +273,8 @@ def _size(function: Function) -> int:
     """Bytes that a function takes in a checkpoint, or up to a tenth more: values in each cell, and their numbers."""
     space = function.function_space
     topology, dofs = space.mesh.topology, space.dofmap
-    in_cell = dofs.dof_layout.num_dofs * (8 * dofs.index_map_bs + 8) + 16
-    return int(topology.index_map(topology.dim).size_global * in_cell) + 2**13
+    cell_bytes = dofs.dof_layout.num_dofs * (8 * dofs.index_map_bs + 8) + 16
+    return int(topology.index_map(topology.dim).size_global * cell_bytes) + 2**13
 
 
 def _digest(state: Mapping[str, Any], functions: Path) -> str:

@@ -49,9 +49,9 @@ class CheckpointWriter(Observer):
         if self._settings.every and self._steps >= self._settings.every and self._is_late_enough():
             self._write(event.load, event.solves)
 
-    def ended(self, found: SolvedDirection) -> None:
-        if self._steps and (found.stopped or (self._settings.every and found.load != 1.0)):
-            self._write(found.load, found.solves)
+    def ended(self, solved: SolvedDirection) -> None:
+        if self._steps and (solved.stopped or (self._settings.every and solved.load != 1.0)):
+            self._write(solved.load, solved.solves)
 
     def _is_late_enough(self) -> bool:
         """Return whether the last checkpoint is old enough, by the clock of rank 0; collective."""

@@ -81,13 +81,13 @@ def width_through_mpirun(stream: TextIO, proc: Path = Path("/proc")) -> int | No
         manager = next(p for p in parents if _arguments(proc, p) and _is_manager(_arguments(proc, p)))
         if any(argument.split("=")[0] in _LABELS for argument in _arguments(proc, manager)):
             return None
-        with open(proc / str(manager) / "fd" / "1", "wb", buffering=0, opener=_without_control) as terminal:
+        with open(proc / str(manager) / "fd" / "1", "wb", buffering=0, opener=_open_without_control) as terminal:
             return os.get_terminal_size(terminal.fileno()).columns if terminal.isatty() else None
     except (OSError, ValueError, StopIteration):  # another system, another user's processes, no terminal
         return None
 
 
-def _without_control(path: str, flags: int) -> int:
+def _open_without_control(path: str, flags: int) -> int:
     return os.open(path, (flags & ~(os.O_CREAT | os.O_TRUNC)) | os.O_NOCTTY | os.O_NONBLOCK)
 
 

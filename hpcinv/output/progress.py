@@ -204,15 +204,15 @@ class Progress(Observer):
             for complaint in restart.complaints:
                 self.note(f"  not used: {complaint}")
             state = job.plan[restart.position.direction_index].job.state
-            of_state = f" of state '{state}'" if state else ""
-            self.note(f"  resumed from {restart.path} at load factor {restart.position.load:.6g}{of_state}")
+            state_text = f" of state '{state}'" if state else ""
+            self.note(f"  resumed from {restart.path} at load factor {restart.position.load:.6g}{state_text}")
 
     def state(self, job: Job, number: int) -> None:
         """Announce the state of the next solve, a number in the plan of the job; nothing without states."""
         solve = job.plan[number]
         if state := solve.job.state:
-            before = job.rest if solve.start is None else job.plan[solve.start].job.state
-            text = f"from it to {job.rest}" if solve.direction == "inverse" else f"from {before}"
+            start_name = job.rest if solve.start is None else job.plan[solve.start].job.state
+            text = f"from it to {job.rest}" if solve.direction == "inverse" else f"from {start_name}"
             self.close()
             self.note(f"state {state}, {text}")
 
@@ -224,8 +224,8 @@ class Progress(Observer):
             parts.append(f"mass {readable(totals.mass, 'kg')}")
         if totals.load is not None:
             size = math.hypot(*totals.load)
-            along = ", ".join(f"{part / size:.3g}" for part in totals.load) if size else ""
-            parts.append(f"resultant of the loads {readable(size, 'N')}{along and f' along ({along})'}")
+            direction = ", ".join(f"{part / size:.3g}" for part in totals.load) if size else ""
+            parts.append(f"resultant of the loads {readable(size, 'N')}{direction and f' along ({direction})'}")
         self.note(f"  meshed part: {', '.join(parts)}")
         for text in totals.warnings:
             self.warn(text)
@@ -267,7 +267,7 @@ class Progress(Observer):
         for line in report(statistics):
             self.note(line)
         if self.level == Level.QUIET:
-            for line in _in_short(statistics, self._directory):
+            for line in _short_report(statistics, self._directory):
                 self.note(line, Level.QUIET)
 
     def close(self) -> None:
@@ -311,7 +311,7 @@ def _contact(contact: Mapping[str, Any]) -> str:
     )
 
 
-def _in_short(statistics: Mapping[str, Any], directory: str) -> list[str]:
+def _short_report(statistics: Mapping[str, Any], directory: str) -> list[str]:
     """Return the report of a quiet run: lines of the certificate that do not pass, and the outcome."""
     certificate, seconds = statistics["certificate"], statistics["timings"]["total"]
     open_questions = [line for line in _certificate(certificate)[1:] if line.lstrip().startswith(("warning", "fail"))]
@@ -335,9 +335,9 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
         if solution["linear"] and solution["linear"]["fallback"]:
             lines.append(f"  {title}: {solution['linear']['fallback']}")
         if coarse := solution.get("coarse"):
-            with_it = f"not used: {coarse['unused']}" if coarse["unused"] else "the path was followed there"
+            fate = f"not used: {coarse['unused']}" if coarse["unused"] else "the path was followed there"
             effort = f"{coarse['unknowns']} unknowns, {_count(coarse['factorizations'], 'factorization')}"
-            lines.append(f"  {title}: on coarser cells {effort}; {with_it}")
+            lines.append(f"  {title}: on coarser cells {effort}; {fate}")
         lines.append(
             f"  {title}: J from {_number(solution['J']['min'])} to {_number(solution['J']['max'])}, "
             f"strain energy {_number(solution['strain_energy'])} J"
@@ -350,20 +350,20 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
         lines.append(f"shape: estimated error {error.text}")
     estimated = statistics["certificate"]["estimate"] or {"quantities": {}, "without_geometry": ""}
     bounds = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
-    without = ", without that of the geometry" if estimated.get("without_geometry") else ""
+    omission = ", without that of the geometry" if estimated.get("without_geometry") else ""
     singular = estimated.get("singular")
     doubt = ", not reliable here" if singular and not singular["reliable"] else ""
     slopes = statistics["sensitivities"] or {"quantities": {}}
-    of_surface = (statistics.get("surface_errors") or {}).get("quantities", {})
-    reactions, of_nodes = _reactions(statistics), _of_nodes(statistics)
+    surface_deviations = (statistics.get("surface_errors") or {}).get("quantities", {})
+    reactions, node_reductions = _reactions(statistics), _node_reductions(statistics)
     for name, value in statistics["quantities"].items():
         notes = []
-        if (spread := of_surface.get(name)) is not None:
+        if (spread := surface_deviations.get(name)) is not None:
             notes.append(f"± {_value(spread, digits=2)} by errors of the surface")
         if name in bounds:  # only one error of a quantity is printed
-            notes.append(f"error at most {_number(bounds[name], 3)}{without}")
+            notes.append(f"error at most {_number(bounds[name], 3)}{omission}")
         elif name in estimated["quantities"]:
-            notes.append(f"estimated error {_value(estimated['quantities'][name], digits=2)}{without}{doubt}")
+            notes.append(f"estimated error {_value(estimated['quantities'][name], digits=2)}{omission}{doubt}")
         elif name in reactions and statistics["certificate"]["estimate"] is not None:
             notes.append("no error estimate for reactions")
         if (deviation := slopes["quantities"].get(name, {"sd": None})["sd"]) is not None:
@@ -372,13 +372,13 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
             notes.append("no sensitivities of reactions")
         lines.append(
             f"{name}: {_value(value, unit=reactions.get(name, 'm'))}{f' ({", ".join(notes)})' if notes else ''}"
-            + (f", {of_nodes[name]} of the nodes" if name in of_nodes else "")
+            + (f", {node_reductions[name]} of the nodes" if name in node_reductions else "")
         )
     lines += _sensitivities(statistics["sensitivities"])
     lines += [
-        _ERRORS["expected_surface" if "dice" in found else name].format(**found)
+        _ERRORS["expected_surface" if "dice" in sizes else name].format(**sizes)
         for name in ("round_trip", "expected_shape")
-        if (found := statistics["errors"].get(name))
+        if (sizes := statistics["errors"].get(name))
     ]
     return lines
 
@@ -386,21 +386,25 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
 def _certificate(certificate: Mapping[str, Any]) -> list[str]:
     lines = [f"certificate: {certificate['verdict']}"]
     for line in certificate["lines"]:
-        found = "" if line["value"] is None else f" {_number(line['value'], 3)}{line['unit'] and ' ' + line['unit']}"
+        value_text = (
+            "" if line["value"] is None else f" {_number(line['value'], 3)}{line['unit'] and ' ' + line['unit']}"
+        )
         note = f" ({line['note']})" if line["note"] else ""
         seconds = f", {line['seconds']:.1f} s" if (line["seconds"] or 0.0) >= _SHOWN else ""
         state = f"{line['state']}: " if "state" in line else ""
-        lines.append(f"  {line['verdict']}: {state}{line['name']}{found}{note}{seconds}")
+        lines.append(f"  {line['verdict']}: {state}{line['name']}{value_text}{note}{seconds}")
     return lines
 
 
-def _sensitivities(found: Mapping[str, Any] | None) -> list[str]:
+def _sensitivities(sensitivities: Mapping[str, Any] | None) -> list[str]:
     """Return lines on the derivatives by each parameter, and on the standard deviation of the shape."""
-    if found is None:
+    if sensitivities is None:
         return []
-    lines, shapes = ["per SI unit of"], found.get("shapes") or {"": found["shape"]}
-    for key in found["parameters"]:
-        slopes = [f"{name} {_value(of['slopes'][key], digits=4)}" for name, of in found["quantities"].items()]
+    lines, shapes = ["per SI unit of"], sensitivities.get("shapes") or {"": sensitivities["shape"]}
+    for key in sensitivities["parameters"]:
+        slopes = [
+            f"{name} {_value(entry['slopes'][key], digits=4)}" for name, entry in sensitivities["quantities"].items()
+        ]
         for state, shape in shapes.items():
             slopes.append(f"{_shape(state)} up to {_number(shape['largest'][key], 4)} m")
         lines.append(f"  {key}: {', '.join(slopes)}")
@@ -418,10 +422,10 @@ def _shape(state: str) -> str:
 def _reactions(statistics: Mapping[str, Any]) -> dict[str, str]:
     """Return the units of the quantities that are reactions, by name."""
     sources = {q["name"]: q["of"].strip() for q in statistics.get("job", {}).get("quantities", ())}
-    return {name: REACTIONS[of] for name, of in sources.items() if of in REACTIONS}
+    return {name: REACTIONS[source] for name, source in sources.items() if source in REACTIONS}
 
 
-def _of_nodes(statistics: Mapping[str, Any]) -> dict[str, str]:
+def _node_reductions(statistics: Mapping[str, Any]) -> dict[str, str]:
     """Return the reductions of the quantities that are means of nodes, by name."""
     job = statistics.get("job", {})
     return {q["name"]: q["reduce"] for q in job.get("quantities", ()) if is_of_nodes(q, job.get("let", {}))}

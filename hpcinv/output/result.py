@@ -87,19 +87,19 @@ class Result:
 
     def _units(self) -> dict[str, str]:
         """Units of the quantities of interest by name; an integral is over the cells of its region, if it has some."""
-        found: dict[str, str] = {}
+        units: dict[str, str] = {}
         for quantity in self.job.quantities:
             region = self.body.regions.get(quantity.on or "")
             is_integral = quantity.reduce == "integral" and region is not None and not quantity.is_reaction
             volume = 3 if region is not None and region.cell_count else 2
-            found[quantity.name] = quantity.unit_of_integral(volume) if is_integral else quantity.unit
-        return found
+            units[quantity.name] = quantity.unit_of_integral(volume) if is_integral else quantity.unit
+        return units
 
     @property
     def shapes(self) -> dict[str, Floats]:
         """Coordinates of the local geometry nodes in each state, (n, 3) in m, by its name; empty without states."""
-        found = {solution.state: solution.current_nodes for solution in self.solutions if solution.state}
-        return {self.job.rest: self.solutions[0].reference_nodes} | found if found else {}
+        shapes = {solution.state: solution.current_nodes for solution in self.solutions if solution.state}
+        return {self.job.rest: self.solutions[0].reference_nodes} | shapes if shapes else {}
 
     @property
     def shape(self) -> Floats:
@@ -141,12 +141,12 @@ class Result:
             OutputError: they cannot be written.
         """
         first, *others = self.solutions
-        solutions = [first, *(one for one in others if one.state)]
+        solutions = [first, *(solution for solution in others if solution.state)]
         slopes = self.sensitivities
-        of_each = [one.fields() for one in slopes.shapes.values() or [slopes]] if slopes else []
+        field_lists = [slope.fields() for slope in slopes.shapes.values() or [slopes]] if slopes else []
         spreads = self.surface_spread.fields() if self.surface_spread is not None else []
-        of_each = [[*(a or ()), *(b or ())] for a, b in zip_longest(of_each, spreads)]
-        write_fields(directory, self.body, solutions, of_each, families=self.job.fibres, estimate=self.estimate)
+        field_lists = [[*(a or ()), *(b or ())] for a, b in zip_longest(field_lists, spreads)]
+        write_fields(directory, self.body, solutions, field_lists, families=self.job.fibres, estimate=self.estimate)
 
     def to_dict(self) -> dict[str, Any]:
         """Return a copy of the content of ``summary.json``, the same on every rank."""

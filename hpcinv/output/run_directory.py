@@ -54,11 +54,11 @@ class RunDirectory:
     def summary(self) -> dict[str, Any] | None:
         """Return the content of ``summary.json``, ``None`` if it is missing or not that of a run."""
         try:
-            found: dict[str, Any] = json.loads((self.path / _SUMMARY).read_bytes())
-            _ = found["status"]
+            content: dict[str, Any] = json.loads((self.path / _SUMMARY).read_bytes())
+            _ = content["status"]
         except (OSError, ValueError, KeyError, TypeError):
             return None
-        return found
+        return content
 
     @property
     def is_finished(self) -> bool:
@@ -85,10 +85,10 @@ class RunDirectory:
         summary = self.summary() or {}
         if "fingerprint" not in summary:
             return
-        found = summary["fingerprint"]
+        kept = summary["fingerprint"]
         if summary["job"].get("accuracy"):  # its search has chosen another mesh and degree than those of the job
             try:
-                found = fingerprint(self.job(None))
+                kept = fingerprint(self.job(None))
             except (OutputError, JobError):  # no job is left to compare with
                 return
         inputs = (summary.get("mesh") or {}).get("inputs") or {}
@@ -96,7 +96,7 @@ class RunDirectory:
         present = inputs | {name: digest_of(home / name) for name in changed_inputs(inputs, home)}
         check_same_problem(
             self.path / _SUMMARY,
-            json_data(found | {"inputs": inputs}),
+            json_data(kept | {"inputs": inputs}),
             json_data(fingerprint(job) | {"inputs": present}),
         )
 
@@ -143,18 +143,18 @@ class RunDirectory:
             OutputError: it holds other results, or cannot be written.
         """
         self.check_free(overwrite=overwrite)
-        with contextlib.ExitStack() as on_error, output_errors(self.path, "Choose another --output."):
+        with contextlib.ExitStack() as undo, output_errors(self.path, "Choose another --output."):
             text = self._text(job)  # first, since its file may be removed
             self.path.mkdir(parents=True, exist_ok=True)
             if (lock := self.lock()) is not None:
-                on_error.callback(lock.release)
+                undo.callback(lock.release)
             # The origin is kept until it is replaced: without it the directory does not count as that of a run.
             for old in (p for pattern in _CONTENT for p in self.path.glob(pattern)):
                 shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
             self._write_origin(job, overwrite=overwrite)
             if text is not None:
                 replace(self.path / _JOB, text.encode())
-            on_error.pop_all()  # the run releases the lock
+            undo.pop_all()  # the run releases the lock
         return lock
 
     def withdraw(self) -> None:

@@ -67,7 +67,9 @@ class RunReport(Observer):
             lines += result.surface_spread.lines()
         if self.job.output.unit_warnings and not self.totals.warnings:  # warn of a body that hardly moves
             first = result.solutions[0]
-            self.totals = self.totals.after(first.largest_displacement, lambda: nominal_sizes(self.equations, first)[0])
+            self.totals = self.totals.warned(
+                first.largest_displacement, lambda: nominal_sizes(self.equations, first)[0]
+            )
             for text in self.totals.warnings:
                 self.progress.warn(text)
         return self._finish(replace(result, certificate=Certificate(tuple(lines))), "converged")

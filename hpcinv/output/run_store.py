@@ -9,7 +9,7 @@ from hpcinv.files.directory_lock import DirectoryLock
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
 from hpcinv.mesh import write_mesh
-from hpcinv.mesh.data import at_geometry_nodes
+from hpcinv.mesh.data import geometry_node_values
 from hpcinv.mesh.mesh_files import UnstorableMesh
 from hpcinv.output.checkpoint import Checkpoints, Restart, cells_digest, nodes_digest
 from hpcinv.output.progress import Progress
@@ -138,7 +138,7 @@ def _write_shape(
         shape += f"-{job.rest if solution.direction == 'inverse' else solution.state}"
     with equations.timings("output"):
         pressures = {field.name: field for contact in solution.contacts for field in contact.fields}
-        arrays = {name: at_geometry_nodes(equations.body, pressure) for name, pressure in pressures.items()}
+        arrays = {name: geometry_node_values(equations.body, pressure) for name, pressure in pressures.items()}
         for suffix in job.shape_formats:
             progress.detail(f"{shape}.{suffix}")
             try:

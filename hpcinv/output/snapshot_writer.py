@@ -49,7 +49,7 @@ class SnapshotWriter(Observer):
 
     def _write(self, event: SolveEvent) -> None:
         equations, body = self._equations, self._equations.body
-        displacement = equations.unknowns.at_nodes(equations.state().displacement)
+        displacement = equations.unknowns.geometry_values(equations.state().displacement)
         given = None if self._is_gathered else gather_surface(body, body.given_nodes)
         self._is_gathered = True
         moved = gather_surface(body, displacement * self._sign)

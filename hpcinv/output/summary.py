@@ -48,7 +48,7 @@ def statistics(
         advice: what to try if it did not reach the full load.
     """
     job, body = result.job, result.body
-    found = {
+    content = {
         "status": status,
         "advice": advice or None,
         "job": job.model_dump(mode="json"),
@@ -70,9 +70,9 @@ def statistics(
         "timings": _timings(timings, comm),
         "peak_memory": _memory(timings.memory, comm),
     }
-    error = shape_error(found) if status == "converged" else None
-    found["shape_error"] = error and error.as_data()
-    return json_data(found)  # type: ignore[no-any-return]  # a dict remains a dict
+    error = shape_error(content) if status == "converged" else None
+    content["shape_error"] = error and error.as_data()
+    return json_data(content)  # type: ignore[no-any-return]  # a dict remains a dict
 
 
 def versions() -> dict[str, str | None]:
@@ -138,7 +138,7 @@ def _timings(timings: Timings, comm: MPI.Intracomm) -> dict[str, Any]:
     """Return seconds by phase over the ranks, and the share of the wall time that is not `WORK`."""
     total, mine = timings.total, dict(timings.seconds)
     mine["other"] = total - sum(mine.values())
-    work = sum(counted.get(phase, 0.0) for phase in WORK for counted in (mine, timings.within))
+    work = sum(counted.get(phase, 0.0) for phase in WORK for counted in (mine, timings.inner_seconds))
     every = comm.allgather(mine)
     phases = {phase: [seconds.get(phase, 0.0) for seconds in every] for phase in sorted(set().union(*every))}
     return {
@@ -169,12 +169,12 @@ def write_summary(
         OutputError: on every rank, if it cannot be written.
     """
 
-    def on_rank_0() -> None:
+    def write_on_root() -> None:
         for form in formats:
             content = CONTENTS[form](statistics)
             write_output(directory / f"summary.{form}", content, "Is the directory there, and space?")
 
-    on_root(comm, on_rank_0)
+    on_root(comm, write_on_root)
 
 
 def _as_json(statistics: Mapping[str, Any]) -> bytes:

@@ -73,12 +73,12 @@ def write_fields(
         fields = _Fields(body, solution)
         if number == 0:
             undeformed = fibres(body, families, solution, fields.gradients, fields.cells)
-        at_nodes = fields.at_nodes(more[number] if more else ())
-        in_cells = fields.in_cells(estimate if number == 0 else None)
+        node_arrays = fields.node_arrays(more[number] if more else ())
+        cell_arrays = fields.cell_arrays(estimate if number == 0 else None)
         for name, points in zip(BODIES, fields.points(), strict=True):
-            along = fields.fibres(undeformed, name)
+            fibre_arrays = fields.fibres(undeformed, name)
             path = partial / _data_file(name, solution.state)
-            failed = write_vtu(path, comm, fields.grid(points), at_nodes, [*in_cells, *along])
+            failed = write_vtu(path, comm, fields.grid(points), node_arrays, [*cell_arrays, *fibre_arrays])
             if failed is not None:
                 on_root(comm, lambda: shutil.rmtree(partial, ignore_errors=True))
                 raise OutputError(f"{directory}: cannot be written: {failed.strerror or failed}", advice) from None
@@ -140,9 +140,9 @@ class _Fields:
         """Values of a scalar at the owned nodes, (n,): where it jumps, means over the cells around them."""
         space, given = self._spaces[()], function.function_space
         sums = la.vector(space.dofmap.index_map, 2)
-        at_nodes = given.element.basix_element.tabulate(0, space.element.basix_element.points)[0, :, :, 0]
+        shapes = given.element.basix_element.tabulate(0, space.element.basix_element.points)[0, :, :, 0]
         nodes = space.dofmap.list[self.cells]
-        values = function.x.array[given.dofmap.list[self.cells]] @ at_nodes.T
+        values = function.x.array[given.dofmap.list[self.cells]] @ shapes.T
         np.add.at(sums.array.reshape(-1, 2), nodes, np.stack([values, np.ones_like(values)], axis=2))
         sums.scatter_reverse(la.InsertMode.add)
         total, count = sums.array.reshape(-1, 2)[: self._owned].T
@@ -151,8 +151,8 @@ class _Fields:
     def points(self) -> tuple[Floats, Floats]:
         """Positions of the owned nodes in the undeformed and in the deformed body, (n, 3) m."""
         mesh = self._spaces[()].tabulate_dof_coordinates()[: self._owned] * self._body.length_scale
-        found = mesh + self._solution.sign * self._u
-        return (mesh, found) if self._solution.direction == "forward" else (found, mesh)
+        other = mesh + self._solution.sign * self._u
+        return (mesh, other) if self._solution.direction == "forward" else (other, mesh)
 
     def grid(self, points: Floats) -> Grid:
         dofmap, kind = self._spaces[()].dofmap, self._body.source.kind
@@ -161,37 +161,37 @@ class _Fields:
         number = VTK_TYPES[kind][min(self._degree, len(VTK_TYPES[kind])) - 1]
         return Grid(points, [(numbers[:, np.argsort(vtk_order(kind, self._degree))], number)])
 
-    def at_nodes(self, more: Sequence[fem.Function]) -> list[Array]:
+    def node_arrays(self, more: Sequence[fem.Function]) -> list[Array]:
         solution = self._solution
-        found = [Array("displacement", self._u, "m")]
+        arrays = [Array("displacement", self._u, "m")]
         if solution.pressure is not None:
-            found.append(Array("pressure", self._mean_of_cells(solution.pressure), "Pa"))
+            arrays.append(Array("pressure", self._mean_of_cells(solution.pressure), "Pa"))
         for contact in solution.contacts:
-            found.extend(Array(field.name, self._nodal(field), "Pa") for field in contact.fields)
-        found.extend(Array(function.name, self._nodal(function)) for function in more)
+            arrays.extend(Array(field.name, self._nodal(field), "Pa") for field in contact.fields)
+        arrays.extend(Array(function.name, self._nodal(function)) for function in more)
         stress, J = (constants_in(function, self.cells) for function in (solution.cauchy_stress, solution.J))
         smooth = projected(self._body, np.concatenate([stress, J], axis=1), self._spaces[()])
-        found.extend(_stresses(smooth[:, :9], "_projected"))
-        found.append(Array("J_projected", smooth[:, 9].astype(np.float32)))
-        return found
+        arrays.extend(_stresses(smooth[:, :9], "_projected"))
+        arrays.append(Array("J_projected", smooth[:, 9].astype(np.float32)))
+        return arrays
 
-    def in_cells(self, estimate: Estimate | None) -> list[Array]:
+    def cell_arrays(self, estimate: Estimate | None) -> list[Array]:
         solution, body = self._solution, self._body
         stress = constants_in(solution.cauchy_stress, self.cells)
-        found = [Array("J", constants_in(solution.J, self.cells)[:, 0]), Array("cauchy_stress", stress, "Pa")]
-        found.extend(one for one in _stresses(stress) if one.name != "cauchy_stress")
+        arrays = [Array("J", constants_in(solution.J, self.cells)[:, 0]), Array("cauchy_stress", stress, "Pa")]
+        arrays.extend(array for array in _stresses(stress) if array.name != "cauchy_stress")
         stretches = np.linalg.svd(self.gradients, compute_uv=False)
-        found.append(Array("principal_stretches", stretches.astype(np.float32)))
+        arrays.append(Array("principal_stretches", stretches.astype(np.float32)))
         if solution.prestrain_stress is not None:
-            found.append(Array("prestrain_stress", constants_in(solution.prestrain_stress, self.cells), "Pa"))
+            arrays.append(Array("prestrain_stress", constants_in(solution.prestrain_stress, self.cells), "Pa"))
         if estimate is not None:
             error = error_in(body, solution, estimate, self.cells)
-            found.append(Array("estimated_error", error.astype(np.float32)))
+            arrays.append(Array("estimated_error", error.astype(np.float32)))
         for region in body.regions.values():
             if region.cell_count:
-                inside = np.isin(self.cells, region.cells).astype(np.int32)
-                found.append(Array(f"region:{region.name}", inside))
-        return found
+                is_inside = np.isin(self.cells, region.cells).astype(np.int32)
+                arrays.append(Array(f"region:{region.name}", is_inside))
+        return arrays
 
     def fibres(self, undeformed: Mapping[str, Floats], name: str) -> Iterator[Array]:
         """Unit directions in the cells of one of the bodies."""
@@ -205,7 +205,7 @@ def _stresses(stress: Floats, suffix: str = "") -> Iterator[Array]:
     tensors = stress.reshape(-1, 3, 3)
     yield Array(f"cauchy_stress{suffix}", stress.astype(np.float32), "Pa")
     for measure, name in (("von_mises", "von_mises"), ("p", "mean_pressure")):
-        values = MEASURES[measure](*(tensors[:, *COMPONENTS[one]] for one in components_of(measure)))
+        values = MEASURES[measure](*(tensors[:, *COMPONENTS[component]] for component in components_of(measure)))
         yield Array(f"{name}{suffix}", np.asarray(values).astype(np.float32), "Pa")
     values = np.linalg.eigvalsh((tensors + tensors.transpose(0, 2, 1)) / 2)[:, ::-1]
     yield Array(f"principal_stress{suffix}", values.astype(np.float32), "Pa")

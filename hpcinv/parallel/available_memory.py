@@ -35,14 +35,14 @@ def _left_in_control_groups() -> list[float]:
         own = Path("/proc/self/cgroup").read_text().splitlines()[-1].split(":")[-1].lstrip("/")
     except (OSError, IndexError):
         return []
-    found = []
+    left_bytes = []
     group = _CGROUP / own
     while group != _CGROUP.parent:
         try:
             limit, used = (group / "memory.max").read_text().strip(), int((group / "memory.current").read_text())
             if limit != "max":
-                found.append(float(int(limit) - used))
+                left_bytes.append(float(int(limit) - used))
         except (OSError, ValueError):
             pass  # the root group has no limit
         group = group.parent
-    return found
+    return left_bytes

@@ -51,7 +51,7 @@ def _package(error: ImportError) -> str:
     name = error.name
     if not name:  # raised by the package, whose own module is that of the last frame outside Python's library
         names = [frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__)]
-        name = next((found for found in reversed(names) if _top(found) not in sys.stdlib_module_names), "")
+        name = next((module for module in reversed(names) if _top(module) not in sys.stdlib_module_names), "")
     top = _top(name)
     return "" if top in {"", "__main__", "hpcinv"} or top in sys.stdlib_module_names else top
 

@@ -99,11 +99,11 @@ def refuse_foreign(what: str, directory: Path) -> None:
     """Raise ``OutputError`` for a directory into which another user could have written kernels, unless trusted."""
     if _TRUSTS or not directory.is_dir():
         return
-    found = [(directory, reason)] if (reason := foreign_writer(directory.stat())) else []
-    if above := foreign_writer_above(directory):
-        found.append(above)
-    if found:
-        where, why = found[0]
+    places = [(directory, reason)] if (reason := foreign_writer(directory.stat())) else []
+    if parent_fault := foreign_writer_above(directory):
+        places.append(parent_fault)
+    if places:
+        where, why = places[0]
         raise OutputError(
             f"{what} {directory}: {f'{where} above it' if where != directory else 'it'} {why}, "
             "and its files are executed",
@@ -188,7 +188,7 @@ def _load(path: Path, objects: Sequence[str], directory: Path) -> tuple[list[Any
     """The named forms or expressions of a kernel's file, and what DOLFINx calls their module."""
     ffi, library = _interface(directory), ctypes.CDLL(str(path))
     kind = "ufcx_form" if path.name.startswith("libffcx_forms") else "ufcx_expression"
-    addresses = [ctypes.addressof(ctypes.c_char.in_dll(library, of)) for of in objects]
+    addresses = [ctypes.addressof(ctypes.c_char.in_dll(library, name)) for name in objects]
     module = SimpleNamespace(ffi=ffi, lib=library, file=path.stem, symbols=objects)
     return [ffi.cast(f"{kind} *", address)[0] for address in addresses], module
 
@@ -280,11 +280,11 @@ def _once(comm: MPI.Intracomm, load: Callable[[], Any]) -> Any:
 
     compiled, fault = attempt(leaves_compilation=comm.rank != 0)
     wait_for_all(comm)
-    if of_root := comm.bcast(fault):
-        raise RuntimeError(f"Failed JIT compilation of form: {of_root}")
+    if root_fault := comm.bcast(fault):
+        raise RuntimeError(f"Failed JIT compilation of form: {root_fault}")
     if comm.rank != 0 and compiled is None:
         compiled, fault = attempt(leaves_compilation=False)
-    if faults := [f"rank {rank}: {one}" for rank, one in enumerate(comm.allgather(fault)) if one]:
+    if faults := [f"rank {rank}: {rank_fault}" for rank, rank_fault in enumerate(comm.allgather(fault)) if rank_fault]:
         raise RuntimeError(f"JIT cache load failed on {faults[0]}")
     return compiled
 
@@ -306,9 +306,9 @@ def compile_library(comm: MPI.Intracomm, code: str, directory: Path = DIRECTORY)
     return library
 
 
-def array_type(of: npt.DTypeLike) -> Any:
+def array_type(dtype: npt.DTypeLike) -> Any:
     """Return the type of arguments of a C function that are arrays, contiguous and with entries of a type."""
-    return np.ctypeslib.ndpointer(of, flags="C_CONTIGUOUS")
+    return np.ctypeslib.ndpointer(dtype, flags="C_CONTIGUOUS")
 
 
 class KernelExpression(fem.Expression):  # type: ignore[misc]  # without types
@@ -344,8 +344,10 @@ def compile_expression(
     Args:
         functions, constants: all of the expression, in UFL's order.
     """
-    of_form = {"scalar_type": np.float64}
-    kernel, module, _ = _jit(comm, (expression, points), form_compiler_options=of_form, jit_options=dict(jit_options))
+    form_options = {"scalar_type": np.float64}
+    kernel, module, _ = _jit(
+        comm, (expression, points), form_compiler_options=form_options, jit_options=dict(jit_options)
+    )
     return KernelExpression(kernel, module, functions, constants)
 
 

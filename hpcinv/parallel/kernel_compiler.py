@@ -44,7 +44,9 @@ def compile_kernel(code: str, name: str, flags: Sequence[str], directory: Path) 
     """
     source, target = directory / f"{name}.c", directory / f"{name}.so"
     source.write_text(code)
-    preprocessor, compiler, linker = (shlex.split(os.environ.get(of, "")) for of in ("CPPFLAGS", "CFLAGS", "LDFLAGS"))
+    preprocessor, compiler, linker = (
+        shlex.split(os.environ.get(variable, "")) for variable in ("CPPFLAGS", "CFLAGS", "LDFLAGS")
+    )
     include = f"-I{ffcx.codegeneration.get_include_path()}"
     command = [*c_compiler(), "-std=c17", "-fPIC", "-shared", *flags, include, *preprocessor, *compiler]
     failure = f"the C compiler '{command[0]}' could not compile a kernel"

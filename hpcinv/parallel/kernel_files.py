@@ -37,12 +37,12 @@ def make_directory(path: Path) -> None:
     """
     if path.is_dir():
         return
-    before = os.umask(0o022)
-    os.umask(before | 0o022)
+    kept_mask = os.umask(0o022)
+    os.umask(kept_mask | 0o022)
     try:
         path.mkdir(parents=True, exist_ok=True)
     finally:
-        os.umask(before)
+        os.umask(kept_mask)
 
 
 def unsealed(content: bytes) -> bytes:

@@ -17,7 +17,7 @@ _OF_THE_SITE = ("GLIBC_TUNABLES", "MALLOC_MMAP_MAX_", "MALLOC_TRIM_THRESHOLD_", 
 
 def keep_freed_memory() -> None:
     """Do not use mmap for large blocks and do not trim the heap; environment variables of malloc have priority."""
-    mallopt = _of_glibc("mallopt")
+    mallopt = _glibc_function("mallopt")
     if mallopt is not None and not any(name in os.environ for name in _OF_THE_SITE):
         mallopt(_M_MMAP_MAX, 0)
         mallopt(_M_TRIM_THRESHOLD, _LARGEST_INT)
@@ -25,15 +25,15 @@ def keep_freed_memory() -> None:
 
 def release_freed_memory() -> None:
     """Return freed memory to the system."""
-    malloc_trim = _of_glibc("malloc_trim")
+    malloc_trim = _glibc_function("malloc_trim")
     if malloc_trim is not None:
         malloc_trim(0)
 
 
 @cache
-def _of_glibc(function: str) -> Callable[..., int] | None:
+def _glibc_function(function: str) -> Callable[..., int] | None:
     """A function of glibc; ``None`` for other C libraries."""
-    found: Callable[..., int] | None = None
+    address: Callable[..., int] | None = None
     if sys.platform == "linux":
-        found = getattr(ctypes.CDLL(None), function, None)
-    return found
+        address = getattr(ctypes.CDLL(None), function, None)
+    return address

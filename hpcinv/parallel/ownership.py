@@ -47,10 +47,10 @@ def _is_private(group: int) -> bool:
     if group == 0:
         return True
     try:
-        found, own = grp.getgrgid(group), pwd.getpwuid(os.geteuid())
+        group_entry, own = grp.getgrgid(group), pwd.getpwuid(os.geteuid())
     except KeyError:
         return False
-    return found.gr_name == own.pw_name and group == own.pw_gid and set(found.gr_mem) <= {own.pw_name}
+    return group_entry.gr_name == own.pw_name and group == own.pw_gid and set(group_entry.gr_mem) <= {own.pw_name}
 
 
 def _user(number: int) -> str:

@@ -78,7 +78,7 @@ def on_root[T](comm: MPI.Intracomm, function: Callable[[], T]) -> T:
         except (HpcinvError, BrokenPipeError) as exc:
             error = exc
         except MemoryError as exc:
-            error = OutOfMemory.of(exc)
+            error = OutOfMemory.describing(exc)
         except BaseException as exc:  # also SystemExit: the other ranks wait below
             _print_traceback(comm, exc)
             error = RootFailure(f"rank 0: {type(exc).__name__}: {exc}")
@@ -133,7 +133,7 @@ def failing_together(comm: MPI.Intracomm) -> Iterator[None]:
         discard_output()
         abort(comm, CLOSED_OUTPUT)
     except MemoryError as exc:
-        shortage = OutOfMemory.of(exc)
+        shortage = OutOfMemory.describing(exc)
         print(f"[rank {comm.rank}] {shortage}", file=sys.stderr, flush=True)
         abort(comm, shortage.exit_code)
     except BaseException as exc:  # also SystemExit: otherwise MPI_Finalize would wait for ranks that wait for this one

@@ -33,9 +33,11 @@ def _load_stack() -> None:
         "dolfinx_solver"
     ):  # in the wheel; an installation of DOLFINx by the site has no such package
         importlib.import_module("dolfinx_solver")
-    for name in ("mpi4py.MPI", "petsc4py.PETSc", "dolfinx", "adios4dolfinx"):
+    for name in ("mpi4py.MPI", "petsc4py.PETSc", "dolfinx", "adios2", "adios4dolfinx"):
         try:
             module = importlib.import_module(name)
+            if name == "adios2":
+                importlib.import_module("hpcinv.parallel.adios").provide_mpi()
         except ImportError as exc:
             raise SystemPartMissing(f"{name.partition('.')[0]} cannot be imported: {exc}", INSTALLING) from None
         if name == "petsc4py.PETSc" and issubclass(module.ScalarType, complexfloating):
@@ -44,8 +46,8 @@ def _load_stack() -> None:
         if name == "petsc4py.PETSc" and not module.Log.isActive():
             module.Log.begin()
         if name == "dolfinx" and not module.__version__.startswith(f"{DOLFINX}."):
-            found = f"DOLFINx {module.__version__} is installed, and hpcinv needs {DOLFINX}"
-            raise SystemPartMissing(found, INSTALLING)
+            mismatch = f"DOLFINx {module.__version__} is installed, and hpcinv needs {DOLFINX}"
+            raise SystemPartMissing(mismatch, INSTALLING)
 
 
 with handlers_kept():  # PETSc installs a handler of SIGTERM that ends the process

@@ -56,7 +56,7 @@ class StopRequest:
 _stop_requests: list[StopRequest] = []  # the current one
 _end: Callable[[], NoReturn] | None = None
 _interrupt: Callable[[], NoReturn] | None = None
-_in_library = False
+_is_in_library = False
 _watcher: threading.Thread | None = None
 _HANDLED = (*ASK_TO_STOP, signal.SIGINT)
 _GRACE = 0.2  # seconds for the main thread to handle a signal itself
@@ -68,25 +68,25 @@ def ended_by_signals() -> Iterator[None]:
 
     The library must release the interpreter lock of Python, as all libraries called by ctypes do.
     """
-    global _in_library
-    before, _in_library = _in_library, True
+    global _is_in_library
+    kept_flag, _is_in_library = _is_in_library, True
     try:
         if _end is not None and any(stop() for stop in _stop_requests):
             _end()
         yield
     finally:
-        _in_library = before
+        _is_in_library = kept_flag
 
 
 @contextmanager
 def signals_recorded() -> Iterator[None]:
     """Context in which SIGTERM and SIGUSR1 end no call of a library, since there is something to save."""
     global _end
-    before, _end = _end, None
+    kept_end, _end = _end, None
     try:
         yield
     finally:
-        _end = before
+        _end = kept_end
 
 
 def _watch() -> None:
@@ -107,9 +107,9 @@ def _wait_for_signals(read_end: int) -> None:
         if received[0] == signal.SIGINT:
             if _interrupt is not None:
                 _interrupt()
-            elif _in_library:
+            elif _is_in_library:
                 os._exit(130)
-        elif _in_library and _end is not None:
+        elif _is_in_library and _end is not None:
             _end()
 
 
@@ -188,11 +188,11 @@ def handlers_kept() -> Iterator[None]:
 @contextmanager
 def signals_blocked(numbers: Iterable[int]) -> Iterator[None]:
     """Context in which signals wait; processes that are started in it never get them."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    kept_mask = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, kept_mask)
 
 
 @contextmanager

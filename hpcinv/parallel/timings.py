@@ -30,7 +30,7 @@ class Timings:
 
     def __init__(self) -> None:
         self.seconds: defaultdict[str, float] = defaultdict(float)
-        self.within: defaultdict[str, float] = defaultdict(float)
+        self.inner_seconds: defaultdict[str, float] = defaultdict(float)
         self.memory = Memory()
         self.begin = time.perf_counter()
         self._open: list[float] = []
@@ -42,17 +42,17 @@ class Timings:
     def as_one(self, phase: str) -> Iterator[None]:
         """Context of a phase that includes the time of all inner phases."""
         with self(phase):
-            before, self._absorbed = self._absorbed, True
+            kept_flag, self._absorbed = self._absorbed, True
             try:
                 yield
             finally:
-                self._absorbed = before
+                self._absorbed = kept_flag
 
     @contextmanager
     def __call__(self, phase: str) -> Iterator[None]:
         """Context of a phase."""
         if self._absorbed:
-            with _clock(phase, self.within, self._open_within):
+            with _clock(phase, self.inner_seconds, self._open_within):
                 yield
             return
         self.memory.note(self._phases[-1])
@@ -68,7 +68,7 @@ class Timings:
 
         Memory cannot be separated: both phases have the memory of the source.
         """
-        counted = self.within if self._absorbed else self.seconds
+        counted = self.inner_seconds if self._absorbed else self.seconds
         counted[source] -= seconds
         counted[target] += seconds
         if seconds and not self._absorbed:

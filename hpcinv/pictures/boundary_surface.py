@@ -81,14 +81,14 @@ class Boundary:
         """Sides of the box around the body, as text."""
         return " x ".join(readable(float(side), "m") for side in np.ptp(self.points, axis=0))
 
-    def inside(self, region: str) -> npt.NDArray[np.bool_]:
+    def region_mask(self, region: str) -> npt.NDArray[np.bool_]:
         """Return which triangles are in a region, (m,); all of them are in ``boundary``."""
         every = np.ones(len(self.triangles), dtype=bool)
         return every if region == "boundary" else self.regions.get(region, ~every)
 
     def spread(self, region: str, most: int) -> Ints:
         """Return the rows of some triangles of a region, evenly distributed: each is the farthest from those before."""
-        rows = np.flatnonzero(self.inside(region))
+        rows = np.flatnonzero(self.region_mask(region))
         centres = self.points[self.triangles[rows]].mean(axis=1)
         chosen, distance = [0][: len(rows)], np.full(len(rows), np.inf)
         while len(chosen) < min(most, len(rows)):
@@ -102,7 +102,7 @@ def write_boundary(path: Path, boundary: Boundary) -> None:
     arrays: dict[str, Any] = {"points": boundary.points, "triangles": boundary.triangles}
     if boundary.error is not None:
         arrays["error"] = boundary.error
-    arrays |= {_REGION + name: inside for name, inside in boundary.regions.items()}
+    arrays |= {_REGION + name: mask for name, mask in boundary.regions.items()}
     arrays |= {_FIBRES + name: directions.astype(np.float32) for name, directions in boundary.fibres.items()}
     for i, result in enumerate(boundary.results):
         head = f"{_RESULT}{i}:"
@@ -126,8 +126,8 @@ def read_boundary(path: Path) -> Boundary:
         OutputError: it is missing, damaged, or of another version of hpcinv.
     """
     try:
-        with np.load(path) as found:
-            arrays = dict(found)
+        with np.load(path) as stored:
+            arrays = dict(stored)
         results: dict[str, dict[str, Any]] = {}
         regions, directions = {}, {}
         for key in list(arrays):
@@ -158,7 +158,7 @@ def read_boundary(path: Path) -> Boundary:
 
 def _check_arrays(path: Path, kind: type[Boundary | BoundaryResult], given: Collection[str]) -> None:
     """Raise ``OutputError`` unless these are the arrays that ``kind`` has now."""
-    known = {one.name: one.default is MISSING and one.default_factory is MISSING for one in fields(kind)}
+    known = {field.name: field.default is MISSING and field.default_factory is MISSING for field in fields(kind)}
     missing = ", ".join(name for name, needed in known.items() if needed and name not in given)
     unknown = ", ".join(name for name in given if name not in known)
     faults = [f"has no {missing}"] * bool(missing) + [f"has {unknown}, which this version does not know"] * bool(
@@ -172,15 +172,15 @@ def _check_sizes(path: Path, boundary: Boundary) -> None:
     """Raise ``OutputError`` unless each array has a row for each point or triangle."""
     points, triangles = boundary.points.shape, boundary.triangles.shape
     count = triangles[0] if triangles else 0
-    per_triangle: list[tuple[npt.NDArray[Any], tuple[int, ...]]] = [(one, ()) for one in boundary.regions.values()]
-    per_triangle += [(one, (3,)) for one in boundary.fibres.values()]
-    per_triangle += [(boundary.error, ())] if boundary.error is not None else []
+    triangle_arrays: list[tuple[npt.NDArray[Any], tuple[int, ...]]] = [(mask, ()) for mask in boundary.regions.values()]
+    triangle_arrays += [(mask, (3,)) for mask in boundary.fibres.values()]
+    triangle_arrays += [(boundary.error, ())] if boundary.error is not None else []
     fits = points[1:] == triangles[1:] == (3,)
     for result in boundary.results:
         fits &= result.mesh.shape == result.others.shape == points
-        per_triangle += [(result.stress, (9,)), (result.J, ()), (result.stretches, (3,)), (result.crossing, ())]
-        per_triangle += [(one, (3,)) for one in result.fibres.values()]
-    fits = fits and all(array.shape == (count, *row) for array, row in per_triangle)
+        triangle_arrays += [(result.stress, (9,)), (result.J, ()), (result.stretches, (3,)), (result.crossing, ())]
+        triangle_arrays += [(mask, (3,)) for mask in result.fibres.values()]
+    fits = fits and all(array.shape == (count, *row) for array, row in triangle_arrays)
     if not fits or not (
         0 <= boundary.triangles.min(initial=0) <= boundary.triangles.max(initial=0) < max(points[0], 1)
     ):

@@ -24,7 +24,7 @@ class Decimated:
 
     points: Ints
     triangles: Ints
-    of: Ints
+    rows: Ints
 
 
 def decimated(points: Floats, triangles: Ints, most: int = MOST) -> Decimated:
@@ -60,8 +60,8 @@ def decimated(points: Floats, triangles: Ints, most: int = MOST) -> Decimated:
     a, b, c = corners.T
     whole = np.flatnonzero((a != b) & (b != c) & (c != a))
     _, first = np.unique(np.sort(corners[whole], axis=1), axis=0, return_index=True)
-    of = whole[np.sort(first)]
-    return Decimated(kept[rows], corners[of], of)
+    chosen = whole[np.sort(first)]
+    return Decimated(kept[rows], corners[chosen], chosen)
 
 
 def _sides(points: Floats, triangles: Ints) -> npt.NDArray[np.int64]:

@@ -80,7 +80,7 @@ class View:
 
     parts: Sequence[DrawnBody | Glyphs]
     frame: Floats
-    towards: Floats
+    direction: Floats
     up: Floats
     title: str = ""
 
@@ -178,11 +178,11 @@ def _rendered(view: View, limits: tuple[float, float] | None) -> npt.NDArray[np.
 
 def _aim(plotter: Any, view: View) -> None:
     """Let the frame fill the picture, in parallel projection."""
-    along = view.towards / np.linalg.norm(view.towards)
-    right = np.cross(along, view.up)
+    direction = view.direction / np.linalg.norm(view.direction)
+    right = np.cross(direction, view.up)
     right /= np.linalg.norm(right)
-    up = np.cross(right, along)
-    axes = np.array([right, up, along])
+    up = np.cross(right, direction)
+    axes = np.array([right, up, direction])
     placed = view.frame @ axes.T
     middle = (placed.min(axis=0) + placed.max(axis=0)) / 2
     wide, high, deep = np.ptp(placed, axis=0)

@@ -37,40 +37,43 @@ def boundary_of(
         families: fibres of the job.
         overlapping: states in which the body that was found passes through itself, by the certificate.
     """
-    solutions = [*solutions[:1], *(one for one in solutions[1:] if one.state)]
+    solutions = [*solutions[:1], *(solution for solution in solutions[1:] if solution.state)]
     regions = {name: region for name, region in body.regions.items() if region.origin != "built in"}
 
     widths = dict[str, int]()  # numbers of each field in a cell
 
     def evaluate(facets: LocalIndices, cells: LocalIndices) -> Floats:
-        inside = {name: np.isin(facets, one.facets) | np.isin(cells, one.cells) for name, one in regions.items()}
-        found = {f"region:{name}": mask.astype(float)[:, None] for name, mask in inside.items()}
+        masks = {
+            name: np.isin(facets, solution.facets) | np.isin(cells, solution.cells)
+            for name, solution in regions.items()
+        }
+        columns_by_name = {f"region:{name}": mask.astype(float)[:, None] for name, mask in masks.items()}
         undeformed = dict[str, Floats]()
         for number, solution in enumerate(solutions):
             gradients = deformation_gradients(body, solution, cells)
             if number == 0:
                 undeformed = fibres(body, families, solution, gradients, cells)
-                found |= {f"fibre:{name}": directions for name, directions in undeformed.items()}
-            found[f"J {number}"] = constants_in(solution.J, cells)
-            found[f"stress {number}"] = constants_in(solution.cauchy_stress, cells)
-            found[f"stretches {number}"] = np.linalg.svd(gradients, compute_uv=False)
+                columns_by_name |= {f"fibre:{name}": directions for name, directions in undeformed.items()}
+            columns_by_name[f"J {number}"] = constants_in(solution.J, cells)
+            columns_by_name[f"stress {number}"] = constants_in(solution.cauchy_stress, cells)
+            columns_by_name[f"stretches {number}"] = np.linalg.svd(gradients, compute_uv=False)
             for name, directions in undeformed.items():
-                found[f"fibre {number}:{name}"] = unit_vectors(np.einsum("cij,cj->ci", gradients, directions))
+                columns_by_name[f"fibre {number}:{name}"] = unit_vectors(np.einsum("cij,cj->ci", gradients, directions))
         if estimate:
-            found["error"] = error_in(body, solutions[0], estimate, cells)[:, None]
-        widths.update({name: values.shape[1] for name, values in found.items()})
-        return np.concatenate([np.zeros((len(facets), 0)), *found.values()], axis=1)
+            columns_by_name["error"] = error_in(body, solutions[0], estimate, cells)[:, None]
+        widths.update({name: values.shape[1] for name, values in columns_by_name.items()})
+        return np.concatenate([np.zeros((len(facets), 0)), *columns_by_name.values()], axis=1)
 
     nodes = solutions[0].mesh_nodes if solutions else body.given_nodes
     given = gather_surface(body, nodes, evaluate)
-    others = [gather_surface(body, one.other_nodes) for one in solutions]
+    others = [gather_surface(body, solution.other_nodes) for solution in solutions]
     rest = gather_surface(body, solutions[1].mesh_nodes) if len(solutions) > 1 else given
     if given is None or rest is None:
         return None
     cut = cut_of(given)
     meshes = [cut.points, *[cut_of(rest).points] * (len(solutions) - 1)]  # further states are solved from one shape
     columns = np.split(given.values[cut.facet], np.cumsum([*widths.values()])[:-1], axis=1)
-    of = dict(zip(widths, columns, strict=True)) if widths else {}
+    values_by_name = dict(zip(widths, columns, strict=True)) if widths else {}
     results = []
     for i, (mesh, solution, surface) in enumerate(zip(meshes[: len(solutions)], solutions, others, strict=True)):
         assert surface is not None  # on rank 0
@@ -83,20 +86,20 @@ def boundary_of(
                 solution.direction,
                 mesh,
                 cut_of(surface).points,
-                J=of[f"J {i}"][:, 0],
-                stress=of[f"stress {i}"],
-                stretches=of[f"stretches {i}"],
+                J=values_by_name[f"J {i}"][:, 0],
+                stress=values_by_name[f"stress {i}"],
+                stretches=values_by_name[f"stretches {i}"],
                 crossing=crossing,
-                fibres={name: of[f"fibre {i}:{name}"] for name in families},
+                fibres={name: values_by_name[f"fibre {i}:{name}"] for name in families},
             )
         )
     return Boundary(
         points=cut.points,
         triangles=cut.corners,
-        regions={name: of[f"region:{name}"][:, 0] > 0 for name in regions},
+        regions={name: values_by_name[f"region:{name}"][:, 0] > 0 for name in regions},
         results=tuple(results),
-        fibres={name: of[f"fibre:{name}"] for name in families} if solutions else {},
-        error=of["error"][:, 0] if estimate else None,
+        fibres={name: values_by_name[f"fibre:{name}"] for name in families} if solutions else {},
+        error=values_by_name["error"][:, 0] if estimate else None,
     )
 
 

@@ -35,10 +35,10 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
     legend, marked = [], np.zeros(len(boundary.triangles), dtype=bool)
     up = None
     for support, colour, given in zip(job.supports, cycle(_SUPPORTS), _rows(given_data, "supports"), strict=False):
-        inside = boundary.inside(support.region)
+        mask = boundary.region_mask(support.region)
         legend.append((f"support {_text(given, f'region: {support.region}')}", colour))
-        marked |= inside
-        parts.append(DrawnBody(boundary.points, boundary.triangles[inside], colour))
+        marked |= mask
+        parts.append(DrawnBody(boundary.points, boundary.triangles[mask], colour))
         parts.extend(_fixings(boundary, support.region, sorted(support.held), colour, size))
     for effect, colour, given in zip(job.effects, cycle(_LOADS), _rows(given_data, "effects"), strict=False):
         kept = {name: value for name, value in given.items() if name != "effect"}
@@ -46,12 +46,12 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
         region, vector = getattr(effect, "region", None), _numbers(getattr(effect, "acceleration", None))
         if vector is not None:
             up = -vector
-            parts.append(_beside(boundary.points, vector, colour, size))
+            parts.append(_outer_arrow(boundary.points, vector, colour, size))
         if region is None:
             continue
-        inside = boundary.inside(region)
-        new = inside & ~marked
-        marked |= inside
+        mask = boundary.region_mask(region)
+        new = mask & ~marked
+        marked |= mask
         parts.append(DrawnBody(boundary.points, boundary.triangles[new], colour))
         centres, normals = _sample(boundary, region)
         vector = _numbers(getattr(effect, "traction", None))
@@ -65,13 +65,13 @@ def draw_mesh(name: str, boundary: Boundary) -> Picture:
     """Draw a mesh from two sides, each named region in a colour; of regions that overlap the last is on top."""
     parts, legend = list[DrawnBody | Glyphs](), list[tuple[str, str]]()
     hidden = np.zeros(len(boundary.triangles), dtype=bool)
-    for (region, inside), colour in zip(reversed(list(boundary.regions.items())), cycle(_REGIONS), strict=False):
-        visible = inside & ~hidden
-        covered = "" if visible.any() or not inside.any() else ", covered by those above"
-        legend.append((f"{region}: {inside.sum()} triangles of the boundary{covered}", colour))
+    for (region, mask), colour in zip(reversed(list(boundary.regions.items())), cycle(_REGIONS), strict=False):
+        visible = mask & ~hidden
+        covered = "" if visible.any() or not mask.any() else ", covered by those above"
+        legend.append((f"{region}: {mask.sum()} triangles of the boundary{covered}", colour))
         if visible.any():
             parts.append(DrawnBody(boundary.points, boundary.triangles[visible], colour))
-        hidden |= inside
+        hidden |= mask
     parts.append(DrawnBody(boundary.points, boundary.triangles[~hidden], _BODY))
     return _both_sides(name, boundary, parts, legend)
 
@@ -108,17 +108,17 @@ def _fixings(boundary: Boundary, region: str, axes: Sequence[str], colour: str, 
         yield Glyphs(centres, colour, size=0.2 * _SIZE * size)
         return
     for axis in axes:
-        along = np.eye(3)["xyz".index(axis)]
-        sides = np.where(normals @ along > 0, -1.0, 1.0)
-        yield Glyphs(centres, colour, 0.6 * _SIZE * size * sides[:, None] * along)
+        direction = np.eye(3)["xyz".index(axis)]
+        sides = np.where(normals @ direction > 0, -1.0, 1.0)
+        yield Glyphs(centres, colour, 0.6 * _SIZE * size * sides[:, None] * direction)
 
 
-def _beside(points: Floats, vector: Floats, colour: str, size: float) -> Glyphs:
+def _outer_arrow(points: Floats, vector: Floats, colour: str, size: float) -> Glyphs:
     """An arrow that ends in front of the body."""
-    along = vector / np.linalg.norm(vector)
+    direction = vector / np.linalg.norm(vector)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    reach = ((points - middle) @ -along).max() + 0.03 * size
-    return Glyphs((middle - reach * along)[None], colour, 2 * _SIZE * size * along[None])
+    reach = ((points - middle) @ -direction).max() + 0.03 * size
+    return Glyphs((middle - reach * direction)[None], colour, 2 * _SIZE * size * direction[None])
 
 
 def _numbers(value: Any) -> Floats | None:

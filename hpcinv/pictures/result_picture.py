@@ -16,7 +16,7 @@ from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
 def measure(name: str, result: BoundaryResult) -> Floats:
     """Return a stress measure of each triangle, in Pa."""
     stress = result.stress.reshape(-1, 3, 3)
-    return np.asarray(MEASURES[name](*(stress[:, *COMPONENTS[one]] for one in components_of(name))))
+    return np.asarray(MEASURES[name](*(stress[:, *COMPONENTS[component]] for component in components_of(name))))
 
 
 FIELDS: dict[Colour, tuple[str, Callable[[Boundary, BoundaryResult], Floats | None]]] = {
@@ -44,7 +44,7 @@ def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: Colour =
     rest = next((name for name, state in summary.get("states", {}).items() if state["rest"]), "")
     titles, points, results = zip(*_shapes(boundary, rest), strict=True)
     values = [evaluate(boundary, result) for result in results]
-    known = [one for one in values if one is not None]
+    known = [colouring for colouring in values if colouring is not None]
     if len(known) < len(values):
         raise OutputError(
             f"{job['job']}: the run has no values for the colour '{colour}'",
@@ -53,13 +53,13 @@ def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: Colour =
     frame = np.concatenate(points)
     front, _, up = directions(frame, upwards(job))
     views = []
-    for i, of_shape in enumerate(known):
+    for i, shape_values in enumerate(known):
         shadow = DrawnBody(points[0 if i else 1], boundary.triangles, opacity=0.35)
-        body = DrawnBody(points[i], boundary.triangles, values=of_shape)
+        body = DrawnBody(points[i], boundary.triangles, values=shape_values)
         views.append(View([body, shadow], frame, front, up, titles[i]))
     status, verdict = summary["status"], summary["certificate"]["verdict"]
     notes = f"certificate: {verdict}" if status == "converged" else f"the full load was not reached: {status}"
-    limits = min(float(one.min()) for one in known), max(float(one.max()) for one in known)
+    limits = min(float(colouring.min()) for colouring in known), max(float(colouring.max()) for colouring in known)
     return figure(views, job["job"], notes=notes, colours=(label, *limits))
 
 
@@ -71,10 +71,10 @@ def _shapes(boundary: Boundary, rest: str) -> list[tuple[str, Floats, BoundaryRe
     """
     first, *further = boundary.results
     names = ("undeformed", "deformed") if not first.state else (rest, first.state)
-    given, found = names if first.direction == "forward" else names[::-1]
+    given, computed = names if first.direction == "forward" else names[::-1]
     return [
         (f"{given}, given", first.mesh, first),
-        (f"{found}, found", first.others, first),
+        (f"{computed}, found", first.others, first),
         *((f"{result.state}, found", result.others, result) for result in further),
     ]
 

@@ -86,18 +86,20 @@ def read_snapshots(directory: Path) -> list[Snapshot]:
     Raises:
         OutputError: one is damaged.
     """
-    found = []
+    snapshots = []
     for path in _all(directory):
         solution, solves = _place(path)
         try:
             with np.load(path) as file:
-                one = dict(file)
-            values = one["low"] + one["levels"].T / _LEVELS * one["range"]
-            state, load, residual = str(one["state"]), float(one["load"]), float(one["residual"])
-            found.append(Snapshot(solution, solves, state, load, residual, one["points"].astype(np.int64), values))
+                content = dict(file)
+            values = content["low"] + content["levels"].T / _LEVELS * content["range"]
+            state, load, residual = str(content["state"]), float(content["load"]), float(content["residual"])
+            snapshots.append(
+                Snapshot(solution, solves, state, load, residual, content["points"].astype(np.int64), values)
+            )
         except DAMAGE as error:
             raise OutputError(f"{path}: cannot be read: {error}", "Remove it, or run the job again.") from error
-    return found
+    return snapshots
 
 
 def _all(directory: Path) -> list[Path]:

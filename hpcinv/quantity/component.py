@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, ClassVar, Self
 
-from hpcinv.quantity.parameter_paths import Number, rate, scalars, vanishes, with_scalar
+from hpcinv.quantity.parameter_paths import Number, rate, replace_scalar, scalars, vanishes
 from hpcinv.quantity.quantity import quantities_of
 from hpcinv.quantity.schema import KeyPath, Name, Spec, metadata_in
 from hpcinv.quantity.units import Dimension
@@ -15,7 +15,7 @@ from hpcinv.quantity.units import Dimension
 class Refers:
     """Mark of a field that refers to a part of the job by name."""
 
-    to: str
+    kind: str
 
 
 Family = Annotated[Name, Refers("fibres")]
@@ -48,22 +48,28 @@ class Ingredient(Spec):
     def numbers(self) -> dict[KeyPath, Number | str]:
         """The numbers in its quantities by place, such as ``("acceleration", 1)``; for others the reason."""
         return {
-            place: found if isinstance(found, str) else Number(found, dimension)
+            place: scalar if isinstance(scalar, str) else Number(scalar, dimension)
             for name, dimension in quantities_of(type(self)).items()
-            for place, found in scalars(getattr(self, name), (name,))
+            for place, scalar in scalars(getattr(self, name), (name,))
         }
 
     def with_number(self, place: KeyPath, number: float) -> Self:
         """A copy with another number (SI), which is not checked, at one of the places of `numbers`."""
         name, *rest = place
-        return self.model_copy(update={str(name): with_scalar(getattr(self, str(name)), tuple(rest), number)})
+        return self.model_copy(update={str(name): replace_scalar(getattr(self, str(name)), tuple(rest), number)})
 
     def rates(self, place: KeyPath) -> dict[str, tuple[Any, Dimension]]:
         """Nonzero derivatives (SI) of the `quantities` by the number at a place, and dimensions of the quantities."""
         number = self.numbers()[place]
         assert isinstance(number, Number)
-        found = rate(lambda x: {n: v for n, (v, _) in self.with_number(place, x).quantities().items()}, number.value)
-        return {n: (found[n], dimension) for n, (_, dimension) in self.quantities().items() if not vanishes(found[n])}
+        derivatives = rate(
+            lambda x: {n: v for n, (v, _) in self.with_number(place, x).quantities().items()}, number.value
+        )
+        return {
+            n: (derivatives[n], dimension)
+            for n, (_, dimension) in self.quantities().items()
+            if not vanishes(derivatives[n])
+        }
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -81,16 +87,16 @@ class Ingredient(Spec):
         return self._named("surface")
 
     def _named(self, kind: str) -> dict[str, str]:
-        found: dict[str, str] = {}
+        named: dict[str, str] = {}
         for field, refers_to in _references(type(self)).items():
             value = getattr(self, field)
             if refers_to == kind and value is not None:
-                found |= dict.fromkeys(value if isinstance(value, tuple) else (value,), field)
-        return found
+                named |= dict.fromkeys(value if isinstance(value, tuple) else (value,), field)
+        return named
 
 
 @cache
 def _references(kind: type[Ingredient]) -> Mapping[str, str]:
     """Fields that refer to a part of the job by name, with the kind of part."""
     marks = {f: metadata_in(Refers, info.annotation, *info.metadata) for f, info in kind.model_fields.items()}
-    return {field: mark.to for field, mark in marks.items() if mark is not None}
+    return {field: mark.kind for field, mark in marks.items() if mark is not None}

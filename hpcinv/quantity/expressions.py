@@ -159,11 +159,11 @@ class Expression:
 
     def expect(self, known: dict[str, Dimension | None], wanted: Dimension | bool | None) -> None:
         """Raise ``ValueError`` unless `check` returns ``wanted``; None accepts any number."""
-        found = self.check(known)
-        is_open = found is None or wanted is None
-        if found != wanted and (not is_open or True in (found, wanted)):
+        dimension = self.check(known)
+        is_open = dimension is None or wanted is None
+        if dimension != wanted and (not is_open or True in (dimension, wanted)):
             example = ", such as x < 1 mm" if wanted is True else ""
-            raise ValueError(f"must be {_kind(wanted)}{example}, but {_quoted(self.source)} is {_kind(found)}")
+            raise ValueError(f"must be {_kind(wanted)}{example}, but {_quoted(self.source)} is {_kind(dimension)}")
 
     def apply(
         self,
@@ -176,14 +176,18 @@ class Expression:
         Args:
             functions: the ``FUNCTIONS`` by name, and the relations by their NumPy names, such as ``less``.
         """
-        found: dict[str, Any] = {name: number(constant) for name, constant in CONSTANTS.items()} | dict(values)
+        values_by_name: dict[str, Any] = {name: number(constant) for name, constant in CONSTANTS.items()} | dict(values)
         for name, text in (*self.definitions, ("", self.source)):
             tree, literals = _parse(text)
-            own = found | {literal: number(si) for literal, (si, _) in literals.items()} if literals else found
+            own = (
+                values_by_name | {literal: number(si) for literal, (si, _) in literals.items()}
+                if literals
+                else values_by_name
+            )
             if literals:
-                own |= {n: found[unit] for n, unit in _further(literals) if unit in found}
-            found[name] = _walk(tree, own, functions, number)
-        return found[""]
+                own |= {n: values_by_name[unit] for n, unit in _further(literals) if unit in values_by_name}
+            values_by_name[name] = _walk(tree, own, functions, number)
+        return values_by_name[""]
 
     def evaluate(self, **values: np.ndarray | float) -> np.ndarray:
         """Values at many points, of the common shape of ``values``: floats, or bools for a condition.
@@ -200,12 +204,12 @@ class Expression:
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         return core_schema.with_info_plain_validator_function(
-            cls._from_job,
+            cls._read,
             serialization=core_schema.plain_serializer_function_ser_schema(cls._plain, info_arg=True),
         )
 
     def _plain(self, info: SerializationInfo) -> str:
-        return self.whole if with_definitions(info) else self.source
+        return self.whole if writes_definitions(info) else self.source
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -214,7 +218,7 @@ class Expression:
         return {"type": ["string", "number"]}
 
     @classmethod
-    def _from_job(cls, value: object, info: ValidationInfo) -> Expression:
+    def _read(cls, value: object, info: ValidationInfo) -> Expression:
         if isinstance(value, cls):
             return value
         if isinstance(value, bool) or not isinstance(value, str | int | float):
@@ -224,11 +228,11 @@ class Expression:
 
 def definitions_in(info: ValidationInfo) -> Mapping[str, Expression]:
     """Definitions of the section 'let' in the validation context."""
-    found: Mapping[str, Expression] = (info.context or {}).get(LET, {})
-    return found
+    definitions: Mapping[str, Expression] = (info.context or {}).get(LET, {})
+    return definitions
 
 
-def with_definitions(info: SerializationInfo) -> bool:
+def writes_definitions(info: SerializationInfo) -> bool:
     """True if formulas are written with the definitions that they use, as for the comparison of jobs."""
     return bool((info.context or {}).get(LET))
 
@@ -306,7 +310,7 @@ def _parse(source: str) -> tuple[ast.expr, dict[str, tuple[float, Dimension]]]:
     """Syntax tree, and value and dimension of the numbers with units, which the tree contains as names."""
     if len(source) > _LONGEST:
         raise ValueError(f"a formula may have {_LONGEST} characters, not {len(source)}")
-    text, literals = _with_literals(source)
+    text, literals = _named_literals(source)
     text = text.replace("^", "**").strip()
     try:
         with warnings.catch_warnings():
@@ -321,7 +325,7 @@ def _parse(source: str) -> tuple[ast.expr, dict[str, tuple[float, Dimension]]]:
     return tree, literals
 
 
-def _with_literals(source: str) -> tuple[str, dict[str, tuple[float, Dimension]]]:
+def _named_literals(source: str) -> tuple[str, dict[str, tuple[float, Dimension]]]:
     """The formula with a name for each number with a unit and for each further unit; their values and dimensions."""
     literals: dict[str, tuple[float, Dimension]] = {}
     parts: list[str] = []
@@ -347,7 +351,7 @@ def _with_literals(source: str) -> tuple[str, dict[str, tuple[float, Dimension]]
     return "".join([*parts, source[position:]]), literals
 
 
-def _depth(tree: ast.expr, of_names: Mapping[str, int] = MappingProxyType({})) -> int:
+def _depth(tree: ast.expr, known_depths: Mapping[str, int] = MappingProxyType({})) -> int:
     """Depth of a syntax tree, found without recursion; a sum of any number of terms counts as one level.
 
     Args:
@@ -356,15 +360,15 @@ def _depth(tree: ast.expr, of_names: Mapping[str, int] = MappingProxyType({})) -
     deepest, depth, level = 0, 0, [tree]
     while level:
         depth += 1
-        inside: list[ast.expr] = []
+        operands: list[ast.expr] = []
         for node in level:
             if isinstance(node, ast.Name):
-                deepest = max(deepest, depth + of_names.get(node.id, 0))
+                deepest = max(deepest, depth + known_depths.get(node.id, 0))
             elif _is_sum(node):
-                inside += [term for _, term in _terms(node)]
+                operands += [term for _, term in _terms(node)]
             else:
-                inside += [child for child in ast.iter_child_nodes(node) if isinstance(child, ast.expr)]
-        level = inside
+                operands += [child for child in ast.iter_child_nodes(node) if isinstance(child, ast.expr)]
+        level = operands
     return max(deepest, depth)
 
 
@@ -399,8 +403,8 @@ def _quoted(source: str) -> str:
     return f"'{source}'" if len(source) <= _SHOWN else f"'{source[: _SHOWN - 23]} … {source[-20:]}'"
 
 
-def _kind(found: Dimension | bool | None) -> str:
-    return "a condition" if found is True else "a number" if found is None else str(found)
+def _kind(dimension: Dimension | bool | None) -> str:
+    return "a condition" if dimension is True else "a number" if dimension is None else str(dimension)
 
 
 def _refuse_unless_known(node: ast.AST, source: str, literals: Mapping[str, Any]) -> None:

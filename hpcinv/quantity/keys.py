@@ -54,14 +54,14 @@ def assigned(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, 
     changed: Any = dict(data)
     for key, value in settings.items():
         try:
-            changed = _with(changed, parse_key(key), value)
+            changed = _assigned_below(changed, parse_key(key), value)
         except ValueError as error:
             raise ValueError(f"cannot set {key}: {error}") from None
-    found: dict[str, Any] = changed
-    return found
+    result: dict[str, Any] = changed
+    return result
 
 
-def _with(place: Any, parts: tuple[KeyPart, ...], value: Any) -> Any:
+def _assigned_below(place: Any, parts: tuple[KeyPart, ...], value: Any) -> Any:
     """Copy of a section or list with another value at a key below it."""
     if not parts:
         return value
@@ -70,10 +70,10 @@ def _with(place: Any, parts: tuple[KeyPart, ...], value: Any) -> Any:
         if not isinstance(place, list) or part >= len(place):
             count = f"a list of {len(place)}" if isinstance(place, list) else "a value that is not a list"
             raise ValueError(f"[{part}] is not an entry of {count}")
-        return [*place[:part], _with(place[part], rest, value), *place[part + 1 :]]
+        return [*place[:part], _assigned_below(place[part], rest, value), *place[part + 1 :]]
     if not isinstance(place, dict):
         raise ValueError(f"'{part}' cannot be set in {shown(place)}, which is not a section")
-    return {**place, part: _with(place.get(part, {}), rest, value)}
+    return {**place, part: _assigned_below(place.get(part, {}), rest, value)}
 
 
 def look_up(summary: Any, key: str) -> float | None:
@@ -86,8 +86,8 @@ def _number(place: Any, parts: tuple[KeyPart, ...]) -> float | None:
         return float(place) if isinstance(place, int | float) else None
     part, rest = parts[0], parts[1:]
     if part is None:
-        found = [_number(entry, rest) for entry in place] if isinstance(place, list) else []
-        numbers = [number for number in found if number is not None]
+        entries = [_number(entry, rest) for entry in place] if isinstance(place, list) else []
+        numbers = [number for number in entries if number is not None]
         return sum(numbers) if numbers else None
     if isinstance(part, int):
         return _number(place[part], rest) if isinstance(place, list) and part < len(place) else None

@@ -17,7 +17,7 @@ class Scales:
     stress: float
     time: float = 1.0
 
-    def of(self, dimension: Dimension) -> float:
+    def unit_of(self, dimension: Dimension) -> float:
         """SI value of one scaled unit of a quantity of this dimension."""
         mass = self.stress * self.length * self.time**2
         return float(self.length**dimension.length * mass**dimension.mass * self.time**dimension.time)

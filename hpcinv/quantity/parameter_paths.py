@@ -40,7 +40,7 @@ def scalars(value: Any, place: KeyPath) -> Iterator[tuple[KeyPath, float | str]]
             yield place, float(value) if math.isfinite(value) else "is infinite"
 
 
-def with_scalar(value: Any, place: KeyPath, number: float) -> Any:
+def replace_scalar(value: Any, place: KeyPath, number: float) -> Any:
     """Copy of a quantity with another number at a place in it."""
     if not place:
         return replace(value, value=number) if isinstance(value, Measured) else number
@@ -49,20 +49,20 @@ def with_scalar(value: Any, place: KeyPath, number: float) -> Any:
         case ByRegion():
             return ByRegion({**value.values, str(here): number})
         case Mapping():
-            return {**value, here: with_scalar(value[here], rest, number)}
+            return {**value, here: replace_scalar(value[here], rest, number)}
         case _:
-            return tuple(with_scalar(v, rest, number) if i == here else v for i, v in enumerate(value))
+            return tuple(replace_scalar(v, rest, number) if i == here else v for i, v in enumerate(value))
 
 
-def rate(of: Callable[[float], Any], at: float) -> Any:
+def rate(function: Callable[[float], Any], value: float) -> Any:
     """Derivative of quantities ``of(number)``, in the same structure; for a formula, derivatives of its constants.
 
     By central differences of fourth order: exact (0 or 1) for a constant or the number itself, otherwise to about
     1e-12.
     """
-    step = step_at(at)
-    points = [at + k * step for k in POINTS]
-    return _rate(points, [of(point) for point in points], step)
+    step = step_at(value)
+    points = [value + k * step for k in POINTS]
+    return _rate(points, [function(point) for point in points], step)
 
 
 def step_at(number: float) -> float:
@@ -94,14 +94,14 @@ def _rate(points: list[float], values: list[Any], step: float) -> Any:
     return central_difference(values, step)
 
 
-def vanishes(found: Any) -> bool:
+def vanishes(derivatives: Any) -> bool:
     """Return whether a result of `rate` is zero everywhere."""
-    match found:
+    match derivatives:
         case tuple():
-            return all(map(vanishes, found))
+            return all(map(vanishes, derivatives))
         case ByRegion():
-            return all(map(vanishes, found.values.values()))
+            return all(map(vanishes, derivatives.values.values()))
         case ByFormula():
-            return all(map(vanishes, found.constants.values()))
+            return all(map(vanishes, derivatives.constants.values()))
         case _:
-            return bool(found == 0.0)
+            return bool(derivatives == 0.0)

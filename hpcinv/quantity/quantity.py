@@ -162,19 +162,19 @@ AnyMeasured = Annotated[Measured, MeasuredQuantity()]  # not for mesh generators
 @cache
 def quantities_of(model: type[BaseModel]) -> Mapping[str, Dimension]:
     """Dimensions of the fields of ``model`` that are quantities, or tuples of quantities."""
-    found = {
+    marks = {
         name: metadata_in(Quantity, field.annotation, *field.metadata) for name, field in model.model_fields.items()
     }
-    return {name: q.dimension for name, q in found.items() if q is not None and q.dimension is not None}
+    return {name: q.dimension for name, q in marks.items() if q is not None and q.dimension is not None}
 
 
 def quantity_of(model: type[BaseModel], field: str) -> Quantity:
     """Metadata of a field; ``KeyError`` if it is not a quantity."""
     info = model.model_fields[field]
-    found = metadata_in(Quantity, info.annotation, *info.metadata)
-    if found is None:
+    mark = metadata_in(Quantity, info.annotation, *info.metadata)
+    if mark is None:
         raise KeyError(field)
-    return found
+    return mark
 
 
 def positive(value: object, dimension: Dimension | None, owner: str) -> float:
@@ -184,6 +184,10 @@ def positive(value: object, dimension: Dimension | None, owner: str) -> float:
         ValueError: the value is not positive, or of another dimension.
     """
     number = Quantity(None, above=0.0).parse(value)
-    if isinstance(value, str) and dimension is not None and (found := constant(value)[1]) not in (None, dimension):
-        raise ValueError(f"must be {dimension}, as {owner} is, but '{value}' is {found}")
+    if (
+        isinstance(value, str)
+        and dimension is not None
+        and (dimension_found := constant(value)[1]) not in (None, dimension)
+    ):
+        raise ValueError(f"must be {dimension}, as {owner} is, but '{value}' is {dimension_found}")
     return number

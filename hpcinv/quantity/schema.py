@@ -64,14 +64,14 @@ def name_from(path: Path) -> str:
 class Problems(ValueError):
     """Faults found by one validator, each with its place below the validated value."""
 
-    def __init__(self, *found: tuple[KeyPath, str]) -> None:
-        super().__init__("; ".join(text for _, text in found))
-        self.found = found
+    def __init__(self, *faults: tuple[KeyPath, str]) -> None:
+        super().__init__("; ".join(text for _, text in faults))
+        self.faults = faults
 
 
-def raise_if_any(found: Iterable[tuple[KeyPath, str]]) -> None:
+def raise_if_any(faults: Iterable[tuple[KeyPath, str]]) -> None:
     """Raise `Problems` if there are any."""
-    if problems := tuple(found):
+    if problems := tuple(faults):
         raise Problems(*problems)
 
 
@@ -81,9 +81,9 @@ def collected(problems: list[tuple[KeyPath, str]], *place: int | str) -> Iterato
     try:
         yield
     except Problems as error:
-        problems += [((*place, *below), text) for below, text in error.found]
+        problems += [((*place, *inner_place), text) for inner_place, text in error.faults]
     except ValidationError as error:
-        problems += [((*place, *below), text) for below, text in problems_in(error)]
+        problems += [((*place, *inner_place), text) for inner_place, text in problems_in(error)]
     except ValueError as error:
         problems.append((place, str(error)))
 
@@ -121,14 +121,14 @@ class Spec(BaseModel):
         cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """JSON schema with the descriptions of the keys, and arithmetic in place of numbers."""
-        found = handler(schema)
-        content = handler.resolve_ref_schema(found)
+        json_schema = handler(schema)
+        content = handler.resolve_ref_schema(json_schema)
         describe(content, cls)
         for key in plain_numbers(cls).keys() & content.get("properties", {}).keys():
             _also_arithmetic(content["properties"][key])
         if cls.alternatives:
             content["oneOf"] = [{"required": [key]} for key in cls.alternatives]
-        return found
+        return json_schema
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         """Yield faults between fields that are valid by themselves."""
@@ -141,15 +141,15 @@ class Spec(BaseModel):
         if isinstance(data, Mapping) and "on" in cls.model_fields:
             raise_if_any(_keys_of_yaml_1_1(data))
         try:
-            found = handler(_with_constants(cls, data))
+            part = handler(_evaluated_constants(cls, data))
         except ValidationError as error:
             lines: list[InitErrorDetails] = [
                 {"type": PydanticCustomError(_PLAIN, "{text}", {"text": text}), "loc": location, "input": None}
                 for location, text in problems_in(error, cls)
             ]
             raise ValidationError.from_exception_data(cls.__name__, lines) from None
-        raise_if_any(found._contradictions(info))
-        return found
+        raise_if_any(part._contradictions(info))
+        return part
 
 
 def _keys_of_yaml_1_1(data: Mapping[Any, Any]) -> Iterator[tuple[KeyPath, str]]:
@@ -163,14 +163,14 @@ def _keys_of_yaml_1_1(data: Mapping[Any, Any]) -> Iterator[tuple[KeyPath, str]]:
 @cache
 def plain_numbers(kind: type[Spec]) -> Mapping[str, type[float | int]]:
     """Fields of a part of a job that are numbers without dimension (`float` or `int`), with their type."""
-    found: dict[str, type[float | int]] = {}
+    numbers: dict[str, type[float | int]] = {}
     for name, field in kind.model_fields.items():
         own = {part for part in _union(field.annotation) if part is not NoneType}
         if own in ({float}, {int}) and all(
             type(mark).__module__.startswith("annotated_types") for mark in field.metadata
         ):
-            found[name] = own.pop()
-    return found
+            numbers[name] = own.pop()
+    return numbers
 
 
 def _union(annotation: Any) -> Iterator[Any]:
@@ -186,7 +186,7 @@ def _union(annotation: Any) -> Iterator[Any]:
         yield annotation
 
 
-def _with_constants(kind: type[Spec], data: Any) -> Any:
+def _evaluated_constants(kind: type[Spec], data: Any) -> Any:
     """Data of a part of a job with the values of arithmetic, such as ``1/3``, in its plain numbers."""
     if not isinstance(data, Mapping):
         return data
@@ -284,8 +284,8 @@ def metadata_in[M](kind: type[M], *annotations: Any) -> M | None:
     for annotation in annotations:
         if isinstance(annotation, kind):
             return annotation
-        if (found := metadata_in(kind, *get_args(annotation))) is not None:
-            return found
+        if (mark := metadata_in(kind, *get_args(annotation))) is not None:
+            return mark
     return None
 
 
@@ -295,7 +295,7 @@ def import_modules(package: str, path: Iterable[str]) -> None:
         importlib.import_module(f"{package}.{module.name}")
 
 
-def at(location: KeyPath) -> str:
+def dotted_key(location: KeyPath) -> str:
     """``("effects", 0, "density")`` as ``effects[0].density``."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
 
@@ -319,7 +319,7 @@ _LONGEST_PROBLEM = 1000  # characters of one message
 def job_error(path: Path, error: ValidationError, spec: type[Spec]) -> JobError:
     """Error for a file whose content is not a valid ``spec``: a line for each of the first 50 problems."""
     problems = problems_in(error, spec)
-    lines = [f"{path}: {at(where)}: {what}" for where, what in problems[:_MOST_PROBLEMS]]
+    lines = [f"{path}: {dotted_key(where)}: {what}" for where, what in problems[:_MOST_PROBLEMS]]
     if (more := len(problems) - _MOST_PROBLEMS) > 0:
         lines.append(f"{path}: and {more:,} more problems like these")
     return JobError(*lines)
@@ -330,15 +330,15 @@ def problems_in(error: ValidationError, spec: type[Spec] | None = None) -> list[
 
     Messages are left empty from the 51st error on, to save time.
     """
-    found: list[tuple[KeyPath, str]] = []
+    problems: list[tuple[KeyPath, str]] = []
     for line in error.errors(include_url=False):
         cause = line.get("ctx", {}).get("error")
         if isinstance(cause, Problems):
-            found += [((*line["loc"], *place), _shortened(text)) for place, text in cause.found]
+            problems += [((*line["loc"], *place), _shortened(text)) for place, text in cause.faults]
         else:
-            text = _shortened(_reworded(line, spec)) if len(found) < _MOST_PROBLEMS else ""
-            found.append((tuple(part for part in line["loc"] if part != "[key]"), text))
-    return found
+            text = _shortened(_reworded(line, spec)) if len(problems) < _MOST_PROBLEMS else ""
+            problems.append((tuple(part for part in line["loc"] if part != "[key]"), text))
+    return problems
 
 
 def _shortened(text: str) -> str:

@@ -14,7 +14,7 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, SerializationIn
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
-from hpcinv.quantity.expressions import Expression, definitions_in, with_definitions
+from hpcinv.quantity.expressions import Expression, definitions_in, writes_definitions
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import shown
 from hpcinv.quantity.units import Dimension, as_float, parse_unit
@@ -29,7 +29,7 @@ class ByRegion:
 
     values: Mapping[str, float]
 
-    def at(self, region: str) -> float | None:
+    def value_in(self, region: str) -> float | None:
         """The value in a region, or ``None``."""
         return self.values.get(region, self.values.get(ELSEWHERE))
 
@@ -96,7 +96,7 @@ class VaryingQuantity(Quantity):
         if isinstance(value, ByRegion | ByFormula | ByData):
             return value
         if isinstance(value, Mapping):
-            return self._data(value) if "data" in value else self._by_region(value)
+            return self._data(value) if "data" in value else self._regional(value)
         try:
             return self.parse(value)
         except ValueError:
@@ -112,7 +112,7 @@ class VaryingQuantity(Quantity):
             return self.parse(float(formula.evaluate()))
         return ByFormula(formula)
 
-    def _by_region(self, given: Mapping[Any, object]) -> ByRegion:
+    def _regional(self, given: Mapping[Any, object]) -> ByRegion:
         if not given:
             raise ValueError("must name regions, such as {core: 1, elsewhere: 2}")
         values = {}
@@ -138,7 +138,7 @@ class VaryingQuantity(Quantity):
         def plain(value: Any, info: SerializationInfo) -> Any:
             if isinstance(value, tuple):
                 return [plain(entry, info) for entry in value]
-            if isinstance(value, ByFormula) and with_definitions(info):
+            if isinstance(value, ByFormula) and writes_definitions(info):
                 return value.whole
             if isinstance(value, VARYING):
                 return value.plain()
@@ -155,14 +155,16 @@ class VaryingQuantity(Quantity):
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        one = super().__get_pydantic_json_schema__(schema, handler)
+        single = super().__get_pydantic_json_schema__(schema, handler)
         data = {
             "type": "object",
             "properties": {"data": {"type": "string"}, "unit": {"type": "string"}},
             "required": ["data"],
             "additionalProperties": False,
         }
-        return {"anyOf": [*one["anyOf"], {"type": "string"}, data, {"type": "object", "additionalProperties": one}]}
+        return {
+            "anyOf": [*single["anyOf"], {"type": "string"}, data, {"type": "object", "additionalProperties": single}]
+        }
 
 
 _WORD = re.compile(r"[A-Za-z]\w*")

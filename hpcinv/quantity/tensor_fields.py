@@ -29,10 +29,10 @@ class TensorQuantity(VaryingQuantity):
         if isinstance(value, ByData):
             return value
         if isinstance(value, Mapping):
-            return replace(self._data(value), components=9) if "data" in value else self._of_regions(value)
+            return replace(self._data(value), components=9) if "data" in value else self._regional_tensor(value)
         return self._rows(value, lambda entry: super(TensorQuantity, self).read(entry, definitions))
 
-    def _of_regions(self, given: Mapping[Any, object]) -> tuple[tuple[Any, ...], ...]:
+    def _regional_tensor(self, given: Mapping[Any, object]) -> tuple[tuple[Any, ...], ...]:
         if not given:
             raise ValueError("must name regions, such as {core: [1.1, 1, 1], elsewhere: [1, 1, 1]}")
         tensors: dict[str, Any] = {}

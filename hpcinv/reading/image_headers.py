@@ -349,8 +349,8 @@ def read_nrrd(file: IO[bytes]) -> ImageHeader:
         x, y, z = (low + (0.0 if where == "node" else 0.5 * size) for low, size, where in mins)
         origin = (x, y, z)
     if "spaceorigin" in fields:
-        at = _vector(fields, "spaceorigin", fields["spaceorigin"])
-        origin = (flip[0] * at[0], flip[1] * at[1], flip[2] * at[2])
+        position = _vector(fields, "spaceorigin", fields["spaceorigin"])
+        origin = (flip[0] * position[0], flip[1] * position[1], flip[2] * position[2])
     skips = [_whole_numbers(fields, key, 1)[0] if key in fields else 0 for key in ("byteskip", "lineskip")]
     return ImageHeader(
         shape, code, spacing, axes, origin, _NRRD_ENCODINGS[encoding], _nrrd_source(fields, more), *skips

@@ -113,13 +113,13 @@ def _check_content(head: bytes, order: str, layout: _Layout, file: IO[bytes], me
         raise Fault(text, _AGAIN)
     check_memory(math.prod(shape), bits // 8, memory)
     _check_axes(head, order, layout)
-    expected, found = int(begin) + math.prod(shape) * bits // 8, len(head)
+    expected, size = int(begin) + math.prod(shape) * bits // 8, len(head)
     while part := file.read(_CHUNK):
-        found += len(part)
-        if found > expected:
+        size += len(part)
+        if size > expected:
             raise Fault(f"has more than the {expected:,} bytes that its header says", "Are its sizes right?")
-    if found < expected:
-        text = f"the file ends after {found:,} of {expected:,} bytes: voxels are missing"
+    if size < expected:
+        text = f"the file ends after {size:,} of {expected:,} bytes: voxels are missing"
         raise Fault(text, "Is the file complete?")
 
 
@@ -135,17 +135,17 @@ def _check_axes(head: bytes, order: str, layout: _Layout) -> None:
         raise Fault("its header says a rotation (qform) that is not one", _AGAIN)
     if sform <= 0:
         return
-    by_s = np.array(struct.unpack_from(order + layout.rows[1], head, layout.rows[0])).reshape(3, 4)
-    lengths = np.linalg.norm(by_s[:, :3], axis=0)
-    check_frame(lengths, by_s[:, 3], by_s[:, :3] / np.maximum(lengths, 1e-300))
+    affine = np.array(struct.unpack_from(order + layout.rows[1], head, layout.rows[0])).reshape(3, 4)
+    lengths = np.linalg.norm(affine[:, :3], axis=0)
+    check_frame(lengths, affine[:, 3], affine[:, :3] / np.maximum(lengths, 1e-300))
     if qform > 0:
-        _check_places(by_s, pixel, quaternion, struct.unpack_from(order + layout.dims[1], head, layout.dims[0]))
+        _check_places(affine, pixel, quaternion, struct.unpack_from(order + layout.dims[1], head, layout.dims[0]))
     if abs(lengths / pixel[1:4] - 1).max() > _SAME_SIZE:  # SimpleITK takes the size of the one, the axes of the other
         text = f"its header says two sizes of voxels, {_sizes(pixel[1:4])} and {_sizes(lengths)} (sform)"
         raise Fault(text, _AGAIN)
 
 
-def _check_places(by_s: Floats, pixel: Sequence[float], quaternion: Sequence[float], dims: Sequence[int]) -> None:
+def _check_places(sform: Floats, pixel: Sequence[float], quaternion: Sequence[float], dims: Sequence[int]) -> None:
     """Check that both descriptions of the axes, sform and qform, give the same place to the voxels."""
     b, c, d, *offset = quaternion
     a = np.sqrt(max(0.0, 1.0 - b * b - c * c - d * d))
@@ -157,10 +157,10 @@ def _check_places(by_s: Floats, pixel: Sequence[float], quaternion: Sequence[flo
         ]
     )
     scale = np.array([pixel[1], pixel[2], pixel[3] * (-1 if pixel[0] < 0 else 1)])
-    by_q = np.column_stack([rotation * scale, offset])
+    qform = np.column_stack([rotation * scale, offset])
     last = np.array(dims[1:4]) - 1.0
     corners = np.array([[x, y, z, 1] for x in (0, last[0]) for y in (0, last[1]) for z in (0, last[2])])
-    off = np.linalg.norm(corners @ (by_q - by_s).T, axis=1).max()
+    off = np.linalg.norm(corners @ (qform - sform).T, axis=1).max()
     # Half a voxel at a corner is rounding of the header for large images, and not another place.
     if not off <= max(0.5 * min(pixel[1:4]), _SAME * np.linalg.norm(last * pixel[1:4])):
         raise Fault(f"its header says two places of the voxels (qform and sform), up to {off:.3g} apart", _AGAIN)

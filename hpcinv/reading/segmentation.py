@@ -54,22 +54,26 @@ def _grid(data: Any, is_label_map: bool, memory: float) -> VoxelGrid:
     bits = int(data.BitsAllocated)
     check_memory(rows * columns * count, math.ceil(bits / 8), memory)
     if not data.file_meta.TransferSyntaxUID.is_encapsulated:
-        size, found = math.ceil(rows * columns * count * bits / 8), len(data.PixelData)
-        if found not in (size, size + size % 2):
-            text = f"has {found:,} bytes of voxels, but its header says {size:,}"
+        size, byte_count = math.ceil(rows * columns * count * bits / 8), len(data.PixelData)
+        if byte_count not in (size, size + size % 2):
+            text = f"has {byte_count:,} bytes of voxels, but its header says {size:,}"
             raise Fault(text, "Is the file complete?")
     frames = np.asarray(data.pixel_array).reshape(-1, rows, columns)
     if str(data.get("SegmentationType", "")) == "FRACTIONAL":
         frames = frames > 0.5 * float(data.MaximumFractionalValue)
     groups = data.PerFrameFunctionalGroupsSequence
     shared = data.SharedFunctionalGroupsSequence[0]
-    measures = _of(shared, groups[0], "PixelMeasuresSequence")
-    along = np.array([_of(shared, g, "PlaneOrientationSequence").ImageOrientationPatient for g in groups], dtype=float)
-    if abs(along - along[0]).max() > _SAME:
+    measures = _property(shared, groups[0], "PixelMeasuresSequence")
+    orientations = np.array(
+        [_property(shared, g, "PlaneOrientationSequence").ImageOrientationPatient for g in groups], dtype=float
+    )
+    if abs(orientations - orientations[0]).max() > _SAME:
         raise Fault("has slices in several directions", "Resample it to a straight grid.")
-    right, down = along[0].reshape(2, 3)  # of increasing columns, and rows
+    right, down = orientations[0].reshape(2, 3)  # of increasing columns, and rows
     normal = np.cross(right, down)
-    positions = np.array([_of(shared, g, "PlanePositionSequence").ImagePositionPatient for g in groups], dtype=float)
+    positions = np.array(
+        [_property(shared, g, "PlanePositionSequence").ImagePositionPatient for g in groups], dtype=float
+    )
     row_spacing, column_spacing = map(float, measures.PixelSpacing)
     heights = positions @ normal
     stated = float(measures.get("SpacingBetweenSlices", measures.get("SliceThickness", 1.0)))
@@ -86,20 +90,20 @@ def _grid(data: Any, is_label_map: bool, memory: float) -> VoxelGrid:
         flat = frame.transpose().astype(np.int64)
         segment = 0
         if not is_label_map:
-            segment = int(_of(shared, group, "SegmentIdentificationSequence").ReferencedSegmentNumber)
+            segment = int(_property(shared, group, "SegmentIdentificationSequence").ReferencedSegmentNumber)
             flat = (flat > 0) * segment
         if (segment, place) in written:
             text = f"has two slices at the same place{f', of the segment {segment}' if segment else ''}"
             raise Fault(text, "Write the segmentation again: positions of its slices are lost.")
         written.add((segment, place))
-        before = numbers[:, :, place]
-        if overlap := np.count_nonzero((before > 0) & (flat > 0) & (before != flat)):
-            one = next(iter(np.unique(before[(before > 0) & (flat > 0) & (before != flat)])))
+        previous = numbers[:, :, place]
+        if overlap := np.count_nonzero((previous > 0) & (flat > 0) & (previous != flat)):
+            first_segment = next(iter(np.unique(previous[(previous > 0) & (flat > 0) & (previous != flat)])))
             raise Fault(
-                f"the segments {one} and {flat.max()} overlap, by {overlap} voxels in one slice",
+                f"the segments {first_segment} and {flat.max()} overlap, by {overlap} voxels in one slice",
                 "Write a segmentation in which each voxel belongs to one segment.",
             )
-        numbers[:, :, place] = np.where(flat > 0, flat, before)
+        numbers[:, :, place] = np.where(flat > 0, flat, previous)
     names = {str(s.SegmentLabel): int(s.SegmentNumber) for s in data.SegmentSequence}
     return VoxelGrid(numbers, np.array([column_spacing, row_spacing, step]), origin, axes, names)
 
@@ -121,6 +125,6 @@ def _places(heights: Floats, stated: float) -> tuple[float, Any]:
     return step, places.astype(np.int64)
 
 
-def _of(shared: Any, frame: Any, key: str) -> Any:
+def _property(shared: Any, frame: Any, key: str) -> Any:
     """A property that a frame has for itself, or all frames together."""
     return getattr(frame if key in frame else shared, key)[0]

@@ -86,20 +86,20 @@ def _check_vtk(content: bytes) -> None:
     if len(head) < 4 or head[2].strip().upper() != b"BINARY":
         return
     place = 0
-    while found := _VTK_BLOCK.search(content, place):
-        place = found.end()
-        if found["points"] is not None:
-            place = _after_block(content, place, 3 * int(found["points"]), found["type"])
+    while block := _VTK_BLOCK.search(content, place):
+        place = block.end()
+        if block["points"] is not None:
+            place = _block_end(content, place, 3 * int(block["points"]), block["type"])
         elif array := _VTK_ARRAY.match(content, place):  # since version 5
-            for count in (int(found["cells"]), int(found["size"])):
+            for count in (int(block["cells"]), int(block["size"])):
                 if array is not None:
-                    place = _after_block(content, array.end(), count, array[2])
+                    place = _block_end(content, array.end(), count, array[2])
                     array = _VTK_ARRAY.match(content, place)
         else:
-            place = _after_block(content, place, int(found["size"]), b"int")
+            place = _block_end(content, place, int(block["size"]), b"int")
 
 
-def _after_block(content: bytes, place: int, count: int, kind: bytes) -> int:
+def _block_end(content: bytes, place: int, count: int, kind: bytes) -> int:
     """Place after numbers and the end of the line."""
     end = place + count * _VTK_TYPES.get(kind.decode("latin-1").lower(), 0)
     if content[end : end + 1] != b"\n":
@@ -205,9 +205,7 @@ def _check_ply_bytes(body: memoryview, elements: list[_Element], order: str) -> 
         if all(len(kind) == 1 for kind in kinds):
             place += element.count * sum(kind[0].itemsize for kind in kinds)
         else:
-            place = _after_equal_lists(body, place, element.count, kinds) or _after_lists(
-                body, place, element.count, kinds
-            )
+            place = _equal_lists_end(body, place, element.count, kinds) or _lists_end(body, place, element.count, kinds)
         if place > len(body):
             break
     if place != len(body):
@@ -215,7 +213,7 @@ def _check_ply_bytes(body: memoryview, elements: list[_Element], order: str) -> 
         raise Fault(f"has {len(body):,} bytes of numbers; its header says {extent} these", _IS_IT_COMPLETE)
 
 
-def _after_equal_lists(body: memoryview, place: int, count: int, kinds: list[list[np.dtype[Any]]]) -> int | None:
+def _equal_lists_end(body: memoryview, place: int, count: int, kinds: list[list[np.dtype[Any]]]) -> int | None:
     """Place after entries that are one list of the same length each, as triangles are; ``None`` if they are not."""
     if len(kinds) != 1 or not count or place + kinds[0][0].itemsize > len(body):
         return None
@@ -229,7 +227,7 @@ def _after_equal_lists(body: memoryview, place: int, count: int, kinds: list[lis
     return place + count * size if is_same else None
 
 
-def _after_lists(body: memoryview, place: int, count: int, kinds: list[list[np.dtype[Any]]]) -> int:
+def _lists_end(body: memoryview, place: int, count: int, kinds: list[list[np.dtype[Any]]]) -> int:
     for _ in range(count):
         for kind in kinds:
             if place + kind[0].itemsize > len(body):

@@ -75,8 +75,8 @@ def _voxels(file: IO[bytes], header: ImageHeader, count: int, is_packed: bool) -
     skip = header.skip
     if skip == -1 and header.encoding == "raw" and not is_packed:
         begin = file.tell()
-        if (found := file.seek(0, 2) - begin) < expected:
-            raise Fault(f"has {found:,} of {expected:,} bytes: voxels are missing", "Is the file complete?")
+        if (byte_count := file.seek(0, 2) - begin) < expected:
+            raise Fault(f"has {byte_count:,} of {expected:,} bytes: voxels are missing", "Is the file complete?")
         file.seek(-expected, 2)
         skip = 0
     if skip < 0:

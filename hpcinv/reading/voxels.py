@@ -79,8 +79,8 @@ def _counted(part: Numbers) -> tuple[Numbers, npt.NDArray[np.int64]]:
     return values + int(low), places[values]
 
 
-def _shown(values: Floats, between: str) -> str:
-    return between.join(f"{value:g}" for value in values)
+def _shown(values: Floats, separator: str) -> str:
+    return separator.join(f"{value:g}" for value in values)
 
 
 def _labels(numbers: Numbers) -> tuple[Numbers, npt.NDArray[np.int64]]:

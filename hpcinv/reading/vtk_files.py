@@ -60,28 +60,28 @@ def read_vti(path: Path) -> VoxelGrid:
     reader.SetFileName(str(path))
     reader.Update()
     image = reader.GetOutput()
-    found = [
-        (array.GetName() or "", array, of)
-        for of in (image.GetCellData(), image.GetPointData())
-        for i in range(of.GetNumberOfArrays())
-        if (array := of.GetArray(i)) is not None and array.GetNumberOfTuples()
+    arrays = [
+        (array.GetName() or "", array, owner)
+        for owner in (image.GetCellData(), image.GetPointData())
+        for i in range(owner.GetNumberOfArrays())
+        if (array := owner.GetArray(i)) is not None and array.GetNumberOfTuples()
     ]
-    if not found:
+    if not arrays:
         raise Fault("has no voxels with numbers", _FORMATS)
-    if len(found) > 1:
-        active = [entry for entry in found if entry[2].GetScalars() is entry[1]]
+    if len(arrays) > 1:
+        active = [entry for entry in arrays if entry[2].GetScalars() is entry[1]]
         if len(active) != 1:
-            names = ", ".join(repr(name) for name, _, _ in found)
+            names = ", ".join(repr(name) for name, _, _ in arrays)
             raise Fault(f"has several arrays: {names}", "Write it with the one of the labels only.")
-        found = active
-    _, array, of = found[0]
+        arrays = active
+    _, array, owner = arrays[0]
     if (count := array.GetNumberOfComponents()) > 1:
         raise Fault(f"has {count} numbers in each voxel", "Give a segmentation, with one number in each voxel.")
     values = np.asarray(vtk_to_numpy(array))
     spacing, extent = np.array(image.GetSpacing()), np.array(image.GetExtent())
     matrix = image.GetDirectionMatrix()
     axes = np.array([[matrix.GetElement(i, j) for j in range(3)] for i in range(3)])
-    is_of_cells = of is image.GetCellData() or len(values) == image.GetNumberOfCells()
+    is_of_cells = owner is image.GetCellData() or len(values) == image.GetNumberOfCells()
     shape = np.array(image.GetDimensions()) - is_of_cells
     if len(values) != np.prod(shape, dtype=object):
         raise Fault(f"has {len(values):,} numbers for {' x '.join(map(str, shape))} voxels", "Is the file complete?")
@@ -226,8 +226,8 @@ class _NumbersInText:
         elif self._section == "CellData":
             expected = self._piece.get("cells", 0) * components
         elif name in ("offsets", "types"):
-            of_section = self._piece.get(f"NumberOf{self._section}", 0)
-            expected = self._piece["NumberOfCells"] if self._section == "Cells" else of_section
+            section_count = self._piece.get(f"NumberOf{self._section}", 0)
+            expected = self._piece["NumberOfCells"] if self._section == "Cells" else section_count
             if name == "offsets" and count:
                 with contextlib.suppress(ValueError):  # VTK reports it
                     self._last = float(text.split()[-1])
@@ -240,7 +240,7 @@ class _NumbersInText:
         self.fault = self.fault or f"'{name}' has {count:,} numbers, but the file says {expected:,}"
 
 
-def _data_of(attributes: Any, on: str) -> Iterator[tuple[str, Any]]:
+def _data_of(attributes: Any, place: str) -> Iterator[tuple[str, Any]]:
     """Numeric arrays of the nodes, cells or fields, with their names."""
     from vtkmodules.util import numpy_support
 
@@ -248,7 +248,7 @@ def _data_of(attributes: Any, on: str) -> Iterator[tuple[str, Any]]:
     for i in range(attributes.GetNumberOfArrays()):
         array = attributes.GetArray(i)  # None for text
         if array is not None:
-            yield f"{on}:{attributes.GetArrayName(i) or ''}", vtk_to_numpy(array)
+            yield f"{place}:{attributes.GetArrayName(i) or ''}", vtk_to_numpy(array)
 
 
 def _name_of(number: int) -> str:

@@ -33,16 +33,16 @@ def convergence_chart(solves: Sequence[Mapping[str, Any]], title: str) -> str:
     residuals = np.array([_ratio(iteration["residual"], 1.0) for iteration in iterations])
     if not np.isfinite([corrections, residuals]).any():
         return ""
-    across = np.arange(1, len(iterations) + 1)
+    numbers = np.arange(1, len(iterations) + 1)
     is_new = np.array([iteration["new_tangent"] for iteration in iterations])
     ends = np.cumsum([len(solve["iterations"]) for solve in solves])[:-1]
     with _axes(3.0, "iteration", "norm") as axes:
         curves = {"relative correction": (corrections, _FIRST), "residual (scaled)": (residuals, _SECOND)}
         for name, (norms, colour) in curves.items():
-            for x, y in zip(np.split(across, ends), np.split(norms, ends), strict=True):
+            for x, y in zip(np.split(numbers, ends), np.split(norms, ends), strict=True):
                 axes.plot(x, y, color=colour)
             for chosen, face in ((is_new, colour), (~is_new, "none")):
-                axes.plot(across[chosen], norms[chosen], "o", color=colour, markerfacecolor=face)
+                axes.plot(numbers[chosen], norms[chosen], "o", color=colour, markerfacecolor=face)
             axes.plot([], [], "o-", color=colour, label=name)
         axes.set_yscale("log")
         axes.legend()
@@ -58,16 +58,16 @@ def load_chart(solves: Sequence[Mapping[str, Any]], title: str) -> str:
         return _svg(axes, title)
 
 
-def _ratio(value: float | None, of: float | None) -> float:
+def _ratio(value: float | None, whole: float | None) -> float:
     """Return a ratio on a logarithmic scale, NaN if it has no place there."""
-    return value / of if value and of else np.nan
+    return value / whole if value and whole else np.nan
 
 
 @contextmanager
-def _axes(height: float, across: str, upward: str) -> Iterator[Axes]:
+def _axes(height: float, xlabel: str, upward: str) -> Iterator[Axes]:
     with new_figure(8.0, height, _LOOK | {"lines.markersize": 4, "lines.linewidth": 1.2}) as figure:
         axes = figure.subplots()
-        axes.set(xlabel=across, ylabel=upward)
+        axes.set(xlabel=xlabel, ylabel=upward)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         yield axes
 

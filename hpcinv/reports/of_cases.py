@@ -20,7 +20,7 @@ def outcome_of(*, converged: bool, verdict: str) -> str:
 def cases_page(
     *,
     title: str,
-    found: str,
+    finding: str,
     notes: Sequence[str],
     columns: Mapping[str, Sequence[Any]],
     units: Mapping[str, str],
@@ -62,7 +62,7 @@ def cases_page(
         "cases.html",
         title=title,
         verdict="fail" if bad else "warning" if doubtful else "pass" if "open" not in outcome else "open",
-        found=found,
+        found=finding,
         notes=notes,
         columns=shown,
         rows=rows,

@@ -122,12 +122,12 @@ def _quantities(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     errors, given = estimate.get("quantities", {}), summary["job"].get("quantities", [])
     rows = []
     for name, value in summary["quantities"].items():
-        one = next((q for q in given if name == q["name"] or name.startswith(f"{q['name']}-")), None)
-        error, unit = errors.get(name), "" if one is None else _unit(one)
+        quantity = next((q for q in given if name == q["name"] or name.startswith(f"{q['name']}-")), None)
+        error, unit = errors.get(name), "" if quantity is None else _unit(quantity)
         bar = _bar(value, error)
-        formula = "" if one is None else str(one["of"])
-        if one is not None and is_of_nodes(one, summary["job"].get("let", {})):
-            formula += f" ({one['reduce']} of the nodes)"
+        formula = "" if quantity is None else str(quantity["of"])
+        if quantity is not None and is_of_nodes(quantity, summary["job"].get("let", {})):
+            formula += f" ({quantity['reduce']} of the nodes)"
         row = {"name": name, "value": value, "error": error, "unit": unit, "of": formula, "bar": bar}
         rows.append(row | {"deviations": _deviations(summary, name)})
     return rows
@@ -135,10 +135,13 @@ def _quantities(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _deviations(summary: Mapping[str, Any], name: str) -> list[tuple[Any, str]]:
     """Standard deviations of a quantity, with their causes."""
-    of_parameters = ((summary.get("sensitivities") or {}).get("quantities") or {}).get(name) or {}
-    of_surface = (summary.get("surface_errors") or {}).get("quantities") or {}
-    found = [(of_parameters.get("sd"), "by the parameters"), (of_surface.get(name), "by errors of the given surface")]
-    return [(sd, cause) for sd, cause in found if sd is not None]
+    parameter_deviations = ((summary.get("sensitivities") or {}).get("quantities") or {}).get(name) or {}
+    surface_deviations = (summary.get("surface_errors") or {}).get("quantities") or {}
+    deviations = [
+        (parameter_deviations.get("sd"), "by the parameters"),
+        (surface_deviations.get(name), "by errors of the given surface"),
+    ]
+    return [(sd, cause) for sd, cause in deviations if sd is not None]
 
 
 def _bar(value: Any, error: Any) -> dict[str, float] | None:
@@ -157,13 +160,13 @@ def _unit(quantity: Mapping[str, Any]) -> str:
 
 def _newton(solutions: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Charts and table of each solution: corrections and residuals over the iterations, and the load of each solve."""
-    found = []
+    charts_of_solutions = []
     for solution in solutions:
         state = f" of state '{solution['state']}'" if solution.get("state") else ""
         title, solves = f"Newton's method, {solution['direction']} solution{state}", solution["solves"]
         charts = {"chart": convergence_chart(solves, title), "path": load_chart(solves, f"{title}: load")}
-        found.append({"title": title, **charts, "solves": solves, "linear": solution.get("linear")})
-    return found
+        charts_of_solutions.append({"title": title, **charts, "solves": solves, "linear": solution.get("linear")})
+    return charts_of_solutions
 
 
 def _phases(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -186,5 +189,5 @@ def _phases(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _short(value: Any) -> Any:
     """The job without its empty sections."""
     if isinstance(value, Mapping):
-        return {key: _short(one) for key, one in value.items() if one not in (None, {}, [], ())}
-    return [_short(one) for one in value] if isinstance(value, list) else value
+        return {key: _short(entry) for key, entry in value.items() if entry not in (None, {}, [], ())}
+    return [_short(entry) for entry in value] if isinstance(value, list) else value

@@ -59,6 +59,6 @@ def number(value: Any, unit: str = "") -> str:
     if isinstance(value, bool | str):
         return str(value)
     if isinstance(value, list | tuple):
-        return f"({', '.join(number(one) for one in value)}){f' {unit}' if unit else ''}"
+        return f"({', '.join(number(entry) for entry in value)}){f' {unit}' if unit else ''}"
     text = f"{value:.6g}" if math.isfinite(value) else "not finite"
     return f"{text} {unit}" if unit else text

@@ -26,46 +26,48 @@ REMEDIES: Mapping[str, str] = {
 class ShapeError:
     """Estimated errors of a shape in m by their cause, the largest first; that of a surface is a standard deviation."""
 
-    by_cause: Mapping[str, float]
+    causes: Mapping[str, float]
 
     @property
     def cause(self) -> str:
-        return next(iter(self.by_cause))
+        return next(iter(self.causes))
 
     @property
     def largest(self) -> float:
-        return self.by_cause[self.cause]
+        return self.causes[self.cause]
 
     @property
     def text(self) -> str:
         """The largest error with its cause, and the others."""
-        less = [f"{readable(value, 'm')} from {CAUSES[cause]}" for cause, value in list(self.by_cause.items())[1:]]
+        less = [f"{readable(value, 'm')} from {CAUSES[cause]}" for cause, value in list(self.causes.items())[1:]]
         others = f" ({', '.join(less)})" if less else ""
         return f"{readable(self.largest, 'm')} from {CAUSES[self.cause]}{others}"
 
     def as_data(self) -> dict[str, Any]:
         """Return JSON data."""
-        return {"largest": self.largest, "cause": self.cause, "by_cause": dict(self.by_cause)}
+        return {"largest": self.largest, "cause": self.cause, "by_cause": dict(self.causes)}
 
 
 def shape_error(summary: Mapping[str, Any]) -> ShapeError | None:
     """Return the errors that a summary has of its shapes, over all states; ``None`` if it has none."""
-    certificate, found = summary["certificate"], dict[str, float]()
+    certificate, causes = summary["certificate"], dict[str, float]()
     estimate = certificate.get("estimate") or {}
     if estimate.get("shape") is not None:
-        found["mesh"] = float(estimate["shape"])
+        causes["mesh"] = float(estimate["shape"])
     surface = summary.get("surface_errors") or {}
-    deviations = [one["sd"] for one in (surface.get("shapes") or {"": surface.get("shape") or {"sd": None}}).values()]
+    deviations = [
+        shape["sd"] for shape in (surface.get("shapes") or {"": surface.get("shape") or {"sd": None}}).values()
+    ]
     if known := [float(sd) for sd in deviations if sd is not None]:
-        found["surface"] = max(known)
+        causes["surface"] = max(known)
     gaps = [
         float(line["value"]) * float(solution["largest_displacement"])
         for line in certificate["lines"]
         for solution in summary["solutions"][:1]
         if line["name"].startswith("round trip") and line["value"] is not None
     ]
-    if found and gaps and max(gaps) > max(found.values()):
-        found["round trip"] = max(gaps)
-    if not found:
+    if causes and gaps and max(gaps) > max(causes.values()):
+        causes["round trip"] = max(gaps)
+    if not causes:
         return None
-    return ShapeError(dict(sorted(found.items(), key=lambda item: -item[1])))
+    return ShapeError(dict(sorted(causes.items(), key=lambda item: -item[1])))

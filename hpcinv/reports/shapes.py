@@ -27,16 +27,16 @@ def mean_and_cases(
         named: titles and boundaries of cases.
     """
     first = named[0][1]
-    if not all(np.array_equal(one.triangles, first.triangles) for _, one in named):
+    if not all(np.array_equal(entry.triangles, first.triangles) for _, entry in named):
         return None, "There is no mean shape, since the meshes of the cases differ in more than positions of nodes."
     results = [boundary.results[0] for _, boundary in named]
-    found = np.stack([result.others for result in results])
-    deviation = np.sqrt(found.var(axis=0, ddof=1 if len(found) > 1 else 0).sum(axis=1))
+    shapes = np.stack([result.others for result in results])
+    deviation = np.sqrt(shapes.var(axis=0, ddof=1 if len(shapes) > 1 else 0).sum(axis=1))
     mean = BoundaryResult(
         f"mean of {len(results)} cases",
         results[0].direction,
         np.mean([result.mesh for result in results], axis=0),
-        found.mean(axis=0),
+        shapes.mean(axis=0),
         stress=np.mean([result.stress for result in results], axis=0),
         J=np.mean([result.J for result in results], axis=0),
         stretches=np.mean([result.stretches for result in results], axis=0),
@@ -45,8 +45,8 @@ def mean_and_cases(
     some = [dataclasses.replace(results[i], state=named[i][0], fibres={}) for i in _spread(len(results), _CASES)]
     boundary = dataclasses.replace(first, points=mean.mesh, results=(mean, *some), error=None, fibres={})
     body = scene({**summary, "states": {}}, boundary, [], arrays)
-    for one in body["results"]:
-        one["deformed"] = "deformed"
+    for entry in body["results"]:
+        entry["deformed"] = "deformed"
     body["results"][0]["deviation"] = arrays.add(deviation[body.pop("kept")])
     body |= {"choice": "Shape", "arrays": arrays.specs}
     return body, f"Largest standard deviation of a point of the boundary: {deviation.max():.3g} m."
@@ -61,14 +61,14 @@ def pictures(named: Sequence[tuple[str, Boundary]]) -> list[tuple[str, bytes]]:
     front, _, up = directions(frame)
     sizes = [np.linalg.norm(boundary.results[0].displacement, axis=1) for _, boundary in chosen]
     limits = (0.0, max(float(size.max()) for size in sizes))
-    found = []
+    drawings = []
     try:
         for (title, boundary), size in zip(chosen, sizes, strict=True):
             body = DrawnBody(boundary.results[0].others, boundary.triangles, values=size)
-            found.append((title, thumbnail(View([body], frame, front, up), limits)))
+            drawings.append((title, thumbnail(View([body], frame, front, up), limits)))
     except SystemPartMissing:
         return []
-    return found
+    return drawings
 
 
 def _spread(count: int, most: int) -> list[int]:

@@ -22,31 +22,37 @@ def symbols(job: Mapping[str, Any], state: Mapping[str, Any], boundary: Boundary
         job: that of the summary, with its defaults filled in (SI).
         state: supports and effects of the state in place of the job's.
     """
-    found = []
+    drawn = []
     for support in state.get("supports") or job.get("supports") or ():
         moved = support.get("displacement")
-        fixed = support.get("fix") or [axis for axis, one in zip("xyz", moved or (), strict=False) if one is not None]
+        fixed = support.get("fix") or [
+            axis for axis, component in zip("xyz", moved or (), strict=False) if component is not None
+        ]
         label = f"support {support['region']}: {'moves ' if moved else 'holds '}{', '.join(fixed)}"
         rows = boundary.spread(support["region"], _EACH).tolist()
-        found.append({"kind": "support", "label": label, "rows": rows, "fixed": fixed})
+        drawn.append({"kind": "support", "label": label, "rows": rows, "fixed": fixed})
     for effect in state.get("effects") or job.get("effects") or ():
-        found.append(_load(effect, boundary))
-    return found
+        drawn.append(_load(effect, boundary))
+    return drawn
 
 
 def _load(effect: Mapping[str, Any], boundary: Boundary) -> dict[str, Any]:
     vector = next((v for v in map(_numbers, (effect.get("acceleration"), effect.get("traction"))) if v), None)
-    region, on_surface = effect.get("region"), "region" in effect
+    region, is_on_surface = effect.get("region"), "region" in effect
     rows = boundary.spread(region, _EACH).tolist() if region else []
     given = ", ".join(f"{name} {_text(value)}" for name, value in effect.items() if name not in _HIDDEN and value)
     label = f"{effect['effect']}{f' on {region}' if region else ''}: {given}"
-    return {"kind": "load", "label": label, "rows": rows, "vector": vector, "body": not on_surface}
+    return {"kind": "load", "label": label, "rows": rows, "vector": vector, "body": not is_on_surface}
 
 
 def _numbers(value: Any) -> list[float] | None:
-    if isinstance(value, Sequence) and len(value) == 3 and all(isinstance(one, int | float) for one in value):
+    if (
+        isinstance(value, Sequence)
+        and len(value) == 3
+        and all(isinstance(component, int | float) for component in value)
+    ):
         length = float(np.linalg.norm(value))
-        return [one / length for one in value] if length else None
+        return [component / length for component in value] if length else None
     return None
 
 

@@ -38,7 +38,7 @@ def scene(
         "decimated": len(kept.points) < len(boundary.points),
         "up": [0.0, 0.0, 1.0] if up is None else (up / np.linalg.norm(up)).tolist(),
         "regions": _regions(boundary, kept, arrays),
-        "error": None if boundary.error is None else arrays.add(boundary.error[kept.of]),
+        "error": None if boundary.error is None else arrays.add(boundary.error[kept.rows]),
         "fibres": {"every": _every(kept), "families": _lines(boundary.fibres, kept, arrays)},
         "results": [
             _result(summary, boundary, result, kept, arrays)
@@ -52,7 +52,7 @@ def _kept(boundary: Boundary, most: int) -> Decimated:
     """Part of the points that snapshots have, so that these can be drawn."""
     first = decimated(boundary.points, boundary.triangles)
     again = decimated(boundary.points[first.points], first.triangles, most)
-    return Decimated(first.points[again.points], again.triangles, first.of[again.of])
+    return Decimated(first.points[again.points], again.triangles, first.rows[again.rows])
 
 
 def _result(
@@ -60,11 +60,13 @@ def _result(
 ) -> dict[str, Any]:
     states = summary.get("states", {})
     rest = next((name for name, state in states.items() if state["rest"]), "undeformed")
-    of_state: Mapping[str, Any] = next((s for s in summary["job"].get("states") or () if s["name"] == result.state), {})
-    loads = symbols(summary["job"], of_state, boundary)
-    place = {int(old): new for new, old in reversed(list(enumerate(kept.of)))}
-    for one in loads:
-        one["rows"] = [place[row] for row in one["rows"] if row in place]
+    state_section: Mapping[str, Any] = next(
+        (s for s in summary["job"].get("states") or () if s["name"] == result.state), {}
+    )
+    loads = symbols(summary["job"], state_section, boundary)
+    place = {int(old): new for new, old in reversed(list(enumerate(kept.rows)))}
+    for symbol in loads:
+        symbol["rows"] = [place[row] for row in symbol["rows"] if row in place]
     stress = np.stack([result.stress.reshape(-1, 3, 3)[:, i, j] for i, j in COMPONENTS.values()], axis=1)
     load = next((s["load"] for s in summary["solutions"] if s.get("state", "") == result.state), 1.0)
     return {
@@ -75,31 +77,31 @@ def _result(
         "load": load,
         "mesh": arrays.add(result.mesh[kept.points]),
         "displacement": arrays.add((result.others - result.mesh)[kept.points]),
-        "stress": arrays.add(stress[kept.of]),
-        "J": arrays.add(result.J[kept.of]),
-        "stretches": arrays.add(result.stretches[kept.of]),
-        "crossing": arrays.add_whole(result.crossing[kept.of]) if result.crossing.any() else None,
+        "stress": arrays.add(stress[kept.rows]),
+        "J": arrays.add(result.J[kept.rows]),
+        "stretches": arrays.add(result.stretches[kept.rows]),
+        "crossing": arrays.add_whole(result.crossing[kept.rows]) if result.crossing.any() else None,
         "fibres": _lines(result.fibres, kept, arrays),
         "symbols": loads,
     }
 
 
 def _every(kept: Decimated) -> int:
-    return -(-len(kept.of) // _FIBRES)
+    return -(-len(kept.rows) // _FIBRES)
 
 
 def _lines(fibres: Mapping[str, Floats], kept: Decimated, arrays: PackedArrays) -> dict[str, int]:
     """Add the directions of each family on every n-th triangle."""
-    return {name: arrays.add(directions[kept.of][:: _every(kept)]) for name, directions in fibres.items()}
+    return {name: arrays.add(directions[kept.rows][:: _every(kept)]) for name, directions in fibres.items()}
 
 
 def _regions(boundary: Boundary, kept: Decimated, arrays: PackedArrays) -> dict[str, Any]:
     """Names and, in bits of whole numbers, the triangles of each region that has some on the boundary."""
-    inside = {name: marks[kept.of] for name, marks in boundary.regions.items() if marks.any()}
-    names = list(inside)
+    masks_by_name = {name: marks[kept.rows] for name, marks in boundary.regions.items() if marks.any()}
+    names = list(masks_by_name)
     masks = []
     for begin in range(0, len(names), _MASKS):
-        bits = [inside[name].astype(np.int64) << k for k, name in enumerate(names[begin : begin + _MASKS])]
+        bits = [masks_by_name[name].astype(np.int64) << k for k, name in enumerate(names[begin : begin + _MASKS])]
         masks.append(arrays.add_whole(np.sum(bits, axis=0)))
     return {"names": names, "masks": masks}
 

@@ -43,7 +43,7 @@ class Words:
     """Head of a report: its verdict ("pass", …, "not reached", "stopped"), and sentences."""
 
     verdict: str
-    found: str
+    finding: str
     sure: Sequence[str]
     next: Sequence[str]
 
@@ -70,17 +70,17 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
         sure += _accuracy(summary, error)
     doubts = [line for line in checked if line not in passed]
     sure += [f"{_named(line)}: {line['verdict']}. {_sentence(line['note'])}".strip() for line in doubts]
-    after = [_NEXT[verdict]]
+    advice = [_NEXT[verdict]]
     if error is not None and (verdict == "warning" or (verdict == "pass" and error.cause != "mesh")):
-        after.append(REMEDIES[error.cause])
+        advice.append(REMEDIES[error.cause])
     if overlapping:
-        after.append("The facets where the body passes through itself are red in the picture.")
+        advice.append("The facets where the body passes through itself are red in the picture.")
     warnings = (summary.get("body") or {}).get("warnings") or []
-    after += [_sentence(text) for text in warnings]
-    found = _found(summary)
+    advice += [_sentence(text) for text in warnings]
+    finding = _found(summary)
     if verdict == "fail":
-        found = f"The certificate fails: the result is not to be relied on. {found}"
-    return Words(verdict, found, sure, after)
+        finding = f"The certificate fails: the result is not to be relied on. {finding}"
+    return Words(verdict, finding, sure, advice)
 
 
 def meaning(name: str) -> str:
@@ -94,9 +94,10 @@ def _found(summary: Mapping[str, Any]) -> str:
     if states := summary.get("states"):
         others = [name for name, state in states.items() if not state["given"]]
         given = next(name for name, state in states.items() if state["given"])
-        found = _listed([f"'{name}'" for name in others])
+        other_names = _listed([f"'{name}'" for name in others])
         moves = f"the largest displacement to '{first['state']}' is {readable(first['largest_displacement'], 'm')}"
-        return f"From the state '{given}' of the body, {found} {'was' if len(others) == 1 else 'were'} found; {moves}."
+        verb = "was" if len(others) == 1 else "were"
+        return f"From the state '{given}' of the body, {other_names} {verb} found; {moves}."
     if first["direction"] == "forward":
         return f"The deformed shape of '{job['job']}' was found; {moves}."
     back = " It was loaded again, as a check." if job.get("analysis") == "round_trip" else ""
@@ -109,12 +110,12 @@ def _accuracy(summary: Mapping[str, Any], error: ShapeError | None) -> list[str]
     unknown = [] if estimate.get("shape") is not None else ["The error of the mesh was not estimated."]
     if error is None:
         return unknown
-    size, (largest, *others) = summary["solutions"][0]["largest_displacement"], error.by_cause.items()
+    size, (largest, *others) = summary["solutions"][0]["largest_displacement"], error.causes.items()
     share = f" ({100 * largest[1] / size:.2g} % of the displacement)" if size else ""
-    without = f", without the error of the geometry ({text})" if (text := estimate.get("without_geometry")) else ""
-    of_mesh = without if error.cause == "mesh" else ""
+    omission = f", without the error of the geometry ({text})" if (text := estimate.get("without_geometry")) else ""
+    own_omission = omission if error.cause == "mesh" else ""
     head = {
-        "mesh": f"Nodes are estimated to be within {readable(largest[1], 'm')}{share} of the exact ones{of_mesh}.",
+        "mesh": f"Nodes are estimated to be within {readable(largest[1], 'm')}{share} of the exact ones{own_omission}.",
         "surface": f"The shape is uncertain by {readable(largest[1], 'm')}{share}, by errors of the given surface.",
         "round trip": f"Solved back, the shape misses the given body by {readable(largest[1], 'm')}{share}.",
     }
@@ -130,27 +131,27 @@ def _unfinished(summary: Mapping[str, Any], strained: str) -> Words:
     lines, status = summary["certificate"]["lines"], summary["status"]
     stopped = status.startswith("stopped by")
     line: Mapping[str, Any] = lines[0] if lines else {"name": "load factor", "value": None, "unit": ""}
-    of_state = f" of state '{line['state']}'" if line.get("state") else ""
+    state_text = f" of state '{line['state']}'" if line.get("state") else ""
     if line["name"] == "position residual":
-        where = f"The search{of_state} ended {readable(float(line['value'] or 0.0), 'm')} from the given shape."
+        where = f"The search{state_text} ended {readable(float(line['value'] or 0.0), 'm')} from the given shape."
     elif line["value"] == 0:
-        where = f"No load step{of_state} was accepted; the picture shows the body without load."
+        where = f"No load step{state_text} was accepted; the picture shows the body without load."
     elif line["value"] is not None:
-        where = f"It carries {100 * line['value']:.4g} % of the load{of_state}; the picture shows the body there."
+        where = f"It carries {100 * line['value']:.4g} % of the load{state_text}; the picture shows the body there."
     elif line["name"] == "certificate":
         where = "The solution under the full load was found and is saved; it was not checked."
     else:
         where = ""
-    after = [_sentence(part) for part in [summary.get("advice") or ""] if part]
+    advice = [_sentence(part) for part in [summary.get("advice") or ""] if part]
     if stopped:
         return Words(
-            "stopped", "The run was stopped before its end.", [where], after or ["Go on with 'hpcinv resume'."]
+            "stopped", "The run was stopped before its end.", [where], advice or ["Go on with 'hpcinv resume'."]
         )
-    found = f"No solution under the full load was found: {status}."
+    finding = f"No solution under the full load was found: {status}."
     sure = [where, strained, "This is not the result that the job asks for."]
-    if not after:
-        after = ["Check the load, the material and their units, and that the supports hold the body."]
-    return Words("not reached", found, [one for one in sure if one], after)
+    if not advice:
+        advice = ["Check the load, the material and their units, and that the supports hold the body."]
+    return Words("not reached", finding, [sentence for sentence in sure if sentence], advice)
 
 
 def _named(line: Mapping[str, Any]) -> str:

@@ -11,7 +11,7 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.cells import jacobians, scalar_element
 from hpcinv.mesh.data import distribute
 from hpcinv.mesh.source import Floats
-from hpcinv.model.fibre_directions import in_middles, rule_directions
+from hpcinv.model.fibre_directions import middle_vectors, rule_directions
 from hpcinv.quantity.spatial_fields import ByData, ByRule
 from hpcinv.results.solution import Solution
 
@@ -25,8 +25,8 @@ def deformation_gradients(body: Body, solution: Solution, cells: Cells) -> Float
     space = solution.displacement.function_space
     values = solution.displacement.x.array.reshape(-1, 3)[space.dofmap.list[cells]]
     slopes = space.element.basix_element.tabulate(1, middle)[1:, 0, :, 0]  # (3, shape functions)
-    of_reference = np.einsum("cni,kn->cik", values, slopes)
-    h = of_reference @ np.linalg.inv(jacobians(kind, body.degree, nodes, middle)[:, 0])
+    reference_gradients = np.einsum("cni,kn->cik", values, slopes)
+    h = reference_gradients @ np.linalg.inv(jacobians(kind, body.degree, nodes, middle)[:, 0])
     if solution.direction == "forward":
         return np.asarray(np.eye(3) + h)
     return np.asarray(np.linalg.inv(np.eye(3) - h))
@@ -41,13 +41,13 @@ def fibres(
         given: the solution whose bodies the directions are given on.
         gradients: its deformation gradients in these cells, (cells, 3, 3).
     """
-    found = dict[str, Floats]()
+    directions = dict[str, Floats]()
     for name, family in families.items():
         direction: Floats = _given(body, name, family, given, cells)
         if family.given_on == "current":
             direction = np.asarray(np.linalg.solve(gradients, direction[:, :, None])[:, :, 0], dtype=float)
-        found[name] = unit_vectors(direction)
-    return found
+        directions[name] = unit_vectors(direction)
+    return directions
 
 
 def unit_vectors(vectors: Floats) -> Floats:
@@ -67,22 +67,24 @@ def _given(body: Body, name: str, family: FibreFamily, solution: Solution, cells
     """Return the directions as they are given, of any length."""
     (value, _) = family.quantities()["direction"]
     if isinstance(value, ByRule):
-        return in_middles(rule_directions(body, value.rule, f"fibres.{name}").function, cells)
+        return middle_vectors(rule_directions(body, value.rule, f"fibres.{name}").function, cells)
     dofs = body.mesh.geometry.dofmaps[0]
     shapes = scalar_element(body.source.kind, body.degree).tabulate(0, _middle(body.source.kind))[0, 0, :, 0]
     if isinstance(value, ByData):
         array = distribute(body, value.array)
-        if array.on == "cells":
+        if array.place == "cells":
             return array.values[cells]
         return np.asarray(np.einsum("n,cni->ci", shapes, array.values[dofs[cells]]))
-    at = dict[str, Floats]()
+    positions = dict[str, Floats]()
     for names, nodes in (("XYZ", solution.reference_nodes), ("xyz", solution.current_nodes)):
         middles = np.einsum("n,cni->ci", shapes, nodes[dofs[cells]])
-        at |= dict(zip(names, middles.T, strict=True))
+        positions |= dict(zip(names, middles.T, strict=True))
     components = []
-    for one in value:
-        known = at | dict(one.constants)
-        components.append(np.broadcast_to(one.formula.evaluate(**{n: known[n] for n in one.formula.names}), len(cells)))
+    for component in value:
+        known = positions | dict(component.constants)
+        components.append(
+            np.broadcast_to(component.formula.evaluate(**{n: known[n] for n in component.formula.names}), len(cells))
+        )
     return np.stack(components, axis=1).astype(float)
 
 

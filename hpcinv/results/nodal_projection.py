@@ -25,19 +25,19 @@ def projected(body: Body, values: Floats, space: fem.FunctionSpace) -> Floats:
     middle = scalar_element(kind, 1).points.mean(axis=0)[None]
     volumes = np.abs(np.linalg.det(jacobians(kind, degree, mesh.geometry.x[mesh.geometry.dofmaps[0][:owned]], middle)))
 
-    def gathered(of_cells: Floats) -> Floats:
+    def gathered(cell_values: Floats) -> Floats:
         total = fem.Function(linear)
-        np.add.at(total.x.array, corners, np.broadcast_to(of_cells, corners.T.shape).T)
+        np.add.at(total.x.array, corners, np.broadcast_to(cell_values, corners.T.shape).T)
         total.x.scatter_reverse(la.InsertMode.add)
         total.x.scatter_forward()
         return np.asarray(total.x.array)
 
     weights = gathered(volumes[:, 0])
     size = space.dofmap.index_map.size_local
-    found = np.empty((size, values.shape[1]))
+    nodal_values = np.empty((size, values.shape[1]))
     smooth, nodal = fem.Function(linear), fem.Function(space)
     for column in range(values.shape[1]):
         smooth.x.array[:] = gathered(values[:, column] * volumes[:, 0]) / weights
         nodal.interpolate(smooth)
-        found[:, column] = nodal.x.array[:size]
-    return found
+        nodal_values[:, column] = nodal.x.array[:size]
+    return nodal_values

@@ -11,7 +11,7 @@ from dolfinx import fem
 from ufl.classes import FacetJacobianDeterminant
 
 from hpcinv.job.sections import NORMALS
-from hpcinv.kinematics.staged_derivatives import without_stages
+from hpcinv.kinematics.staged_derivatives import remove_stages
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import FACET_KIND, quadrature
 from hpcinv.mesh.location import PointLocation
@@ -60,22 +60,22 @@ class SceneFields:
         self._body, self._scene, self._scales = body, scene, scales
         self._measures = [name for name in names if measure_named(name) is not None]
         self._names = set(names).union(*map(components_of, self._measures))
-        self._of_prestrain = not self._names.isdisjoint({*PRESTRAIN_STRESSES, *PRESTRAIN_COMPONENTS})
-        self._of_laws = self._of_prestrain or not self._names.isdisjoint({*COMPONENTS, "energy"})
+        self._has_prestrain = not self._names.isdisjoint({*PRESTRAIN_STRESSES, *PRESTRAIN_COMPONENTS})
+        self._has_laws = self._has_prestrain or not self._names.isdisjoint({*COMPONENTS, "energy"})
         self._compiled: dict[tuple[str, int], fem.Expression] = {}
 
-    def in_cells(self, cells: LocalIndices) -> Samples:
+    def cell_samples(self, cells: LocalIndices) -> Samples:
         """Return values at quadrature points in a region's cells; collective."""
         owned = cells[cells < self._body.mesh.topology.index_map(3).size_local]
         return self._samples("cells", self._body.source.kind, owned, owned)
 
-    def on_facets(self, facets: LocalIndices) -> Samples:
+    def facet_samples(self, facets: LocalIndices) -> Samples:
         """Return values at quadrature points on a region's boundary facets; collective."""
         topology = self._body.mesh.topology
         entities = fem.compute_integration_domains(fem.IntegralType.exterior_facet, topology, facets).reshape(-1, 2)
         return self._samples("facets", FACET_KIND[self._body.source.kind], entities, entities[:, 0])
 
-    def at_points(self, places: Sequence[PointLocation]) -> list[dict[str, float]]:
+    def point_values(self, places: Sequence[PointLocation]) -> list[dict[str, float]]:
         """Return values at single points, the same on all ranks; collective."""
         if not places:
             return []
@@ -84,8 +84,8 @@ class SceneFields:
         cells = np.array([places[i].cell for i in mine], dtype=np.int32)
         values = self._values("points", np.stack([place.xi for place in places]), cells, cells)
         named = self._named("points", values[np.arange(len(mine)), mine])
-        found = {i: {name: float(v[row]) for name, v in named.items()} for row, i in enumerate(mine)}
-        everywhere = {i: at for part in comm.allgather(found) for i, at in part.items()}
+        rank_values = {i: {name: float(v[row]) for name, v in named.items()} for row, i in enumerate(mine)}
+        everywhere = {i: values_there for part in comm.allgather(rank_values) for i, values_there in part.items()}
         return [everywhere[i] for i in range(len(places))]
 
     @cached_property
@@ -105,25 +105,25 @@ class SceneFields:
 
     def _values(self, kind: str, points: Floats, entities: LocalIndices, cells: LocalIndices) -> Floats:
         """Return the fields and the volume or area ratios at reference points, (entities, points, …); collective."""
-        parts = [part.cells for part in self._scene.parts] if self._of_laws else [None]
+        parts = [part.cells for part in self._scene.parts] if self._has_laws else [None]
         comm, values = self._body.mesh.comm, np.zeros((len(cells), len(points), 0))
-        for number, of_part in enumerate(parts):
-            here = np.ones(len(cells), dtype=bool) if of_part is None else np.isin(cells, of_part)
+        for number, part_cells in enumerate(parts):
+            here = np.ones(len(cells), dtype=bool) if part_cells is None else np.isin(cells, part_cells)
             if not comm.allreduce(bool(here.any()), op=MPI.LOR):
                 continue  # no cell of this law among the entities
             if (kind, number) not in self._compiled:
                 expressions = [field for field, _ in self._fields(number, kind).values()] + self._sizes(kind)
                 self._compiled[kind, number] = fem.Expression(
-                    without_stages(ufl.as_vector(expressions)),
+                    remove_stages(ufl.as_vector(expressions)),
                     points,
                     comm=comm,
                     form_compiler_options=_EXACT,
                     jit_options=JIT_OPTIONS,
                 )
-            found = self._compiled[kind, number].eval(self._body.mesh, entities[here])
+            part_values = self._compiled[kind, number].eval(self._body.mesh, entities[here])
             if not values.shape[2]:
-                values = np.zeros((len(cells), *found.shape[1:]))
-            values[here] = found
+                values = np.zeros((len(cells), *part_values.shape[1:]))
+            values[here] = part_values
         return values
 
     def _sizes(self, kind: str) -> list[Any]:
@@ -138,19 +138,19 @@ class SceneFields:
     def _fields(self, part: int, kind: str) -> dict[str, tuple[Any, float]]:
         """Return the UFL scalar and the SI value of its unit, by field name."""
         scene, kin, scales = self._scene, self._scene.kinematics, self._scales
-        found = dict(zip(_POSITIONS, ((c, scales.length) for v in (kin.X, kin.x, kin.u) for c in v), strict=True))
-        found["J"] = (scene.J, 1.0)
+        fields = dict(zip(_POSITIONS, ((c, scales.length) for v in (kin.X, kin.x, kin.u) for c in v), strict=True))
+        fields["J"] = (scene.J, 1.0)
         if kind == "facets":
-            found |= {name: (kin.n[i], 1.0) for i, name in enumerate(NORMALS)}
-        if self._of_laws:
+            fields |= {name: (kin.n[i], 1.0) for i, name in enumerate(NORMALS)}
+        if self._has_laws:
             sigma, _ = scene.cauchy_stress[part]
-            found |= {name: (sigma[at], scales.stress) for name, at in COMPONENTS.items()}
-            found["energy"] = (scene.parts[part].energy, scales.stress)
-        if self._of_prestrain:
+            fields |= {name: (sigma[place], scales.stress) for name, place in COMPONENTS.items()}
+            fields["energy"] = (scene.parts[part].energy, scales.stress)
+        if self._has_prestrain:
             own, _ = scene.prestrain_stress[part]
-            found |= {PRESTRAIN + name: (own[at], scales.stress) for name, at in COMPONENTS.items()}
-            found |= {name: (scene.prestrain[at], 1.0) for name, at in PRESTRAIN_COMPONENTS.items()}
-        return {name: field for name, field in found.items() if name in self._names}
+            fields |= {PRESTRAIN + name: (own[place], scales.stress) for name, place in COMPONENTS.items()}
+            fields |= {name: (scene.prestrain[place], 1.0) for name, place in PRESTRAIN_COMPONENTS.items()}
+        return {name: field for name, field in fields.items() if name in self._names}
 
     def _named(self, kind: str, values: Floats) -> dict[str, Floats]:
         named = {name: values[:, i] * unit for i, (name, (_, unit)) in enumerate(self._fields(0, kind).items())}

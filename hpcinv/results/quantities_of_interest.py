@@ -15,7 +15,7 @@ from dolfinx import la
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.mesh import Body
-from hpcinv.mesh.body import at_source_nodes
+from hpcinv.mesh.body import source_node_values
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.location import PointLocation, locate, position
@@ -25,7 +25,7 @@ from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.nondimensional import Scales
 from hpcinv.results.point_fields import SceneFields
-from hpcinv.results.reactions import of_contacts, reactions
+from hpcinv.results.reactions import contact_values, reactions
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
@@ -56,7 +56,7 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
                         f"quantities: {quantity.name}: '{quantity.of}' has the normal of a surface, and '{quantity.on}'"
                         " has cells"
                     )
-                elif quantity.by_quadrature and not region.cell_count:
+                elif quantity.uses_quadrature and not region.cell_count:
                     body.boundary_facets(quantity.on, _INSIDE)
         elif locate(body, np.array(quantity.at)) is None:
             problems.append(f"quantities: {quantity.name}: the point ({_triple(quantity.at)}) m is outside of the body")
@@ -82,12 +82,12 @@ def carried(quantities: Iterable[QuantityOfInterest], body: Body, nodes: Floats)
     The mesh is moved to where it was given.
     """
     body.place(body.given_nodes)
-    found = []
+    moved = []
     for quantity in quantities:
         if quantity.at is not None and (place := locate(body, np.array(quantity.at))) is not None:
             quantity = quantity.model_copy(update={"at": tuple(position(body, place, nodes).tolist())})
-        found.append(quantity)
-    return tuple(found)
+        moved.append(quantity)
+    return tuple(moved)
 
 
 def evaluate(
@@ -111,13 +111,13 @@ def evaluate(
         equations.put(solution)
     check_points(quantities, body)
     others = [q for q in quantities if not q.is_reaction]
-    found = values_of(others, body, solution, _fields(quantities, body, solution, equations))
+    values = values_of(others, body, solution, _fields(quantities, body, solution, equations))
     if len(others) < len(quantities):
         assert equations is not None
-        found |= of_contacts([q for q in quantities if q.is_contact], solution)
+        values |= contact_values([q for q in quantities if q.is_contact], solution)
         if supported := [q for q in quantities if q.is_reaction and not q.is_contact]:
-            found |= reactions(supported, solution, equations)
-    return {q.name: found[q.name] for q in quantities}
+            values |= reactions(supported, solution, equations)
+    return {q.name: values[q.name] for q in quantities}
 
 
 def values_of(
@@ -130,25 +130,25 @@ def values_of(
     """
     quantities = tuple(quantities)
     places = {q.name: place for q in quantities if q.at and (place := locate(body, np.array(q.at)))}
-    of_fields = [q.name for q in quantities if q.at and q.fields]
-    at_points = fields.at_points([places[name] for name in of_fields]) if fields else []
-    known = dict(zip(of_fields, at_points, strict=True))
-    found: dict[str, Value] = {}
+    names = [q.name for q in quantities if q.at and q.fields]
+    point_values = fields.point_values([places[name] for name in names]) if fields else []
+    known = dict(zip(names, point_values, strict=True))
+    values: dict[str, Value] = {}
     for q in quantities:
         if q.at is not None:
-            found[q.name] = _at_point(q, body, solution, places[q.name], known.get(q.name, {}))
-        elif q.by_quadrature:
-            found[q.name] = _by_quadrature(q, body, fields)
+            values[q.name] = _point_value(q, body, solution, places[q.name], known.get(q.name, {}))
+        elif q.uses_quadrature:
+            values[q.name] = _quadrature_value(q, body, fields)
         else:
-            found[q.name] = _at_nodes(q, body, solution)
-    return found
+            values[q.name] = _node_value(q, body, solution)
+    return values
 
 
 def _fields(
     quantities: tuple[QuantityOfInterest, ...], body: Body, solution: Solution, equations: Equations | None
 ) -> SceneFields | None:
     """Fields of the scene that the quantities need, at the solution and the full load."""
-    if not any(q.fields or q.by_quadrature for q in quantities):
+    if not any(q.fields or q.uses_quadrature for q in quantities):
         return None
     assert equations is not None
     scene = equations.scene(solution.direction)
@@ -160,11 +160,11 @@ def fields_for(
     quantities: Iterable[QuantityOfInterest], body: Body, scene: Scene, scales: Scales
 ) -> SceneFields | None:
     """Return the fields of a scene that the quantities need, ``None`` if there are none."""
-    names = [q.of.names for q in quantities if q.fields or q.by_quadrature]
+    names = [q.of.names for q in quantities if q.fields or q.uses_quadrature]
     return SceneFields(body, scene, scales, frozenset().union(*names)) if names else None
 
 
-def _at_point(
+def _point_value(
     quantity: QuantityOfInterest, body: Body, solution: Solution, place: PointLocation, fields: Mapping[str, float]
 ) -> Value:
     here, comm = np.array(quantity.at), body.mesh.comm
@@ -180,21 +180,21 @@ def _at_point(
     return value if math.isfinite(value) else math.nan
 
 
-def _at_nodes(quantity: QuantityOfInterest, body: Body, solution: Solution) -> float:
+def _node_value(quantity: QuantityOfInterest, body: Body, solution: Solution) -> float:
     """Reduce a quantity over the nodes of a region in the given cells, with equal weights."""
     assert quantity.on is not None
     nodes = _owned_nodes(body, quantity.on)
     fields = (solution.reference_nodes, solution.current_nodes, solution.u)
-    known = _positions(*(at_source_nodes(body, values)[nodes] for values in fields))
+    known = _positions(*(source_node_values(body, values)[nodes] for values in fields))
     return _reduced(quantity, body.mesh.comm, quantity.of.evaluate(**known), np.ones(len(nodes)))
 
 
-def _by_quadrature(quantity: QuantityOfInterest, body: Body, fields: SceneFields | None) -> float:
+def _quadrature_value(quantity: QuantityOfInterest, body: Body, fields: SceneFields | None) -> float:
     """Reduce a quantity over the volume of a region, or over its area if it has no cells."""
     assert quantity.on is not None
     assert fields is not None
     region = find(body.regions, quantity.on, body.source)
-    samples = fields.in_cells(region.cells) if region.cell_count else fields.on_facets(region.facets)
+    samples = fields.cell_samples(region.cells) if region.cell_count else fields.facet_samples(region.facets)
     weights = samples.current if quantity.over == "current" else samples.reference
     values = np.broadcast_to(quantity.of.evaluate(**samples.values), weights.shape)
     return _reduced(quantity, body.mesh.comm, values, weights)

@@ -15,19 +15,19 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
 
-def of_contacts(quantities: Iterable[QuantityOfInterest], solution: Solution) -> dict[str, float | list[float]]:
+def contact_values(quantities: Iterable[QuantityOfInterest], solution: Solution) -> dict[str, float | list[float]]:
     """Forces (3 components, N), areas (m²) and penetrations (m) of contacts by the names of quantities."""
-    found: dict[str, float | list[float]] = {}
+    values: dict[str, float | list[float]] = {}
     for quantity in quantities:
         contacts = [contact for contact in solution.contacts if contact.region == quantity.on]
         match quantity.of.source.strip():
             case "contact_force":
-                found[quantity.name] = [float(f) for f in np.sum([contact.force for contact in contacts], axis=0)]
+                values[quantity.name] = [float(f) for f in np.sum([contact.force for contact in contacts], axis=0)]
             case "contact_area":
-                found[quantity.name] = sum(contact.area for contact in contacts)
+                values[quantity.name] = sum(contact.area for contact in contacts)
             case _:
-                found[quantity.name] = max(contact.penetration for contact in contacts)
-    return found
+                values[quantity.name] = max(contact.penetration for contact in contacts)
+    return values
 
 
 def reactions(
@@ -49,14 +49,16 @@ def reactions(
         positions = positions + unknowns.state.x.array[dofs].reshape(-1, 3)
     positions = positions * length
 
-    found: dict[str, list[float]] = {}
+    vectors_by_name: dict[str, list[float]] = {}
     for quantity in quantities:
         # Two supports on one region prescribe different components of the same nodes.
-        held = [one.dofs for one in equations.supports.prescribed if one.region == quantity.on]
+        held = [support.dofs for support in equations.supports.prescribed if support.region == quantity.on]
         is_held = np.isin(dofs, np.concatenate(held)).reshape(-1, 3) if held else np.zeros(forces.shape, dtype=bool)
         vectors = np.where(is_held, forces, 0.0)
         if quantity.is_moment:
             vectors = np.cross(positions - np.array(quantity.about or (0.0, 0.0, 0.0)), vectors)
         comm = equations.body.mesh.comm
-        found[quantity.name] = [float(comm.allreduce(float(component.sum()), op=MPI.SUM)) for component in vectors.T]
-    return found
+        vectors_by_name[quantity.name] = [
+            float(comm.allreduce(float(component.sum()), op=MPI.SUM)) for component in vectors.T
+        ]
+    return vectors_by_name

@@ -18,7 +18,7 @@ from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.sections import ExpectedShape, MeshSpec
 from hpcinv.mesh import Body
-from hpcinv.mesh.body import at_source_nodes, read_anywhere, source_values
+from hpcinv.mesh.body import read_anywhere, source_node_values, source_values
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.source import Floats, MeshSource
@@ -56,22 +56,22 @@ def read_expected(job: Job, body: Body) -> Expected | None:
 
 
 def _read_surface(job: Job, expected: ExpectedShape, comm: MPI.Intracomm) -> pyvista.PolyData | None:
-    found: list[pyvista.PolyData] = []
+    surfaces: list[pyvista.PolyData] = []
 
-    def on_rank_0() -> None:
+    def read_on_root() -> None:
         from hpcinv.mesh.imaging.closed_surface import read_closed  # loads VTK
         from hpcinv.mesh.imaging.image_surface import image_surface
 
         path = job.resolve(expected.file)
         if expected.is_image:
-            found.append(image_surface(path, expected.labels, expected.metres))
+            surfaces.append(image_surface(path, expected.labels, expected.metres))
         else:
             surface = read_closed(path)
             surface.points = np.asarray(surface.points, dtype=np.float64) * expected.unit
-            found.append(surface)
+            surfaces.append(surface)
 
-    on_root(comm, on_rank_0)
-    return found[0] if found else None
+    on_root(comm, read_on_root)
+    return surfaces[0] if surfaces else None
 
 
 def read_same_cells(spec: MeshSpec, job: Job, body: Body, name: str) -> MeshSource:
@@ -85,7 +85,7 @@ def read_same_cells(spec: MeshSpec, job: Job, body: Body, name: str) -> MeshSour
     """
     source, given = read_anywhere(spec, job.resolve, body.mesh.comm), body.source
     advice = f"{name} needs the nodes and cells of {given.path}, in the same order."
-    nodes, nodes_given = (Rows.of(body.mesh.comm, len(mesh.points)).total for mesh in (source, given))
+    nodes, nodes_given = (Rows.distributed(body.mesh.comm, len(mesh.points)).total for mesh in (source, given))
     if nodes != nodes_given:
         counts = f"{nodes} nodes, but the job's mesh has {nodes_given}"
         raise MeshError(f"{source.path}: has {counts}", advice)
@@ -96,47 +96,47 @@ def read_same_cells(spec: MeshSpec, job: Job, body: Body, name: str) -> MeshSour
 
 def differences(body: Body, solutions: Sequence[Solution], expected: Expected | None) -> dict[str, dict[str, float]]:
     """Return the distance of the first solution's shape from the ``expected`` one, and a round trip's closure error."""
-    found = {}
+    distances = {}
     if expected is not None:
-        found["expected_shape"] = expected(body, solutions[0])
+        distances["expected_shape"] = expected(body, solutions[0])
     if len(solutions) == 2 and not solutions[0].state:
-        found["round_trip"] = closure(*solutions)
-    return found
+        distances["round_trip"] = closure(*solutions)
+    return distances
 
 
 def distance(body: Body, solution: Solution, expected: Floats) -> dict[str, float]:
     """Return the distance of the computed shape from ``expected`` local nodes (n, 3) m of the source; collective."""
-    found = at_source_nodes(body, solution.other_nodes)
-    return _size(body.mesh.comm, body.source_geometry, found - expected, expected)
+    nodes = source_node_values(body, solution.other_nodes)
+    return _size(body.mesh.comm, body.source_geometry, nodes - expected, expected)
 
 
 def _surface_distance(
     surface: pyvista.PolyData | None, align: bool, body: Body, solution: Solution
 ) -> dict[str, float]:
     """Return the distance of the recovered surface from a closed one (m), which is on rank 0; collective."""
-    comm, found = body.mesh.comm, gather_surface(body, solution.other_nodes)
+    comm, recovered = body.mesh.comm, gather_surface(body, solution.other_nodes)
 
-    def on_rank_0() -> dict[str, float]:
+    def compare_on_root() -> dict[str, float]:
         import pyvista  # takes a second
 
         from hpcinv.results.surface_comparison import compare
 
-        assert found is not None
+        assert recovered is not None
         assert surface is not None
-        cut = found.cut(1 if found.degree == 1 else _SIDES, np.arange(len(found.nodes)))
-        one = pyvista.PolyData.from_regular_faces(cut.points, cut.corners)
-        compared = compare(one, surface, (one, surface) if align else None)
-        largest = max(compared.one.largest, compared.other.largest)
+        cut = recovered.cut(1 if recovered.degree == 1 else _SIDES, np.arange(len(recovered.nodes)))
+        polygons = pyvista.PolyData.from_regular_faces(cut.points, cut.corners)
+        compared = compare(polygons, surface, (polygons, surface) if align else None)
+        largest = max(compared.first.largest, compared.second.largest)
         return {
             "max": largest,
-            "rms": compared.one.rms,
+            "rms": compared.first.rms,
             "relative": largest / float(np.linalg.norm(np.ptp(cut.points, axis=0))),
-            "mean": compared.one.mean,
-            "quantile_95": compared.one.quantile_95,
+            "mean": compared.first.mean,
+            "quantile_95": compared.first.quantile_95,
             "dice": compared.dice,
         }
 
-    return on_root(comm, on_rank_0)
+    return on_root(comm, compare_on_root)
 
 
 def closure(there: Solution, back: Solution) -> dict[str, float]:

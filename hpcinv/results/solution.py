@@ -96,9 +96,9 @@ def solution_of(
         scene.parameters.set_load(load)
         state = equations.state(load)
         means = evaluate()
-        for one in (means.cauchy_stress, means.prestrain_stress):
-            if one is not None:
-                one.x.array[:] *= stress
+        for stress_field in (means.cauchy_stress, means.prestrain_stress):
+            if stress_field is not None:
+                stress_field.x.array[:] *= stress
         return Solution(
             direction=direction,
             job=state.job,
@@ -107,7 +107,7 @@ def solution_of(
             pressure=state.pressure,
             load=load,
             given_displacement=state.given_displacement,
-            u=equations.unknowns.at_nodes(state.displacement),
+            u=equations.unknowns.geometry_values(state.displacement),
             J=means.J,
             cauchy_stress=means.cauchy_stress,
             J_range=means.J_range,

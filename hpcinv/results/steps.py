@@ -88,8 +88,8 @@ def _solution(
         observer.check(earlier, solved, step)
         scene = equations.scene(step.direction)
         solution = solution_of(equations, step.direction, scene, solved.solves, solved.load, solved.linear)
-    before = "" if step.start is None else earlier[step.start].state
-    return replace(solution, start=before, coarse=coarse)
+    start_state = "" if step.start is None else earlier[step.start].state
+    return replace(solution, start=start_state, coarse=coarse)
 
 
 def solve_step(number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver) -> _Solved:

@@ -47,8 +47,8 @@ class Comparison:
         surface: the first one as it was compared, with ``distance`` (m) at its points.
     """
 
-    one: Side
-    other: Side
+    first: Side
+    second: Side
     dice: float
     rotation: float
     translation: float
@@ -57,11 +57,11 @@ class Comparison:
     def as_data(self) -> dict[str, Any]:
         """JSON data, in SI."""
         moved = {"rotation": self.rotation, "translation": self.translation}
-        return {"one": vars(self.one), "other": vars(self.other), "dice": self.dice, "moved": moved}
+        return {"one": vars(self.first), "other": vars(self.second), "dice": self.dice, "moved": moved}
 
 
 def compare(
-    one: pyvista.PolyData, other: pyvista.PolyData, align: tuple[pyvista.PolyData, pyvista.PolyData] | None = None
+    first: pyvista.PolyData, second: pyvista.PolyData, align: tuple[pyvista.PolyData, pyvista.PolyData] | None = None
 ) -> Comparison:
     """Compare two closed surfaces.
 
@@ -71,15 +71,15 @@ def compare(
     """
     rotation, translation = 0.0, 0.0
     if align is not None:
-        one, rotation, translation = _aligned(one, *align)
-    there, back = _distances(one, other), _distances(other, one)
-    one = one.copy()
-    one.point_data["distance"] = there
-    return Comparison(_side(one, there), _side(other, back), _dice(one, other), rotation, translation, one)
+        first, rotation, translation = _aligned(first, *align)
+    there, back = _distances(first, second), _distances(second, first)
+    first = first.copy()
+    first.point_data["distance"] = there
+    return Comparison(_side(first, there), _side(second, back), _dice(first, second), rotation, translation, first)
 
 
-def _distances(of: pyvista.PolyData, to: pyvista.PolyData) -> Floats:
-    return np.asarray(of.compute_implicit_distance(to)["implicit_distance"], dtype=np.float64)
+def _distances(measured: pyvista.PolyData, reference: pyvista.PolyData) -> Floats:
+    return np.asarray(measured.compute_implicit_distance(reference)["implicit_distance"], dtype=np.float64)
 
 
 def _side(surface: pyvista.PolyData, distances: Floats) -> Side:
@@ -100,20 +100,20 @@ def _side(surface: pyvista.PolyData, distances: Floats) -> Side:
     weights /= weights.sum()
     sizes = np.abs(distances)
     order = np.argsort(sizes)
-    at = min(int(np.searchsorted(np.cumsum(weights[order]), 0.95)), len(order) - 1)
+    rank = min(int(np.searchsorted(np.cumsum(weights[order]), 0.95)), len(order) - 1)
     return Side(
         volume=float(abs(volumes.sum())),
         centre=[float(c) for c in centre],
         axes=(axes * np.sign(axes[np.arange(3), np.abs(axes).argmax(axis=1)])[:, None]).tolist(),
         mean=float(weights @ distances),
         rms=float(np.sqrt(weights @ distances**2)),
-        quantile_95=float(sizes[order][at]),
+        quantile_95=float(sizes[order][rank]),
         largest=float(sizes.max()),
     )
 
 
 def _aligned(
-    one: pyvista.PolyData, source: pyvista.PolyData, target: pyvista.PolyData
+    surface: pyvista.PolyData, source: pyvista.PolyData, target: pyvista.PolyData
 ) -> tuple[pyvista.PolyData, float, float]:
     """Move a surface rigidly as ``source`` to ``target``; also the angle (rad), and how far (m) its middle moves."""
     icp = vtk.vtkIterativeClosestPointTransform()
@@ -123,23 +123,23 @@ def _aligned(
     icp.SetMaximumNumberOfIterations(_STEPS)
     icp.SetMaximumNumberOfLandmarks(_LANDMARKS)
     icp.SetCheckMeanDistance(1)
-    icp.SetMaximumMeanDistance(1e-7 * one.length)
+    icp.SetMaximumMeanDistance(1e-7 * surface.length)
     icp.StartByMatchingCentroidsOn()
     icp.Update()
     matrix = pyvista.array_from_vtkmatrix(icp.GetMatrix())
     cosine = (np.trace(matrix[:3, :3]) - 1) / 2
-    middle = np.array(one.center)
-    moved = one.copy()
-    moved.points = one.points @ matrix[:3, :3].T + matrix[:3, 3]
+    middle = np.array(surface.center)
+    moved = surface.copy()
+    moved.points = surface.points @ matrix[:3, :3].T + matrix[:3, 3]
     shift = matrix[:3, :3] @ middle + matrix[:3, 3] - middle
     return moved, float(np.arccos(np.clip(cosine, -1, 1))), float(np.linalg.norm(shift))
 
 
-def _dice(one: pyvista.PolyData, other: pyvista.PolyData) -> float:
-    low = np.minimum(one.bounds[::2], other.bounds[::2])
-    high = np.maximum(one.bounds[1::2], other.bounds[1::2])
+def _dice(first: pyvista.PolyData, second: pyvista.PolyData) -> float:
+    low = np.minimum(first.bounds[::2], second.bounds[::2])
+    high = np.maximum(first.bounds[1::2], second.bounds[1::2])
     spacing = (high - low).max() / _SAMPLES
     counts = np.ceil((high - low) / spacing).astype(int) + 2
     grid = pyvista.ImageData(dimensions=counts, spacing=[spacing] * 3, origin=low - 0.5 * spacing)
-    a, b = (np.asarray(s.voxelize_binary_mask(reference_volume=grid)["mask"]) > 0 for s in (one, other))
+    a, b = (np.asarray(s.voxelize_binary_mask(reference_volume=grid)["mask"]) > 0 for s in (first, second))
     return float(2 * (a & b).sum() / max(a.sum() + b.sum(), 1))

@@ -18,7 +18,7 @@ from hpcinv.job.plausibility import convention, doubtful_moduli, largest_bulk_mo
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import jacobians, quadrature
-from hpcinv.mesh.regions import BOUNDARY, of_facets
+from hpcinv.mesh.regions import BOUNDARY, is_facet_condition
 from hpcinv.mesh.source import Floats
 from hpcinv.model.field_checks import young_moduli
 from hpcinv.quantity.quantity import quantities_of
@@ -71,7 +71,7 @@ class Totals:
     def as_data(self) -> dict[str, Any]:
         return asdict(self)
 
-    def after(self, largest_displacement: float, nominal: Callable[[], float]) -> Self:
+    def warned(self, largest_displacement: float, nominal: Callable[[], float]) -> Self:
         """Return the totals with the warnings that follow from the largest displacement (m) at full load.
 
         Args:
@@ -99,7 +99,7 @@ def totals_of(equations: Equations, direction: Direction) -> Totals:
     masses = [_mass(equations, where, effect, volumes) for where, effect in heavy]
     weights = [(e, m) for (_, e), m in zip(heavy, masses, strict=True) if _has(e, "acceleration", ACCELERATION)]
     load, scaled = _resultant(equations, direction)
-    found = Totals(
+    totals = Totals(
         size=_triple((high - low) * length),
         volume=volume,
         mass=masses[0] if masses else None,
@@ -109,14 +109,14 @@ def totals_of(equations: Equations, direction: Direction) -> Totals:
     softest, stiffest = young_moduli(job, equations.fields)
     pressure = max((_pressure(equations, effect, mass / volume) for effect, mass in weights), default=None)
     if pressure is not None:
-        found = replace(found, weight_strain=pressure / softest)
+        totals = replace(totals, weight_strain=pressure / softest)
     if not job.output.unit_warnings:
-        return found
-    seen = list(_warnings(found, job.mesh.unit, masses, pressure, stiffest))
+        return totals
+    seen = list(_warnings(totals, job.mesh.unit, masses, pressure, stiffest))
     moduli = list(doubtful_moduli(job))
     if not seen and not moduli:
-        moduli += _compressions(job, found.size, scaled * equations.scales.stress * equations.scales.length**2)
-    return replace(found, warnings=(*_vanishing(scaled), *seen, *moduli, *_regions_without_bounds(job, body)))
+        moduli += _compressions(job, totals.size, scaled * equations.scales.stress * equations.scales.length**2)
+    return replace(totals, warnings=(*_vanishing(scaled), *seen, *moduli, *_regions_without_bounds(job, body)))
 
 
 def _vanishing(load: float) -> Iterator[str]:
@@ -130,13 +130,13 @@ def _vanishing(load: float) -> Iterator[str]:
 
 
 def _warnings(
-    found: Totals, unit: float, masses: list[float], pressure: float | None, stiffest: float
+    totals: Totals, unit: float, masses: list[float], pressure: float | None, stiffest: float
 ) -> Iterator[str]:
-    longest = max(found.size)
+    longest = max(totals.size)
     if not LENGTHS[0] <= longest <= LENGTHS[1]:
         yield f"the body is {readable(longest, 'm')} long: is mesh.unit ({length_symbol(unit)}) what its mesh is in?"
     for mass in dict.fromkeys(masses):
-        density = abs(mass) / found.volume
+        density = abs(mass) / totals.volume
         if density and not DENSITIES[0] <= density <= DENSITIES[1]:
             yield f"the mean density is {density:.3g} kg/m^3: is the unit of the density what is meant?"
     if len(masses) > 1 and max(masses) - min(masses) > 1e-6 * max(map(abs, masses)):
@@ -162,11 +162,11 @@ def _compressions(job: Job, size: tuple[float, float, float], load: float) -> It
 
 def _regions_without_bounds(job: Job, body: Body) -> Iterator[str]:
     """Yield a warning for each support or load on a region whose condition on the position holds everywhere."""
-    used = dict.fromkeys(str(getattr(one, "region", "")) for one in (*job.supports, *job.effects))
+    used = dict.fromkeys(str(getattr(user, "region", "")) for user in (*job.supports, *job.effects))
     for name in (name for name in used if name in job.regions):
         condition = job.regions[name]
         whole = body.regions[name].facet_count == body.regions[BOUNDARY].facet_count
-        if whole and not of_facets(condition):
+        if whole and not is_facet_condition(condition):
             yield (
                 f"region '{name}' is the whole boundary: '{condition}' holds all over it"
                 " (numbers without a unit are in m)"
@@ -200,11 +200,11 @@ def _cell_volumes(body: Body) -> Floats:
     kind, degree = body.source.kind, body.degree
     points, weights = quadrature(kind, 3 * degree)
     cells = body.mesh.geometry.dofmaps[0][: body.mesh.topology.index_map(3).size_local]
-    found: Floats = np.zeros(len(cells))
+    volumes: Floats = np.zeros(len(cells))
     for start in range(0, len(cells), _CHUNK):
         nodes = body.mesh.geometry.x[cells[start : start + _CHUNK]]
-        found[start : start + _CHUNK] = np.abs(np.linalg.det(jacobians(kind, degree, nodes, points))) @ weights
-    return found * body.length_scale**3
+        volumes[start : start + _CHUNK] = np.abs(np.linalg.det(jacobians(kind, degree, nodes, points))) @ weights
+    return volumes * body.length_scale**3
 
 
 def _resultant(equations: Equations, direction: Direction) -> tuple[tuple[float, float, float] | None, float]:
@@ -219,21 +219,21 @@ def _resultant(equations: Equations, direction: Direction) -> tuple[tuple[float,
     forces, response = system.forces(0.0), contacts.response()
     forces -= system.forces(1.0)
     response -= contacts.response()
-    found, total = np.zeros(3), np.zeros(3)
+    resultant, total = np.zeros(3), np.zeros(3)
     for axis in range(3):
         translation = fem.Function(unknowns.displacement_space)
         translation.x.array.reshape(-1, 3)[:, axis] = 1.0
         unknowns.set_displacement(translation.x.array)
-        along = forces * unknowns.state.x.array[: len(forces)]
-        found[axis], total[axis] = comm.allreduce(along.sum()), comm.allreduce(np.abs(along).sum())
-    found += response  # that of an obstacle which has travelled on is no load
+        work = forces * unknowns.state.x.array[: len(forces)]
+        resultant[axis], total[axis] = comm.allreduce(work.sum()), comm.allreduce(np.abs(work).sum())
+    resultant += response  # that of an obstacle which has travelled on is no load
     equations.unload()
     system.set_load(0.0)
     equations.release(equilibrium)
     if not np.isfinite(total).all():
         return None, math.inf
-    found[np.abs(found) <= _ROUNDING * total.max()] = 0.0
-    return _triple(found * equations.scales.stress * equations.scales.length**2), float(total.max())
+    resultant[np.abs(resultant) <= _ROUNDING * total.max()] = 0.0
+    return _triple(resultant * equations.scales.stress * equations.scales.length**2), float(total.max())
 
 
 def _triple(values: Floats) -> tuple[float, float, float]:

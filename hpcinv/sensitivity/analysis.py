@@ -31,7 +31,7 @@ from petsc4py import PETSc
 from hpcinv.assembly.system import System
 from hpcinv.errors import SolveError
 from hpcinv.job.sections import Support
-from hpcinv.job.sensitivities import Parameter, with_ties
+from hpcinv.job.sensitivities import Parameter, tied_parameters
 from hpcinv.mesh.source import Floats
 from hpcinv.model.parameters import ParameterDirection
 from hpcinv.parallel.runtime import MPI
@@ -77,33 +77,38 @@ class Sensitivities:
                 for p in self.parameters
             },
             "quantities": {
-                name: {"slopes": dict(by_key), "sd": self.deviations[name]} for name, by_key in self.slopes.items()
+                name: {"slopes": dict(key_slopes), "sd": self.deviations[name]}
+                for name, key_slopes in self.slopes.items()
             },
             "shape": self._shape(),
-        } | ({"shapes": {name: found._shape() for name, found in self.shapes.items()}} if self.shapes else {})
+        } | (
+            {"shapes": {name: sensitivities._shape() for name, sensitivities in self.shapes.items()}}
+            if self.shapes
+            else {}
+        )
 
     def _shape(self) -> dict[str, Any]:
         return {"largest": dict(self.shape), "sd": self.deviation, "sd_at": self.deviation_at}
 
     def fields(self) -> list[fem.Function]:
         """Return fields for ParaView: ``d displacement/d KEY`` and, if known, the standard deviation ``sd`` in m."""
-        found = []
+        functions = []
         for key, function in self.displacement.items():
             named = function.copy()
             named.name = f"d displacement/d {key}"
-            found.append(named)
+            functions.append(named)
         if self.deviation is not None:
-            found.append(self.deviation_field("sd"))
-        return found
+            functions.append(self.deviation_field("sd"))
+        return functions
 
     def deviation_field(self, name: str) -> fem.Function:
         """Return the standard deviation of the displacement in m."""
         space = next(iter(self.displacement.values())).function_space
         scalar = fem.functionspace(space.mesh, ("Lagrange", space.ufl_element().degree))
-        found = fem.Function(scalar, name=name)
+        field = fem.Function(scalar, name=name)
         vectors = {key: function.x.array.reshape(-1, 3) for key, function in self.displacement.items()}
-        found.x.array[:] = _deviations(self.parameters, vectors)
-        return found
+        field.x.array[:] = _deviations(self.parameters, vectors)
+        return field
 
 
 def sensitivities(
@@ -122,7 +127,7 @@ def sensitivities(
     Raises:
         SolveError: on all ranks, if the tangent at the solution is singular.
     """
-    body, changes, numbers = equations.body, dict[str, Change](), with_ties(parameters)
+    body, changes, numbers = equations.body, dict[str, Change](), tied_parameters(parameters)
     equations.put(solution.moved_to(body.given_nodes))
     with equations.timings("sensitivities"):
         if given:
@@ -134,53 +139,53 @@ def sensitivities(
         prescribed = {p.key: _prescribed(equations, p) for p in numbers if isinstance(p.owner, Support)}
         equations.put(solution)
         changes = _changes(equations, solution, numbers, references, prescribed)
-        by_quantity = {
-            name: _summed(parameters, by_key)
-            for name, by_key in slopes(equations, solution, [(p, changes[p.key]) for p in numbers]).items()
+        quantity_slopes = {
+            name: _summed(parameters, key_slopes)
+            for name, key_slopes in slopes(equations, solution, [(p, changes[p.key]) for p in numbers]).items()
         }
     nodes: dict[str, Floats] = {}
     for p in parameters:
-        nodes[p.key] = np.asarray(solution.sign * sum(changes[one.key].u for one in (p, *p.ties)))
+        nodes[p.key] = np.asarray(solution.sign * sum(changes[number.key].u for number in (p, *p.ties)))
         if p.key in references:
             nodes[p.key] += references[p.key].nodes
     comm = body.mesh.comm
     lengths = {key: np.linalg.norm(moved, axis=1) for key, moved in nodes.items()}
-    deviation, at = None, None
+    deviation, point = None, None
     if any(p.deviation is not None for p in parameters):
-        deviation, at = _largest(comm, _deviations(parameters, nodes), solution.mesh_nodes)
+        deviation, point = _largest(comm, _deviations(parameters, nodes), solution.mesh_nodes)
     return Sensitivities(
         parameters=parameters,
-        slopes=by_quantity,
-        displacement={p.key: _displacement([changes[one.key] for one in (p, *p.ties)]) for p in parameters},
+        slopes=quantity_slopes,
+        displacement={p.key: _displacement([changes[number.key] for number in (p, *p.ties)]) for p in parameters},
         nodes=nodes,
         shape={key: _largest(comm, length, solution.mesh_nodes)[0] for key, length in lengths.items()},
-        deviations={name: _deviation(parameters, found) for name, found in by_quantity.items()},
+        deviations={name: _deviation(parameters, key_slopes) for name, key_slopes in quantity_slopes.items()},
         deviation=deviation,
-        deviation_at=at,
+        deviation_at=point,
     )
 
 
-def of_all_shapes(found: Mapping[str, Sensitivities], quantities: Iterable[str]) -> Sensitivities | None:
+def joined_sensitivities(shapes: Mapping[str, Sensitivities], quantities: Iterable[str]) -> Sensitivities | None:
     """Join what was found with each computed shape, by its name, or with the one shape of a job without states.
 
     Args:
         quantities: names of all quantities of interest, in order.
     """
-    first, *more = found.values() or [None]
+    first, *more = shapes.values() or [None]
     if first is None or not more:
         return first
-    of = {name: one for name in quantities for one in found.values() if name in one.slopes}
+    owners = {name: owner for name in quantities for owner in shapes.values() if name in owner.slopes}
     return replace(
         first,
-        slopes={name: one.slopes[name] for name, one in of.items()},
-        deviations={name: one.deviations[name] for name, one in of.items()},
-        shapes=found,
+        slopes={name: owner.slopes[name] for name, owner in owners.items()},
+        deviations={name: owner.deviations[name] for name, owner in owners.items()},
+        shapes=shapes,
     )
 
 
-def _summed(parameters: Sequence[Parameter], by_key: Mapping[str, Value]) -> dict[str, Value]:
+def _summed(parameters: Sequence[Parameter], key_slopes: Mapping[str, Value]) -> dict[str, Value]:
     """Add to the slope by each parameter those by its ties."""
-    return {p.key: sum(np.array(by_key[one.key]) for one in (p, *p.ties)).tolist() for p in parameters}  # type: ignore[union-attr]
+    return {p.key: sum(np.array(key_slopes[number.key]) for number in (p, *p.ties)).tolist() for p in parameters}  # type: ignore[union-attr]
 
 
 def _displacement(changes: Sequence[Change]) -> fem.Function:
@@ -188,8 +193,8 @@ def _displacement(changes: Sequence[Change]) -> fem.Function:
     if not ties:
         return first.displacement
     whole = first.displacement.copy()
-    for one in ties:
-        whole.x.array[:] += one.displacement.x.array
+    for tie in ties:
+        whole.x.array[:] += tie.displacement.x.array
     return whole
 
 
@@ -212,13 +217,15 @@ def _prescribed(equations: Equations, parameter: Parameter) -> list[Floats]:
     return equations.supports.rates(number, partial(owner.with_number, parameter.place), parameter.value)
 
 
-def _reference(equations: Equations, parameter: Parameter, solution: Solution, found: Sensitivities) -> ReferenceChange:
+def _reference(
+    equations: Equations, parameter: Parameter, solution: Solution, derivatives: Sensitivities
+) -> ReferenceChange:
     """Derivatives of what a further state takes from the given one, whose solution and derivatives are known."""
     key = parameter.key
-    if key not in found.nodes:  # a tie, whose effect is part of its parameter's
+    if key not in derivatives.nodes:  # a tie, whose effect is part of its parameter's
         nothing = fem.Function(solution.displacement.function_space)
         return ReferenceChange(np.zeros_like(solution.mesh_nodes), nothing, math.inf)
-    given, nodes = found.displacement[key], found.nodes[key]
+    given, nodes = derivatives.displacement[key], derivatives.nodes[key]
     return ReferenceChange(nodes, given, change_limit(equations, solution, given))
 
 
@@ -235,9 +242,9 @@ def _changes(
     system = equilibrium.system
     system.linearise(1.0)
     position, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
-    found: dict[str, Change] = {}
+    changes: dict[str, Change] = {}
     for parameter in parameters:
-        along = _explicit(equations, system, parameter, prescribed, b)
+        direction = _explicit(equations, system, parameter, prescribed, b)
         if (reference := references.get(parameter.key)) is not None:
             x.array[:] = _rate_of_forces(equations, system, solution, reference)
             fem_petsc.set_bc(x, equations.supports.conditions, alpha=0.0)
@@ -249,12 +256,12 @@ def _changes(
             )
         system.set_state(x)
         u, p = equations.state().fields
-        found[parameter.key] = Change(along, u, equations.unknowns.at_nodes(u), p, reference)
+        changes[parameter.key] = Change(direction, u, equations.unknowns.geometry_values(u), p, reference)
         system.set_state(position)
     for vector in (position, b, x):
         vector.destroy()
     equations.release(equilibrium)
-    return found
+    return changes
 
 
 def _explicit(
@@ -274,13 +281,13 @@ def _explicit(
     with equations.timings("compile"):
         derivative = scene.parameter_derivative
     local = parameter.where.removeprefix(job.place("effects").removesuffix("effects"))
-    along = scene.parameters.direction({local: owner.rates(place)})
+    direction = scene.parameters.direction({local: owner.rates(place)})
     with equations.timings("residual"):
-        derivative.assemble(along, b)
+        derivative.assemble(direction, b)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         fem_petsc.set_bc(b, equations.supports.conditions, alpha=0.0)
         b.scale(-1.0)
-    return along
+    return direction
 
 
 def _rate_of_forces(equations: Equations, system: System, solution: Solution, reference: ReferenceChange) -> Floats:
@@ -304,12 +311,12 @@ def _deviations(parameters: Sequence[Parameter], vectors: Mapping[str, Floats]) 
     return np.asarray(np.sqrt(sum(squares)))
 
 
-def _deviation(parameters: Sequence[Parameter], by_key: Mapping[str, Value]) -> Value | None:
-    parts = [np.array(by_key[p.key]) * p.deviation for p in parameters if p.deviation is not None]
+def _deviation(parameters: Sequence[Parameter], key_slopes: Mapping[str, Value]) -> Value | None:
+    parts = [np.array(key_slopes[p.key]) * p.deviation for p in parameters if p.deviation is not None]
     if not parts:
         return None
-    found: Value = np.linalg.norm(parts, axis=0).tolist()
-    return found
+    deviation: Value = np.linalg.norm(parts, axis=0).tolist()
+    return deviation
 
 
 def _largest(comm: MPI.Intracomm, values: Floats, points: Floats) -> tuple[float, list[float]]:
@@ -317,4 +324,4 @@ def _largest(comm: MPI.Intracomm, values: Floats, points: Floats) -> tuple[float
     here = int(values.argmax()) if len(values) else None
     mine = None if here is None else (float(values[here]), [float(c) for c in points[here]])
     everywhere: list[tuple[float, list[float]] | None] = comm.allgather(mine)
-    return max(found for found in everywhere if found is not None)
+    return max(entry for entry in everywhere if entry is not None)

@@ -74,7 +74,7 @@ class Change:
     ``u`` is that of the displacement at the local geometry nodes, (n, 3); ``reference`` is for further states.
     """
 
-    along: ParameterDirection
+    direction: ParameterDirection
     displacement: fem.Function
     u: Floats
     pressure: fem.Function | None
@@ -94,7 +94,7 @@ def slopes(
     scene.parameters.set_load(1.0)
     fields = fields_for(quantities, body, scene, equations.scales)
 
-    def at(change: Change, shift: float) -> dict[str, Floats]:
+    def values_at(change: Change, shift: float) -> dict[str, Floats]:
         moved, wanted = solution, quantities
         if change.reference is not None:
             moved = change.reference.moved(solution, shift)
@@ -106,29 +106,29 @@ def slopes(
             pressure=_moved(solution.pressure, change.pressure, shift),
         )
         equations.put(moved)
-        with scene.parameters.moved(change.along, shift):
+        with scene.parameters.moved(change.direction, shift):
             return {name: np.array(v) for name, v in values_of(wanted, body, moved, fields).items()}
 
-    of_law = has_kinks(equations.job)
-    with_kinks = {
+    is_kinked = has_kinks(equations.job)
+    kinked = {
         quantity.name
         for quantity in quantities
-        if (of_law and quantity.fields) or quantity.reduce in _EXTREMES or _KINKS.search(quantity.of.source)
+        if (is_kinked and quantity.fields) or quantity.reduce in _EXTREMES or _KINKS.search(quantity.of.source)
     }
-    found: dict[str, dict[str, Value]] = {quantity.name: {} for quantity in quantities}
-    for parameter, change in changes if found else ():
+    derivatives: dict[str, dict[str, Value]] = {quantity.name: {} for quantity in quantities}
+    for parameter, change in changes if derivatives else ():
         step = _step(equations, solution, parameter, change)
-        values = [at(change, k * step) for k in POINTS]
-        near = [at(change, k * SHORT * step) for k in POINTS] if with_kinks else []
-        for name, by_key in found.items():
+        values = [values_at(change, k * step) for k in POINTS]
+        short_values = [values_at(change, k * SHORT * step) for k in POINTS] if kinked else []
+        for name, key_slopes in derivatives.items():
             slope = central_difference((v[name] for v in values), step)
-            if name in with_kinks:
-                short = central_difference((v[name] for v in near), SHORT * step)
-                rounding = _ROUNDING * np.abs(near[0][name]) / (SHORT * step)
+            if name in kinked:
+                short = central_difference((v[name] for v in short_values), SHORT * step)
+                rounding = _ROUNDING * np.abs(short_values[0][name]) / (SHORT * step)
                 agree = np.abs(slope - short) <= np.maximum(_AGREEING * np.abs(short), rounding)
                 slope = np.where(agree, slope, short)
-            by_key[parameter.key] = slope.tolist()
-    return found
+            key_slopes[parameter.key] = slope.tolist()
+    return derivatives
 
 
 def _moved(function: fem.Function | None, rate: fem.Function | None, step: float) -> Any:

@@ -31,7 +31,7 @@ from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.source import Floats
 from hpcinv.quantity.units import Dimension, readable
 from hpcinv.results.solution import Solution
-from hpcinv.sensitivity.analysis import Sensitivities, of_all_shapes, sensitivities
+from hpcinv.sensitivity.analysis import Sensitivities, joined_sensitivities, sensitivities
 from hpcinv.solver.equations import Equations
 
 SPREAD = "standard deviation of the shape by errors of the given surface"
@@ -68,17 +68,17 @@ class SurfaceErrors:
     def displacements(self, job: Job, body: Body) -> dict[str, Floats]:
         """Return the samples, displacements (n, 3) m of the local geometry nodes, by key; collective."""
         normals = surface_normals(job, body)
-        on_surface = np.flatnonzero(normals.any(axis=1))
-        points, random = body.given_nodes[on_surface], np.random.default_rng(_SEED)
-        found = {}
+        surface_nodes = np.flatnonzero(normals.any(axis=1))
+        points, random = body.given_nodes[surface_nodes], np.random.default_rng(_SEED)
+        samples = {}
         for parameter in self.parameters:
             waves = random.standard_normal((_WAVES, 3)) / self.correlation
             phases = random.uniform(0, 2 * np.pi, _WAVES)
             height = np.cos(points @ waves.T + phases).sum(axis=1) * math.sqrt(2 / _WAVES)
             moved = np.zeros_like(normals)
-            moved[on_surface] = self.sd * height[:, None] * normals[on_surface]
-            found[parameter.key] = moved
-        return found
+            moved[surface_nodes] = self.sd * height[:, None] * normals[surface_nodes]
+            samples[parameter.key] = moved
+        return samples
 
     def as_data(self) -> dict[str, Any]:
         data = {"sd": self.sd, "correlation": self.correlation, "samples": self.samples}
@@ -97,7 +97,7 @@ class SurfaceSpread:
     """
 
     errors: SurfaceErrors
-    found: Sensitivities | None = None
+    sensitivities: Sensitivities | None = None
     states: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     failure: str = ""
@@ -105,28 +105,28 @@ class SurfaceSpread:
     @property
     def shapes(self) -> Mapping[str, Sensitivities]:
         """Results by the state whose shape they are of; ``""`` is the one shape of a job without states."""
-        if self.found is None:
+        if self.sensitivities is None:
             return {}
-        return self.found.shapes or {"": self.found}
+        return self.sensitivities.shapes or {"": self.sensitivities}
 
     def as_data(self) -> dict[str, Any]:
         """Return JSON data, without the fields."""
-        if self.found is None:
+        if self.sensitivities is None:
             return self.errors.as_data() | {"failure": self.failure}
-        shapes = {name: {"sd": one.deviation, "sd_at": one.deviation_at} for name, one in self.shapes.items()}
+        shapes = {name: {"sd": shape.deviation, "sd_at": shape.deviation_at} for name, shape in self.shapes.items()}
         return (
             self.errors.as_data()
-            | {"quantities": dict(self.found.deviations)}
+            | {"quantities": dict(self.sensitivities.deviations)}
             | ({"shape": shapes[""]} if "" in shapes else {"shapes": shapes})
         )
 
     def deviations(self) -> dict[str, float]:
         """Return the largest standard deviation (m) of each shape, by the state that was solved."""
-        return {self.states[name]: one.deviation or 0.0 for name, one in self.shapes.items()}
+        return {self.states[name]: shape.deviation or 0.0 for name, shape in self.shapes.items()}
 
     def lines(self) -> list[Line]:
         """Return the lines of the certificate, which tell and do not judge."""
-        if self.found is None:
+        if self.sensitivities is None:
             return [skipped(SPREAD, self.failure)]
         e = self.errors
         source = f", from voxels of {readable(e.voxel, 'm')}" if e.voxel else ""
@@ -142,7 +142,7 @@ class SurfaceSpread:
 
     def fields(self) -> list[list[fem.Function]]:
         """Return fields for ParaView for each shape: the standard deviation ``surface sd`` in m."""
-        return [[one.deviation_field("surface sd")] for one in self.shapes.values()]
+        return [[shape.deviation_field("surface sd")] for shape in self.shapes.values()]
 
 
 class SurfaceSpreads:
@@ -175,7 +175,7 @@ class SurfaceSpreads:
             self._failure = error.message
         self._seconds += time.perf_counter() - begun
 
-    def of(self, quantities: Iterable[str]) -> SurfaceSpread | None:
+    def spread_of(self, quantities: Iterable[str]) -> SurfaceSpread | None:
         """Return what was found, ``None`` if no errors are known.
 
         Args:
@@ -185,7 +185,7 @@ class SurfaceSpreads:
             return None
         if self._failure:
             return SurfaceSpread(self._errors, failure=self._failure)
-        return SurfaceSpread(self._errors, of_all_shapes(self._found, quantities), self._states, self._seconds)
+        return SurfaceSpread(self._errors, joined_sensitivities(self._found, quantities), self._states, self._seconds)
 
 
 def errors_of(job: Job, body: Body) -> SurfaceErrors | None:
@@ -219,9 +219,9 @@ def surface_normals(job: Job, body: Body) -> Floats:
     sums.scatter_reverse(la.InsertMode.add)
     sums.scatter_forward()
     normals = sums.array.reshape(-1, 3).copy()
-    near = _ROUND_OFF * diagonal(mesh.comm, given)
+    tolerance = _ROUND_OFF * diagonal(mesh.comm, given)
     for plane in planes:
         i = AXES.index(plane.axis)
-        normals[np.abs(given[:, i] - plane.position) <= near, i] = 0.0
+        normals[np.abs(given[:, i] - plane.position) <= tolerance, i] = 0.0
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0))

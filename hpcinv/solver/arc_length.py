@@ -87,7 +87,7 @@ class _Path:
     def __init__(self, equations: Equilibrium, steps: ArcLengthSteps, tolerance: float, passed: int) -> None:
         self.equations, self.steps, self.tolerance, self.passed = equations, steps, tolerance, passed
         self.bordering = Bordering(equations, steps.cases)
-        self.before: _Point | None = None  # the last point but one since the last limit point
+        self.last_point: _Point | None = None  # the last point but one since the last limit point
         self.spent = 0  # factorizations that are not yet part of a report
         self.ended, self.easy = False, False
 
@@ -108,16 +108,16 @@ class _Path:
                 return
             end = self.steps.end_ahead(point.load, self.direction, self.passed)
             slope = point.tangent.slope
-            to_end = (end - point.load) / slope if end is not None and slope * self.direction > 0 else math.inf
-            if end is not None and to_end <= step * (1 + 1e-9):
-                step = to_end
-                after = yield from self._land(point, end, point.ahead(step), step)
+            end_distance = (end - point.load) / slope if end is not None and slope * self.direction > 0 else math.inf
+            if end is not None and end_distance <= step * (1 + 1e-9):
+                step = end_distance
+                next_point = yield from self._land(point, end, point.ahead(step), step)
             else:
-                after = yield from self._advance(point, end, step)
-            if self.ended or (after is None and step == 0.0):
+                next_point = yield from self._advance(point, end, step)
+            if self.ended or (next_point is None and step == 0.0):
                 return
-            if after is not None:
-                point, step = after, 2 * step if self.easy else step
+            if next_point is not None:
+                point, step = next_point, 2 * step if self.easy else step
             else:
                 step /= 2
         yield self._end(point.load, Outcome.STEP_LIMIT)
@@ -129,7 +129,7 @@ class _Path:
         self.spent += 1
         if tangent is None:
             return None
-        self.before = None
+        self.last_point = None
         return _Point(x, load, tangent, self.equations.linear.sign_of_determinant())
 
     def _land(self, point: _Point, end: float, predicted: PETSc.Vec, step: float) -> Moves:
@@ -155,41 +155,41 @@ class _Path:
     def _advance(self, point: _Point, end: float | None, step: float) -> Moves:
         predicted, t = point.ahead(step), point.tangent
         load = point.load + step * t.slope
-        found = self._corrected(predicted, load, t.direction, max(abs(point.load), abs(load)))
-        predicted.axpy(-1.0, found.x)
-        solve = found.solve
+        corrected = self._corrected(predicted, load, t.direction, max(abs(point.load), abs(load)))
+        predicted.axpy(-1.0, corrected.x)
+        solve = corrected.solve
         if solve.outcome.accepted and norm(predicted) > step:
             solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
         passages = self.equations.system.scene.passages
         if solve.outcome.accepted:
-            self._move_to(found.x, solve.load)
+            self._move_to(corrected.x, solve.load)
             if passages.has_passed():
                 solve = replace(solve, outcome=Outcome.PASSED_THROUGH)
-        if found.g is None or not solve.outcome.accepted:
+        if corrected.g is None or not solve.outcome.accepted:
             self.equations.system.set_state(point.x)
             yield self._charged(solve)
             self.ended = solve.outcome.is_final
             return None
         if (solve.load - point.load) * self.direction < 0:
-            beyond = self._slope_beyond(point, found)
-            if beyond is not None or t.slope * self.direction < 0:
-                return (yield from self._pass_limit_point(point, found, beyond))
+            falling_tangent = self._slope_beyond(point, corrected)
+            if falling_tangent is not None or t.slope * self.direction < 0:
+                return (yield from self._pass_limit_point(point, corrected, falling_tangent))
         if end is not None and (solve.load - end) * self.direction > 0:
             self.spent += solve.factorizations
             share = (end - point.load) / (solve.load - point.load)
-            between = point.x.copy()
-            between.axpby(share, 1 - share, found.x)
-            return (yield from self._land(point, end, between, step))
-        along = found.x.copy()
-        along.axpy(-1.0, point.x)
+            crossing = point.x.copy()
+            crossing.axpby(share, 1 - share, corrected.x)
+            return (yield from self._land(point, end, crossing, step))
+        chord = corrected.x.copy()
+        chord.axpy(-1.0, point.x)
         self.easy = len(solve.iterations) <= self.steps.easy
-        self.before = point
+        self.last_point = point
         sign = solve.signs[-1] if solve.signs else point.sign
-        after = _Point(found.x, solve.load, tangent_along(found.g, along), sign)
-        self._move_to(found.x, solve.load)
+        next_point = _Point(corrected.x, solve.load, tangent_along(corrected.g, chord), sign)
+        self._move_to(corrected.x, solve.load)
         passages.depart()
         yield self._charged(solve)
-        return after
+        return next_point
 
     def _move_to(self, x: PETSc.Vec, load: float) -> None:
         self.equations.system.set_load(load)
@@ -203,34 +203,36 @@ class _Path:
         tolerance = self.steps.path_tolerance
         return self.bordering.correct(x, load, t, tolerance, direction=self.direction, scale=scale)
 
-    def _slope_beyond(self, point: _Point, found: Corrected) -> BorderedTangent | None:
+    def _slope_beyond(self, point: _Point, corrected: Corrected) -> BorderedTangent | None:
         """Return the tangent at a point with less load than the one before, if the load falls along it.
 
         A load that approaches a limit asymptotically may seem to fall, by the error of the points.
         """
         self.spent += 1
-        tangent = self.bordering.tangent(found.x, found.solve.load, point.tangent.direction)
+        tangent = self.bordering.tangent(corrected.x, corrected.solve.load, point.tangent.direction)
         return tangent if tangent is not None and tangent.slope * self.direction < 0 else None
 
-    def _pass_limit_point(self, point: _Point, found: Corrected, beyond: BorderedTangent | None) -> Moves:
+    def _pass_limit_point(self, point: _Point, corrected: Corrected, falling_tangent: BorderedTangent | None) -> Moves:
         """Find the limit point before a point, and continue from there if more limit points may be passed."""
         fresh = self.bordering.tangent(point.x, point.load, point.tangent.direction)
-        self.spent += 1 + found.solve.factorizations
+        self.spent += 1 + corrected.solve.factorizations
         self.easy = False
         self.equations.system.set_state(point.x)
         if fresh is None:
             return None
         if fresh.slope * self.direction > 0:
-            if beyond is None:  # two limit points, or none
-                yield self._end(found.solve.load, Outcome.ANOTHER_PATH)
+            if falling_tangent is None:  # two limit points, or none
+                yield self._end(corrected.solve.load, Outcome.ANOTHER_PATH)
                 return None
             t, sign = fresh.direction, point.sign
             low = PathSample(point.x, 0.0, point.load, fresh.slope)
-            high = _along(t, point, found.x, found.solve.load, beyond.slope / dot(t, beyond.direction))
-        elif self.before is not None:
-            before, t, sign = self.before, self.before.tangent.direction, self.before.sign
-            low = PathSample(before.x, 0.0, before.load, before.tangent.slope)
-            high = _along(t, before, point.x, point.load, fresh.slope / dot(t, fresh.direction))
+            high = _path_sample(
+                t, point, corrected.x, corrected.solve.load, falling_tangent.slope / dot(t, falling_tangent.direction)
+            )
+        elif self.last_point is not None:
+            previous, t, sign = self.last_point, self.last_point.tangent.direction, self.last_point.sign
+            low = PathSample(previous.x, 0.0, previous.load, previous.tangent.slope)
+            high = _path_sample(t, previous, point.x, point.load, fresh.slope / dot(t, fresh.direction))
         else:
             return None
         extremum, tangent, spent = locate(self.bordering, t, low, high, direction=self.direction)
@@ -249,7 +251,7 @@ class _Path:
             self.ended = True
             return None
         self.passed += 1
-        self.before = None
+        self.last_point = None
         tangent = tangent or tangent_along(extremum.g, t)
         onward = BorderedTangent(tangent.direction, self.direction * abs(tangent.slope))
         return _Point(extremum.x, solve.load, onward, -sign)  # one eigenvalue of K has changed its sign
@@ -263,7 +265,7 @@ class _Path:
         return replace(solve, strategy="arc-length", factorizations=solve.factorizations + spent)
 
 
-def _along(t: PETSc.Vec, origin: _Point, x: PETSc.Vec, load: float, slope: float) -> PathSample:
+def _path_sample(t: PETSc.Vec, origin: _Point, x: PETSc.Vec, load: float, slope: float) -> PathSample:
     step = x.copy()
     step.axpy(-1.0, origin.x)
     return PathSample(x, dot(t, step), load, slope)

@@ -41,11 +41,11 @@ class BorderedTangent:
     slope: float
 
 
-def tangent_along(g: PETSc.Vec, along: PETSc.Vec | None, direction: int = 1) -> BorderedTangent:
+def tangent_along(g: PETSc.Vec, chord: PETSc.Vec | None, direction: int = 1) -> BorderedTangent:
     """Return the tangent of the path from ``g = -K⁻¹ ∂R/∂λ``; arguments as for `Bordering.tangent`."""
     g = g.copy()
     length = norm(g)
-    sign = direction if along is None else math.copysign(1, dot(along, g))
+    sign = direction if chord is None else math.copysign(1, dot(chord, g))
     if length == 0.0:  # the state does not depend on the load
         return BorderedTangent(g, sign * math.inf)
     g.scale(sign / length)
@@ -78,7 +78,7 @@ class Bordering:
         # residual, its negative derivative by the load factor, K⁻¹ times both, and the residual of which that is
         self._r, self._r_load, self._d, self._g, self._r_here = (equations.system.position() for _ in range(5))
 
-    def tangent(self, x: PETSc.Vec, load: float, along: PETSc.Vec | None, direction: int = 1) -> BorderedTangent | None:
+    def tangent(self, x: PETSc.Vec, load: float, chord: PETSc.Vec | None, direction: int = 1) -> BorderedTangent | None:
         """Return the tangent of the path at one of its points, with new factors; ``None`` if these are singular.
 
         Args:
@@ -91,7 +91,7 @@ class Bordering:
         if self._floor.exceeds(norm(self._g), _ROUNDED):
             self._g.set(0.0)
         self.equations.system.set_load(load)
-        return tangent_along(self._g, along, direction)
+        return tangent_along(self._g, chord, direction)
 
     def correct(
         self, x: PETSc.Vec, load: float, t: PETSc.Vec, tolerance: float, *, direction: int, scale: float
@@ -128,11 +128,11 @@ class Bordering:
             if not equations.linear.solve(self._r, self._d):
                 outcome = equations.linear.failure
                 break
-            along = dot(t, self._g)
-            if along == 0.0:  # underflow: the tangent exceeds the range of numbers
+            projection = dot(t, self._g)
+            if projection == 0.0:  # underflow: the tangent exceeds the range of numbers
                 outcome = Outcome.NOT_FINITE
                 break
-            change = dot(t, self._d) / along
+            change = dot(t, self._d) / projection
             self._d.axpy(-change, self._g)
             size = math.hypot(norm(self._d), norm(x) * change / scale)
             taken, fault = equations.system.admissible_share(x, self._d)

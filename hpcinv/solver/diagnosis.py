@@ -137,22 +137,22 @@ def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
     last = max((number for number, solve in enumerate(solves) if solve.outcome.accepted), default=-1)
     if any(solve.outcome is Outcome.PASSED_THROUGH for solve in solves[last + 1 :]):
         return Diagnosis.PASSED_THROUGH
-    found = Diagnosis.__members__.get(_last_outcome(solves).name, Diagnosis.NOT_CONVERGED)
-    if found is Diagnosis.LINEAR_SOLVER and not accepted:
+    diagnosis = Diagnosis.__members__.get(_last_outcome(solves).name, Diagnosis.NOT_CONVERGED)
+    if diagnosis is Diagnosis.LINEAR_SOLVER and not accepted:
         return Diagnosis.ILL_POSED
-    if any(solve.load > 1 for solve in accepted) and found is not Diagnosis.STEP_LIMIT:
+    if any(solve.load > 1 for solve in accepted) and diagnosis is not Diagnosis.STEP_LIMIT:
         passed = sum(solve.limit_point for solve in accepted)
-        at_minimum = found is Diagnosis.LIMIT_POINT and passed % 2 == 0
-        return Diagnosis.LEAST_LOAD if at_minimum else Diagnosis.BEYOND_FULL_LOAD
-    if found in _DECISIVE:
-        return found
+        is_minimum = diagnosis is Diagnosis.LIMIT_POINT and passed % 2 == 0
+        return Diagnosis.LEAST_LOAD if is_minimum else Diagnosis.BEYOND_FULL_LOAD
+    if diagnosis in _DECISIVE:
+        return diagnosis
     if _crossed_singular_point(accepted):
         return Diagnosis.LOSS_OF_STABILITY if direction == "forward" else Diagnosis.BRANCHING
-    if found in _DEGENERATE and direction == "inverse" and accepted:
+    if diagnosis in _DEGENERATE and direction == "inverse" and accepted:
         return Diagnosis.NO_UNDEFORMED_SHAPE
-    if found is Diagnosis.NOT_CONVERGED and _arc_length_was_cut_short(solves):
+    if diagnosis is Diagnosis.NOT_CONVERGED and _arc_length_was_cut_short(solves):
         return Diagnosis.ARC_LENGTH_CUT_SHORT
-    return found
+    return diagnosis
 
 
 def _last_outcome(solves: Sequence[Solve]) -> Outcome:

@@ -93,6 +93,8 @@ class Equations(DiscreteModel):
             solver = self.job.solver
             like = next((idle.system for idle in self._idle.values()), None)
             system = System(scene, self.supports, self.timings, like)
+            with self.timings("set-up"):
+                self.chooser.analyse(solver, lambda: system.matrix, self.unknowns)
             linear = LinearSolver(
                 system, solver.petsc, self.chooser.choose(solver), f"{self.job.path or UNNAMED}: solver.petsc"
             )

@@ -101,7 +101,7 @@ class Equilibrium:
         self.observer: Observer = SILENT
         with system.timings("set-up"):
             # SNES iterates on a separate vector, since every trial of the line search changes the state.
-            self._x, self._before = system.rhs.duplicate(), system.rhs.duplicate()
+            self._x, self._last_state = system.rhs.duplicate(), system.rhs.duplicate()
             self.snes = self._create_snes()
             self.mip = ExtrapolatedStress(system)
         self._now = _Progress(self._monitor(1.0))
@@ -147,18 +147,18 @@ class Equilibrium:
         start, x = system.state.x.petsc_vec, self._x
         accepted = start.copy()
         start.copy(x)
-        start.copy(self._before)
+        start.copy(self._last_state)
         if predicted is not None and predicted.is_taken and self._takes_full_steps:
             now.monitor.predicted = predicted.length
             now.first_step = predicted.increment
-            predicted.origin.copy(self._before)
+            predicted.origin.copy(self._last_state)
         now.travelled = predicted.length if predicted is not None else norm(x)
         linear.limit_iterations()
         with system.timings("newton"):
-            before = _linear_solve_seconds()
+            seconds_before = _linear_solve_seconds()
             with linear.options.blamed():
                 self.snes.solve(None, x)
-            system.timings.move("newton", "linear solve", _linear_solve_seconds() - before)
+            system.timings.move("newton", "linear solve", _linear_solve_seconds() - seconds_before)
         reason: Any = self.snes.getConvergedReason()  # an int, whatever its stub says
         outcome = now.outcome_of(reason)
         linear.count_iterations(self.snes.getLinearSolveIterations())
@@ -243,7 +243,7 @@ class Equilibrium:
         return is_stop_asked(self.system.comm, self.observer)
 
     def destroy(self) -> None:
-        for part in (self.snes, self._x, self._before, self.predictor, self.linear, self.system):
+        for part in (self.snes, self._x, self._last_state, self.predictor, self.linear, self.system):
             part.destroy()
 
     def _monitor(self, tolerance: float, *, begins_near: bool = False) -> NewtonMonitor:
@@ -263,12 +263,14 @@ class Equilibrium:
     def _renew_tangent(self, x: PETSc.Vec) -> None:
         system, first = self.system, self._now.first_step
         system.set_state(x)
-        terms = [self.mip.since(self._before, first)] if first is not None and self.mip.is_needed(first) else []
+        terms = (
+            [self.mip.extrapolation(self._last_state, first)] if first is not None and self.mip.is_needed(first) else []
+        )
         system.tangent(*terms)
-        now, before = self._now, self.linear.factorizations
+        now, count_before = self._now, self.linear.factorizations
         is_near = now.travelled <= now.too_far
         self.linear.factorize(may_keep=self._takes_full_steps and self.reuse > 0 and is_near)
-        if self.linear.factorizations > before:
+        if self.linear.factorizations > count_before:
             now.travelled = 0.0
 
     def _test_convergence(self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]) -> int:
@@ -289,9 +291,9 @@ class Equilibrium:
         if now.has_new_tangent and (sign := self.linear.sign_of_determinant()):
             now.signs.append(sign)
         if now.correction is None:  # no line search: a trust region, say
-            self._before.aypx(-1.0, x)
-            now.correction = norm(self._before)
-            x.copy(self._before)
+            self._last_state.aypx(-1.0, x)
+            now.correction = norm(self._last_state)
+            x.copy(self._last_state)
         if now.refused is Outcome.LINEAR_SOLVER:  # without a correction there is nothing to judge by
             now.outcome = now.refused
             return _GIVEN_UP
@@ -332,7 +334,7 @@ class Equilibrium:
         now.correction = norm(y)
         share, now.short = self.system.admissible_share(x, y)
         y.scale(share)
-        x.copy(self._before)
+        x.copy(self._last_state)
         return changed or share < 1
 
     def _solve_again(self, y: PETSc.Vec) -> None:

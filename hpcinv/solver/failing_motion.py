@@ -39,19 +39,19 @@ def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, 
     """
     system, comm = equilibrium.system, body.mesh.comm
     x = system.position()
-    at = x.copy()
+    start = x.copy()
     if not system.is_on_path:
-        at.set(0.0)
+        start.set(0.0)
         load = 0.0
     bordering = Bordering(equilibrium, job.case_count)
-    tangent = bordering.tangent(at, load, None)
+    tangent = bordering.tangent(start, load, None)
     bordering.destroy()
     system.set_state(x)
     unknowns, sign = system.scene.unknowns, system.scene.kinematics.sign
     dofs = unknowns.owned_displacement_dofs
-    moved = unknowns.owned_displacement_points() + sign * np.array(at.array)[dofs].reshape(-1, 3)
+    moved = unknowns.owned_displacement_points() + sign * np.array(start.array)[dofs].reshape(-1, 3)
     x.destroy()
-    at.destroy()
+    start.destroy()
     if tangent is None or not np.isfinite(tangent.slope):
         return []
     motion = (1 - load) / tangent.slope * np.array(tangent.direction.array)[dofs].reshape(-1, 3)
@@ -94,8 +94,8 @@ def _rigid_part(comm: MPI.Intracomm, points: Floats, motion: Floats, length: flo
 
 def _direction(vector: Floats) -> str:
     unit = vector / np.linalg.norm(vector)
-    along = int(np.abs(unit).argmax())
-    return AXES[along] if abs(unit[along]) > _ALONG else f"({', '.join(f'{c:.2g}' for c in unit.round(2) + 0.0)})"
+    axis = int(np.abs(unit).argmax())
+    return AXES[axis] if abs(unit[axis]) > _ALONG else f"({', '.join(f'{c:.2g}' for c in unit.round(2) + 0.0)})"
 
 
 def _place(point: Floats, length: float) -> str:

@@ -17,12 +17,12 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected, unique_rows
-from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, without_springs
+from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, unsprung_basis
 from hpcinv.model.supports import Supports
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.quantity.units import length_symbol
 from hpcinv.solver.spring_stiffness import stiffness_of
-from hpcinv.solver.support_checks import of_nodes, parts_of
+from hpcinv.solver.support_checks import node_labels, parts_of
 
 _MOST_DESCRIBED = 3  # parts of a body in one message
 # Parts whose motions are found together, by a dense matrix. In larger groups each part is checked by itself, as if the
@@ -39,7 +39,7 @@ class _Joints:
     nodes: Ints
     points: Floats
 
-    def of_part(self, part: int) -> Floats:
+    def part_points(self, part: int) -> Floats:
         """Return the points of the nodes that a part shares with others."""
         points: Floats = self.points[self.nodes[:, 1] == part]
         return points
@@ -49,8 +49,8 @@ class _Joints:
         both = [(i, i + 1) for i in range(len(self.nodes) - 1) if self.nodes[i, 0] == self.nodes[i + 1, 0]]
         rows = np.array(both, dtype=np.int64).reshape(-1, 2)
         distinct, place = unique_rows(self.nodes[rows, 1])
-        for pair, (one, two) in enumerate(distinct.tolist()):
-            yield one, two, self.points[rows[place == pair, 0]]
+        for pair, (first, second) in enumerate(distinct.tolist()):
+            yield first, second, self.points[rows[place == pair, 0]]
 
 
 def check_hinges(body: Body, supports: Supports, space: fem.FunctionSpace, system: System | None = None) -> None:
@@ -66,22 +66,25 @@ def check_hinges(body: Body, supports: Supports, space: fem.FunctionSpace, syste
         MeshError: on all ranks, with the parts that can, where they meet others, and their motions.
     """
     comm = body.mesh.comm
-    count, of_cell = parts_of(body, by_facets=True)
+    count, cell_parts = parts_of(body, joined_by_facets=True)
     if count == 1 or count == parts_of(body)[0]:
         return
-    joints, frames, cells = _joints(body, space, of_cell), *_frames(body, of_cell, count)
-    held = _held(supports, of_cell, frames, comm)
+    joints, frames, cells = _joints(body, space, cell_parts), *_frames(body, cell_parts, count)
+    held = _held(supports, cell_parts, frames, comm)
     # On rank 0 only; the groups of parts that are joined by nodes.
     motions = on_root(comm, lambda: [*_free(joints, held, frames, alone=system is None)])
     if system is not None and motions:
-        motions = _without_springs(system, of_cell, frames, motions)
+        motions = _unsprung_motions(system, cell_parts, frames, motions)
     faults = {
-        part: found for group, free in motions for part, found in zip(group, _of_parts(free), strict=True) if found.size
+        part: part_motions
+        for group, free in motions
+        for part, part_motions in zip(group, _part_motions(free), strict=True)
+        if part_motions.size
     }
     if faults:
         # Of parts that hang on others which move, the motions would tell little.
-        fewest = min(found.shape[1] for found in faults.values())
-        first = [part for part, found in faults.items() if found.shape[1] == fewest][:_MOST_DESCRIBED]
+        fewest = min(part_motions.shape[1] for part_motions in faults.values())
+        first = [part for part, part_motions in faults.items() if part_motions.shape[1] == fewest][:_MOST_DESCRIBED]
         text = on_root(
             comm,
             lambda: "; ".join(_description(body, joints, frames[p], int(cells[p]), p, faults[p]) for p in first),
@@ -94,7 +97,7 @@ def check_hinges(body: Body, supports: Supports, space: fem.FunctionSpace, syste
         )
 
 
-def _joints(body: Body, space: fem.FunctionSpace, of_cell: Ints) -> _Joints:
+def _joints(body: Body, space: fem.FunctionSpace, cell_parts: Ints) -> _Joints:
     """Return on rank 0 the nodes that parts share, sorted, and none elsewhere; collective.
 
     They are the nodes of the displacement, or those of the geometry where that has more: turns about vertices on a line
@@ -106,22 +109,24 @@ def _joints(body: Body, space: fem.FunctionSpace, of_cell: Ints) -> _Joints:
         dofs, index_map, positions = geometry.dofmaps[0], geometry.index_map(), geometry.x
     owned, total = index_map.size_local, index_map.size_local + index_map.num_ghosts
     least, most = np.full(total, np.iinfo(np.int64).max), np.full(total, -1)
-    labels = np.repeat(of_cell, dofs.shape[1])
+    labels = np.repeat(cell_parts, dofs.shape[1])
     np.minimum.at(least, dofs.ravel(), labels)
     np.maximum.at(most, dofs.ravel(), labels)
-    of_owner = la.vector(index_map, 1, np.int64)
-    of_owner.array[:] = most
-    of_owner.scatter_forward()
-    others = of_owner.array
+    owner_parts = la.vector(index_map, 1, np.int64)
+    owner_parts.array[:] = most
+    owner_parts.scatter_forward()
+    others = owner_parts.array
     shared = (least != most) | (others != most)
     numbers = index_map.local_to_global(np.arange(total, dtype=np.int32))
     here = shared[dofs]
-    at, label = dofs[here], np.broadcast_to(of_cell[:, None], dofs.shape)[here]
+    joint_dofs, label = dofs[here], np.broadcast_to(cell_parts[:, None], dofs.shape)[here]
     ghosts = owned + np.flatnonzero(shared[owned:])
-    rows = np.concatenate([np.stack([numbers[at], label], axis=1), np.stack([numbers[ghosts], others[ghosts]], axis=1)])
+    rows = np.concatenate(
+        [np.stack([numbers[joint_dofs], label], axis=1), np.stack([numbers[ghosts], others[ghosts]], axis=1)]
+    )
     rows, place = unique_rows(rows)
     points = np.empty((len(rows), 3))
-    points[place] = positions[np.concatenate([at, ghosts])]
+    points[place] = positions[np.concatenate([joint_dofs, ghosts])]
     gathered = comm.gather((rows, points))
     if gathered is None:
         return _Joints(np.zeros((0, 2), dtype=np.int64), np.zeros((0, 3)))
@@ -131,34 +136,34 @@ def _joints(body: Body, space: fem.FunctionSpace, of_cell: Ints) -> _Joints:
     return _Joints(rows, points)
 
 
-def _frames(body: Body, of_cell: Ints, count: int) -> tuple[list[Frame], Ints]:
+def _frames(body: Body, cell_parts: Ints, count: int) -> tuple[list[Frame], Ints]:
     """Return a frame around each part, and the number of its cells; collective."""
     comm, nodes = body.mesh.comm, body.mesh.geometry.dofmaps[0]
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    labels = np.repeat(of_cell, nodes.shape[1])
+    labels = np.repeat(cell_parts, nodes.shape[1])
     np.minimum.at(low, labels, body.mesh.geometry.x[nodes.ravel()])
     np.maximum.at(high, labels, body.mesh.geometry.x[nodes.ravel()])
     comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
     comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
-    cells = np.bincount(of_cell, minlength=count)
+    cells = np.bincount(cell_parts, minlength=count)
     comm.Allreduce(MPI.IN_PLACE, cells, MPI.SUM)
     sizes = np.linalg.norm(high - low, axis=1) / 2
     return [Frame(middle, size) for middle, size in zip((low + high) / 2, sizes.tolist(), strict=True)], cells
 
 
-def _held(supports: Supports, of_cell: Ints, frames: list[Frame], comm: MPI.Intracomm) -> dict[int, Floats]:
+def _held(supports: Supports, cell_parts: Ints, frames: list[Frame], comm: MPI.Intracomm) -> dict[int, Floats]:
     """Return on rank 0 rows (n, 6) that supports prescribe of each part's motions; {} elsewhere; collective."""
     rows: dict[int, list[Floats]] = {}
-    for one in supports.prescribed:
-        points, labels = one.points, of_nodes(one.now.function_space, of_cell)[one.nodes]
+    for support in supports.prescribed:
+        points, labels = support.points, node_labels(support.now.function_space, cell_parts)[support.nodes]
         for part in np.unique(labels).tolist():
-            rows.setdefault(part, []).append(frames[part].motions(points[labels == part])[:, one.axis])
-    gathered = comm.gather({part: _reduced(np.vstack(of_part)) for part, of_part in rows.items()})
+            rows.setdefault(part, []).append(frames[part].motions(points[labels == part])[:, support.axis])
+    gathered = comm.gather({part: _reduced(np.vstack(part_rows)) for part, part_rows in rows.items()})
     together: dict[int, list[Floats]] = {}
-    for of_rank in gathered or []:
-        for part, reduced in of_rank.items():
+    for rank_rows in gathered or []:
+        for part, reduced in rank_rows.items():
             together.setdefault(part, []).append(reduced)
-    return {part: np.vstack(of_part) for part, of_part in together.items()}
+    return {part: np.vstack(part_rows) for part, part_rows in together.items()}
 
 
 def _reduced(rows: Floats) -> Floats:
@@ -175,7 +180,7 @@ def _free(
     Args:
         alone: check the parts of large groups by themselves, rather than not at all.
     """
-    pairs = [(one, two, points) for one, two, points in joints.pairs()]
+    pairs = [(lower, upper, points) for lower, upper, points in joints.pairs()]
     ends = np.array([pair[:2] for pair in pairs], dtype=np.int64).reshape(-1, 2)
     group_of = connected(np.concatenate([ends, np.tile(np.arange(len(frames)), (2, 1)).T]), len(frames))[len(ends) :]
     none = np.zeros((0, 6))
@@ -185,59 +190,59 @@ def _free(
             first = {part: 6 * i for i, part in enumerate(group.tolist())}
             rows = []
             for part, start in first.items():
-                of_part = held.get(part, none)
-                rows.append(np.zeros((len(of_part), 6 * len(group))))
-                rows[-1][:, start : start + 6] = of_part
-            for one, two, points in pairs:
-                if one not in first:
+                part_rows = held.get(part, none)
+                rows.append(np.zeros((len(part_rows), 6 * len(group))))
+                rows[-1][:, start : start + 6] = part_rows
+            for lower, upper, points in pairs:
+                if lower not in first:
                     continue
-                motions = [frames[part].motions(points).reshape(-1, 6) for part in (one, two)]
+                motions = [frames[part].motions(points).reshape(-1, 6) for part in (lower, upper)]
                 triangle = _reduced(np.hstack([motions[0], -motions[1]]))
                 rows.append(np.zeros((len(triangle), 6 * len(group))))
-                rows[-1][:, first[one] : first[one] + 6] = triangle[:, :6]
-                rows[-1][:, first[two] : first[two] + 6] = triangle[:, 6:]
+                rows[-1][:, first[lower] : first[lower] + 6] = triangle[:, :6]
+                rows[-1][:, first[upper] : first[upper] + 6] = triangle[:, 6:]
             free = free_motions(np.vstack(rows))
             if free.size:
                 yield group, free
         elif alone:
             for part in group.tolist():
-                motions_there = frames[part].motions(joints.of_part(part)).reshape(-1, 6)
+                motions_there = frames[part].motions(joints.part_points(part)).reshape(-1, 6)
                 free = free_motions(np.vstack([held.get(part, none), _reduced(motions_there)]))
                 if free.size:
                     yield np.array([part]), free
 
 
-def _without_springs(
-    system: System, of_cell: Ints, frames: list[Frame], motions: Sequence[tuple[Ints, Floats]]
+def _unsprung_motions(
+    system: System, cell_parts: Ints, frames: list[Frame], motions: Sequence[tuple[Ints, Floats]]
 ) -> list[tuple[Ints, Floats]]:
     """Return those of the motions of groups of parts that springs leave free; collective."""
     space, comm = system.scene.unknowns.displacement_space, system.comm
-    points, of_node = space.tabulate_dof_coordinates(), of_nodes(space, of_cell)
+    points, node_parts = space.tabulate_dof_coordinates(), node_labels(space, cell_parts)
     low, high = extent(comm, points)
     whole = Frame((low + high) / 2, float(np.linalg.norm(high - low)) / 2)
     everywhere = np.ones(len(points), dtype=bool)
-    (of_whole,) = stiffness_of(system, 6, lambda motion: whole.moved(points, np.eye(6)[motion]), [everywhere])
-    found = []
+    (whole_stiffness,) = stiffness_of(system, 6, lambda motion: whole.moved(points, np.eye(6)[motion]), [everywhere])
+    unsprung = []
     for group, free in motions:
 
         def field(number: int, group: Ints = group, free: Floats = free) -> Floats:
             moved: Floats = np.zeros_like(points)
-            for part, of_part in zip(group.tolist(), free[:, number].reshape(-1, 6), strict=True):
-                here = of_node == part
-                moved[here] = frames[part].moved(points[here], of_part)
+            for part, part_motion in zip(group.tolist(), free[:, number].reshape(-1, 6), strict=True):
+                here = node_parts == part
+                moved[here] = frames[part].moved(points[here], part_motion)
             return moved
 
         (stiffness,) = stiffness_of(system, free.shape[1], field, [everywhere])
-        soft = free @ without_springs(np.eye(free.shape[1]), stiffness, largest_stiffness(of_whole))
+        soft = free @ unsprung_basis(np.eye(free.shape[1]), stiffness, largest_stiffness(whole_stiffness))
         if soft.size:
-            found.append((group, soft))
-    return found
+            unsprung.append((group, soft))
+    return unsprung
 
 
-def _of_parts(free: Floats) -> Iterator[Floats]:
+def _part_motions(free: Floats) -> Iterator[Floats]:
     """Yield a basis (6, k) of the motions of each part of a group, from one of the group (6·p, m)."""
-    for of_part in free.reshape(-1, 6, free.shape[1]):
-        basis, sizes, _ = np.linalg.svd(of_part, full_matrices=False)
+    for part_rows in free.reshape(-1, 6, free.shape[1]):
+        basis, sizes, _ = np.linalg.svd(part_rows, full_matrices=False)
         yield basis[:, sizes > _MOVES]
 
 
@@ -245,7 +250,7 @@ def _description(body: Body, joints: _Joints, frame: Frame, cells: int, part: in
     """Return what a part is, where it meets others and how it can move; for rank 0."""
     unit = body.source.unit or 1.0
     length, symbol = body.length_scale / unit, length_symbol(unit)
-    points = np.unique(joints.of_part(part), axis=0)
+    points = np.unique(joints.part_points(part), axis=0)
     largest = np.abs(joints.points).max(initial=frame.size)
 
     def place(point: Floats) -> str:
@@ -259,10 +264,12 @@ def _description(body: Body, joints: _Joints, frame: Frame, cells: int, part: in
         about = "about which it is free to turn in every way" if turns else f"and is {free}"
         return f"{what} touches the rest of the body only at the node {place(points[0])} {symbol}, {about}"
     centred = points - points.mean(axis=0)
-    along = np.linalg.svd(centred, full_matrices=False)[2][0]
-    along *= np.sign(along[np.abs(along).argmax()])  # so that the ends come in the same order on any machine
-    heights = centred @ along
-    if np.abs(centred - np.outer(heights, along)).max() <= _ON_LINE * np.ptp(heights):
+    hinge_axis = np.linalg.svd(centred, full_matrices=False)[2][0]
+    hinge_axis *= np.sign(
+        hinge_axis[np.abs(hinge_axis).argmax()]
+    )  # so that the ends come in the same order on any machine
+    heights = centred @ hinge_axis
+    if np.abs(centred - np.outer(heights, hinge_axis)).max() <= _ON_LINE * np.ptp(heights):
         low, high = points[heights.argmin()], points[heights.argmax()]
         where = f"on the straight line from {place(low)} to {place(high)} {symbol}"
     else:

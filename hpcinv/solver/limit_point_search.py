@@ -33,30 +33,30 @@ def locate(
     """
     scale = max(abs(low.load), abs(high.load))
     last, spent = low, 0
-    s = _between(low, high)
+    s = _bounded_root(low, high)
     while True:
         share = (s - low.s) / (high.s - low.s)
         guess = low.x.copy()
         guess.scale(1 - share)
         guess.axpy(share, high.x)
         load = (1 - share) * low.load + share * high.load
-        found = bordering.correct(guess, load, t, _TOLERANCE, direction=direction, scale=scale)
+        corrected = bordering.correct(guess, load, t, _TOLERANCE, direction=direction, scale=scale)
         guess.destroy()
-        spent += found.solve.factorizations
-        if not found.solve.outcome.accepted:
-            return found, None, spent
+        spent += corrected.solve.factorizations
+        if not corrected.solve.outcome.accepted:
+            return corrected, None, spent
         spent += 1
-        tangent = bordering.tangent(found.x, found.solve.load, t)
+        tangent = bordering.tangent(corrected.x, corrected.solve.load, t)
         if tangent is None:  # the tangent is singular at the limit point
-            return found, None, spent
+            return corrected, None, spent
         slope = tangent.slope / dot(t, tangent.direction)
-        sample = PathSample(found.x, s, found.solve.load, slope)
-        if abs(s - last.s) <= _STATE_TOLERANCE * norm(found.x) or spent > _MOST_FACTORIZATIONS:
-            return found, tangent, spent
+        sample = PathSample(corrected.x, s, corrected.solve.load, slope)
+        if abs(s - last.s) <= _STATE_TOLERANCE * norm(corrected.x) or spent > _MOST_FACTORIZATIONS:
+            return corrected, tangent, spent
         rises = slope * direction > 0
         trial = _secant(last, sample)
         low, high = (sample, high) if rises else (low, sample)
-        last, s = sample, trial if low.s < trial < high.s else _between(low, high)
+        last, s = sample, trial if low.s < trial < high.s else _bounded_root(low, high)
 
 
 _STATE_TOLERANCE = 1e-3  # change of the state between trials, relative to its norm
@@ -64,11 +64,11 @@ _TOLERANCE = 1e-8  # of the points
 _MOST_FACTORIZATIONS = 40
 
 
-def _secant(one: PathSample, other: PathSample) -> float:
-    return other.s - other.slope * (other.s - one.s) / ((other.slope - one.slope) or math.inf)
+def _secant(first: PathSample, second: PathSample) -> float:
+    return second.s - second.slope * (second.s - first.s) / ((second.slope - first.slope) or math.inf)
 
 
-def _between(low: PathSample, high: PathSample) -> float:
+def _bounded_root(low: PathSample, high: PathSample) -> float:
     """Return the root as `_secant`, limited to the middle nine tenths of the interval."""
     share = (_secant(low, high) - low.s) / (high.s - low.s)
     return low.s + (high.s - low.s) * min(max(share, 0.05), 0.95)

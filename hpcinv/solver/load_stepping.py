@@ -42,7 +42,7 @@ class AdaptiveSteps:
     def least(self) -> float:
         return self.smallest / self.cases
 
-    def after(self, solve: Solve, step: float) -> float:
+    def next_step(self, solve: Solve, step: float) -> float:
         if not solve.outcome.accepted:
             return step / 2
         return 2 * step if len(solve.iterations) <= self.easy else step
@@ -63,7 +63,7 @@ class FixedSteps:
     def start(self) -> float:
         return 1.0 / (self.count * self.cases)
 
-    def after(self, solve: Solve, step: float) -> float:
+    def next_step(self, solve: Solve, step: float) -> float:
         return step if solve.outcome.accepted else 0.0
 
 
@@ -127,11 +127,11 @@ def follow(
                 if shorter < target - load:
                     state.array[:] = accepted
                     target = _target(load, shorter, steps.cases)
-                    predicted = predict(target).after(predicted)
+                    predicted = predict(target).including(predicted)
         wanted = tolerance if target == 1.0 else steps.path_tolerance
         tangents = equilibrium.system.tangents
         solve = equilibrium.solve(target, wanted, predicted=predicted)
-        step = steps.after(solve, target - load)
+        step = steps.next_step(solve, target - load)
         if solve.outcome.accepted:
             # A step that changes nothing, such as that of an obstacle that is still away, needs no tangent.
             load, has_tangent = target, has_tangent or predicted is not None or equilibrium.system.tangents > tangents

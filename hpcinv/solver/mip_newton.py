@@ -30,7 +30,7 @@ from ufl.classes import Zero
 
 from hpcinv.assembly.system import System
 from hpcinv.assembly.tangent_moduli import Term
-from hpcinv.kinematics.staged_derivatives import gradient, without_stages
+from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.solver.predictor import Increment
 
 
@@ -53,7 +53,7 @@ class ExtrapolatedStress:
         """Return whether the tangents of a solve need the term, by the first step of that solve."""
         return self._is_forward and first.rotation > self._smallest
 
-    def since(self, before: PETSc.Vec, first: Increment) -> Any:
+    def extrapolation(self, start: PETSc.Vec, first: Increment) -> Any:
         """Return the term, for ``System.tangent``.
 
         Args:
@@ -61,18 +61,18 @@ class ExtrapolatedStress:
             first: increment of the first step of the solve.
         """
         term = self._term
-        self._of_pressure.value = float(first.rotation > self._rotation_to_strain * first.strain)
-        before.copy(self._before.x.petsc_vec)
-        self._before.x.scatter_forward()
-        self._step.x.array[:] = self._scene.unknowns.state.x.array - self._before.x.array
+        self._pressure_share.value = float(first.rotation > self._rotation_to_strain * first.strain)
+        start.copy(self._start.x.petsc_vec)
+        self._start.x.scatter_forward()
+        self._step.x.array[:] = self._scene.unknowns.state.x.array - self._start.x.array
         return term
 
     @cached_property
     def _term(self) -> Any:
         scene, kin = self._scene, self._scene.kinematics
         unknowns = scene.unknowns
-        self._before, self._step = fem.Function(unknowns.space), fem.Function(unknowns.space)
-        self._of_pressure = fem.Constant(unknowns.mesh, 0.0)
+        self._start, self._step = fem.Function(unknowns.space), fem.Function(unknowns.space)
+        self._pressure_share = fem.Constant(unknowns.mesh, 0.0)
         trial = ufl.TrialFunction(unknowns.space)
         gradients = kin.Grad(unknowns.v), kin.Grad(trial if unknowns.p is None else ufl.split(trial)[0])
         metric = ufl.sym(gradients[0].T * gradients[1])
@@ -83,20 +83,20 @@ class ExtrapolatedStress:
             """Return a symbol for the extrapolated value of an expression of the state, less its present value."""
             if isinstance(stress, Zero):
                 return stress
-            there = ufl.replace(stress, {unknowns.state: self._before})
+            there = ufl.replace(stress, {unknowns.state: self._start})
             symbol = ufl.Constant(unknowns.mesh, stress.ufl_shape)
-            excesses[symbol] = there + ufl.derivative(there, self._before, self._step) - stress
+            excesses[symbol] = there + ufl.derivative(there, self._start, self._step) - stress
             return symbol
 
         for number, part in enumerate(scene.parts):
-            S = without_stages(kin.F_inverse * part.P)
-            slope, p = without_stages(gradient(part.dilatation, scene.H)), without_stages(part.pressure)
-            of_pressure = -p * kin.F_inverse * slope
-            work = ufl.inner(excess(S - of_pressure), metric)
+            S = remove_stages(kin.F_inverse * part.P)
+            slope, p = remove_stages(gradient(part.dilatation, scene.H)), remove_stages(part.pressure)
+            pressure_stress = -p * kin.F_inverse * slope
+            work = ufl.inner(excess(S - pressure_stress), metric)
             if unknowns.p is None:
                 curvature = ufl.derivative(ufl.inner(slope, gradients[0]), unknowns.state, trial)
                 work -= excess(p) * curvature
             else:
-                work += self._of_pressure * ufl.inner(excess(of_pressure), metric)
+                work += self._pressure_share * ufl.inner(excess(pressure_stress), metric)
             total += kin.dV(work, kin.integration.part(number))
         return self._system.term(Term(total, trial, excesses))

@@ -101,9 +101,9 @@ class NewtonMonitor:
     history: list[NewtonIteration] = field(default_factory=list)
 
     # Far from the solution the first corrections may shrink by chance: a tangent assembled there must not be kept.
-    near = 0.02
+    near_correction = 0.02
     # A first correction as small as this keeps its tangent if the initial state is known to be near the solution.
-    near_at_first = 5e-3
+    first_near_correction = 5e-3
     # Corrections smaller than this that no longer shrink are rounding errors.
     round_off = 1e-8
     # A correction below this share of the floor is a rounding error. A larger share ends solves earlier, with fewer
@@ -119,8 +119,8 @@ class NewtonMonitor:
         """Ratio of the last two corrections; 1 as long as there is only one."""
         if len(self.history) < 2:
             return 1.0
-        before, last = self.history[-2].correction, self.history[-1].correction
-        return last / before if before > 0 else 0.0
+        previous, last = self.history[-2].correction, self.history[-1].correction
+        return last / previous if previous > 0 else 0.0
 
     @property
     def needs_new_tangent(self) -> bool:
@@ -128,12 +128,12 @@ class NewtonMonitor:
         if not self.history:
             return not (self.predicted and self.reuse)
         last = self.history[-1]
-        if len(self.history) == 1 and self.begins_near and last.correction <= self.near_at_first * last.state:
+        if len(self.history) == 1 and self.begins_near and last.correction <= self.first_near_correction * last.state:
             return False
         theta = self.contraction
         if len(self.history) == 1 and self.predicted:
             theta = last.correction / self.predicted
-        return not (theta <= self.reuse and last.correction <= self.near * last.state)
+        return not (theta <= self.reuse and last.correction <= self.near_correction * last.state)
 
     def accepts(self, correction: float, state: float) -> bool:
         """Return whether a correction by a kept tangent is good enough; else it needs a new tangent at the same state.
@@ -143,7 +143,7 @@ class NewtonMonitor:
         if self.floor.exceeds(correction, self.rounding):
             return True
         if not self.history:
-            return correction <= self.reuse * self.predicted and correction <= self.near * state
+            return correction <= self.reuse * self.predicted and correction <= self.near_correction * state
         return correction <= self.renewal * self.history[-1].correction
 
     def is_too_large(self, increment: Increment) -> bool:
@@ -166,5 +166,7 @@ class NewtonMonitor:
             return Outcome.ROUND_OFF
         if len(self.history) >= self.limit:
             return Outcome.ITERATION_LIMIT
-        growths = sum(after.correction > before.correction for before, after in itertools.pairwise(self.history))
+        growths = sum(
+            following.correction > previous.correction for previous, following in itertools.pairwise(self.history)
+        )
         return Outcome.DIVERGED if growths > self.growths_allowed else None

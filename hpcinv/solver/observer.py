@@ -68,7 +68,7 @@ class Observer:
     def failing(self, lines: Sequence[str]) -> None:
         """Called with an explanation when load steps keep failing."""
 
-    def ended(self, found: SolvedDirection) -> None:
+    def ended(self, solved: SolvedDirection) -> None:
         """Called when the solution in one direction has ended; collective."""
 
     def stop_asked(self) -> bool:
@@ -95,11 +95,11 @@ def freeing(*free: Callable[[], object]) -> Iterator[None]:
     try:
         yield
     except Stopped:
-        for one in free:
-            one()
+        for function in free:
+            function()
         raise
-    for one in free:
-        one()
+    for function in free:
+        function()
 
 
 def is_stop_asked(comm: MPI.Intracomm, observer: Observer) -> bool:
@@ -160,9 +160,9 @@ class Observers(Observer):
         for observer in self._observers:
             observer.failing(lines)
 
-    def ended(self, found: SolvedDirection) -> None:
+    def ended(self, solved: SolvedDirection) -> None:
         for observer in self._observers:
-            observer.ended(found)
+            observer.ended(solved)
 
     def stop_asked(self) -> bool:
         return any(observer.stop_asked() for observer in self._observers)

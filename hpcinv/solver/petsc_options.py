@@ -29,8 +29,8 @@ class SolverOptions:
 
     prefix = "hpcinv_"
 
-    def __init__(self, of_the_job: Mapping[str, OptionValue], where: str = "solver.petsc") -> None:
-        self._of_the_job, self._names, self._where = of_the_job, set(of_the_job), where
+    def __init__(self, job_options: Mapping[str, OptionValue], where: str = "solver.petsc") -> None:
+        self._job_options, self._names, self._where = job_options, set(job_options), where
         self._values: dict[str, OptionValue] = {}
         self._texts: dict[str, str] = {}  # the same as PETSc has them
         self._database = PETSc.Options(self.prefix)
@@ -38,11 +38,11 @@ class SolverOptions:
 
     def use(self, defaults: Mapping[str, OptionValue]) -> None:
         """Set the defaults of a linear solver in place of earlier ones, except for options that the job sets."""
-        before, self._values = self._values, {**NEWTON, **defaults, **self._of_the_job}
-        for name in before.keys() - self._values.keys():
+        earlier, self._values = self._values, {**NEWTON, **defaults, **self._job_options}
+        for name in earlier.keys() - self._values.keys():
             self._database.delValue(name)
-        for name in before.keys() & self._values.keys():
-            if before[name] != self._values[name]:
+        for name in earlier.keys() & self._values.keys():
+            if earlier[name] != self._values[name]:
                 self._texts.pop(name, None)
         self.restore()
 
@@ -87,10 +87,10 @@ class SolverOptions:
             origin = _origin(error)
             if isinstance(origin, HpcinvError):
                 raise origin from None
-            if not self._of_the_job or not isinstance(origin, PETSc.Error):
+            if not self._job_options or not isinstance(origin, PETSc.Error):
                 raise
             self.remove()
-            raise JobError(f"{self._where}: {_refusal(self._of_the_job, _said(origin))}") from error
+            raise JobError(f"{self._where}: {_refusal(self._job_options, _said(origin))}") from error
 
     def remove(self) -> None:
         """Remove the options, so that PETSc does not report unused ones a second time when it ends."""

@@ -75,7 +75,7 @@ class Prediction:
     factorizations: int = 0
     signs: tuple[int, ...] = ()
 
-    def after(self, first: Prediction) -> Prediction:
+    def including(self, first: Prediction) -> Prediction:
         """Return this prediction with the effort of the replaced one added."""
         factorizations = first.factorizations + self.factorizations
         return replace(self, factorizations=factorizations, signs=first.signs + self.signs)
@@ -99,7 +99,7 @@ class Predictor:
             new_tangent: assemble and factorize the tangent; else the present factors are used.
         """
         system, linear = self.system, self.linear
-        start, before = self._origin, linear.factorizations
+        start, count_before = self._origin, linear.factorizations
         system.state.x.petsc_vec.copy(start)
         while True:
             system.set_load(load)
@@ -124,7 +124,9 @@ class Predictor:
         is_taken = solved and system.fault() is None and not system.scene.passages.has_passed()
         if not is_taken:
             system.set_state(start)
-        return Prediction(length, increment, start, is_taken, linear.factorizations - before, (sign,) if sign else ())
+        return Prediction(
+            length, increment, start, is_taken, linear.factorizations - count_before, (sign,) if sign else ()
+        )
 
     def destroy(self) -> None:
         self._origin.destroy()

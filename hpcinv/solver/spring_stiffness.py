@@ -20,7 +20,7 @@ def forces_of(system: System) -> Iterator[tuple[Callable[[Floats], Floats], Call
     of the field; both are collective.
     """
     unknowns, state = system.scene.unknowns, system.state
-    before, owned = state.x.array.copy(), len(system.rhs.array)
+    kept_state, owned = state.x.array.copy(), len(system.rhs.array)
 
     def unknowns_of(field: Floats) -> Floats:
         u = fem.Function(unknowns.displacement_space)
@@ -37,7 +37,7 @@ def forces_of(system: System) -> Iterator[tuple[Callable[[Floats], Floats], Call
         unmoved = forces(np.zeros((len(unknowns.displacement_space.tabulate_dof_coordinates()), 3)))
         yield unknowns_of, lambda field: (forces(field) - unmoved) / _SMALL
     finally:
-        state.x.array[:] = before
+        state.x.array[:] = kept_state
 
 
 def stiffness_of(system: System, count: int, field: Callable[[int], Floats], parts: Sequence[Floats]) -> list[Floats]:
@@ -49,9 +49,9 @@ def stiffness_of(system: System, count: int, field: Callable[[int], Floats], par
     """
     with forces_of(system) as (unknowns_of, forces):
         moved = np.stack([forces(field(i)) for i in range(count)], axis=1)
-        found = []
+        stiffnesses = []
         for part in parts:
             tests = np.stack([unknowns_of(field(i) * part[:, None]) for i in range(count)], axis=1)
             stiffness = np.asarray(system.comm.allreduce(tests.T @ moved))
-            found.append((stiffness + stiffness.T) / 2)
-    return found
+            stiffnesses.append((stiffness + stiffness.T) / 2)
+    return stiffnesses

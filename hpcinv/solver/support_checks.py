@@ -20,7 +20,7 @@ from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected
-from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, without_springs
+from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, unsprung_basis
 from hpcinv.model.supports import Prescribed, Supports
 from hpcinv.parallel.runtime import MPI, agree, on_root
 from hpcinv.solver.spring_stiffness import stiffness_of
@@ -42,36 +42,36 @@ def check_agreement(job: Job, body: Body, supports: Supports) -> None:
 def _contradictions(job: Job, body: Body, supports: Supports) -> Iterator[MeshError]:
     """Yield an error for each pair of supports that prescribe one component of a node of this rank differently."""
     farthest = np.abs(body.mesh.geometry.x).max(initial=0.0)
-    for later, two in enumerate(supports.prescribed):
-        for one in supports.prescribed[:later]:
-            if one.axis != two.axis:
+    for later, second in enumerate(supports.prescribed):
+        for first in supports.prescribed[:later]:
+            if first.axis != second.axis:
                 continue
-            shared, a, b = np.intersect1d(one.dofs, two.dofs, return_indices=True)
+            shared, a, b = np.intersect1d(first.dofs, second.dofs, return_indices=True)
             if not len(shared):
                 continue
-            ua, ub = one.full[one.nodes[a]], two.full[two.nodes[b]]
+            ua, ub = first.full[first.nodes[a]], second.full[second.nodes[b]]
             # Formulas that agree on paper differ by rounding errors, of their values and of the coordinates in them.
-            size = max(np.abs(one.full).max(), np.abs(two.full).max())
+            size = max(np.abs(first.full).max(), np.abs(second.full).max())
             tolerance = 1e-9 * size + 8 * np.finfo(float).eps * (farthest if size else 0.0)
             differ = np.abs(ua - ub) > tolerance
-            apart = (one.case != two.case) & (np.minimum(np.abs(ua), np.abs(ub)) > tolerance)
+            apart = (first.case != second.case) & (np.minimum(np.abs(ua), np.abs(ub)) > tolerance)
             if (differ | apart).any():
                 worst = int(np.argmax(np.abs(ua - ub) + apart * np.abs(ua)))
                 values = (float(u[worst]) * body.length_scale for u in (ua, ub))
-                place = np.round(one.points[a[worst]] / farthest, 9) * farthest * body.length_scale
+                place = np.round(first.points[a[worst]] / farthest, 9) * farthest * body.length_scale
                 point = ", ".join(f"{c:.6g}" for c in place + 0.0)
-                yield _contradiction(job, one, two, values, point)
+                yield _contradiction(job, first, second, values, point)
 
 
-def _contradiction(job: Job, one: Prescribed, two: Prescribed, values: Iterator[float], point: str) -> MeshError:
+def _contradiction(job: Job, first: Prescribed, second: Prescribed, values: Iterator[float], point: str) -> MeshError:
     said = [
         f"{u:.9g} m" + (f" ({job.load_cases[p.case]})" if job.load_cases else "")
-        for p, u in zip((one, two), values, strict=True)
+        for p, u in zip((first, second), values, strict=True)
     ]
-    axis = AXES[one.axis]
+    axis = AXES[first.axis]
     return MeshError(
-        f"{one.field} and {two.field}: '{one.region}' and '{two.region}' share nodes, where they prescribe different"
-        f" displacements along {axis}: {said[0]} and {said[1]} at ({point}) m",
+        f"{first.field} and {second.field}: '{first.region}' and '{second.region}' share nodes, where they prescribe"
+        f" different displacements along {axis}: {said[0]} and {said[1]} at ({point}) m",
         f"Prescribe the same in both, leave {axis} free in one of them, or let their regions share no node.",
     )
 
@@ -119,7 +119,7 @@ def check_held(body: Body, supports: Supports, system: System | None = None) -> 
         )
 
 
-def parts_of(body: Body, *, by_facets: bool = False) -> tuple[int, Ints]:
+def parts_of(body: Body, *, joined_by_facets: bool = False) -> tuple[int, Ints]:
     """Return the number of parts of the body, which share no node, and the part of each local cell; collective.
 
     Connected cells of one rank are a piece; pieces of different ranks that share a node belong to one part.
@@ -129,7 +129,7 @@ def parts_of(body: Body, *, by_facets: bool = False) -> tuple[int, Ints]:
         by_facets: parts that share no facet, but may share nodes.
     """
     comm, topology = body.mesh.comm, body.mesh.topology
-    if by_facets:
+    if joined_by_facets:
         joints = topology.index_map(2)
         topology.create_connectivity(3, 2)
         cells = topology.connectivity(3, 2).array.reshape(-1, len(sub_entities(body.source.kind, 2))).astype(np.int64)
@@ -138,14 +138,14 @@ def parts_of(body: Body, *, by_facets: bool = False) -> tuple[int, Ints]:
         cells = body.mesh.geometry.dofmaps[0][:, : vertex_count(body.source.kind)].astype(np.int64)
     owned = joints.size_local
     mine = connected(cells, owned + joints.num_ghosts)
-    pieces = Rows.of(comm, int(mine.max(initial=-1)) + 1)
+    pieces = Rows.distributed(comm, int(mine.max(initial=-1)) + 1)
     mine += pieces.first
-    of_joint = la.vector(joints, 1, np.int64)
-    of_joint.array[cells] = mine[:, None]
-    here = of_joint.array[owned:].copy()
-    of_joint.scatter_forward()
+    joint_pieces = la.vector(joints, 1, np.int64)
+    joint_pieces.array[cells] = mine[:, None]
+    here = joint_pieces.array[owned:].copy()
+    joint_pieces.scatter_forward()
     shared = np.unique(cells[cells >= owned]) - owned
-    meeting = np.unique(np.stack([here, of_joint.array[owned:]])[:, shared], axis=1)
+    meeting = np.unique(np.stack([here, joint_pieces.array[owned:]])[:, shared], axis=1)
     joined = connected(np.hstack([*comm.allgather(meeting), np.tile(np.arange(pieces.total), (2, 1))]).T, pieces.total)
     part = joined[-pieces.total :]
     first = np.full(int(part.max()) + 1, np.iinfo(np.int64).max)
@@ -160,10 +160,10 @@ def _part(body: Body, supports: Supports, labels: Ints, label: int, whole: bool)
     owned = body.mesh.topology.index_map(3).size_local
     cells = np.flatnonzero(labels[:owned] == label)
     nodes = body.mesh.geometry.x[np.unique(body.mesh.geometry.dofmaps[0][cells])]
-    held = [_points(one, labels, label) for one in supports.prescribed]
+    held = [_points(support, labels, label) for support in supports.prescribed]
     middle, extent = _box(comm, nodes)
-    around = _box(comm, np.vstack([np.zeros((0, 3)), *held]))
-    centre, size = around if around[1] > 0 and not whole else (middle, extent)
+    held_box = _box(comm, np.vstack([np.zeros((0, 3)), *held]))
+    centre, size = held_box if held_box[1] > 0 and not whole else (middle, extent)
     return _Part(label, comm.allreduce(len(cells)), middle, Frame(centre, size))
 
 
@@ -175,15 +175,15 @@ def _box(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, float]:
     return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
 
 
-def of_nodes(space: fem.FunctionSpace, labels: Ints) -> Ints:
+def node_labels(space: fem.FunctionSpace, labels: Ints) -> Ints:
     """Return the label of a cell of this rank at each node of a space; -1 at nodes of cells of other ranks only."""
-    found = np.full(space.dofmap.index_map.size_local + space.dofmap.index_map.num_ghosts, -1, dtype=np.int64)
-    found[space.dofmap.list] = labels[:, None]
-    return found
+    labels_there = np.full(space.dofmap.index_map.size_local + space.dofmap.index_map.num_ghosts, -1, dtype=np.int64)
+    labels_there[space.dofmap.list] = labels[:, None]
+    return labels_there
 
 
-def _points(one: Prescribed, labels: Ints, label: int) -> Floats:
-    points: Floats = one.points[of_nodes(one.now.function_space, labels)[one.nodes] == label]
+def _points(support: Prescribed, labels: Ints, label: int) -> Floats:
+    points: Floats = support.points[node_labels(support.now.function_space, labels)[support.nodes] == label]
     return points
 
 
@@ -191,25 +191,27 @@ def _free(
     comm: MPI.Intracomm, supports: Supports, labels: Ints, part: _Part, springs: Floats, stiffest: float
 ) -> Floats:
     """Return a basis (6, k) of the free rigid motions of a part; collective."""
-    rows = [part.frame.motions(_points(one, labels, part.label))[:, one.axis] for one in supports.prescribed]
+    rows = [
+        part.frame.motions(_points(support, labels, part.label))[:, support.axis] for support in supports.prescribed
+    ]
     # The triangle of a QR factorization constrains what its many rows do.
     triangles = comm.gather(np.linalg.qr(np.vstack([np.zeros((0, 6)), *rows]), mode="r"))
-    return on_root(comm, lambda: without_springs(free_motions(np.vstack(triangles or [])), springs, stiffest))
+    return on_root(comm, lambda: unsprung_basis(free_motions(np.vstack(triangles or [])), springs, stiffest))
 
 
 def _stiffness(system: System, labels: Ints, parts: list[_Part]) -> list[Floats]:
     """Return the stiffness (6, 6) of each part against its rigid motions, which strain nothing but springs."""
     space = system.scene.unknowns.displacement_space
-    points, of_node = space.tabulate_dof_coordinates(), of_nodes(space, labels)
+    points, node_parts = space.tabulate_dof_coordinates(), node_labels(space, labels)
 
     def field(motion: int) -> Floats:
         moved: Floats = np.zeros_like(points)
         for part in parts:
-            here = of_node == part.label
+            here = node_parts == part.label
             moved[here] = part.frame.moved(points[here], np.eye(6)[motion])
         return moved
 
-    return stiffness_of(system, 6, field, [of_node == part.label for part in parts])
+    return stiffness_of(system, 6, field, [node_parts == part.label for part in parts])
 
 
 def check_not_enclosed(job: Job, body: Body) -> None:
@@ -229,14 +231,14 @@ def check_not_enclosed(job: Job, body: Body) -> None:
     _, areas = outer_facets(body.mesh, facets)
     links = topology.connectivity(2, 3)
     count, labels = parts_of(body)
-    of_part = labels[links.array[links.offsets[facets]]]
+    facet_parts = labels[links.array[links.offsets[facets]]]
     faces = np.abs(areas) > _FLAT * np.linalg.norm(areas, axis=1, keepdims=True)
     faces[~_are_flat(body, facets, areas)] = True  # curved: nothing is known of the normals
     for i, axis in enumerate(AXES):
         held = [body.facets(support.region) for support in job.supports if axis in support.held]
         faces[np.isin(facets, np.concatenate(held)) if held else slice(0), i] = False
     free = np.zeros(count, dtype=np.int64)
-    free[of_part[faces.any(axis=1)]] = 1
+    free[facet_parts[faces.any(axis=1)]] = 1
     body.mesh.comm.Allreduce(MPI.IN_PLACE, free, MPI.MAX)
     if not free.all():
         what = "an incompressible body" if count == 1 else f"a part of an incompressible body (of {count} parts)"

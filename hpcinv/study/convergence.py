@@ -13,8 +13,8 @@ _ORDERS = 0.1, 50.0  # beyond these bounds there is no convergence, or only roun
 def orders(sizes: Sequence[float], errors: Sequence[float | None]) -> list[float | None]:
     """Return the observed order ``ln(e₁/e₂) / ln(h₁/h₂)`` of each run and the one before it; ``None`` if undefined."""
     pairs = itertools.pairwise(zip(sizes, errors, strict=True))
-    found = [math.log(e1 / e2) / math.log(h1 / h2) if e1 and e2 and h1 != h2 else None for (h1, e1), (h2, e2) in pairs]
-    return [None, *found]
+    values = [math.log(e1 / e2) / math.log(h1 / h2) if e1 and e2 and h1 != h2 else None for (h1, e1), (h2, e2) in pairs]
+    return [None, *values]
 
 
 def fitted_order(sizes: Sequence[float], errors: Sequence[float | None]) -> float | None:

@@ -31,7 +31,7 @@ class Executions:
         self.plan, self.ledger, self.ranks = plan, ledger, ranks
         self._records: dict[str, CaseRecord] = {}
         self._jobs: dict[int, tuple[Job, str] | CaseRecord] = {}
-        self._by_place = {(r.place.series, r.place.step, r.place.case): i for i, r in enumerate(plan.runs)}
+        self._run_numbers = {(r.place.series, r.place.step, r.place.case): i for i, r in enumerate(plan.runs)}
         self.read()
 
     def read(self) -> None:
@@ -49,16 +49,16 @@ class Executions:
 
     def records(self, run: int) -> list[CaseRecord]:
         """Return the records of a ready run, in the order of its executions."""
-        found = self._prepared(run)
-        if isinstance(found, CaseRecord):
-            return [found]
+        prepared = self._prepared(run)
+        if isinstance(prepared, CaseRecord):
+            return [prepared]
         keys = (self.execution_key(run, number) for number in range(self.repetitions(run) + 1))
         return [self._records[key] for key in keys if key in self._records]
 
     def key(self, run: int) -> str:
         """Return the hash of a ready run's content, the same for equal runs; empty if the run cannot begin."""
-        found = self._prepared(run)
-        return "" if isinstance(found, CaseRecord) else found[1]
+        prepared = self._prepared(run)
+        return "" if isinstance(prepared, CaseRecord) else prepared[1]
 
     def execution_key(self, run: int, number: int) -> str:
         """Return the key in the ledger of an execution (from 0) of a ready run."""
@@ -82,7 +82,7 @@ class Executions:
 
         Those of a run that is not ready have a provisional key; a run that cannot begin has none.
         """
-        found: dict[str, BatchCase] = {}
+        cases: dict[str, BatchCase] = {}
         for i, run in enumerate(self.plan.runs):
             numbers = range(self.repetitions(i) + 1)
             if not self.is_ready(i):
@@ -93,20 +93,20 @@ class Executions:
                 keys = [key for n, key in enumerate(possible) if n < needed or key in self._records]
             else:
                 keys = []
-            found |= {key: BatchCase(key, run.place.title, group) for key in keys if key not in found}
-        return found
+            cases |= {key: BatchCase(key, run.place.title, group) for key in keys if key not in cases}
+        return cases
 
     def open_ones(self) -> list[tuple[int, int, Job]]:
         """Return number, run and job of the executions that can begin, in this order.
 
         Further executions of a run begin when the first one has converged.
         """
-        found = []
+        open_executions = []
         for i in range(len(self.plan.runs)):
             if self.is_ready(i) and not isinstance(prepared := self._prepared(i), CaseRecord):
                 left = [n for n in range(self.needed(i)) if self.execution_key(i, n) not in self._records]
-                found += [(n, i, prepared[0]) for n in (left[:1] if 0 in left else left)]
-        return sorted(found, key=lambda one: one[:2])
+                open_executions += [(n, i, prepared[0]) for n in (left[:1] if 0 in left else left)]
+        return sorted(open_executions, key=lambda entry: entry[:2])
 
     def count(self) -> tuple[int, int]:
         """Return the numbers of executions that are finished, and that are finished or needed."""
@@ -116,7 +116,7 @@ class Executions:
     def status(self) -> Status:
         """Return the status of the study; reads what was finished or opened again since the last time."""
         self._records = {key: record for key, record in self._records.items() if record.converged}
-        self._jobs = {run: found for run, found in self._jobs.items() if not isinstance(found, CaseRecord)}
+        self._jobs = {run: prepared for run, prepared in self._jobs.items() if not isinstance(prepared, CaseRecord)}
         self.read()
         executions = self.distinct()
         records = {key: self._records[key] for key in executions if key in self._records}
@@ -133,8 +133,8 @@ class Executions:
     def _register_homes(self) -> None:
         """Let the ledger know where the generators of the meshes of the ready runs are."""
         for run in range(len(self.plan.runs)):
-            if self.is_ready(run) and not isinstance(found := self._prepared(run), CaseRecord):
-                home = found[0].resolve(found[0].mesh.file).absolute().parent
+            if self.is_ready(run) and not isinstance(prepared := self._prepared(run), CaseRecord):
+                home = prepared[0].resolve(prepared[0].mesh.file).absolute().parent
                 self.ledger.homes |= {self.execution_key(run, n): home for n in range(self.repetitions(run) + 1)}
 
     def _keys(self) -> dict[str, None]:
@@ -143,15 +143,15 @@ class Executions:
 
     def _first(self, run: int) -> CaseRecord | None:
         """Return the record of the first execution of a ready run, or the reason why the run cannot begin."""
-        found = self._prepared(run)
-        return found if isinstance(found, CaseRecord) else self._records.get(self.execution_key(run, 0))
+        prepared = self._prepared(run)
+        return prepared if isinstance(prepared, CaseRecord) else self._records.get(self.execution_key(run, 0))
 
     def _sources(self, run: int) -> Iterator[tuple[str, int]]:
         """Yield the keys that take their value from another run, with its number."""
         place = self.plan.runs[run].place
         for key, taken in self.plan.study.series_called(place.series).take.items():
             step = place.step if self.plan.study.series_called(taken.series).steps > 1 else 0
-            yield key, self._by_place[taken.series, step, place.case]
+            yield key, self._run_numbers[taken.series, step, place.case]
 
     def _prepared(self, run: int) -> tuple[Job, str] | CaseRecord:
         """Return job and hash of a ready run, or the reason why there is none, such as the failure of another run."""

@@ -31,7 +31,7 @@ class StepStatistics:
     errors: tuple[float, ...]
     statistics: Mapping[str, float | None]
     promised: float | None = None
-    on_front: bool = False
+    is_on_front: bool = False
 
     @property
     def average(self) -> float | None:
@@ -69,8 +69,8 @@ class Accuracy:
 
     def front(self) -> str:
         """Return the titles of the points on the Pareto front, from fast to accurate; empty without points."""
-        on_front = [point for point in self.points if point.on_front]
-        best = sorted(on_front, key=lambda point: point.time or 0.0)
+        front_points = [point for point in self.points if point.is_on_front]
+        best = sorted(front_points, key=lambda point: point.time or 0.0)
         return "; ".join(", ".join(filter(None, (point.series, point.label))) for point in best)
 
     def point_of(self, row: StudyRow) -> StepStatistics:
@@ -84,8 +84,8 @@ def findings(plan: StudyPlan, rows: Sequence[StudyRow]) -> list[Accuracy]:
 
 def accuracy(plan: StudyPlan, rows: Sequence[StudyRow], name: str, unit: str) -> Accuracy:
     """Return errors and orders of one quantity in the rows."""
-    by_case = itertools.groupby(rows, key=lambda row: row.place.case)  # the rows of a case follow each other
-    references = tuple(_reference(plan, [*of_case], name) for _, of_case in by_case)
+    case_groups = itertools.groupby(rows, key=lambda row: row.place.case)  # the rows of a case follow each other
+    references = tuple(_reference(plan, [*case_rows], name) for _, case_rows in case_groups)
     errors = [_error(references[row.place.case], row, name) for row in rows]
     groups: dict[tuple[str, int], list[int]] = {}
     for i, row in enumerate(rows):
@@ -136,19 +136,19 @@ def _points(
         ratio = None if base is None else _ratio(those, [rows[i] for i in members.get((base, step), members[base, 0])])
         known = tuple(e for i in numbers if (e := errors[i]) is not None)
         converged = [row for row in those if row.converged]
-        found: dict[str, float | None] = {
+        figures: dict[str, float | None] = {
             "average": _average(known),
             "sd": statistics.stdev(known) if len(known) > 1 else None,
             "minimum": min(known, default=None),
             "maximum": max(known, default=None),
         }
         for name in those[0].costs:
-            found[name] = _average([c for row in converged if (c := row.costs[name]) is not None])
-        found |= {"ratio": ratio, "failed": len(those) - len(converged)}
+            figures[name] = _average([c for row in converged if (c := row.costs[name]) is not None])
+        figures |= {"ratio": ratio, "failed": len(those) - len(converged)}
         promised = _average([abs(e) for row in converged if (e := row.estimates[measured]) is not None])
-        points.append(StepStatistics(series, step, those[0].place.label, known, found, promised))
+        points.append(StepStatistics(series, step, those[0].place.label, known, figures, promised))
     best = front([(point.time, point.average) for point in points])
-    return tuple(replace(point, on_front=is_best) for point, is_best in zip(points, best, strict=True))
+    return tuple(replace(point, is_on_front=is_best) for point, is_best in zip(points, best, strict=True))
 
 
 def front(points: Sequence[tuple[float | None, float | None]]) -> list[bool]:

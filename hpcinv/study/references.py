@@ -49,10 +49,10 @@ def find_reference(reference: Reference, rows: Sequence[StudyRow], name: str) ->
 def _extrapolated(rows: Sequence[StudyRow], name: str) -> ReferenceValue:
     series = rows[0].place.series
     instead = "; take finest or a value instead, or another series: {richardson: NAME}"
-    by_size = {row.size: row for row in rows if row.size is not None}
-    if len(by_size) == 0:
+    rows_by_size = {row.size: row for row in rows if row.size is not None}
+    if len(rows_by_size) == 0:
         raise ValueError(f"richardson needs a series along which nothing but the mesh varies, not '{series}'{instead}")
-    three = [by_size[size] for size in sorted(by_size, reverse=True)[-3:]]
+    three = [rows_by_size[size] for size in sorted(rows_by_size, reverse=True)[-3:]]
     if len(three) < LEAST_MESHES:
         raise ValueError(f"richardson needs three meshes, and series '{series}' has {len(three)}{instead}")
     values = [row.values[name] or 0.0 for row in three]

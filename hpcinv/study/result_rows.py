@@ -61,7 +61,7 @@ def rows_of(executions: Executions) -> list[StudyRow]:
 
 
 def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], parameter: str | None) -> StudyRow:
-    study, found = plan.study, records[0].statistics
+    study, statistics_of_run = plan.study, records[0].statistics
     converged = records[0].converged
     timed = [r.statistics for r in records if r.converged and not r.compiled] or [
         r.statistics for r in records if r.converged
@@ -72,19 +72,21 @@ def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], par
         "certified": certified,
         "solver": [_phases(s, SOLVER) for s in timed],
     }
-    costs: dict[str, float | None] = {name: statistics.median(of) if of else None for name, of in seconds.items()}
+    costs: dict[str, float | None] = {
+        name: statistics.median(values_there) if values_there else None for name, values_there in seconds.items()
+    }
     costs |= {
         "time": costs[study.time],
         "compile": max((_phases(r.statistics, ("compile",)) for r in records if r.statistics), default=None),
-        "factorizations": look_up(found, "solutions[].factorizations"),
-        "newton_iterations": look_up(found, "solutions[].newton_iterations"),
-        "unknowns": look_up(found, "mesh.unknowns"),
-        "cells": look_up(found, "mesh.cells"),
-        "memory": float(max(found["peak_memory"]["ranks"])) if found else None,
+        "factorizations": look_up(statistics_of_run, "solutions[].factorizations"),
+        "newton_iterations": look_up(statistics_of_run, "solutions[].newton_iterations"),
+        "unknowns": look_up(statistics_of_run, "mesh.unknowns"),
+        "cells": look_up(statistics_of_run, "mesh.cells"),
+        "memory": float(max(statistics_of_run["peak_memory"]["ranks"])) if statistics_of_run else None,
     }
-    costs |= {name: look_up(found, cost) for name, cost in study.costs.items()}
-    values = {name: look_up(found, k) if converged else None for name, k in plan.measured.items()}
-    estimates = {name: look_up(found, f"certificate.estimate.{k}") for name, k in plan.measured.items()}
+    costs |= {name: look_up(statistics_of_run, cost) for name, cost in study.costs.items()}
+    values = {name: look_up(statistics_of_run, k) if converged else None for name, k in plan.measured.items()}
+    estimates = {name: look_up(statistics_of_run, f"certificate.estimate.{k}") for name, k in plan.measured.items()}
     size = _size(run, costs["cells"], parameter) if refines(run.place.varied) else None
     geometry = str(records[0].estimate.get("geometry", ""))
     times = tuple(seconds[study.time])
@@ -93,8 +95,8 @@ def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], par
     )
 
 
-def _phases(found: Mapping[str, Any], names: Sequence[str]) -> float:
-    phases = found["timings"]["phases"]
+def _phases(statistics: Mapping[str, Any], names: Sequence[str]) -> float:
+    phases = statistics["timings"]["phases"]
     return float(sum(phases[name]["max"] for name in names if name in phases))
 
 
@@ -103,7 +105,7 @@ def _proportional(plan: StudyPlan, series: str) -> str | None:
     prefix = "mesh.parameters."
     runs = [run for run in plan.runs if run.place.series == series and run.place.case == 0]
     names = [key.removeprefix(prefix) for key in runs[0].place.varied if key.startswith(prefix)]
-    sizes = {name: [_of_parameter(run, name) for run in runs] for name in names}
+    sizes = {name: [_parameter_size(run, name) for run in runs] for name in names}
     known = {name: [s for s in values if s is not None] for name, values in sizes.items()}
     if not names or any(len(values) < len(runs) for values in known.values()):
         return None
@@ -112,7 +114,7 @@ def _proportional(plan: StudyPlan, series: str) -> str | None:
     return names[0] if same else None
 
 
-def _of_parameter(run: Run, name: str) -> float | None:
+def _parameter_size(run: Run, name: str) -> float | None:
     """Return the size of the cells by a parameter that its generator annotates as a size or as divisions."""
     mesh = run.job.mesh
     resolution = resolution_of(run.job.resolve(mesh.file), mesh.parameters)
@@ -121,5 +123,5 @@ def _of_parameter(run: Run, name: str) -> float | None:
 
 def _size(run: Run, cells: float | None, parameter: str | None) -> float | None:
     if parameter is not None:
-        return _of_parameter(run, parameter)
+        return _parameter_size(run, parameter)
     return cells ** (-1 / 3) if cells else None

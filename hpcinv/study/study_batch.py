@@ -67,9 +67,9 @@ class StudyRunner(Runner[StudyTask]):
             _load_gmsh(task.job, self.comm)
             self._is_first = False
         _reset_peak_memory()
-        before = len(NOT_FOUND)
+        count_before = len(NOT_FOUND)
         run(task.job, self.comm, progress=progress, stop_asked=stop_asked)
-        return {"compiled": self.comm.allreduce(len(NOT_FOUND) > before, op=MPI.LOR)}
+        return {"compiled": self.comm.allreduce(len(NOT_FOUND) > count_before, op=MPI.LOR)}
 
     def clear(self) -> None:
         collect_garbage(self.comm)

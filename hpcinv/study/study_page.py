@@ -26,31 +26,33 @@ def write_study_report(executions: Executions, path: Path) -> Path:
             f"{plan.path}: {done} of {total} runs are done", f"Finish them: python -m hpcinv study {plan.path}"
         )
     rows = rows_of(executions)
-    found = findings(plan, rows)
+    accuracies = findings(plan, rows)
     pictures = [
         (name.removesuffix(".png").replace("-", " "), data)
-        for name, data in diagrams(plan, rows, found, executions.ranks).items()
+        for name, data in diagrams(plan, rows, accuracies, executions.ranks).items()
         if name.endswith(".png")
     ]
-    columns = {"number": list(range(1, len(rows) + 1))} | run_columns(plan, rows, found)
+    columns = {"number": list(range(1, len(rows) + 1))} | run_columns(plan, rows, accuracies)
     notes = []
-    for one in found:
-        reference = one.references[0]
+    for accuracy in accuracies:
+        reference = accuracy.references[0]
         if isinstance(reference, ReferenceValue):
-            notes.append(f"Errors of {one.name} are against {reference.value:.10g} {one.unit} ({reference.origin}).")
+            notes.append(
+                f"Errors of {accuracy.name} are against {reference.value:.10g} {accuracy.unit} ({reference.origin})."
+            )
         else:
-            notes.append(f"{one.name} has no errors: {reference}.")
-        if front := one.front():
-            notes.append(f"Pareto front of {one.name}, from fast to accurate: {front}.")
+            notes.append(f"{accuracy.name} has no errors: {reference}.")
+        if front := accuracy.front():
+            notes.append(f"Pareto front of {accuracy.name}, from fast to accurate: {front}.")
     converged = sum(row.converged for row in rows)
-    numbers = [name for name in columns if name in ("unknowns", "time", *(one.name for one in found))]
+    numbers = [name for name in columns if name in ("unknowns", "time", *(accuracy.name for accuracy in accuracies))]
     errors = [name for name in columns if "error" in name and "estimated" not in name]
     page = cases_page(
         title=plan.study.study,
-        found=f"{converged} of {len(rows)} runs converged.",
+        finding=f"{converged} of {len(rows)} runs converged.",
         notes=notes,
         columns=columns,
-        units=run_units(found),
+        units=run_units(accuracies),
         parameters=numbers,
         results=errors,
         outcome=[outcome_of(converged=row.converged, verdict=row.certificate) for row in rows],

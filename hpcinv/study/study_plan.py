@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.batch.axes import combined, sections_first
-from hpcinv.batch.specification import SpecificationFaults, read_base, read_spec, text_of, texts_of, with_settings
+from hpcinv.batch.specification import SpecificationFaults, changed_data, read_base, read_spec, text_of, texts_of
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.job import Job, parse
@@ -90,16 +90,16 @@ def _runs(
     study: Study, base: Path, data: Mapping[str, Any], faults: SpecificationFaults, untrusted: bool
 ) -> Iterator[Run]:
     """Yield every valid run; faults of the others are added to ``faults``."""
-    for case, (parameters, of_case) in enumerate(combined(study.cases)):
+    for case, (parameters, case_settings) in enumerate(combined(study.cases)):
         for series in study.series:
             for step in range(series.steps):
                 varied = {key: values[step] for key, values in series.vary.items()}
                 label = series.labels[step] if series.labels is not None else _label(varied)
                 place = RunPlace(series.name, step, case, label, varied, parameters)
                 least = {key: taken.at_least for key, taken in series.take.items()}
-                with faults.of(place.title, base):
-                    settings = _merged(study.set, (series.set, of_case, varied, least))
-                    job = parse(with_settings(data, settings), base, untrusted=untrusted)
+                with faults.collected(place.title, base):
+                    settings = _merged(study.set, (series.set, case_settings, varied, least))
+                    job = parse(changed_data(data, settings), base, untrusted=untrusted)
                     if problems := [*_unmeasurable(study, job)]:
                         raise JobError(*problems)
                     yield Run(place, job)

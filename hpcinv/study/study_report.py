@@ -14,12 +14,12 @@ from hpcinv.study.study_spec import STATISTICS
 from hpcinv.study.study_tables import relative
 
 
-def show(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> None:
+def show(plan: StudyPlan, rows: Sequence[StudyRow], accuracies: Sequence[Accuracy]) -> None:
     console = table_console(160)
-    for accuracy in found:
+    for accuracy in accuracies:
         console.print()
         console.print(_heading(plan, accuracy), soft_wrap=True)
-        console.print(_of_cases(plan, accuracy) if plan.cases > 1 else _of_runs(rows, accuracy))
+        console.print(_case_table(plan, accuracy) if plan.cases > 1 else _run_table(rows, accuracy))
         for line in _notes(plan, accuracy):
             console.print(line, soft_wrap=True)
     for line in not_refined(rows):
@@ -59,7 +59,7 @@ def _heading(plan: StudyPlan, accuracy: Accuracy) -> str:
     return text + f"errors against {reference.value:.10g}{unit} ({reference.origin})"
 
 
-def _of_runs(rows: Sequence[StudyRow], accuracy: Accuracy) -> Table:
+def _run_table(rows: Sequence[StudyRow], accuracy: Accuracy) -> Table:
     estimated = any(e is not None for e in accuracy.effectivities)
     extra = [name for name in rows[0].costs if name not in (*_COSTS, *_LEFT_OUT)]
     table = table_of_numbers(
@@ -77,13 +77,13 @@ def _of_runs(rows: Sequence[StudyRow], accuracy: Accuracy) -> Table:
             effectivity = accuracy.effectivities[i]
             left_out = " (no geometry)" if row.geometry_error == "left out" and effectivity is not None else ""
             cells.append(_number(effectivity, ".2f") + left_out)
-        table.add_row(*cells, "*" if accuracy.point_of(row).on_front else "")
+        table.add_row(*cells, "*" if accuracy.point_of(row).is_on_front else "")
     return table
 
 
-def _of_cases(plan: StudyPlan, accuracy: Accuracy) -> Table:
-    beside = plan.study.beside
-    published = beside.statistics.get(accuracy.name, {}) if beside else {}
+def _case_table(plan: StudyPlan, accuracy: Accuracy) -> Table:
+    published_numbers = plan.study.beside
+    published = published_numbers.statistics.get(accuracy.name, {}) if published_numbers else {}
     extra = list(plan.study.costs)
     names = (*STATISTICS, *_COSTS, *extra, "ratio", "failed")
     table = table_of_numbers("series", "run", *(_COSTS.get(name, name) for name in names), texts=2, header_style="bold")
@@ -101,16 +101,16 @@ def _notes(plan: StudyPlan, accuracy: Accuracy) -> Iterator[str]:
         yield f"orders of convergence (least squares): {orders}"
     if front := accuracy.front():
         yield f"Pareto front, from fast to accurate: {front}"
-    if (beside := plan.study.beside) is None:
+    if (published_numbers := plan.study.beside) is None:
         return
     reference = accuracy.references[0]
-    for name, value in beside.values.get(accuracy.name, {}).items():
-        against = ""
+    for name, value in published_numbers.values.get(accuracy.name, {}).items():
+        difference = ""
         if isinstance(reference, ReferenceValue) and reference.value:
-            against = f", {value / reference.value - 1:+.2%} from the reference here"
-        yield f"published: {name} {value:.7g} {accuracy.unit}{against}"
-    if accuracy.name in beside.values or accuracy.name in beside.statistics:
-        yield f"published numbers: {beside.source}"
+            difference = f", {value / reference.value - 1:+.2%} from the reference here"
+        yield f"published: {name} {value:.7g} {accuracy.unit}{difference}"
+    if accuracy.name in published_numbers.values or accuracy.name in published_numbers.statistics:
+        yield f"published numbers: {published_numbers.source}"
 
 
 _COSTS = {

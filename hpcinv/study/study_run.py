@@ -18,7 +18,7 @@ from hpcinv.study.study_batch import study_batch
 from hpcinv.study.study_plan import StudyPlan
 from hpcinv.study.study_report import show
 from hpcinv.study.study_tables import as_hdf5, point_columns, point_units, run_columns, run_units
-from hpcinv.study.work_precision import over_cases, work_precision
+from hpcinv.study.work_precision import case_diagrams, work_precision
 
 SECONDS = {
     "run": "whole run without compilation and certificate",
@@ -57,11 +57,11 @@ def run_study(
     def begin() -> None:
         StudyDirectory(directory, plan.study.study).set_ranks(comm.size)
         executions = known()
-        before = f"; {done} executions were done before" if (done := executions.count()[0]) else ""
+        history = f"; {done} executions were done before" if (done := executions.count()[0]) else ""
         if retry_failed:
-            before += f", {executions.retry()} of which failed and are open again"
+            history += f", {executions.retry()} of which failed and are open again"
         ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
-        note(f"{plan.study.study}: {len(plan.runs)} runs, {ranks}; results in {directory}{before}")
+        note(f"{plan.study.study}: {len(plan.runs)} runs, {ranks}; results in {directory}{history}")
 
     on_root(comm, begin)
     try:
@@ -83,14 +83,14 @@ def conclude(executions: Executions, directory: StudyDirectory) -> None:
     """
     plan = executions.plan
     rows = rows_of(executions)
-    found = findings(plan, rows)
-    for name, content in _files(plan, rows, found, executions.ranks).items():
+    accuracies = findings(plan, rows)
+    for name, content in _files(plan, rows, accuracies, executions.ranks).items():
         directory.write(name, content)
-    show(plan, rows, found)
+    show(plan, rows, accuracies)
     if not any(row.converged for row in rows):
         raise SolveError(f"{plan.path}: not one of the {len(rows)} runs converged; the first: {rows[0].status}")
     problems = []
-    for a in found:
+    for a in accuracies:
         if all(row.values[a.name] is None for row in rows):
             problems.append(f"{plan.path}: measure: the summary has no number at {plan.measured[a.name]}")
         elif a.refusal is not None:
@@ -99,28 +99,28 @@ def conclude(executions: Executions, directory: StudyDirectory) -> None:
         raise JobError(*problems)
 
 
-def _files(plan: StudyPlan, rows: list[StudyRow], found: list[Accuracy], ranks: int) -> dict[str, str | bytes]:
+def _files(plan: StudyPlan, rows: list[StudyRow], accuracies: list[Accuracy], ranks: int) -> dict[str, str | bytes]:
     files: dict[str, str | bytes] = {
-        "table.csv": as_csv(run_columns(plan, rows, found), run_units(found)),
-        "table.h5": as_hdf5(plan, rows, found, ranks),
+        "table.csv": as_csv(run_columns(plan, rows, accuracies), run_units(accuracies)),
+        "table.h5": as_hdf5(plan, rows, accuracies, ranks),
     }
     if plan.cases > 1:
-        files |= {f"{_stem(a)}-statistics.csv": as_csv(point_columns(plan, a), point_units(a)) for a in found}
-    return files | diagrams(plan, rows, found, ranks)
+        files |= {f"{_stem(a)}-statistics.csv": as_csv(point_columns(plan, a), point_units(a)) for a in accuracies}
+    return files | diagrams(plan, rows, accuracies, ranks)
 
 
-def diagrams(plan: StudyPlan, rows: list[StudyRow], found: list[Accuracy], ranks: int) -> dict[str, bytes]:
+def diagrams(plan: StudyPlan, rows: list[StudyRow], accuracies: list[Accuracy], ranks: int) -> dict[str, bytes]:
     """Return the diagrams of a study by the names of their files, as PNG and SVG."""
     files: dict[str, bytes] = {}
     study = plan.study
     most = max(len(row.times) for row in rows)
     seconds = f"{SECONDS[study.time]}, {ranks} rank{'s' if ranks > 1 else ''}, median of {most}"
     varied = {series.name: ", ".join(key.rpartition(".")[2] for key in series.vary) for series in study.series}
-    for a in found:
+    for a in accuracies:
         stem = _stem(a)
         files |= {f"{stem}.{form}": data for form, data in work_precision(study, a, seconds, varied).items()}
         if plan.cases > 1:
-            files |= {f"{stem}-cases.{form}": data for form, data in over_cases(study.study, a, rows).items()}
+            files |= {f"{stem}-cases.{form}": data for form, data in case_diagrams(study.study, a, rows).items()}
     return files
 
 

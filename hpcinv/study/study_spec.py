@@ -110,7 +110,7 @@ def faults_between(listed: tuple[RefinementSeries, ...]) -> Faults:
         earlier[series.name] = series
 
 
-def _by_name(data: Any) -> Any:
+def _named_references(data: Any) -> Any:
     """Return references by name; one for all measured quantities is named "all"."""
     return data if isinstance(data, Mapping) and not (len(data) == 1 and {*data} & {*_KINDS}) else {"all": data}
 
@@ -148,7 +148,7 @@ class Reference(Spec):
 
     @model_validator(mode="before")
     @classmethod
-    def _from_file(cls, data: Any) -> Any:
+    def _read(cls, data: Any) -> Any:
         if isinstance(data, Reference):
             return data
         if isinstance(data, str) and data in _KINDS:
@@ -190,9 +190,9 @@ class Study(Spec):
     """axes of parameters that every series runs over, for statistics: each combination of their points is a case"""
     measure: ListOf[SummaryKey]
     """quantities of interest of the job by name, and keys of its summary such as errors.round_trip.max"""
-    reference: Annotated[Mapping[SummaryKey, Reference], BeforeValidator(_by_name), WithJsonSchema(_REFERENCES)] = {
-        "all": Reference.model_validate("finest")
-    }
+    reference: Annotated[
+        Mapping[SummaryKey, Reference], BeforeValidator(_named_references), WithJsonSchema(_REFERENCES)
+    ] = {"all": Reference.model_validate("finest")}
     """reference value: one for all measured quantities, or by name, with 'all' for the rest"""
     costs: Mapping[Name, SummaryKey] = {}
     """further costs by keys of the summary, such as {iterations: "solutions[].iterations"}"""
@@ -250,7 +250,7 @@ class Study(Spec):
             for key, r in reference.items()
             if (r.series is None or r.series in names)
             and "series" in info.data
-            and (fault := _without_extrapolation(r, info.data["series"]))
+            and (fault := _missing_extrapolation(r, info.data["series"]))
         ]
         if measure is not None:
             problems += _not_measured({key: r for key, r in reference.items() if key != "all"}, measure)
@@ -268,39 +268,39 @@ class Study(Spec):
 
     @field_validator("beside")
     @classmethod
-    def _has_known_names(cls, beside: Beside | None, info: ValidationInfo) -> Beside | None:
-        if beside is None:
+    def _has_known_names(cls, published: Beside | None, info: ValidationInfo) -> Beside | None:
+        if published is None:
             return None
         problems: list[tuple[KeyPath, str]] = []
         names, columns = _names(info), {*STATISTICS, *COSTS, *info.data.get("costs", ()), "ratio", "failed"}
-        for part, content in (("values", beside.values), ("statistics", beside.statistics)):
+        for part, content in (("values", published.values), ("statistics", published.statistics)):
             problems += [((part, *w), text) for w, text in _not_measured(content, info.data.get("measure", content))]
-        for key, by_name in beside.statistics.items():
-            for name, statistics in by_name.items():
+        for key, named in published.statistics.items():
+            for name, statistics in named.items():
                 where: KeyPath = ("statistics", key, name)
                 if names and name not in names:
                     problems.append((where, f"there is no such series.{did_you_mean(name, names)}"))
                 unknown = (column for column in statistics if column not in columns)
                 problems += [((*where, c), f"is no statistic.{did_you_mean(c, columns)}") for c in unknown]
         raise_if_any(problems)
-        return beside
+        return published
 
 
 def refines(varied: Iterable[str]) -> bool:
     """Return whether keys that vary along a series change nothing but the mesh."""
     keys = list(varied)
-    of_meshes = ("mesh.parameters", "expected_shape")
+    mesh_keys = ("mesh.parameters", "expected_shape")
     whole = ("mesh", "mesh.file", "mesh.image", "mesh.surface", "mesh.surfaces", "mesh.size")
-    return bool(keys) and all(key in whole or key.startswith(of_meshes) for key in keys)
+    return bool(keys) and all(key in whole or key.startswith(mesh_keys) for key in keys)
 
 
-def _without_extrapolation(reference: Reference, listed: Iterable[RefinementSeries]) -> str:
+def _missing_extrapolation(reference: Reference, listed: Iterable[RefinementSeries]) -> str:
     """Return why no run of the series can be extrapolated from; empty if one has three meshes."""
-    series = [one for one in listed if reference.series in (None, one.name)]
-    if reference.kind != "richardson" or any(refines(one.vary) and one.steps >= LEAST_MESHES for one in series):
+    series = [entry for entry in listed if reference.series in (None, entry.name)]
+    if reference.kind != "richardson" or any(refines(entry.vary) and entry.steps >= LEAST_MESHES for entry in series):
         return ""
     remedy = "take finest or a value instead, or another series: {richardson: NAME}"
-    if not any(refines(one.vary) for one in series):
+    if not any(refines(entry.vary) for entry in series):
         return f"richardson needs a series along which nothing but the mesh varies; {remedy}"
     return f"richardson needs a series with {LEAST_MESHES} meshes; {remedy}"
 

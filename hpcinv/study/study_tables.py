@@ -16,7 +16,7 @@ from hpcinv.study.study_plan import StudyPlan
 from hpcinv.study.study_spec import COSTS, STATISTICS
 
 
-def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> Columns:
+def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], accuracies: Sequence[Accuracy]) -> Columns:
     """Return a row for each run; times in s, memory in bytes, values and errors in SI."""
     places = [row.place for row in rows]
     columns: Columns = {"series": [p.series for p in places], "label": [p.label for p in places]}
@@ -34,7 +34,7 @@ def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accur
     columns["time_max"] = [max(row.times, default=None) for row in rows]
     for name in rows[0].costs:
         columns[name] = [row.costs[name] for row in rows]
-    for accuracy in found:
+    for accuracy in accuracies:
         name = accuracy.name
         columns[name] = [row.values[name] for row in rows]
         columns[f"{name} error"] = list(accuracy.errors)
@@ -43,14 +43,14 @@ def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accur
         ]
         columns[f"{name} order"] = list(accuracy.orders)
         columns[f"{name} effectivity"] = list(accuracy.effectivities)
-        columns[f"{name} on Pareto front"] = [accuracy.point_of(row).on_front for row in rows]
+        columns[f"{name} on Pareto front"] = [accuracy.point_of(row).is_on_front for row in rows]
     return columns
 
 
-def run_units(found: Sequence[Accuracy]) -> dict[str, str]:
+def run_units(accuracies: Sequence[Accuracy]) -> dict[str, str]:
     """Return the units of the columns of `run_columns` that have one."""
     units = COSTS | {"time_min": "s", "time_max": "s"}
-    for accuracy in found:
+    for accuracy in accuracies:
         units |= {accuracy.name: accuracy.unit, f"{accuracy.name} error": accuracy.unit}
     return units
 
@@ -61,9 +61,9 @@ def point_columns(plan: StudyPlan, accuracy: Accuracy) -> Columns:
     columns: Columns = {"series": [p.series for p in points], "label": [p.label for p in points]}
     for name in points[0].statistics:
         columns[name] = [point.statistics[name] for point in points]
-    columns["on Pareto front"] = [point.on_front for point in points]
-    beside = plan.study.beside
-    published = beside.statistics.get(accuracy.name, {}) if beside else {}
+    columns["on Pareto front"] = [point.is_on_front for point in points]
+    published_numbers = plan.study.beside
+    published = published_numbers.statistics.get(accuracy.name, {}) if published_numbers else {}
     for name in dict.fromkeys(name for statistics in published.values() for name in statistics):
         columns[f"published {name}"] = [published.get(point.series, {}).get(name) for point in points]
     return columns
@@ -83,7 +83,7 @@ def relative(accuracy: Accuracy, row: StudyRow, error: float | None) -> float | 
     return error / abs(reference.value)
 
 
-def as_hdf5(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy], ranks: int) -> bytes:
+def as_hdf5(plan: StudyPlan, rows: Sequence[StudyRow], accuracies: Sequence[Accuracy], ranks: int) -> bytes:
     """Return all tables, and the time of every repetition, as HDF5."""
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
@@ -91,14 +91,14 @@ def as_hdf5(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]
         file.attrs.update({"study": study.study, "ranks": ranks, "time": study.time, "repeat": study.repeat})
         if study.beside is not None:
             file.attrs["beside"] = json.dumps(study.beside.model_dump(mode="json"), ensure_ascii=False)
-        fill(file.create_group("runs"), run_columns(plan, rows, found), run_units(found))
+        fill(file.create_group("runs"), run_columns(plan, rows, accuracies), run_units(accuracies))
         longest = max(len(row.times) for row in rows)
         times = np.full((len(rows), longest), np.nan)
         for row, entry in zip(rows, times, strict=True):
             entry[: len(row.times)] = row.times
         file["times"] = times
         file["times"].attrs["unit"] = "s"
-        for accuracy in found:
+        for accuracy in accuracies:
             group = file.create_group(f"quantities/{accuracy.name}")
             group.attrs["unit"] = accuracy.unit
             references = [r if isinstance(r, ReferenceValue) else None for r in accuracy.references]

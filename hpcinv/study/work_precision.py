@@ -25,7 +25,7 @@ def work_precision(study: Study, accuracy: Accuracy, seconds: str, varied: Mappi
         return {}
     with new_figure(7.0, 4.8) as figure:
         axes = figure.add_subplot()
-        _draw_front(axes, [point for point in points if point.on_front])
+        _draw_front(axes, [point for point in points if point.is_on_front])
         names = list(dict.fromkeys(point.series for point in accuracy.points))
         for i, series in enumerate(names):
             name = f"{series} ({varied[series]})" if varied[series] else series
@@ -55,7 +55,7 @@ def work_precision(study: Study, accuracy: Accuracy, seconds: str, varied: Mappi
         return as_files(figure)
 
 
-def over_cases(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> dict[str, bytes]:
+def case_diagrams(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> dict[str, bytes]:
     """Return diagrams of error against each numeric parameter of the cases as files by format; none without cases."""
     shown = [(row, error) for row, error in zip(rows, accuracy.errors, strict=True) if error]
     keys = dict.fromkeys(key for row in rows for key, v in row.place.parameters.items() if isinstance(v, int | float))
@@ -98,7 +98,7 @@ def _draw_series(axes: Axes, number: int, name: str, points: Sequence[StepStatis
     errors = [point.average or 0.0 for point in points]
     axes.plot(times, errors, linestyle=dashes, color=colour, linewidth=1.2, gid=f"series-{number}")
     for point, time, error in zip(points, times, errors, strict=True):
-        face = colour if point.on_front else "white"
+        face = colour if point.is_on_front else "white"
         axes.plot(time, error, marker, color=colour, markerfacecolor=face, markersize=6)
         if len(point.errors) > 1:
             axes.vlines(time, min(e for e in point.errors if e), max(point.errors), color=colour, linewidth=0.7)

@@ -64,16 +64,16 @@ def polynomials(points: Floats, normal: Sequence[bool], powers: Ints) -> Floats:
         points: (cases, parameters), in [-1, 1], or with mean 0 and standard deviation 1 where ``normal``.
         powers: degree of each polynomial in each parameter, (terms, parameters).
     """
-    found = np.ones((len(points), len(powers)))
+    products = np.ones((len(points), len(powers)))
     degree = int(powers.max(initial=0))
-    of = np.arange(degree + 1)
+    degrees = np.arange(degree + 1)
     for x, is_normal, power in zip(points.T, normal, powers.T, strict=True):
         if is_normal:
-            values = hermite_e.hermevander(x, degree) / np.sqrt([math.factorial(k) for k in of.tolist()])
+            values = hermite_e.hermevander(x, degree) / np.sqrt([math.factorial(k) for k in degrees.tolist()])
         else:
-            values = legendre.legvander(x, degree) * np.sqrt(2 * of + 1)
-        found *= values[:, power]
-    return found
+            values = legendre.legvander(x, degree) * np.sqrt(2 * degrees + 1)
+        products *= values[:, power]
+    return products
 
 
 @dataclass(frozen=True)
@@ -91,16 +91,16 @@ class Surrogate:
     coefficients: Floats
     errors: Floats
 
-    def at(self, points: Floats, normal: Sequence[bool]) -> Floats:
+    def predict(self, points: Floats, normal: Sequence[bool]) -> Floats:
         """Return the values that it predicts, (points, values)."""
-        found: Floats = polynomials(points, normal, self.powers) @ self.coefficients
-        return found
+        values: Floats = polynomials(points, normal, self.powers) @ self.coefficients
+        return values
 
     @property
     def mean(self) -> Floats:
         """Mean of each value, (values)."""
-        found: Floats = self.coefficients[0]
-        return found
+        means: Floats = self.coefficients[0]
+        return means
 
     @property
     def variances(self) -> tuple[Floats, Floats, Floats]:
@@ -137,25 +137,25 @@ class Regression:
 
     def fit(self, values: Floats) -> Surrogate:
         """Return the surrogate of values (cases, values) with the smallest leave-one-out error over all of them."""
-        by_column = self._q.T @ values
-        count = min(self._counts, key=lambda n: float(np.sum(self._errors(values, by_column[:n]) ** 2)))
-        return self._surrogate(values, by_column[:count])
+        projections = self._q.T @ values
+        count = min(self._counts, key=lambda n: float(np.sum(self._errors(values, projections[:n]) ** 2)))
+        return self._surrogate(values, projections[:count])
 
     def fit_as(self, values: Floats, other: Surrogate) -> Surrogate:
         """Return the surrogate of values with the degree of another one."""
         return self._surrogate(values, self._q[:, : len(other.powers)].T @ values)
 
-    def _surrogate(self, values: Floats, by_column: Floats) -> Surrogate:
-        powers = self.powers[: len(by_column)]
-        errors = self._errors(values, by_column)
-        return Surrogate(int(powers.sum(axis=1).max()), powers, self._solved(by_column), errors)
+    def _surrogate(self, values: Floats, projections: Floats) -> Surrogate:
+        powers = self.powers[: len(projections)]
+        errors = self._errors(values, projections)
+        return Surrogate(int(powers.sum(axis=1).max()), powers, self._solved(projections), errors)
 
-    def _errors(self, values: Floats, by_column: Floats) -> Floats:
+    def _errors(self, values: Floats, projections: Floats) -> Floats:
         """Return the leave-one-out errors of the fit by the first columns."""
-        q = self._q[:, : len(by_column)]
+        q = self._q[:, : len(projections)]
         left = np.maximum(1 - np.sum(q**2, axis=1), np.finfo(float).eps)
-        found: Floats = (values - q @ by_column) / left[:, None]
-        return found
+        errors: Floats = (values - q @ projections) / left[:, None]
+        return errors
 
     def changes(self, surrogate: Surrogate, column: int, signs: Floats) -> Floats:
         """Return the changes of a column's coefficients, (terms, n), when its errors are added with ``signs``."""
@@ -164,8 +164,8 @@ class Regression:
 
     def _solved(self, right: Floats) -> Floats:
         count = len(right)
-        found: Floats = scipy.linalg.solve_triangular(self._r[:count, :count], right)
-        return found
+        coefficients: Floats = scipy.linalg.solve_triangular(self._r[:count, :count], right)
+        return coefficients
 
 
 class Bounded(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 from hpcinv.batch.axes import SAMPLES, Axis
 from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.sampling import Distribution
-from hpcinv.batch.time_forecast import in_words
+from hpcinv.batch.time_forecast import duration_text
 from hpcinv.errors import JobError
 from hpcinv.mesh.source import Floats
 from hpcinv.sweep.chaos import GOOD, Bounded, Indices, Regression, cases_needed, mean, sobol_indices, terms
@@ -61,7 +61,7 @@ def sample_axis(plan: SweepPlan) -> Axis:
         JobError: other axes have more than one point, too, or there is no sample.
     """
     axes = plan.sweep.axes
-    found = [i for i, axis in enumerate(axes) if axis.kind in SAMPLES]
+    samples = [i for i, axis in enumerate(axes) if axis.kind in SAMPLES]
     remedy = "; put all uncertain parameters on one sample (random, latin_hypercube, sobol)"
     problems = [
         f"{plan.path}: axes[{i}]: {'has' if axis.kind == 'branches' else 'is a'} {axis.kind}, whose points have no"
@@ -69,14 +69,14 @@ def sample_axis(plan: SweepPlan) -> Axis:
         for i, axis in enumerate(axes)
         if axis.kind not in SAMPLES and (axis.points > 1 or axis.kind == "branches")
     ]
-    if not found:
+    if not samples:
         problems.append(f"{plan.path}: axes: no axis is a sample, which says how probable values are{remedy}")
-    elif len(found) > 1:
-        which = " and ".join(f"axes[{i}]" for i in found)
+    elif len(samples) > 1:
+        which = " and ".join(f"axes[{i}]" for i in samples)
         problems.append(f"{plan.path}: {which} are samples that are combined with each other{remedy}")
     if problems:
         raise JobError(*problems)
-    return axes[found[0]]
+    return axes[samples[0]]
 
 
 def finished_sample(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> ConvergedSample:
@@ -130,7 +130,7 @@ def quantity_indices(
     table, known_units = columns(plan, records), units(plan, records)
     place = {number: row for row, number in enumerate(table["number"])}
     rows = [place[case.number] for case in sample.cases]
-    found, left_out = [], []
+    indices, left_out = [], []
     whole = regression_of(sample)
     for name in names:
         values = np.array([[math.nan if table[name][row] is None else float(table[name][row])] for row in rows])
@@ -140,17 +140,19 @@ def quantity_indices(
         except ValueError as error:
             left_out.append(f"{name}: {known.sum()} of {len(rows)} converged cases have a value; {error}")
             continue
-        found.append(_of_quantity(name, known_units.get(name, ""), regression, values[known], confidence))
-    return found, left_out
+        indices.append(_indices_of_quantity(name, known_units.get(name, ""), regression, values[known], confidence))
+    return indices, left_out
 
 
-def _of_quantity(name: str, unit: str, regression: Regression, values: Floats, confidence: float) -> QuantityIndices:
+def _indices_of_quantity(
+    name: str, unit: str, regression: Regression, values: Floats, confidence: float
+) -> QuantityIndices:
     if np.std(values) <= _CONSTANT * np.max(np.abs(values)):
         value = float(np.mean(values))
         return QuantityIndices(name, unit, len(values), Bounded(value, value, value), None)
     surrogate = regression.fit(values)
-    of = sobol_indices(regression, surrogate, values, confidence)
-    return QuantityIndices(name, unit, len(values), mean(regression, surrogate, confidence), of)
+    indices = sobol_indices(regression, surrogate, values, confidence)
+    return QuantityIndices(name, unit, len(values), mean(regression, surrogate, confidence), indices)
 
 
 def regression_of(sample: ConvergedSample) -> Regression:
@@ -166,70 +168,70 @@ def describe_sample(sample: ConvergedSample, records: Mapping[str, CaseRecord]) 
     plan = sample.plan
     names = ", ".join(f"{key} ({d.kind})" for key, d in sample.distributions.items())
     yield f"{plan.sweep.sweep}: {len(sample.cases)} of {len(plan.cases)} cases, {sample.axis.kind} sample of {names}"
-    by_status: dict[str, list[int]] = {}
+    numbers_by_status: dict[str, list[int]] = {}
     for number, status in sample.failed.items():
-        by_status.setdefault(status, []).append(number)
-    for status, numbers in by_status.items():
+        numbers_by_status.setdefault(status, []).append(number)
+    for status, numbers in numbers_by_status.items():
         more = ", …" if len(numbers) > _LISTED else ""
         yield f"left out: {len(numbers)} failed: {status}: case {', '.join(map(str, numbers[:_LISTED]))}{more}"
-    if by_status:
+    if numbers_by_status:
         yield "  what follows continues the polynomials to the parameters of failed cases"
     if doubtful := sum(records[case.key].verdict == "fail" for case in sample.cases):
         yield f"included: {doubtful} whose certificate fails"
 
 
-def describe(found: QuantityIndices, keys: Sequence[str], confidence: float) -> Iterator[str]:
+def describe(quantity: QuantityIndices, keys: Sequence[str], confidence: float) -> Iterator[str]:
     """Yield the lines on one quantity."""
-    unit = f" {found.unit}" if found.unit else ""
-    of = found.indices
-    if of is None:
-        yield f"{found.name}: constant, {found.mean.value:.6g}{unit} in all {found.cases} cases"
+    unit = f" {quantity.unit}" if quantity.unit else ""
+    indices = quantity.indices
+    if indices is None:
+        yield f"{quantity.name}: constant, {quantity.mean.value:.6g}{unit} in all {quantity.cases} cases"
         return
-    yield f"{found.name}: {accuracy(of)}"
-    if not of.decided:
-        yield f"  {advice(of, len(keys))}"
+    yield f"{quantity.name}: {accuracy(indices)}"
+    if not indices.decided:
+        yield f"  {advice(indices, len(keys))}"
         return
     yield (
-        f"  mean {found.mean.value:.6g} [{found.mean.low:.6g}, {found.mean.high:.6g}]{unit}, standard deviation"
-        f" {of.sd.value:.4g} [{of.sd.low:.4g}, {of.sd.high:.4g}]{unit}"
+        f"  mean {quantity.mean.value:.6g} [{quantity.mean.low:.6g}, {quantity.mean.high:.6g}]{unit},"
+        f" standard deviation {indices.sd.value:.4g} [{indices.sd.low:.4g}, {indices.sd.high:.4g}]{unit}"
     )
-    if of.has_long_tail:
-        yield f"  the values have a long tail (excess kurtosis {of.kurtosis:.2g}): the intervals may be too narrow"
-    yield from table_of(of, keys, confidence)
+    if indices.has_long_tail:
+        yield f"  the values have a long tail (excess kurtosis {indices.kurtosis:.2g}): the intervals may be too narrow"
+    yield from table_of(indices, keys, confidence)
 
 
-def accuracy(of: Indices) -> str:
+def accuracy(indices: Indices) -> str:
     """Return a line on the surrogate, which begins with "not decided" where it is not good enough."""
-    error = math.sqrt(max(1 - of.q2, 0.0))
+    error = math.sqrt(max(1 - indices.q2, 0.0))
     return (
-        f"{'' if of.decided else 'not decided: '}degree {of.degree} ({of.terms} terms), leave-one-out error"
-        f" {error:.2g} of the standard deviation (Q² {of.q2:.6g})"
+        f"{'' if indices.decided else 'not decided: '}degree {indices.degree} ({indices.terms} terms), leave-one-out"
+        f" error {error:.2g} of the standard deviation (Q² {indices.q2:.6g})"
     )
 
 
-def advice(of: Indices, parameters: int) -> str:
+def advice(indices: Indices, parameters: int) -> str:
     """Return what to do about a surrogate that is not good enough."""
-    needed = cases_needed(parameters, of.degree + 1)
+    needed = cases_needed(parameters, indices.degree + 1)
     return (
-        f"its indices would not be reliable below Q² {GOOD}; degree {of.degree + 1} needs at least {needed} cases;"
+        f"its indices would not be reliable below Q² {GOOD}; degree {indices.degree + 1} needs at least {needed} cases;"
         " if more cases do not help, the quantity jumps, or does not depend on these parameters"
     )
 
 
-def table_of(of: Indices, keys: Sequence[str], confidence: float) -> Iterator[str]:
+def table_of(indices: Indices, keys: Sequence[str], confidence: float) -> Iterator[str]:
     """Yield a table of the indices of each parameter."""
     width = max(len("interactions"), *map(len, keys))
     yield f"  {'':{width}}  {'first order':22}  total ({100 * confidence:g} % intervals)"
-    for key, first, total in zip(keys, of.first, of.total, strict=True):
+    for key, first, total in zip(keys, indices.first, indices.total, strict=True):
         yield f"  {key:{width}}  {_shown(first):22}  {_shown(total)}"
-    yield f"  {'interactions':{width}}  {of.interactions:.3f}"
+    yield f"  {'interactions':{width}}  {indices.interactions:.3f}"
 
 
 def _shown(index: Bounded) -> str:
     return f"{index.value:.3f} [{index.low:.3f}, {index.high:.3f}]"
 
 
-def as_data(found: Sequence[QuantityIndices], sample: ConvergedSample, confidence: float) -> dict[str, Any]:
+def as_data(quantities: Sequence[QuantityIndices], sample: ConvergedSample, confidence: float) -> dict[str, Any]:
     """Return all figures, in SI, as plain data."""
     return {
         "sweep": sample.plan.sweep.sweep,
@@ -239,24 +241,24 @@ def as_data(found: Sequence[QuantityIndices], sample: ConvergedSample, confidenc
         "failed": {str(number): status for number, status in sample.failed.items()},
         "quantities": {
             q.name: {"unit": q.unit, "cases": q.cases, "mean": q.mean._asdict()} | data_of(q.indices, sample)
-            for q in found
+            for q in quantities
         },
     }
 
 
-def data_of(of: Indices | None, sample: ConvergedSample) -> dict[str, Any]:
+def data_of(indices: Indices | None, sample: ConvergedSample) -> dict[str, Any]:
     """Return the figures of indices as plain data."""
-    if of is None:
+    if indices is None:
         return {"constant": True}
-    parameters = zip(sample.distributions, of.first, of.total, strict=True)
+    parameters = zip(sample.distributions, indices.first, indices.total, strict=True)
     return {
         "constant": False,
-        "decided": of.decided,
-        "degree": of.degree,
-        "terms": of.terms,
-        "q2": of.q2,
-        "long_tail": of.has_long_tail,
-        "standard_deviation": of.sd._asdict(),
+        "decided": indices.decided,
+        "degree": indices.degree,
+        "terms": indices.terms,
+        "q2": indices.q2,
+        "long_tail": indices.has_long_tail,
+        "standard_deviation": indices.sd._asdict(),
         "indices": {key: {"first": first._asdict(), "total": total._asdict()} for key, first, total in parameters},
     }
 
@@ -271,7 +273,7 @@ def costs(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Iterator[str]:
     number, planned = len(axis.sample), len(plan.cases)
     seconds = [record.seconds for record in records.values()]
     converged = sum(record.converged for record in records.values())
-    each = f", {in_words(statistics.median(seconds))} each" if seconds else ""
+    each = f", {duration_text(statistics.median(seconds))} each" if seconds else ""
     sample = f"{axis.kind} sample of {number} parameters"
     yield f"{plan.sweep.sweep}: {sample}; {planned} cases, {len(seconds)} finished{each}"
     yield f"{'degree':>6}  {'terms':>7}  {'cases':>7}  {'solves left':>11}  time"
@@ -279,7 +281,7 @@ def costs(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Iterator[str]:
         needed = cases_needed(number, degree)
         kept = 0 if axis.kind == "latin_hypercube" and needed > planned else converged
         left = max(0, needed - kept)
-        time = in_words(left * statistics.median(seconds)) if seconds else "not known"
+        time = duration_text(left * statistics.median(seconds)) if seconds else "not known"
         yield f"{degree:6}  {terms(number, degree):7,}  {needed:7,}  {left:11,}  {time}"
     yield "cases are the least that a degree is fitted to, one after the other on one group of ranks"
     if not seconds:

@@ -43,8 +43,8 @@ class ParameterSpace:
     def point(self, numbers: Sequence[float]) -> Floats:
         """Return the point of a case in the unit cube, (dimensions,)."""
         varying = np.array(numbers, dtype=np.float64)[self._varies]
-        found: Floats = (self._transformed(varying) - self._origin) / self._range
-        return found
+        scaled: Floats = (self._transformed(varying) - self._origin) / self._range
+        return scaled
 
     def _transformed(self, values: Floats) -> Floats:
         with np.errstate(divide="ignore"):
@@ -92,9 +92,9 @@ class Neighbours:
         order = np.argsort(distances, kind="stable")
         nearest = self._neighbours[order[0]]
         # Solutions on the other side of a bifurcation point belong to another branch.
-        near = [self._neighbours[i] for i in order if self._neighbours[i].values.sign == nearest.values.sign]
-        weights = _weights(np.stack([s.point for s in near]) - point)
-        used = [(c, s.values) for c, s in zip(weights, near, strict=False) if c]
+        neighbours = [self._neighbours[i] for i in order if self._neighbours[i].values.sign == nearest.values.sign]
+        weights = _weights(np.stack([s.point for s in neighbours]) - point)
+        used = [(c, s.values) for c, s in zip(weights, neighbours, strict=False) if c]
         u = sum((c * v.displacement for c, v in used), np.zeros_like(nearest.values.displacement))
         p = None
         if nearest.values.pressure is not None:

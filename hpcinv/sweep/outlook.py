@@ -7,7 +7,7 @@ from itertools import islice
 
 from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.ledger import Ledger
-from hpcinv.batch.time_forecast import in_words, remaining_seconds
+from hpcinv.batch.time_forecast import duration_text, remaining_seconds
 from hpcinv.errors import MeshError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
@@ -49,9 +49,9 @@ def _sizes(plan: SweepPlan, counts: Mapping[str, int]) -> tuple[list[str], dict[
         sections = json.dumps([content["mesh"], content["discretisation"]], sort_keys=True)
         if sections not in measured:
             measured[sections] = _size(job)
-        text = found = measured[sections]
-        if not isinstance(found, str):
-            cells, unknowns[reuse_group] = found
+        text = size = measured[sections]
+        if not isinstance(size, str):
+            cells, unknowns[reuse_group] = size
             text = f"{cells:,} cells, {unknowns[reuse_group]:,} unknowns" + (" at first" if job.accuracy else "")
         lines.append(f"    {_count(count, 'case')} such as {first[reuse_group].title}: {text}")
     if len(counts) > MOST_MEASURED:
@@ -69,10 +69,10 @@ def _time(
     if seconds is None:
         return "  time: not known, since no case is finished; run some first: 'sweep run --first 8' (results are kept)"
     ranks = sorted({int(record.statistics.get("machine", {}).get("ranks", 0)) for record in records.values()} - {0})
-    per_case = f", with {' or '.join(map(str, ranks))} rank{'s' if ranks != [1] else ''} a case" if ranks else ""
+    ranks_text = f", with {' or '.join(map(str, ranks))} rank{'s' if ranks != [1] else ''} a case" if ranks else ""
     side = f"{_count(groups, 'group')} of ranks" + (" side by side" if groups > 1 else "")
     basis = f"from {_count(len(records), 'finished case')}"
-    return f"  time: about {in_words(seconds / groups)} for {_count(left, 'case')} on {side}{per_case} ({basis})"
+    return f"  time: about {duration_text(seconds / groups)} for {_count(left, 'case')} on {side}{ranks_text} ({basis})"
 
 
 def _size(job: Job) -> tuple[int, int] | str:

@@ -23,14 +23,14 @@ def parameter_columns(plan: SweepPlan) -> dict[str, list[Any]]:
 
 def parameter_units(plan: SweepPlan) -> dict[str, str]:
     """Return the SI units of the parameters that have units in the file."""
-    found = {}
+    dimensions_by_key = {}
     for axis in _axes(plan.sweep.axes):
         for key, distribution in axis.sample.items():
-            found[key] = distribution.dimension
+            dimensions_by_key[key] = distribution.dimension
         for key, values in (axis.grid or axis.zip or {}).items():
             dimensions = [_parsed(value)[1] for value in values]
-            found[key] = next((dimension for dimension in dimensions if dimension is not None), None)
-    return {key: dimension.unit for key, dimension in found.items() if dimension is not None}
+            dimensions_by_key[key] = next((dimension for dimension in dimensions if dimension is not None), None)
+    return {key: dimension.unit for key, dimension in dimensions_by_key.items() if dimension is not None}
 
 
 def log_uniform(plan: SweepPlan) -> set[str]:

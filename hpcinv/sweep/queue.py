@@ -114,7 +114,7 @@ class Queue:
         return int(np.flatnonzero(eligible & (self._reuse_groups == names[np.argmax(counts)]))[0])
 
     def _read_states(self) -> None:
-        found = self.ledger.states([case.key for case in self._cases])
-        self._states = [found[case.key] for case in self._cases]
+        states = self.ledger.states([case.key for case in self._cases])
+        self._states = [states[case.key] for case in self._cases]
         self._open = np.array([state.name != "finished" for state in self._states])
         self._deaths = np.array([state.died for state in self._states])

@@ -22,9 +22,9 @@ def results(plan: SweepPlan, ledger: Ledger, known: Mapping[str, CaseRecord] | N
         known: result of an earlier call; records of converged cases are not read again.
     """
     keys = dict.fromkeys(case.key for case in plan.cases)
-    found = {key: record for key, record in (known or {}).items() if record.converged}
-    found |= {key: _short(record) for key, record in ledger.records(key for key in keys if key not in found)}
-    return {key: found[key] for key in keys if key in found}
+    kept = {key: record for key, record in (known or {}).items() if record.converged}
+    kept |= {key: _short(record) for key, record in ledger.records(key for key in keys if key not in kept)}
+    return {key: kept[key] for key in keys if key in kept}
 
 
 def status_of(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]) -> Status:
@@ -35,12 +35,12 @@ def status_of(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]
 
 def provenance(plan: SweepPlan, ledger: Ledger) -> Iterator[str]:
     """Yield job, fingerprint, versions and machine of each case as JSON, as far as they are known."""
-    found = {
+    lines = {
         key: json.dumps({k: record.statistics[k] for k in _PROVENANCE if k in record.statistics}, ensure_ascii=False)
         for key, record in ledger.records(dict.fromkeys(case.key for case in plan.cases))
     }
     for case in plan.cases:
-        yield found.get(case.key, "{}")
+        yield lines.get(case.key, "{}")
 
 
 def _short(record: CaseRecord) -> CaseRecord:

@@ -84,8 +84,8 @@ class SweepRunner(Runner[SweepTask]):
 
     def _guess(self, task: SweepTask) -> tuple[str, Guess | None]:
         group, known = self.neighbours
-        found = known.guess(task.point) if group == task.reuse_group else None
-        return ("", None) if found is None else (found[1], found[0])
+        guess = known.guess(task.point) if group == task.reuse_group else None
+        return ("", None) if guess is None else (guess[1], guess[0])
 
     def _remember(self, task: SweepTask, result: Result) -> None:
         """Keep the solution for later cases, unless it lies beyond a limit point or its certificate fails."""

@@ -93,9 +93,9 @@ def describe_shape(spread: ShapeSpread, keys: Sequence[str], confidence: float) 
         yield "shape: the same in all cases"
         return
     node = int(np.argmax(spread.sd))
-    at = ", ".join(f"{x:.4g}" for x in spread.mean[node])
+    coordinates = ", ".join(f"{x:.4g}" for x in spread.mean[node])
     yield f"shape: {accuracy(spread.whole)}"
-    yield f"  largest standard deviation of a node {spread.sd[node]:.4g} m, at ({at}) m in the mean shape"
+    yield f"  largest standard deviation of a node {spread.sd[node]:.4g} m, at ({coordinates}) m in the mean shape"
     if not spread.whole.decided:
         yield f"  {advice(spread.whole, len(keys))}"
         return
@@ -112,8 +112,8 @@ def _fields(
 ) -> ShapeSpread:
     first, total, variance = surrogate.variances
     first, total = (part.reshape(len(part), -1, 3).sum(axis=2).T for part in (first, total))
-    of_coordinates = variance.reshape(-1, 3)
-    variance = of_coordinates.sum(axis=1)
+    coordinate_variance = variance.reshape(-1, 3)
+    variance = coordinate_variance.sum(axis=1)
     varies = np.sqrt(variance) > _STILL * np.sqrt(variance.max(initial=0.0))
     errors, squares = (np.sum(v**2, axis=0).reshape(-1, 3).sum(axis=1) for v in (surrogate.errors, centred))
     moves = varies & (whole is not None)
@@ -122,7 +122,7 @@ def _fields(
         first, total = (np.where(moves[:, None], part / variance[:, None], np.nan) for part in (first, total))
     dominating = np.where(moves & (q2 >= GOOD), np.argmax(np.nan_to_num(total), axis=1), NONE)
     return ShapeSpread(
-        source, mean, np.sqrt(variance), np.sqrt(of_coordinates), q2, first, total, dominating.astype(float), whole
+        source, mean, np.sqrt(variance), np.sqrt(coordinate_variance), q2, first, total, dominating.astype(float), whole
     )
 
 
@@ -131,16 +131,16 @@ def _positions(sample: ConvergedSample, ledger: Ledger) -> tuple[MeshSource, Flo
     plan = sample.plan
     rest = plan.job(sample.cases[0]).rest
     name = f"shape-{rest}.vtu" if rest else "shape.vtu"
-    found = {case.number: kept_file(ledger.directory(case.key), name) for case in sample.cases}
-    if missing := [number for number, path in found.items() if path is None]:
+    files_by_case = {case.number: kept_file(ledger.directory(case.key), name) for case in sample.cases}
+    if missing := [number for number, path in files_by_case.items() if path is None]:
         raise JobError(
-            f"{plan.path}: {len(missing)} of {len(found)} converged cases have kept no shape ({name}), the"
+            f"{plan.path}: {len(missing)} of {len(files_by_case)} converged cases have kept no shape ({name}), the"
             f" first of them case {missing[0]}; add 'set: {{output: {{mesh: [vtu]}}}}' and another 'store', since"
             " finished cases of this one are not solved again, and run the sweep"
         )
     import pyvista  # takes a second to import
 
-    files: Mapping[int, Path] = {number: path for number, path in found.items() if path is not None}
+    files: Mapping[int, Path] = {number: path for number, path in files_by_case.items() if path is not None}
     first = next(iter(files))
     source = read_vtu(files[first])
     cells = pyvista.read(files[first]).cells
@@ -155,7 +155,7 @@ def _positions(sample: ConvergedSample, ledger: Ledger) -> tuple[MeshSource, Flo
             )
         positions[row] = grid.points
     unit = source.unit or 1.0
-    return source.in_metres(unit), positions * unit
+    return source.convert_to_metres(unit), positions * unit
 
 
 def kept_file(directory: Path, name: str) -> Path | None:

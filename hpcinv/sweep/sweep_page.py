@@ -48,7 +48,7 @@ def write_sweep_report(plan: SweepPlan, ledger: Ledger, path: Path, *, each: boo
     table = columns(plan, records)
     page = cases_page(
         title=plan.sweep.sweep,
-        found=_found(plan, records),
+        finding=_found(plan, records),
         notes=[*_notes(plan, records), note],
         columns={name: table[name] for name in sorted(table, key=lambda name: name in _LAST)},
         units=units(plan, records),
@@ -91,15 +91,15 @@ def _notes(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> list[str]:
 
 def _shapes(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]) -> dict[str, tuple[str, Boundary]]:
     """Titles and boundaries of cases that have kept one, by key."""
-    found = dict[str, tuple[str, Boundary]]()
+    shapes = dict[str, tuple[str, Boundary]]()
     for case in plan.cases:
         record = records.get(case.key)
-        if record is None or not record.converged or case.key in found or len(found) >= _MOST:
+        if record is None or not record.converged or case.key in shapes or len(shapes) >= _MOST:
             continue
         file = kept_file(ledger.directory(case.key), NAME)
         if file is not None:
-            found[case.key] = (case.title, read_boundary(file))
-    return found
+            shapes[case.key] = (case.title, read_boundary(file))
+    return shapes
 
 
 def _links(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord], path: Path, *, each: bool) -> list[str]:

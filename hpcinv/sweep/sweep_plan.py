@@ -8,7 +8,7 @@ from typing import Any
 
 from hpcinv.batch.axes import combined, sections_first
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
-from hpcinv.batch.specification import SpecificationFaults, read_base, read_spec, texts_of, with_settings
+from hpcinv.batch.specification import SpecificationFaults, changed_data, read_base, read_spec, texts_of
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.fingerprint import content_key, file_digest
@@ -130,7 +130,7 @@ def _cases(
     defaults = sections_first(sweep.set)
     for number, (parameters, given) in enumerate(combined(sweep.axes)):
         settings = {k: v for k, v in defaults.items() if k not in given} | sections_first(given)
-        with faults.of(_title(number, parameters), base):
+        with faults.collected(_title(number, parameters), base):
             job = parse(_content(data, settings), base, untrusted=untrusted)
             key, reuse_group = content_key(job, digest), reuse_group_of(job, digest)
             home = job.resolve(job.mesh.file).absolute().parent
@@ -139,7 +139,7 @@ def _cases(
 
 def _content(data: Mapping[str, Any], settings: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the content of a job file with some settings, whose only output by default is the summary."""
-    changed = with_settings(data, settings)
+    changed = changed_data(data, settings)
     for section, default in _DEFAULTS.items():
         given = changed.get(section, {})
         if isinstance(given, Mapping):

@@ -26,7 +26,7 @@ MOST_LINES = 7
 
 
 def plot(
-    plan: SweepPlan, records: Mapping[str, CaseRecord], quantity: str, over: Sequence[str]
+    plan: SweepPlan, records: Mapping[str, CaseRecord], quantity: str, axes: Sequence[str]
 ) -> tuple[dict[str, bytes], list[str]]:
     """Return the diagram of a quantity over one or two parameters as files by format, and what it leaves out.
 
@@ -38,31 +38,31 @@ def plot(
         JobError: there is no such column, or it has no values yet.
     """
     table, known_units = columns(plan, records), units(plan, records)
-    _check(plan, table, quantity, over)
+    _check(plan, table, quantity, axes)
     finished = [i for i, status in enumerate(table["status"]) if status != "open"]
-    rows = [i for i in finished if all(table[name][i] not in (None, "") for name in over)]
+    rows = [i for i in finished if all(table[name][i] not in (None, "") for name in axes)]
     if not rows:
-        raise JobError(f"{plan.path}: no case with {' and '.join(over)} is finished", "Begin with 'sweep run'.")
+        raise JobError(f"{plan.path}: no case with {' and '.join(axes)} is finished", "Begin with 'sweep run'.")
     if quantity != FAILURES and all(table[quantity][i] is None for i in rows):
         raise JobError(f"{plan.path}: no finished case has a value of {quantity}", "Name another quantity.")
     logarithmic = {parameter_name(key) for key in log_uniform(plan)}
-    places = [_positions([table[name][i] for i in rows]) for name in over]
+    places = [_positions([table[name][i] for i in rows]) for name in axes]
     scales = [
         Scale(
             _label(name, known_units),
             not ticks and min(positions) > 0 and (name in logarithmic or is_even_in_log(positions)),
             ticks,
         )
-        for name, (positions, ticks) in zip(over, places, strict=True)
+        for name, (positions, ticks) in zip(axes, places, strict=True)
     ]
     values = [math.nan] * len(rows)
     if quantity != FAILURES:
         values = [math.nan if table[quantity][i] is None else float(table[quantity][i]) for i in rows]
     points = zip(*(positions for positions, _ in places), strict=True)
     statuses = (table["status"][i] for i in rows)
-    series = _series(plan, table, over, dict(zip(rows, zip(points, values, statuses, strict=True), strict=True)))
-    left_out = [*_left_out(plan, table, quantity, over)]
-    if len(over) == 2 and (more := len(series) - MOST_PANELS) > 0:
+    series = _series(plan, table, axes, dict(zip(rows, zip(points, values, statuses, strict=True), strict=True)))
+    left_out = [*_left_out(plan, table, quantity, axes)]
+    if len(axes) == 2 and (more := len(series) - MOST_PANELS) > 0:
         left_out.append(f"{more} of {len(series)} combinations of the other parameters; each takes a panel")
         series = series[:MOST_PANELS]
     title = "\n".join(
@@ -71,24 +71,26 @@ def plot(
     return _drawn(title, quantity, series, scales, _label(quantity, known_units)), left_out
 
 
-def _left_out(plan: SweepPlan, table: Columns, quantity: str, over: Sequence[str]) -> Iterator[str]:
+def _left_out(plan: SweepPlan, table: Columns, quantity: str, axes: Sequence[str]) -> Iterator[str]:
     """Yield lines on cases that a diagram cannot show: their number, the reason, and their branches."""
-    found: dict[str, list[int]] = {}
+    cases_by_reason: dict[str, list[int]] = {}
     for i, status in enumerate(table["status"]):
-        missing = [name for name in over if table[name][i] in (None, "")]
+        missing = [name for name in axes if table[name][i] in (None, "")]
         if not missing and quantity != FAILURES and status == "converged" and table[quantity][i] is None:
             missing = [quantity]
         if status == "open" or missing:
-            found.setdefault("not finished" if status == "open" else f"without {missing[0]}", []).append(i)
-    for reason in sorted(found, key=["not finished", *(f"without {name}" for name in (*over, quantity))].index):
-        cases = found[reason]
+            cases_by_reason.setdefault("not finished" if status == "open" else f"without {missing[0]}", []).append(i)
+    for reason in sorted(
+        cases_by_reason, key=["not finished", *(f"without {name}" for name in (*axes, quantity))].index
+    ):
+        cases = cases_by_reason[reason]
         labels = dict.fromkeys(str(table[name][i]) for i in cases for name in plan.sweep.branches if table[name][i])
         where = f" ({', '.join(labels)})" if labels else ""
         yield f"{len(cases)} of {len(plan.cases)} cases, {reason}{where}"
 
 
 def _series(
-    plan: SweepPlan, table: Columns, over: Sequence[str], cases: Mapping[int, tuple[tuple[float, ...], float, str]]
+    plan: SweepPlan, table: Columns, axes: Sequence[str], cases: Mapping[int, tuple[tuple[float, ...], float, str]]
 ) -> list[Series]:
     """Return series of cases with the same values of all other parameters, except sampled ones.
 
@@ -98,15 +100,15 @@ def _series(
         cases: place, value and status by row.
     """
     drawn = {parameter_name(key) for key in sampled(plan)}
-    names = [name for name in parameter_names(plan) if name not in over and name not in drawn]
+    names = [name for name in parameter_names(plan) if name not in axes and name not in drawn]
     others = [name for name in names if len({table[name][i] for i in cases}) > 1]
     is_sample = any(table[name][i] is not None for name in drawn for i in cases)
-    is_text = any(isinstance(table[over[0]][i], str) for i in cases)
+    is_text = any(isinstance(table[axes[0]][i], str) for i in cases)
     groups: dict[tuple[Any, ...], list[int]] = {}
     for i in cases:
         groups.setdefault(tuple(table[name][i] for name in others), []).append(i)
     series = []
-    for (label, colour), rows in zip(_labels(others, groups, len(over)), groups.values(), strict=True):
+    for (label, colour), rows in zip(_labels(others, groups, len(axes)), groups.values(), strict=True):
         places, values, statuses = zip(*(cases[i] for i in rows), strict=True)
         series.append(Series(label, colour, places, values, statuses, is_curve=not is_sample and not is_text))
     return series
@@ -121,15 +123,15 @@ def is_even_in_log(values: Sequence[float]) -> bool:
     return abs(off) < 0.25 * math.log(high / low)
 
 
-def _check(plan: SweepPlan, table: Columns, quantity: str, over: Sequence[str]) -> None:
+def _check(plan: SweepPlan, table: Columns, quantity: str, axes: Sequence[str]) -> None:
     """Raise ``JobError`` unless the quantity and the parameters exist."""
     parameters = parameter_names(plan)
     problems = [
-        f"there is no parameter '{name}'.{did_you_mean(name, parameters)}" for name in over if name not in table
+        f"there is no parameter '{name}'.{did_you_mean(name, parameters)}" for name in axes if name not in table
     ]
-    if not 1 <= len(over) <= 2 or len({*over}) < len(over):
+    if not 1 <= len(axes) <= 2 or len({*axes}) < len(axes):
         problems.append("a diagram is over one or two different parameters")
-    elif quantity == FAILURES and len(over) == 1:
+    elif quantity == FAILURES and len(axes) == 1:
         problems.append("the map of failures is over two parameters")
     numbers = table.keys() - {*parameters, "number", "key", *TEXT}
     if quantity not in {*numbers, FAILURES}:
@@ -171,12 +173,12 @@ def _drawn(title: str, quantity: str, series: list[Series], scales: list[Scale],
             if axes.get_legend_handles_labels()[0]:
                 axes.legend()
             return as_files(figure)
-    across, down = min(len(series), 3), math.ceil(len(series) / 3)
+    column_count, down = min(len(series), 3), math.ceil(len(series) / 3)
     both = (scales[0], scales[1])
-    with new_figure(1.5 + 3.6 * across, 0.8 + 3.2 * down) as figure:
+    with new_figure(1.5 + 3.6 * column_count, 0.8 + 3.2 * down) as figure:
         if quantity == FAILURES:
             draw_outcomes(figure, title, series, both)
         else:
-            values = [value for s in series for value in s.at(converged=True)[1]]
+            values = [value for s in series for value in s.points(converged=True)[1]]
             draw_maps(figure, title, series, both, Scale(label, is_even_in_log(values)))
         return as_files(figure)

@@ -19,8 +19,8 @@ OUTCOME: Mapping[str, Callable[[CaseRecord], Any]] = {
 }
 COSTS: Mapping[str, Callable[[CaseRecord], Any]] = {
     "seconds": lambda record: record.seconds,
-    "factorizations": lambda record: _of_solutions(record, "factorizations"),
-    "newton_iterations": lambda record: _of_solutions(record, "newton_iterations"),
+    "factorizations": lambda record: _solution_sum(record, "factorizations"),
+    "newton_iterations": lambda record: _solution_sum(record, "newton_iterations"),
     "unknowns": lambda record: record.statistics.get("mesh", {}).get("unknowns"),
     "ranks": lambda record: record.statistics.get("machine", {}).get("ranks"),
     "peak_memory": lambda record: max(record.statistics.get("peak_memory", {}).get("ranks", ()), default=None),
@@ -41,21 +41,24 @@ def columns(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
         records: of finished cases by key; others are ``open``.
     """
     rows = [records.get(case.key) for case in plan.cases]
-    found: Columns = {"number": [case.number for case in plan.cases], "key": [case.key for case in plan.cases]}
-    found |= {parameter_name(key): values for key, values in parameter_columns(plan).items()}
-    for name, of in OUTCOME.items():
-        found[name] = [("open" if name == "status" else "") if row is None else of(row) for row in rows]
+    columns_by_name: Columns = {
+        "number": [case.number for case in plan.cases],
+        "key": [case.key for case in plan.cases],
+    }
+    columns_by_name |= {parameter_name(key): values for key, values in parameter_columns(plan).items()}
+    for name, value_of in OUTCOME.items():
+        columns_by_name[name] = [("open" if name == "status" else "") if row is None else value_of(row) for row in rows]
     taken = _taken(plan)
     for name, values in _results(rows):
-        found[_result_name(name, taken)] = values
-    for name, of in COSTS.items():
-        found[name] = [("" if name in TEXT else None) if row is None else of(row) for row in rows]
-    return found
+        columns_by_name[_result_name(name, taken)] = values
+    for name, value_of in COSTS.items():
+        columns_by_name[name] = [("" if name in TEXT else None) if row is None else value_of(row) for row in rows]
+    return columns_by_name
 
 
 def units(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> dict[str, str]:
     """Return the SI units of the columns, as far as they are known."""
-    found = _UNITS | {parameter_name(key): unit for key, unit in parameter_units(plan).items()}
+    units_by_name = _UNITS | {parameter_name(key): unit for key, unit in parameter_units(plan).items()}
     taken, seen = _taken(plan), set[str]()
     for case in plan.cases:
         record = records.get(case.key)
@@ -64,20 +67,27 @@ def units(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> dict[str, str]:
             continue
         seen |= quantities.keys()
         job = plan.job(case)
-        by = {p.key: p.dimension.unit for p in job.differentiated if p.dimension is not None}
+        parameter_units_by_key = {p.key: p.dimension.unit for p in job.differentiated if p.dimension is not None}
         for name, value in quantities.items():
             unit = unit_of(f"quantities.{name}", job)
             for part in _parts(name, value):
-                found |= {_result_name(part + suffix, taken): unit for suffix in ("", " estimated error", " sd")}
-                found |= {f"{part} slope in {key}": _per(unit, of) for key, of in by.items()}
-    return found
+                units_by_name |= {
+                    _result_name(part + suffix, taken): unit for suffix in ("", " estimated error", " sd")
+                }
+                units_by_name |= {
+                    f"{part} slope in {key}": _quotient(unit, parameter_unit)
+                    for key, parameter_unit in parameter_units_by_key.items()
+                }
+    return units_by_name
 
 
 def quantity_columns(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> list[str]:
     """Return the columns of quantities of interest, one for each component of a vector."""
     taken = _taken(plan)
-    found = (_parts(n, v) for record in records.values() for n, v in record.statistics.get("quantities", {}).items())
-    return list(dict.fromkeys(_result_name(part, taken) for parts in found for part in parts))
+    parts_by_quantity = (
+        _parts(n, v) for record in records.values() for n, v in record.statistics.get("quantities", {}).items()
+    )
+    return list(dict.fromkeys(_result_name(part, taken) for parts in parts_by_quantity for part in parts))
 
 
 def as_hdf5(plan: SweepPlan, records: Mapping[str, CaseRecord], provenance: Iterable[str]) -> bytes:
@@ -109,12 +119,12 @@ def _result_name(name: str, taken: frozenset[str]) -> str:
     return f"quantities.{name}" if name in taken else name
 
 
-def _per(unit: str, of: str) -> str:
-    below = of if of.isalpha() else f"({of})"
-    return f"{unit or 1}/{below}" if of else unit
+def _quotient(unit: str, divisor: str) -> str:
+    divisor_text = divisor if divisor.isalpha() else f"({divisor})"
+    return f"{unit or 1}/{divisor_text}" if divisor else unit
 
 
-def _of_solutions(record: CaseRecord, key: str) -> int | None:
+def _solution_sum(record: CaseRecord, key: str) -> int | None:
     solutions = record.statistics.get("solutions", [])
     return sum(solution[key] for solution in solutions) if solutions else None
 
@@ -159,18 +169,18 @@ def statistics(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
     table, quantities = columns(plan, records), quantity_columns(plan, records)
     names, unit = plan.sweep.branches, units(plan, records)
     labels = list(zip(*(table[name] for name in names), strict=True)) or [()] * len(plan.cases)
-    found: Columns = {
+    columns_by_name: Columns = {
         name: [] for name in (*names, "quantity", "unit", "cases", "mean", "sd", "sd of mean", *QUANTILES)
     }
     for group in dict.fromkeys(labels):
         for quantity in quantities:
-            values = [v for v, of in zip(table[quantity], labels, strict=True) if of == group and v is not None]
+            values = [v for v, label in zip(table[quantity], labels, strict=True) if label == group and v is not None]
             if values:
                 row = [*group, quantity, unit.get(quantity, ""), len(values), *_moments(values)]
                 row += [float(np.quantile(values, share)) for share in QUANTILES.values()]
-                for column, value in zip(found.values(), row, strict=True):
+                for column, value in zip(columns_by_name.values(), row, strict=True):
                     column.append(value)
-    return found
+    return columns_by_name
 
 
 def _moments(values: Sequence[float]) -> tuple[float, float | None, float | None]:

@@ -80,7 +80,7 @@ def surface_in(path: Path, unit: float | None, shape: str = UNDEFORMED, labels: 
 
 
 def _regions(source: MeshSource) -> dict[str, pyvista.PolyData]:
-    found = {}
+    surfaces = {}
     for group in source.groups:
         if group.dim == 2 and len(group.members):
             nodes = source.facets[group.members]
@@ -89,5 +89,5 @@ def _regions(source: MeshSource) -> dict[str, pyvista.PolyData]:
             else:  # 0 and 3 are opposite corners
                 triangles = np.concatenate([nodes[:, [0, 1, 3]], nodes[:, [0, 3, 2]]])
             used, rows = np.unique(triangles, return_inverse=True)
-            found[group.name] = pyvista.PolyData.from_regular_faces(source.points[used], rows.reshape(-1, 3))
-    return found
+            surfaces[group.name] = pyvista.PolyData.from_regular_faces(source.points[used], rows.reshape(-1, 3))
+    return surfaces

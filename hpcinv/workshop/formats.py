@@ -37,7 +37,7 @@ def write(path: Path, solid: Solid, unit: str) -> None:
         OutputError: it cannot be written.
     """
     try:
-        content = WRITERS[path.suffix](solid.in_single_precision(), unit)
+        content = WRITERS[path.suffix](solid.round_to_single(), unit)
     except OutputError as error:
         raise OutputError(f"{path}: {error.message}", error.advice) from None
     write_output(path, content, "Is the directory writable, and space left?")

@@ -26,7 +26,7 @@ class Split:
     axis: int
     position: float | None = None
 
-    def at(self, part: Solid) -> float:
+    def position_in(self, part: Solid) -> float:
         """Return the position of the plane; ``OutputError`` if it misses the part."""
         low, high = (float(f(part.points[:, self.axis])) for f in (np.min, np.max))
         position = (low + high) / 2 if self.position is None else self.position
@@ -56,7 +56,7 @@ def mould(part: Solid, wall: float, split: Split | None) -> list[Solid]:
         return [_solid(whole)]
     normal = [0.0, 0.0, 0.0]
     normal[split.axis] = 1.0
-    upper, lower = whole.split_by_plane(tuple(normal), split.at(part))
+    upper, lower = whole.split_by_plane(tuple(normal), split.position_in(part))
     return [_solid(lower), _solid(upper)]
 
 
@@ -65,24 +65,24 @@ def undercut(part: Solid, split: Split) -> float:
     corners: Floats = part.points[part.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)
-    heights = corners[:, :, split.axis] - split.at(part)
-    above, below = (heights >= 0).all(axis=1), (heights <= 0).all(axis=1)
+    heights = corners[:, :, split.axis] - split.position_in(part)
+    is_above, is_below = (heights >= 0).all(axis=1), (heights <= 0).all(axis=1)
     pulled = normals[:, split.axis] / np.maximum(areas, np.finfo(float).tiny)
-    held = (above & (pulled < -_STEEP)) | (below & (pulled > _STEEP))
+    held = (is_above & (pulled < -_STEEP)) | (is_below & (pulled > _STEEP))
     return float(areas[held].sum() / areas.sum())
 
 
 def _manifold(part: Solid) -> manifold3d.Manifold:
     mesh = manifold3d.Mesh64(np.ascontiguousarray(part.points), np.ascontiguousarray(part.triangles, dtype=np.uint64))
-    found = manifold3d.Manifold(mesh)
-    if found.status() != manifold3d.Error.NoError:
+    manifold = manifold3d.Manifold(mesh)
+    if manifold.status() != manifold3d.Error.NoError:
         raise MeshError(
-            f"the surface of the part is no solid: {found.status().name}",
+            f"the surface of the part is no solid: {manifold.status().name}",
             "Look at the line on self-intersections in the certificate of the run.",
         )
-    return found
+    return manifold
 
 
-def _solid(found: manifold3d.Manifold) -> Solid:
-    mesh = found.to_mesh64()
+def _solid(manifold: manifold3d.Manifold) -> Solid:
+    mesh = manifold.to_mesh64()
     return Solid(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts).astype(np.int64))

@@ -25,7 +25,7 @@ def read_shape(run: Path, shape: str) -> MeshSource:
     """
     summary = _summary(run)
     if states := summary.get("states"):
-        (given,), (rest,) = ([name for name, of in states.items() if of[kind]] for kind in ("given", "rest"))
+        (given,), (rest,) = ([name for name, state in states.items() if state[kind]] for kind in ("given", "rest"))
         name = rest if shape == UNDEFORMED and shape not in states else shape
         if name not in states:
             raise OutputError(
@@ -38,8 +38,8 @@ def read_shape(run: Path, shape: str) -> MeshSource:
             f"{run}: has no state '{shape}': the job of this run has no states",
             f"Give '{UNDEFORMED}' or '{DEFORMED}'.",
         )
-    found = UNDEFORMED if summary["solutions"][0]["direction"] == "inverse" else DEFORMED
-    return _found(run, "shape") if shape == found else _given(run, shape)
+    computed = UNDEFORMED if summary["solutions"][0]["direction"] == "inverse" else DEFORMED
+    return _found(run, "shape") if shape == computed else _given(run, shape)
 
 
 def _given(run: Path, shape: str) -> MeshSource:
@@ -76,7 +76,7 @@ def _found(run: Path, name: str) -> MeshSource:
         path = run / f"{name}{suffix}"
         if path.exists():
             source = read(path)
-            return source.in_metres(source.unit or 1.0) if suffix != ".bp" else source
+            return source.convert_to_metres(source.unit or 1.0) if suffix != ".bp" else source
     raise OutputError(
         f"{run}: has no file of the shape ({name}.msh, .vtu or .bp)", "Run it again with output: {mesh: [msh]}."
     )

@@ -55,7 +55,7 @@ class Solid:
     def scaled(self, factor: float) -> Solid:
         return Solid(self.points * factor, self.triangles)
 
-    def in_single_precision(self) -> Solid:
+    def round_to_single(self) -> Solid:
         """Return the solid as formats with numbers of 4 bytes hold it, in which close points may coincide.
 
         Raises:
@@ -64,13 +64,13 @@ class Solid:
         rounded, place = np.unique(self.points.astype(np.float32), axis=0, return_inverse=True)
         triangles = place.reshape(-1)[self.triangles]
         a, b, c = triangles.T
-        found = Solid(rounded.astype(np.float64), triangles[(a != b) & (b != c) & (c != a)])
-        if not found.is_closed:
+        solid = Solid(rounded.astype(np.float64), triangles[(a != b) & (b != c) & (c != a)])
+        if not solid.is_closed:
             raise OutputError(
                 "is not closed in the numbers of 4 bytes of this format, in which points of the surface coincide",
                 "Take a larger --tolerance.",
             )
-        return found
+        return solid
 
 
 def region_cells(source: MeshSource, name: str) -> Ints:
@@ -95,8 +95,8 @@ def solid_of(source: MeshSource, cells: Ints | None, tolerance: float | None = N
         OutputError: there would be too many triangles.
     """
     surface = surface_of(source, cells)
-    near = tolerance or NEAR * float(np.linalg.norm(np.ptp(surface.nodes.reshape(-1, 3), axis=0)))
-    divisions, volume = _divisions(surface, near), volume_of(source, cells)
+    largest_distance = tolerance or NEAR * float(np.linalg.norm(np.ptp(surface.nodes.reshape(-1, 3), axis=0)))
+    divisions, volume = _divisions(surface, largest_distance), volume_of(source, cells)
     solid = _cut(surface, divisions)
     if not solid.is_closed or not solid.volume > 0:
         raise MeshError(

@@ -63,10 +63,10 @@ class Solved:
 
     def again(self) -> np.ndarray:
         """Displacement (scaled) at the nodes after the second direction, solved on the body that the first found."""
-        u = self.model.unknowns.at_nodes(self.model.unknowns.displacement())
+        u = self.model.unknowns.geometry_values(self.model.unknowns.displacement())
         self.body.mesh.geometry.x[:] += self.kinematics.sign * u
         self._solve(1)
-        return self.model.unknowns.at_nodes(self.model.unknowns.displacement())
+        return self.model.unknowns.geometry_values(self.model.unknowns.displacement())
 
     @property
     def displacement(self) -> Any:

@@ -15,7 +15,7 @@ from helpers.partitions import facet_sets, in_input_order, owners, slow_edge_cut
 from hpcinv.errors import OutputError
 from hpcinv.job.job import load
 from hpcinv.job.sections import MeshSpec
-from hpcinv.mesh import Body, build_body, in_source_order, read_source, write_mesh
+from hpcinv.mesh import Body, build_body, read_source, reorder_to_source, write_mesh
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.io.gmsh_model import metis
@@ -143,8 +143,8 @@ def test_what_is_written_is_read_back_bit_for_bit(comm: MPI.Intracomm, meshes: P
             write_mesh(path, body, moved)
             again = build_body(spec(path, partition="scotch"), {}, comm)
             assert (again.source.kind, again.source.degree) == (body.source.kind, body.source.degree)
-            expected = in_source_order(body, moved)
-            found = in_source_order(again, again.mesh.geometry.x * again.length_scale)
+            expected = reorder_to_source(body, moved)
+            found = reorder_to_source(again, again.mesh.geometry.x * again.length_scale)
             assert len(expected) == len(body.source.points)
             assert (len(expected) == 0) == (comm.rank > 0)
             assert np.array_equal(found, expected)

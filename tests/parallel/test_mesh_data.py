@@ -21,7 +21,7 @@ from hpcinv.errors import MeshError
 from hpcinv.mesh import Body, build_body, read_source, write_mesh
 from hpcinv.mesh.cells import coordinate_element, scalar_element
 from hpcinv.mesh.data import as_function, distribute
-from hpcinv.mesh.refine.degree import of_degree
+from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.source import DataArray
 from hpcinv.parallel.runtime import MPI, on_root
 
@@ -56,7 +56,7 @@ def assert_right(body: Body) -> None:
     for name, (on, components) in ARRAYS.items():
         array = distribute(body, name)
         expected = linear(positions(body, on), components)
-        assert (array.name, array.on) == (name, on)
+        assert (array.name, array.place) == (name, on)
         assert array.values.shape == expected.shape
         assert np.abs(array.values - expected).max() < CLOSE
         function = as_function(body, array)
@@ -89,7 +89,7 @@ def test_every_row_is_at_its_place(comm: MPI.Intracomm, meshes: Path, run_direct
         for name, (on, components) in ARRAYS.items():
             array = body.source.data[name]
             rows = len(body.source.points if on == "nodes" else body.source.cells)
-            assert (array.on, array.values.shape) == (on, (rows, components))
+            assert (array.place, array.values.shape) == (on, (rows, components))
             assert comm.rank == 0 or rows == 0
 
 
@@ -107,7 +107,7 @@ def test_a_written_shape_keeps_the_data_bit_for_bit(comm: MPI.Intracomm, meshes:
             assert np.array_equal(again.points, body.source.points + MOVE)
             assert again.data.keys() == ARRAYS.keys()
             for name, array in body.source.data.items():
-                assert again.data[name].on == array.on
+                assert again.data[name].place == array.place
                 assert np.array_equal(again.data[name].values, array.values)
 
 
@@ -156,7 +156,7 @@ def test_of_a_vtu_file_only_numbers_of_others_are_data(tmp_path: Path) -> None:
     grid.point_data["parameters"] = np.zeros((4, 2))
     grid.save(tmp_path / "many.vtu")
     source = read_source(spec(tmp_path / "many.vtu"), tmp_path / "many.vtu")
-    assert {name: (a.on, a.values.tolist()) for name, a in source.data.items()} == {
+    assert {name: (a.place, a.values.tolist()) for name, a in source.data.items()} == {
         "layer": ("cells", [[3.0]]),
         "fibre (cells)": ("cells", [[0.0, 0.0, 1.0]]),
         "fibre (nodes)": ("nodes", [list(p) for p in TETRAHEDRON]),
@@ -183,7 +183,7 @@ def test_tags_in_the_grid_of_an_xdmf_mesh_are_integers_and_what_else_is_there_is
     path.write_text(XDMF)
     source = read_source(spec(path), path)
     assert [g.name for g in source.groups] == ["mesh-4"]
-    assert {name: (a.on, a.values.tolist()) for name, a in source.data.items()} == {
+    assert {name: (a.place, a.values.tolist()) for name, a in source.data.items()} == {
         "E": ("cells", [[1500.0]]),
         "layer": ("cells", [[2.0]]),
         "T": ("nodes", [[1.0], [2.0], [3.0], [4.0]]),
@@ -205,10 +205,10 @@ def test_new_nodes_have_what_the_vertices_interpolate_there(meshes: Path, hexahe
     at_nodes = DataArray("sheet", "nodes", random.normal(size=(len(flat.points), 3)))
     in_cells = DataArray("fibre", "cells", random.normal(size=(len(flat.cells), 3)))
     source = dataclasses.replace(flat, data={"sheet": at_nodes, "fibre": in_cells})
-    raised = of_degree(source, 2)
+    raised = change_degree(source, 2)
     shape = scalar_element(flat.kind, 1).tabulate(0, scalar_element(flat.kind, 2).points)[0, :, :, 0]
     expected = np.einsum("nv,cvi->cni", shape, at_nodes.values[flat.cells])
     assert np.abs(raised.data["sheet"].values[raised.cells] - expected).max() < 1e-14
     assert np.array_equal(raised.data["fibre"].values, in_cells.values)
-    back = of_degree(raised, 1)
+    back = change_degree(raised, 1)
     assert all(np.array_equal(back.data[name].values, array.values) for name, array in source.data.items())

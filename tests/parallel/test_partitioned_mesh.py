@@ -22,7 +22,7 @@ from hpcinv.__main__ import main
 from hpcinv.errors import JobError, MeshError, OutputError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.mesh_header import HEADER
-from hpcinv.mesh import Body, MeshSource, build_body, in_source_order, read_source, write_mesh
+from hpcinv.mesh import Body, MeshSource, build_body, read_source, reorder_to_source, write_mesh
 from hpcinv.mesh.data import distribute
 from hpcinv.mesh.distributed.partitioned import read_partitioned, write_partitioned
 from hpcinv.mesh.distributed.parts import partitioned
@@ -75,7 +75,7 @@ def test_a_mesh_is_cut_as_metis_says_and_can_be_put_together_again(
             assert members(again, group) == members(expected, expected.groups[i])
         assert again.data.keys() == ARRAYS.keys()
         for name, array in again.data.items():
-            assert array.on == expected.data[name].on
+            assert array.place == expected.data[name].place
             assert np.array_equal(array.values, expected.data[name].values)
 
 
@@ -89,7 +89,7 @@ def members(source: MeshSource, group: Group) -> list[list[int]]:
 def test_rows_are_found_wherever_they_are(comm: MPI.Intracomm) -> None:
     random = np.random.default_rng(comm.rank)
     for counts in ((4, 0, 7), (0, 5, 1), (0, 0, 3)):
-        rows = Rows.of(comm, counts[comm.rank])
+        rows = Rows.distributed(comm, counts[comm.rank])
         whole = np.arange(3.0 * rows.total).reshape(-1, 3) ** 2
         mine = slice(rows.first, rows.first + counts[comm.rank])
         wanted = random.integers(0, max(rows.total, 1), 9 if rows.total else 0)
@@ -97,7 +97,7 @@ def test_rows_are_found_wherever_they_are(comm: MPI.Intracomm) -> None:
         # Each rank knows another third of them.
         known = np.arange(comm.rank, rows.total, comm.size)[::-1]
         assert np.array_equal(rows.deliver(whole[known], known), whole[mine])
-        alone = Rows.of(MPI.COMM_SELF, rows.total).checksum(whole)
+        alone = Rows.distributed(MPI.COMM_SELF, rows.total).checksum(whole)
         assert rows.checksum(whole[mine]) == alone
         if rows.total:
             swapped = whole.copy()
@@ -184,8 +184,8 @@ def test_a_job_has_the_answers_of_the_whole_mesh_and_its_shape_goes_back(
     # The undeformed shape sags into what was given. With straight cells only its nodes come back exactly, where they
     # are those of the displacement.
     back = solved("back", run_directory / "parted" / "shape.bp", analysis="forward", expected_shape={"file": str(bp)})
-    there = in_source_order(parted.body, parted.solutions[0].mesh_nodes)
-    again = in_source_order(back.body, back.solutions[0].other_nodes)
+    there = reorder_to_source(parted.body, parted.solutions[0].mesh_nodes)
+    again = reorder_to_source(back.body, back.solutions[0].other_nodes)
     gap = comm.allreduce(float(((there - again) ** 2).sum(axis=1).max(initial=0.0)), op=MPI.MAX) ** 0.5
     assert back.errors["expected_shape"]["max"] == pytest.approx(gap, rel=1e-6)
     assert back.quantities["top"] == pytest.approx(parted.quantities["top"], rel=0.02)

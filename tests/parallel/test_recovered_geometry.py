@@ -15,7 +15,7 @@ from helpers.verification import HERE, job
 import hpcinv
 from hpcinv.errors import CheckpointError
 from hpcinv.job.fingerprint import check_same_problem, fingerprint
-from hpcinv.mesh.body import at_local_nodes, build_body, in_source_order, read_source
+from hpcinv.mesh.body import build_body, local_node_values, read_source, reorder_to_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
@@ -62,7 +62,7 @@ def test_straight_files_close_and_keep_their_numbering(
         sagging({"file": str(path)}, discretisation={"displacement": degree}), comm, directory=directory
     )
     assert round_trip(result) < 1e-10
-    nodes = in_source_order(result.body, result.solutions[0].other_nodes)
+    nodes = reorder_to_source(result.body, result.solutions[0].other_nodes)
 
     def check() -> None:
         given, shape = (read_source(spec(file), file) for file in (path, directory / f"shape{suffix}"))
@@ -84,9 +84,9 @@ def test_nodes_of_a_higher_degree_are_on_the_given_cells(degree: int, comm: MPI.
     first, body = (build_body(file, {}, comm, degree=d, given=given) for d in (1, degree))
     assert (first.degree, body.degree, body.source.degree) == (1, degree, 1)
     x = body.mesh.geometry.x * body.length_scale
-    there = in_source_order(body, x)
+    there = reorder_to_source(body, x)
     assert np.array_equal(there, body.source.points.reshape(-1, 3))
-    assert np.abs(at_local_nodes(body, there) - x).max() < 1e-15 * np.abs(x).max()
+    assert np.abs(local_node_values(body, there) - x).max() < 1e-15 * np.abs(x).max()
 
 
 @pytest.mark.parallel(RANKS)

@@ -15,7 +15,7 @@ import pytest
 from helpers.solutions import made_up
 from helpers.verification import HERE
 
-from hpcinv.certificate import Certificate, Estimate, at_most, skipped
+from hpcinv.certificate import Certificate, Estimate, skipped, upper_bound_line
 from hpcinv.errors import OutputError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job, parse
@@ -60,7 +60,9 @@ def result(comm: MPI.Intracomm) -> Result:
     solutions = there, made_up(body, "forward", zero)
     quantities = {"tip": [1.0, -2.0, np.nan], "volume": np.float64(2.5)}
     closure = {"max": 1e-12, "rms": 1e-13, "relative": 1e-12}
-    certificate = Certificate((at_most("residual", np.float64(1e-9), 1e-8, 1e-6), skipped("overlap", "switched off")))
+    certificate = Certificate(
+        (upper_bound_line("residual", np.float64(1e-9), 1e-8, 1e-6), skipped("overlap", "switched off"))
+    )
     estimate = Estimate({"volume": 0.1}, {"volume": 2.6}, 1e-4, zero(body.mesh.geometry.x[:, 0]), 300)
     return Result(made, body, solutions, certificate, quantities, {"round_trip": closure}, estimate)
 

@@ -18,7 +18,7 @@ from ufl.algorithms import expand_derivatives
 from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.system import System
 from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, as_for, tangent_of
-from hpcinv.kinematics.staged_derivatives import Jacobian, Local, gradient, without_stages
+from hpcinv.kinematics.staged_derivatives import Jacobian, Local, gradient, remove_stages
 from hpcinv.mesh import build_body
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
@@ -58,7 +58,7 @@ def test_matrix_is_that_of_the_derivative(case: dict[str, Any], comm: MPI.Intrac
     scene, supports = model.scene(given.directions[0]), model.supports
     state = model.unknowns.state
     deform(model.unknowns)
-    form = fem.form(ufl.derivative(without_stages(scene.residual), state), jit_options=JIT_OPTIONS)
+    form = fem.form(ufl.derivative(remove_stages(scene.residual), state), jit_options=JIT_OPTIONS)
     scene.parameters.set_load(0.7)
     supports.scale(0.7)
     theirs = fem_petsc.assemble_matrix(form, bcs=supports.conditions)
@@ -126,13 +126,13 @@ def test_stages_leave_derivatives_as_they_are(comm: MPI.Intracomm) -> None:
     a, b = ufl.variable(ufl.tr(E)), ufl.variable(ufl.inner(E, E))
     psi = ufl.exp(ufl.variable(a * b)) * (1 + a) + ufl.det(H) * b
     symbol = ufl.variable(constant)
-    first = expand_derivatives(ufl.diff(ufl.replace(without_stages(psi), {constant: symbol}), symbol))
+    first = expand_derivatives(ufl.diff(ufl.replace(remove_stages(psi), {constant: symbol}), symbol))
     by_stages = gradient(psi, H)
     second = expand_derivatives(ufl.diff(first, symbol))
-    pairs = [(by_stages, first), (Jacobian(H, Local(mesh.ufl_domain())).of(by_stages), second)]
+    pairs = [(by_stages, first), (Jacobian(H, Local(mesh.ufl_domain())).differentiate(by_stages), second)]
     entries = [e[at] for pair in pairs for e in pair for at in np.ndindex(e.ufl_shape)]
     point = np.full((1, 3), 0.25)
-    compiled = fem.Expression(without_stages(ufl.as_vector(entries)), point, jit_options=JIT_OPTIONS)
+    compiled = fem.Expression(remove_stages(ufl.as_vector(entries)), point, jit_options=JIT_OPTIONS)
     values = compiled.eval(mesh, np.zeros(1, dtype=np.int32)).ravel()
     gradients, hessians = values[:18].reshape(2, 9), values[18:].reshape(2, 81)
     for ours, theirs in (gradients, hessians):
@@ -149,14 +149,14 @@ def test_a_jacobian_through_a_stage_is_the_same(comm: MPI.Intracomm) -> None:
     E, volume = ufl.variable(ufl.sym(H) + H.T * H / 2), ufl.variable(ufl.det(ufl.Identity(3) + h))
     stress = volume * ufl.variable(ufl.tr(E) * volume) * E * (ufl.Identity(3) + H).T + h
     symbol = ufl.variable(constant)
-    theirs = expand_derivatives(ufl.diff(ufl.replace(without_stages(stress), {constant: symbol}), symbol))
+    theirs = expand_derivatives(ufl.diff(ufl.replace(remove_stages(stress), {constant: symbol}), symbol))
     local = Local(mesh.ufl_domain())
-    entries = [e[at] for e in (Jacobian(h, local, H).of(stress), theirs) for at in np.ndindex(e.ufl_shape)]
-    compiled = fem.Expression(without_stages(ufl.as_vector(entries)), np.full((1, 3), 0.25), jit_options=JIT_OPTIONS)
+    entries = [e[at] for e in (Jacobian(h, local, H).differentiate(stress), theirs) for at in np.ndindex(e.ufl_shape)]
+    compiled = fem.Expression(remove_stages(ufl.as_vector(entries)), np.full((1, 3), 0.25), jit_options=JIT_OPTIONS)
     ours, expected = compiled.eval(mesh, np.zeros(1, dtype=np.int32)).reshape(2, 81)
     assert np.abs(ours - expected).max() < 1e-13 * np.abs(expected).max()
     assert np.abs(expected).max() > 1
-    assert Jacobian(h, local, H).of(ufl.variable(ufl.tr(ufl.variable(constant)))) is None
+    assert Jacobian(h, local, H).differentiate(ufl.variable(ufl.tr(ufl.variable(constant)))) is None
 
 
 @pytest.mark.parallel([2])

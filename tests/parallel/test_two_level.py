@@ -88,6 +88,7 @@ def test_the_iterations_find_the_correction(name: str, comm: MPI.Intracomm, monk
     compare(name, comm, monkeypatch)
 
 
+@pytest.mark.everyday("kept factors", "multigrid")
 @pytest.mark.parallel([2, 3])
 @pytest.mark.parametrize(
     "name",

@@ -18,11 +18,17 @@ ROOT = Path(__file__).parents[2]
 # What a site's own DOLFINx comes with.
 OF_THE_SITE = {"adios2", "adios4dolfinx", "dolfinx-solver-real", "h5py", "mpi4py", "mpich", "numpy"}
 
+WITHOUT_MPI = """
+from types import SimpleNamespace
+bindings = SimpleNamespace(is_built_with_mpi=False, __version__="2.10.0")
+"""
+
 
 @pytest.mark.parametrize(
     ("module", "text", "told"),
     [
         ("dolfinx", "__version__ = '0.9.0'", "DOLFINx 0.9.0 is installed, and hpcinv needs 0.11"),
+        ("adios2", WITHOUT_MPI, "adios2 cannot be imported: version 2.10.0 was built without MPI"),
         ("adios4dolfinx", "raise ImportError('no such library')", "adios4dolfinx cannot be imported: no such library"),
     ],
 )

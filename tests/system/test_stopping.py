@@ -37,6 +37,7 @@ def meshing(directory: Path, body: str) -> Path:
     return write_job(directory / "long.yaml", CUBE, mesh={"file": "long.py", "maximum_cells": 10**9})
 
 
+@pytest.mark.everyday("gmsh-SIGTERM", "Python-SIGTERM")
 @pytest.mark.parametrize(
     ("body", "name", "ranks", "code"),
     [
@@ -147,6 +148,7 @@ def contents(path: Path) -> bytes:
         return b""
 
 
+@pytest.mark.everyday("SIGTERM-75-.msh", "SIGINT-130-.vtu", "SIGKILL-None-.msh")
 @pytest.mark.parametrize("suffix", [".msh", ".vtu"])
 @pytest.mark.parametrize(("name", "code"), [("SIGTERM", 75), ("SIGUSR1", 75), ("SIGINT", 130), ("SIGKILL", None)])
 def test_a_signal_while_a_process_reads_a_mesh_does_not_damage_it(

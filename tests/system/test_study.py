@@ -373,7 +373,7 @@ def test_statistics_over_cases_and_the_ratio_of_times(begin: Begin, tmp_path: Pa
     assert (other.average, other.statistics["failed"]) == pytest.approx((6.0, 1))
     assert base.statistics["ratio"] is None
     assert other.statistics["ratio"] == pytest.approx((2 + 3 + 7) / 3)
-    assert [point.on_front for point in found.points] == [True, False]
+    assert [point.is_on_front for point in found.points] == [True, False]
 
 
 def test_errors_against_the_finest_run_and_richardsons_limit(begin: Begin, tmp_path: Path) -> None:

@@ -220,9 +220,9 @@ CASES: dict[str, tuple[ModuleType, str, Callable[[State], Any]]] = {
 }
 
 
-def law_of(found: Counterpart, unit: str = "MPa") -> MaterialLaw:
-    section = found.section(unit)
-    context = {LET: resolve({name: Expression(text) for name, text in found.definitions.items()})}
+def law_of(converted: Counterpart, unit: str = "MPa") -> MaterialLaw:
+    section = converted.section(unit)
+    context = {LET: resolve({name: Expression(text) for name, text in converted.definitions.items()})}
     return laws()[section["law"]].model_validate(section, context=context)
 
 

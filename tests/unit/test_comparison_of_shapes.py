@@ -68,21 +68,21 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
 def test_a_body_that_was_moved_is_moved_back() -> None:
     turned = egg().rotate_z(12).rotate_x(5).translate([0.004, -0.001, 0.002])
     found = compare(turned, egg(), (turned, egg()))
-    print(f"{found.one.largest:.1e} m left, turned by {np.degrees(found.rotation):.2f} degrees")
-    assert found.one.largest < 2e-5
+    print(f"{found.first.largest:.1e} m left, turned by {np.degrees(found.rotation):.2f} degrees")
+    assert found.first.largest < 2e-5
     assert found.rotation == pytest.approx(np.radians(np.hypot(12, 5)), rel=0.05)
     assert found.dice > 0.99
     left = compare(turned, egg())
-    assert left.one.largest > 3e-3
+    assert left.first.largest > 3e-3
     assert (left.rotation, left.translation) == (0, 0)
 
 
 def test_a_mesh_beside_a_surface(meshes: Path, tmp_path: Path) -> None:
     pyvista.Cube(center=(0.5, 0.5, 0.5)).triangulate().save(tmp_path / "cube.stl")
     found = compare(surface_in(meshes / "box.py", 1.0).surface, surface_in(tmp_path / "cube.stl", 1.0).surface)
-    assert found.one.largest < 1e-7
-    assert found.one.centre == pytest.approx([0.5, 0.5, 0.5])
-    assert found.one.volume == pytest.approx(found.other.volume, rel=1e-6)
+    assert found.first.largest < 1e-7
+    assert found.first.centre == pytest.approx([0.5, 0.5, 0.5])
+    assert found.first.volume == pytest.approx(found.second.volume, rel=1e-6)
     assert found.dice == pytest.approx(1, abs=0.05)
 
 
@@ -129,18 +129,18 @@ def test_an_image_beside_a_surface(direction: tuple[float, ...], tmp_path: Path)
     """Volume, place and distances of a ball, also with axes that are turned and mirrored."""
     image = surface_in(written(tmp_path / "ball.nii.gz", direction), None)
     found = compare(image.surface, surface_in(ball(tmp_path / "ball.stl", centre=(50, 0, 0)), 1e-3).surface)
-    print(f"rms {found.one.rms:.1e}, largest {found.one.largest:.1e} m, Dice {found.dice:.4f}")
+    print(f"rms {found.first.rms:.1e}, largest {found.first.largest:.1e} m, Dice {found.dice:.4f}")
     assert image.surface.volume == pytest.approx(4224e-9, rel=2e-3)  # that of its voxels
-    assert found.one.centre == pytest.approx([0.05, 0, 0], abs=2e-5)
-    assert found.one.largest < 0.5e-3
-    assert found.one.rms < 0.25e-3
+    assert found.first.centre == pytest.approx([0.05, 0, 0], abs=2e-5)
+    assert found.first.largest < 0.5e-3
+    assert found.first.rms < 0.25e-3
     half = surface_in(tmp_path / "ball.nii.gz", None, labels=[3])
     assert half.surface.volume == pytest.approx(2112e-9, rel=2e-3)
 
 
 def test_principal_axes_of_an_ellipsoid() -> None:
     turned = egg().rotate_z(30)
-    found = compare(turned, turned).one
+    found = compare(turned, turned).first
     assert np.abs(found.axes[0]) == pytest.approx([0, 0, 1], abs=1e-6)
     assert np.abs(found.axes[1]) == pytest.approx([0.5, 3**0.5 / 2, 0], abs=2e-3)
 

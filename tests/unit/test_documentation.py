@@ -15,7 +15,7 @@ import pytest
 from helpers.schemas import refusals
 
 from hpcinv.__main__ import _parser
-from hpcinv.cli.study import with_action
+from hpcinv.cli.study import complete_action
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.study.study_plan import load_study
@@ -58,7 +58,7 @@ def commands(page: Path) -> Iterator[tuple[argparse.ArgumentParser, str]]:
     """The parsers of the commands that a page tells to type, and the rest of each line."""
     for line in page.read_text().splitlines():
         for typed in re.findall(r"(?:python -m |uv run )hpcinv ([^`\n|#…]*)", line):
-            parser, said = _parser(), with_action(typed.split())
+            parser, said = _parser(), complete_action(typed.split())
             while said and (inner := subcommands(parser)):
                 assert said[0] in inner, f"{page.name}: {typed}"
                 parser = inner[said.pop(0)]
@@ -97,7 +97,7 @@ def test_help_has_a_sentence_examples_and_a_page(parser: argparse.ArgumentParser
         names = parser.prog.split()[1:]
         assert arguments[: len(names)] == names
         redirected = arguments.index(">") if ">" in arguments else None
-        _parser().parse_args(with_action(arguments[:redirected]))
+        _parser().parse_args(complete_action(arguments[:redirected]))
 
 
 def test_generated_pages_are_what_the_generator_writes() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -81,11 +82,75 @@ def test_values_are_those_at_the_end_of_the_last_step(tmp_path: Path) -> None:
     assert contact.unread == ("Contact",)
 
 
+BAR_2 = """<febio_spec version="2.5">
+  <Module type="solid"/>
+  <Control><analysis type="static"/><time_steps>4</time_steps><step_size>0.25</step_size><dtol>0.001</dtol></Control>
+  <Material><material id="1" name="rubber" type="neo-Hookean"><E lc="2">3</E><v>0</v></material></Material>
+  <Geometry>
+    <Nodes>NODES</Nodes>
+    <Elements type="hex8" mat="1">ELEMENTS</Elements>
+    <NodeSet name="bottom"><node id="11"/><node id="12"/><node id="13"/><node id="14"/></NodeSet>
+    <NodeSet name="left">
+      <node id="11"/><node id="14"/><node id="21"/><node id="24"/><node id="31"/><node id="34"/>
+    </NodeSet>
+    <Surface name="top"><quad4 id="1">31,32,33,34</quad4></Surface>
+  </Geometry>
+  <Boundary>
+    <fix bc="x,y,z" node_set="bottom"/><fix bc="x" node_set="left"/>
+    <prescribe bc="z" surface="top"><scale lc="1">4</scale><relative>0</relative></prescribe>
+  </Boundary>
+  <LoadData>
+    <loadcurve id="1" type="linear"><point>0,0</point><point>2,1</point></loadcurve>
+    <loadcurve id="2" type="step" extend="constant"><point>0,2</point></loadcurve>
+  </LoadData>
+</febio_spec>
+"""
+BAR_3 = """<febio_spec version="3.0">
+  <Module type="solid"/>
+  <Control><analysis>STATIC</analysis><time_steps>4</time_steps><step_size>0.25</step_size></Control>
+  <Material><material id="1" name="rubber" type="neo-Hookean"><E lc="2">3</E><v>0</v></material></Material>
+  <Mesh>
+    <Nodes name="all">NODES</Nodes>
+    <Elements type="hex8" name="bar">ELEMENTS</Elements>
+    <NodeSet name="bottom"><n id="11"/><n id="12"/><n id="13"/><n id="14"/></NodeSet>
+    <NodeSet name="left"><n id="11"/><n id="14"/><n id="21"/><n id="24"/><n id="31"/><n id="34"/></NodeSet>
+    <Surface name="top"><quad4 id="1">31,32,33,34</quad4></Surface>
+  </Mesh>
+  <MeshDomains><SolidDomain name="bar" mat="rubber"/></MeshDomains>
+  <Boundary>
+    <bc type="fix" node_set="bottom"><dofs>x,y,z</dofs></bc><bc type="fix" node_set="left"><dofs>x</dofs></bc>
+    <bc type="prescribe" node_set="@surface:top"><dof>z</dof><scale lc="1">4</scale><relative>0</relative></bc>
+  </Boundary>
+  <LoadData>
+    <load_controller id="1" type="loadcurve"><points><point>0,0</point><point>2,1</point></points></load_controller>
+    <load_controller id="2" type="loadcurve"><interpolate>STEP</interpolate>
+      <points><point>0,2</point></points></load_controller>
+  </LoadData>
+</febio_spec>
+"""
+
+
+@pytest.mark.parametrize("text", [BAR_2, BAR_3], ids=["2.5", "3.0"])
+def test_older_formats_give_the_same_job(tmp_path: Path, text: str) -> None:
+    from benchmarks.published.febio.conversion import convert
+
+    nodes = re.search("<Nodes[^>]*>(.*)</Nodes>", BAR, re.DOTALL)
+    elements = re.search("<Elements[^>]*>(.*)</Elements>", BAR, re.DOTALL)
+    assert nodes
+    assert elements
+    text = text.replace("NODES", nodes[1]).replace("ELEMENTS", elements[1])
+    older, newest = (convert(read(tmp_path / "bar.feb", content), "bar") for content in (text, BAR))
+    assert older.job == newest.job
+    for name in ("points", "cells", "facets", "node_tags"):
+        assert np.array_equal(getattr(older.source, name), getattr(newest.source, name))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("</febio_spec>", "", "is not XML"),
-        ('version="4.0"', 'version="2.5"', "format 4.0"),
+        ('version="4.0"', 'version="1.2"', "is of format 1.2; formats 2.5"),
+        ("febio_spec", "svg", "not a model of FEBio"),
         ("<febio_spec", '<!DOCTYPE a [<!ENTITY b "c">]><febio_spec', "entities"),
         ('<elem id="1">11,', '<elem id="1">', "a hex8 has 8 nodes"),
         ('<node id="12">1,0,0', '<node id="12">1,0,nan', "not finite"),
@@ -99,7 +164,7 @@ def test_damaged_files_are_refused_by_name(tmp_path: Path, old: str, new: str, m
 
     assert old in BAR
     with pytest.raises(FebError, match=rf"bar.feb: .*({message})"):
-        read(tmp_path / "bar.feb", BAR.replace(old, new, 1))
+        read(tmp_path / "bar.feb", BAR.replace(old, new, 2 if new == "svg" else 1))
 
 
 def test_load_curves_have_the_value_of_their_kind() -> None:

@@ -21,7 +21,7 @@ from hpcinv.fitting.homogeneous import MODES, Response
 from hpcinv.fitting.least_squares import Fit, FitError, fit
 from hpcinv.fitting.linearised import Linearised
 from hpcinv.fitting.material_stability import smallest_stiffness
-from hpcinv.fitting.measurements import Test, read_tests, with_deviations
+from hpcinv.fitting.measurements import Test, read_tests, set_deviations
 from hpcinv.job.job import load
 from hpcinv.materials import laws
 
@@ -121,7 +121,7 @@ def test_confidence_region_holds_the_parameters_as_often_as_it_says(known: bool)
     inside = 0
     for _ in range(repeats):
         noisy = [Test(t.name, t.mode, t.measure, t.stress + deviation * generator.normal(size=len(t))) for t in tests]
-        found = fit(law, with_deviations(noisy, [f"{deviation} Pa"] if known else []))
+        found = fit(law, set_deviations(noisy, [f"{deviation} Pa"] if known else []))
         miss = found.values - true
         distance = miss @ np.linalg.solve(found.covariance, miss)
         limit = scipy.stats.chi2.ppf(0.95, 2) if known else 2 * scipy.stats.f.ppf(0.95, 2, found.freedom)
@@ -158,13 +158,13 @@ def test_ogden_describes_all_of_treloars_tests_better_than_his_own_parameters() 
     assert found.chi_squared < (np.concatenate(stress) ** 2).sum()
     assert found.r_squared > 0.998
     assert all(found.aicc < other.aicc for other in others)
-    assert all(r.lost_at is None for r in CheckedFit.of(found).ranges)
+    assert all(r.lost_at is None for r in CheckedFit.check(found).ranges)
 
 
 def test_stability_ends_where_the_closed_form_does() -> None:
     """Mooney–Rivlin in uniaxial tension is stable up to λ = √(-c1/c2), where dτ across the axis does no work."""
     tests = exact("mooney-rivlin", {"c1": 1e5, "c2": -2.5e4, "d1": "incompressible"}, ("uniaxial",))
-    outcome = CheckedFit.of(fit(candidate("mooney-rivlin", {}, compressible=False), tests))
+    outcome = CheckedFit.check(fit(candidate("mooney-rivlin", {}, compressible=False), tests))
     (lost,) = [r.lost_at for r in outcome.ranges if r.mode.name == "uniaxial"]
     assert lost == pytest.approx(2.0, abs=2 * 1.5 / 200)
     assert any("not stable within the tested range: uniaxial" in text for text in outcome.warnings())
@@ -365,7 +365,7 @@ def test_values_that_a_law_does_not_admit_are_refused() -> None:
 def test_deviations_are_given_for_all_tests_or_none() -> None:
     (one,) = treloar("planar")
     with pytest.raises(JobError, match="has no column 'standard deviation'"):
-        with_deviations([*with_deviations([one], ["2 kPa"]), one], [])
+        set_deviations([*set_deviations([one], ["2 kPa"]), one], [])
 
 
 def test_neo_hookean_law_is_not_elliptic_beyond_the_volume_of_the_closed_form() -> None:

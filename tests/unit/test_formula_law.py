@@ -19,7 +19,7 @@ from hpcinv.materials import laws
 from hpcinv.materials.formula import Formula
 from hpcinv.model.scene import LABEL
 from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.schema import at, problems_in
+from hpcinv.quantity.schema import dotted_key, problems_in
 from hpcinv.quantity.units import Dimension
 
 STRESS = Dimension(-1, 1, -2)
@@ -32,7 +32,7 @@ def formula(energy: str, kappa: Any = None, **parameters: Any) -> Formula:
 def problems(**data: Any) -> list[str]:
     with pytest.raises(ValidationError) as caught:
         Formula.model_validate(data)
-    return [f"{at(where)}: {what}" for where, what in problems_in(caught.value)]
+    return [f"{dotted_key(where)}: {what}" for where, what in problems_in(caught.value)]
 
 
 def moduli(law: Formula) -> tuple[float, float]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.typed import files
 
-from hpcinv.job.mesh_generators import in_unit, parameters_of, read_parameters, resolution_of
+from hpcinv.job.mesh_generators import converted_parameters, parameters_of, read_parameters, resolution_of
 
 PYTHON = """
 from hpcinv.quantity import quantity
@@ -131,11 +131,11 @@ def test_lengths_reach_a_generator_in_the_unit_it_works_in(tmp_path: Path) -> No
     path.write_text(
         "def build(gmsh, *, length: Length, size: Size = 2e-6, side: Area = 4e-12, mu: Stress = 1e3, n: int = 2): ..."
     )
-    found = in_unit(path, {"length": 1.82e-6, "mu": 5.0}, 1e-6)
+    found = converted_parameters(path, {"length": 1.82e-6, "mu": 5.0}, 1e-6)
     assert found == {"length": 1.82, "size": 2.0, "side": 4.0, "mu": 5.0}
     path.write_text("def build(gmsh, *, length: Length = HALF): ...")
     with pytest.raises(ValueError, match="needs a number for length"):
-        in_unit(path, {}, 1e-6)
+        converted_parameters(path, {}, 1e-6)
 
 
 @pytest.mark.parametrize(

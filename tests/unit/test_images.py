@@ -24,7 +24,7 @@ from hpcinv.mesh.body import read_source
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.checks import check, determinants
 from hpcinv.mesh.crossing_facets import find_overlap
-from hpcinv.mesh.imaging.clean_surfaces import _parts, _without_touching_edges
+from hpcinv.mesh.imaging.clean_surfaces import _fill_touching_edges, _parts
 from hpcinv.mesh.imaging.curved_cells import curved
 from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.imaging.wall_sizes import wall_sizes
@@ -265,10 +265,10 @@ def test_sizes_are_chosen_without_too_many_cells() -> None:
     assert walls[0].floor == pytest.approx(2.5 / 4)
     assert 8 / 2.2 < walls[1].floor < 8 / 1.5  # with four times as many cells
     assert walls[2].floor == pytest.approx(0.8)
-    assert walls[2].at(np.array([[14.5 + 9, 14.5, 14.5]])) == pytest.approx([1.8], abs=0.4)
+    assert walls[2].interpolate(np.array([[14.5 + 9, 14.5, 14.5]])) == pytest.approx([1.8], abs=0.4)
     ball = wall_sizes(np.pad((radii < 10.5).astype(np.int64), 3), voxel, 1, 4.0, None)
     assert not ball.is_graded
-    assert ball.at(np.zeros((2, 3))).tolist() == [4.0, 4.0]
+    assert ball.interpolate(np.zeros((2, 3))).tolist() == [4.0, 4.0]
 
 
 def test_other_units(tmp_path: Path) -> None:
@@ -389,10 +389,10 @@ def test_labels_that_touch_in_edges_only_are_joined_before_they_are_filled() -> 
     """Cubes of one label side by side, over an edge, and in a corner; two labels in turn stay."""
     found = np.zeros((6, 6, 6), dtype=np.int64)
     found[1, 1, 1] = found[2, 2, 1] = found[4, 4, 3] = found[4, 4, 4] = 1
-    joined = _without_touching_edges(found)
+    joined = _fill_touching_edges(found)
     assert joined.sum() == found.sum() + 1
     assert joined[1, 2, 1] + joined[2, 1, 1] == 1
-    assert np.array_equal(_without_touching_edges(joined), joined)
+    assert np.array_equal(_fill_touching_edges(joined), joined)
     parts, label_of = _parts(np.where(np.indices((4, 4, 4)).sum(axis=0) % 2, 1, 2))
     assert len(label_of) == 65
     assert np.array_equal(np.unique(parts), np.arange(1, 65))

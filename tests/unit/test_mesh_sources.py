@@ -272,7 +272,7 @@ def test_the_node_orders_of_gmsh_and_vtk_are_those_that_dolfinx_uses() -> None:
         for kind, degree in VTK_CELLS:
             size = scalar_element(kind, degree).dim
             expected = dolfinx.io.gmsh.cell_perm_array(dolfinx.mesh.CellType[kind], size)
-            assert ElementType.of(running, kind, degree).order.tolist() == list(expected)
+            assert ElementType.query(running, kind, degree).order.tolist() == list(expected)
             assert sorted(vtk_order(kind, degree)) == list(range(size))
 
 

@@ -192,8 +192,8 @@ def test_touching_is_not_crossing_and_no_overlap_hides_behind_edges_on_edges(
         found = find_overlap(side_by_side(surface, shift))
         assert found.pairs > 0, shift
         low, high = np.maximum(shift, 0), np.array([3, 3, 6]) + np.minimum(shift, 0)
-        assert (found.at > low - 1e-7).all(), shift
-        assert (found.at < high + 1e-7).all(), shift
+        assert (found.point > low - 1e-7).all(), shift
+        assert (found.point < high + 1e-7).all(), shift
 
 
 @pytest.mark.parametrize("hexahedra", [False, True])
@@ -231,7 +231,7 @@ def test_arms_tubes_slabs_and_spheres_that_pass_through_themselves(
         for angle, z, crosses in ((np.pi, 0.0, False), (4.3, 0.0, True), (4.3, 1.2, False), (4.3, 0.9, True)):
             arms = along_arc(angle, (4.0, 8.0), 0.5, z)
             found = moved(bar, arms)
-            assert (found.pairs > 0) == (found.at is not None) == crosses, (degree, hexahedra, angle, z, found)
+            assert (found.pairs > 0) == (found.point is not None) == crosses, (degree, hexahedra, angle, z, found)
             assert comm.allgather(found) == [found] * comm.size
             assert moved(alone, arms) == found  # to the last digit, on any number of ranks
 
@@ -276,8 +276,8 @@ def test_arms_tubes_slabs_and_spheres_that_pass_through_themselves(
     found = moved(sphere, shifted(0.7))
     assert found.pairs > 0
     # Both spheres: |x| = 1 and |x - 0.7| = 0.5 meet on a ring at x = 0.886
-    assert found.at is not None
-    assert found.at[0] == pytest.approx(0.886, abs=0.05)
+    assert found.point is not None
+    assert found.point[0] == pytest.approx(0.886, abs=0.05)
 
 
 def test_no_false_alarm_on_what_is_thin_flat_or_curved(comm: MPI.Intracomm, meshes: Path) -> None:

@@ -89,7 +89,7 @@ def test_the_worst_cell_of_a_body_is_found_where_it_is(comm: MPI.Intracomm, mesh
             # Of the six tetrahedra of a unit cube the worst have edges of 1, 1, √2, √2, √2, √3.
             found = worst_cells(body, given, 7 * given, 4)
             assert [w.measure for w in found] == ([name] if degree == 1 else [name, "curvature"])
-            assert [found[0].value, found[0].before] == pytest.approx([whole] * 2, rel=1e-10)
+            assert [found[0].value, found[0].given_value] == pytest.approx([whole] * 2, rel=1e-10)
             assert [w.value for w in found[1:]] == pytest.approx(
                 [1.0] * (degree - 1), abs=1e-10
             )  # as gmsh has its nodes
@@ -98,19 +98,19 @@ def test_the_worst_cell_of_a_body_is_found_where_it_is(comm: MPI.Intracomm, mesh
             for depth in (0.2, 0.9):
                 found = worst_cells(body, given, given + depth * np.outer(at_corner, [1, 1, 1]), 4)
                 assert comm.allgather(found) == [found] * comm.size
-                assert found[0].before == pytest.approx(whole, rel=1e-10)
+                assert found[0].given_value == pytest.approx(whole, rel=1e-10)
                 assert (found[0].value < 0) == (depth > 2 / 3)
                 assert found[0].value < 0.95 * whole
-                assert np.abs(np.array(found[0].at) - 0.5).max() < 0.5
-                assert degree == 1 or (found[1].value < 0.1 and np.abs(np.array(found[1].at) - 0.5).max() < 0.5)
+                assert np.abs(np.array(found[0].point) - 0.5).max() < 0.5
+                assert degree == 1 or (found[1].value < 0.1 and np.abs(np.array(found[1].point) - 0.5).max() < 0.5)
 
     # A mesh that is numbered left-handed throughout is as good as its mirror image.
     if comm.size == 1:
         path = write_msh22(run_directory / "left.msh", TETRAHEDRON, [(4, 1, 1, (2, 1, 3, 4))], [(3, 1, "body")])
         left = build_body(spec(path), {}, comm)
         (found_left,) = worst_cells(left, nodes_of(left), mirrored(nodes_of(left)), 1)
-        assert found_left.before == pytest.approx(12 * 0.5 ** (2 / 3) / 9)
-        assert found_left.value == pytest.approx(-found_left.before)
+        assert found_left.given_value == pytest.approx(12 * 0.5 ** (2 / 3) / 9)
+        assert found_left.value == pytest.approx(-found_left.given_value)
 
 
 @pytest.mark.parallel([1, 2])

@@ -58,7 +58,7 @@ def test_a_large_surface_keeps_some_of_its_points_and_its_shape(most: int) -> No
     corners = points[small.points][small.triangles]
     volume = np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     assert volume == pytest.approx(SIZE**3, rel=0.1)
-    middles, of = corners.mean(axis=1), points[triangles[small.of]].mean(axis=1)
+    middles, of = corners.mean(axis=1), points[triangles[small.rows]].mean(axis=1)
     assert np.linalg.norm(middles - of, axis=1).max() < 3 * SIZE / np.sqrt(most / 6)
 
 
@@ -202,7 +202,7 @@ def test_each_verdict_has_words(verdict: str) -> None:
     assert said.verdict == verdict
     assert said.next
     assert ("Use the shape" in said.next[0]) == (verdict == "pass")
-    assert said.found.startswith("The certificate fails") == (verdict == "fail")
+    assert said.finding.startswith("The certificate fails") == (verdict == "fail")
 
 
 def test_lines_of_the_certificate_have_a_meaning() -> None:

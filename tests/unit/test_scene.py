@@ -21,7 +21,7 @@ from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.parameter_paths import Number
-from hpcinv.quantity.schema import at
+from hpcinv.quantity.schema import dotted_key
 from hpcinv.solver.equations import Equations
 
 GRAVITY = {"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 1000}
@@ -81,7 +81,7 @@ def variants(case: Job, section: str) -> Iterator[Job]:
             unit = "" if number.dimension is None else number.dimension.unit
             for value in (0.0, 1.0, 2.0, 1.5 * number.value, -number.value):
                 try:
-                    yield case.with_({at((section, *place)): f"{value!r} {unit}" if unit else value})
+                    yield case.with_({dotted_key((section, *place)): f"{value!r} {unit}" if unit else value})
                 except JobError:  # it is not admissible, or contradicts others
                     continue
     if section == "material" and "parameters" in case.data["material"]:

@@ -60,7 +60,7 @@ def test_the_headline_is_the_largest_error_with_its_cause(
     assert any(advice in text for text in report.next)
     if cause != "mesh":
         assert not any("Refine the mesh" in text for text in [*report.sure, *report.next])
-    assert len(others) == len(found.by_cause) - 1
+    assert len(others) == len(found.causes) - 1
     assert any("not estimated" in text for text in report.sure) == (mesh is None)
 
 

@@ -11,7 +11,7 @@ from helpers.verification import box, job
 
 from hpcinv.certificate.singular_edges import SingularEdges, singular_edges
 from hpcinv.certificate.singular_limit import SingularLimit
-from hpcinv.certificate.wedge_exponents import SMOOTH, Hold, along_exponent, in_plane_exponent
+from hpcinv.certificate.wedge_exponents import SMOOTH, Hold, axial_exponent, plane_exponent
 from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
 
@@ -40,13 +40,13 @@ def test_exponents_are_those_of_williams(
     degrees: float, first: Hold, second: Hold, kappa: float, exponent: float
 ) -> None:
     for pair in ((first, second), (second, first)):
-        assert in_plane_exponent(math.radians(degrees), *pair, kappa) == pytest.approx(exponent, abs=2.5e-3)
+        assert plane_exponent(math.radians(degrees), *pair, kappa) == pytest.approx(exponent, abs=2.5e-3)
 
 
 def test_exponents_along_an_edge() -> None:
-    assert along_exponent(3 * math.pi / 2, False, False) == pytest.approx(2 / 3)
-    assert along_exponent(math.pi, True, False) == pytest.approx(0.5)
-    assert along_exponent(math.pi / 2, True, False) == SMOOTH
+    assert axial_exponent(3 * math.pi / 2, False, False) == pytest.approx(2 / 3)
+    assert axial_exponent(math.pi, True, False) == pytest.approx(0.5)
+    assert axial_exponent(math.pi / 2, True, False) == SMOOTH
 
 
 def edges_of(comm: MPI.Intracomm, **data: Any) -> SingularEdges | None:
@@ -63,7 +63,7 @@ def test_edges_of_a_clamped_block(comm: MPI.Intracomm, hexahedra: bool) -> None:
     assert found is not None
     assert len(found.segments) == 8  # two on each side of the bottom
     assert np.abs(found.segments[:, :, 2]).max() == 0.0
-    assert found.of_segments == pytest.approx(0.7112, abs=2.5e-3)
+    assert found.segment_kinds == pytest.approx(0.7112, abs=2.5e-3)
     assert set(np.array(found.names)[found.kinds[found.kinds >= 0]]) <= {"edge of the support 'z0'"}
     at_bottom = comm.allreduce(int(np.count_nonzero(found.exponents < SMOOTH)), op=MPI.SUM)
     assert 0 < at_bottom < comm.allreduce(len(found.exponents), op=MPI.SUM)
@@ -84,7 +84,7 @@ def test_a_support_that_ends_within_a_face_counts(comm: MPI.Intracomm) -> None:
         supports=[{"region": "half", "fix": ["x", "y", "z"]}],
     )
     assert found is not None
-    within = found.of_segments[np.abs(found.segments[:, :, 0] - 0.5).max(axis=1) < 1e-9]
+    within = found.segment_kinds[np.abs(found.segments[:, :, 0] - 0.5).max(axis=1) < 1e-9]
     assert within == pytest.approx([0.5] * 2, abs=2.5e-3)
 
 
@@ -94,8 +94,8 @@ def test_a_reentrant_edge_is_found_and_named(comm: MPI.Intracomm) -> None:
     found = edges_of(comm, mesh=slab, supports=supports)
     assert found is not None
     at_corner = np.abs(found.segments[:, :, :2] - 1.0).max(axis=(1, 2)) < 1e-9
-    assert found.of_segments[at_corner] == pytest.approx([0.5445], abs=2.5e-3)
-    assert found.of_segments[~at_corner] == pytest.approx([0.7112] * 2, abs=2.5e-3)
+    assert found.segment_kinds[at_corner] == pytest.approx([0.5445], abs=2.5e-3)
+    assert found.segment_kinds[~at_corner] == pytest.approx([0.7112] * 2, abs=2.5e-3)
     assert "re-entrant edge of 270°" in {found.names[kind] for kind in found.kinds if kind >= 0}
 
 

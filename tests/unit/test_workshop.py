@@ -195,7 +195,7 @@ def test_mould_is_the_block_without_the_part(sphere: MeshSource) -> None:
     halves = mould(part, 5.0, Split(0, 12.0))
     for solid in (whole, *halves):
         assert solid.is_closed
-        assert solid.in_single_precision().is_closed
+        assert solid.round_to_single().is_closed
     assert whole.volume == pytest.approx(block - part.volume, rel=1e-6)
     assert sum(half.volume for half in halves) == pytest.approx(whole.volume, rel=1e-6)
     assert halves[0].points[:, 0].max() == pytest.approx(12.0)

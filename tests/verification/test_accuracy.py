@@ -150,7 +150,7 @@ def test_refinement_in_places_pays_there(comm: MPI.Intracomm) -> None:
     even = meshes.everywhere(coarse, first.body, 2.0)
     everywhere, error = solved(even, meshes.build(even), first)
     marked = plan(errors_of(first).shares, 6.0, 3.0)
-    local = meshes.in_places(coarse, first.body, np.minimum(marked.levels, 2))
+    local = meshes.halved_cells(coarse, first.body, np.minimum(marked.levels, 2))
     in_places, smaller = solved(local, meshes.build(local), first)
     sizes = [t.equations.unknowns.size for t in (everywhere, in_places)]
     print(f"everywhere: {sizes[0]} unknowns, {error:.2e} m; in places: {sizes[1]} unknowns, {smaller:.2e} m")

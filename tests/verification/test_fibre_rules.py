@@ -20,7 +20,7 @@ from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.model.fibre_directions import in_cells, rule_directions
+from hpcinv.model.fibre_directions import cell_vectors, rule_directions
 from hpcinv.parallel.runtime import MPI
 
 TUBE = {"kind": "tube", "inner": "inner", "outer": "outer", "inlet": "z0", "outlet": "z1"}
@@ -51,7 +51,7 @@ def found(given: Job, comm: MPI.Intracomm, **changes: str) -> tuple[Body, np.nda
     shapes = scalar_element(body.source.kind, body.source.degree).tabulate(0, at)[0, :, :, 0]
     nodes = body.mesh.geometry.x[body.mesh.geometry.dofmaps[0][:owned]] * body.length_scale
     x = np.einsum("pn,cni->cpi", shapes, nodes)
-    return body, x.reshape(-1, 3), in_cells(function)[:owned].reshape(-1, 3)
+    return body, x.reshape(-1, 3), cell_vectors(function)[:owned].reshape(-1, 3)
 
 
 def most(comm: MPI.Intracomm, values: np.ndarray) -> float:

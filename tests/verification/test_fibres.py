@@ -200,7 +200,7 @@ def tube_error(comm: MPI.Intracomm, tube: Tube, divisions: int) -> float:
         ),
         comm,
     )
-    u = solved.model.unknowns.at_nodes(solved.model.unknowns.displacement()) * solved.body.length_scale
+    u = solved.model.unknowns.geometry_values(solved.model.unknowns.displacement()) * solved.body.length_scale
     x = solved.body.mesh.geometry.x * solved.body.length_scale
     r = np.hypot(x[:, 0], x[:, 1])
     exact = (tube.outward(r) / r)[:, None] * x * [1, 1, 0]
@@ -263,7 +263,7 @@ def test_bent_blocks_with_fibres_on_either_body_come_back(comm: MPI.Intracomm) -
             comm,
         )
         model = solved.model
-        there = model.unknowns.at_nodes(model.unknowns.displacement())
+        there = model.unknowns.geometry_values(model.unknowns.displacement())
         gap = comm.allreduce(float(np.abs(solved.again() - there).max()), op=MPI.MAX)
         size = comm.allreduce(float(np.abs(there).max()), op=MPI.MAX)
         cells = "hexahedra" if hexahedra else "tetrahedra"

@@ -26,7 +26,14 @@ from hpcinv.certificate.extension import extend
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body, MeshSource, build_body, read_source, write_mesh
 from hpcinv.mesh.io import cad_surface
-from hpcinv.mesh.refine.finer_geometry import INVERTED, NO_CAD, OTHER_CELLS, FinerGeometry, of_surface, on_mesh
+from hpcinv.mesh.refine.finer_geometry import (
+    INVERTED,
+    NO_CAD,
+    OTHER_CELLS,
+    FinerGeometry,
+    surface_geometry,
+    transfer_function,
+)
 from hpcinv.mesh.refine.refinement import refine
 from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import MPI
@@ -102,6 +109,7 @@ def test_the_error_of_straight_cells_on_a_cylinder(direction: str, comm: MPI.Int
     assert 0.8 < ratio < 1.25
 
 
+@pytest.mark.everyday("0.0")
 @pytest.mark.parallel([1, 3])
 @pytest.mark.parametrize("many", [math.inf, 0.0])
 def test_the_error_of_straight_cells_that_turn(
@@ -135,7 +143,7 @@ def test_the_error_of_straight_cells_that_turn(
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_a_rotation_extended_to_the_true_surface_is_a_rotation(hexahedra: bool, comm: MPI.Intracomm) -> None:
     given = body_of(hollow_sphere(2, 1, hexahedra=hexahedra), comm)
-    finer, _ = given.with_finer_geometry
+    finer, _ = given.true_geometry_body
     assert finer is not None
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) - np.identity(3)
     u = fem.Function(fem.functionspace(given.mesh, ("Lagrange", 2, (3,))))
@@ -144,7 +152,7 @@ def test_a_rotation_extended_to_the_true_surface_is_a_rotation(hexahedra: bool, 
     expected.interpolate(lambda x: turn @ x)
     extend(u, found)
     assert found.x.array == pytest.approx(expected.x.array, abs=1e-12)
-    found.interpolate(on_mesh(finer.mesh, u))
+    found.interpolate(transfer_function(finer.mesh, u))
     assert comm.allreduce(np.abs(found.x.array - expected.x.array).max(), op=MPI.MAX) > 0.01
 
 
@@ -152,11 +160,11 @@ def test_a_rotation_extended_to_the_true_surface_is_a_rotation(hexahedra: bool, 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_the_finer_body_has_the_same_cells_and_a_truer_surface(degree: int, comm: MPI.Intracomm) -> None:
     given = body_of(hollow_sphere(2, degree, hexahedra=False), comm)
-    finer, unknown = given.with_finer_geometry
+    finer, unknown = given.true_geometry_body
     assert unknown == ""
     assert finer is not None
     assert finer.source.degree == 2 * degree
-    assert given.with_finer_geometry[0] is finer  # made once
+    assert given.true_geometry_body[0] is finer  # made once
     assert np.array_equal(finer.mesh.topology.original_cell_index, given.mesh.topology.original_cell_index)
 
     volumes = [comm.allreduce(fem.assemble_scalar(fem.form(1.0 * ufl.dx(b.mesh)))) for b in (given, finer)]
@@ -166,12 +174,12 @@ def test_the_finer_body_has_the_same_cells_and_a_truer_surface(degree: int, comm
 
 def test_flat_faces_have_no_error_and_files_none_that_is_known(tmp_path: Path, comm: MPI.Intracomm) -> None:
     block = build_body(spec(MESHES / "box.py"), {}, comm)
-    assert block.with_finer_geometry == (block, "")
+    assert block.true_geometry_body == (block, "")
     curved = body_of(hollow_sphere(1, 2, hexahedra=True), comm)
     write_mesh(tmp_path / "curved.msh", curved, curved.mesh.geometry.x * curved.length_scale)
-    assert build_body(spec(tmp_path / "curved.msh"), {}, comm).with_finer_geometry == (None, NO_CAD)
+    assert build_body(spec(tmp_path / "curved.msh"), {}, comm).true_geometry_body == (None, NO_CAD)
     straight = build_body(spec(tmp_path / "curved.msh", geometry_degree=1), {}, comm)
-    finer, unknown = straight.with_finer_geometry
+    finer, unknown = straight.true_geometry_body
     assert unknown == ""
     assert finer is not None
     assert finer.source.degree == 2
@@ -186,7 +194,7 @@ def test_a_generator_without_cad_tells_nothing(tmp_path: Path, comm: MPI.Intraco
         "    gmsh.option.setNumber('Mesh.SecondOrderLinear', 1)\n"
         "    gmsh.model.mesh.generate(3)\n"
     )
-    assert build_body(spec(tmp_path / "ball.py"), {}, comm).with_finer_geometry == (None, NO_CAD)
+    assert build_body(spec(tmp_path / "ball.py"), {}, comm).true_geometry_body == (None, NO_CAD)
 
 
 def length(x: Floats) -> Floats:
@@ -200,9 +208,9 @@ def made(name: str, degree: int, **parameters: object) -> MeshSource:
 
 def test_other_cells_tell_nothing_unless_faces_are_flat() -> None:
     sphere = made("thick_sphere", 1)
-    assert of_surface(refine(sphere).source).unknown == OTHER_CELLS
-    assert of_surface(dataclasses.replace(sphere, points=1.1 * sphere.points)).unknown == OTHER_CELLS
-    assert of_surface(refine(made("box", 1)).source) == FinerGeometry()
+    assert surface_geometry(refine(sphere).source).unknown == OTHER_CELLS
+    assert surface_geometry(dataclasses.replace(sphere, points=1.1 * sphere.points)).unknown == OTHER_CELLS
+    assert surface_geometry(refine(made("box", 1)).source) == FinerGeometry()
 
 
 @pytest.mark.parametrize("steps", [None, 0])
@@ -235,7 +243,7 @@ def test_facets_of_a_part_of_the_surface_tell_nothing() -> None:
     assert surface is not None
     for left in (len(surface.nodes) - 1, 0):
         part = dataclasses.replace(surface, vertices=surface.vertices[:left], nodes=surface.nodes[:left])
-        assert of_surface(dataclasses.replace(block, surface=part)).unknown == NO_CAD
+        assert surface_geometry(dataclasses.replace(block, surface=part)).unknown == NO_CAD
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -245,9 +253,9 @@ def test_cells_that_the_true_surface_would_invert_have_none(degree: int) -> None
     assert surface is not None
     nodes = surface.nodes.copy()
     nodes[:, surface.vertices.shape[1] :] *= 1.4
-    assert of_surface(given).unknown == ""
+    assert surface_geometry(given).unknown == ""
     pushed = dataclasses.replace(surface, nodes=nodes)
-    assert of_surface(dataclasses.replace(given, surface=pushed)).unknown == INVERTED.format(2 * degree)
+    assert surface_geometry(dataclasses.replace(given, surface=pushed)).unknown == INVERTED.format(2 * degree)
 
 
 def of_a_file(tmp_path: Path) -> dict[str, Any]:

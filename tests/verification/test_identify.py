@@ -266,13 +266,13 @@ def test_derivatives_of_all_kinds_of_observations(comm: MPI.Intracomm, tmp_path:
     with Workspace(comm) as workspace:
         evaluations = Evaluations(both, comm, workspace, Share(both), None, lambda: False)
         at = np.array([10e3, 150.0])
-        base = evaluations.at(at)
+        base = evaluations.evaluate(at)
         assert base is not None
         # The deviation of the given mesh is added to that of positions.
         assert [one.deviation for one in evaluations.observed] == pytest.approx([*3 * [5**0.5], 1.0, 1.0])
         for i, step in enumerate(1e-3 * at):
             shift = np.eye(2)[i] * step
-            ahead, behind = evaluations.at(at + shift), evaluations.at(at - shift)
+            ahead, behind = evaluations.evaluate(at + shift), evaluations.evaluate(at - shift)
             assert ahead is not None
             assert behind is not None
             expected = (ahead.differences - behind.differences) / (2 * step)

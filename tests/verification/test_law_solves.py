@@ -65,7 +65,7 @@ def linear(h: np.ndarray) -> list[str]:
 def there_and_back(law: str, hexahedra: bool, first: str, comm: MPI.Intracomm) -> tuple[float, float]:
     """Size of the displacement, and of what the second solution does not bring back, relative to it."""
     solved = Solved(case(law, hexahedra, analysis="round_trip", first=first), comm)
-    there = solved.model.unknowns.at_nodes(solved.model.unknowns.displacement())
+    there = solved.model.unknowns.geometry_values(solved.model.unknowns.displacement())
     back = solved.again()
     size, gap = (comm.allreduce(float(abs(d).max()), op=MPI.MAX) for d in (there, back - there))
     return size, gap / size

@@ -158,7 +158,7 @@ def test_ranks_agree_and_the_way_back_closes(hexahedra: bool, comm: MPI.Intracom
     for some in (comm, MPI.COMM_SELF):
         solved = Solved(wall(2, hexahedra=hexahedra, analysis="round_trip"), some)
         unknowns = solved.model.unknowns
-        u, p = unknowns.at_nodes(unknowns.displacement()), unknowns.pressure()
+        u, p = unknowns.geometry_values(unknowns.displacement()), unknowns.pressure()
         assert p is not None
         owned = p.x.array[: p.function_space.dofmap.index_map.size_local]
         sums = [float(np.sum(values**power)) for values in (owned,) for power in (1, 2)]

@@ -50,6 +50,7 @@ def without_factors(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ForwardFactors, "affordable", False)
 
 
+@pytest.mark.everyday("-incompressible", "displacement")
 @pytest.mark.parallel([1, 2, 3])
 @pytest.mark.parametrize("law", LAWS)
 def test_a_column_on_both_sides_of_its_critical_load(law: str, comm: MPI.Intracomm, without_factors: None) -> None:

@@ -79,6 +79,7 @@ def coarse_of(result: Result) -> nested_iteration.CoarseSolve:
     return coarse
 
 
+@pytest.mark.everyday("forward")
 @pytest.mark.parallel([1, 2, 3])
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_answer_is_the_same_with_fewer_factorizations(analysis: str, comm: MPI.Intracomm) -> None:
@@ -94,8 +95,8 @@ def test_answer_is_the_same_with_fewer_factorizations(analysis: str, comm: MPI.I
     assert np.abs(nested.shape - alone.shape).max(initial=0.0) < 1e-10 * 0.182
     assert coarse.factorizations >= 3
     assert not coarse.unused
-    assert note_on_limit_points(nested) == "no limit point on the way, which was followed on coarser cells"
-    assert note_on_limit_points(alone) == "no limit point on the way"
+    assert note_on_limit_points(nested) == "the same sign at each load that was solved, on coarser cells along the path"
+    assert note_on_limit_points(alone) == "the same sign at each load that was solved"
     assert nested.statistics["solutions"][0]["coarse"] == coarse.as_data()
     assert "coarse" not in alone.statistics["solutions"][0]
 
@@ -187,7 +188,7 @@ def test_a_mesh_with_inverted_cells_is_not_used(comm: MPI.Intracomm) -> None:
 def test_without_a_solution_on_coarser_cells_the_unloaded_body_is_the_start(
     fault: str, text: str, comm: MPI.Intracomm, bar: Callable[..., Job], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    on_coarser_cells = nested_iteration._on_coarser_cells
+    on_coarser_cells = nested_iteration._coarse_job
 
     def hasty(given: Job) -> Job:
         changed = on_coarser_cells(given)
@@ -204,7 +205,7 @@ def test_without_a_solution_on_coarser_cells_the_unloaded_body_is_the_start(
         return SIGN([other, *solves], model, coarse)
 
     if fault in ("not reached", "effort"):
-        monkeypatch.setattr(nested_iteration, "_on_coarser_cells", hasty)
+        monkeypatch.setattr(nested_iteration, "_coarse_job", hasty)
         monkeypatch.setattr(nested_iteration, "_EFFORT", 2)
     else:
         monkeypatch.setattr(nested_iteration, "_sign", turned if fault == "sign" else with_limit_point)
@@ -213,7 +214,7 @@ def test_without_a_solution_on_coarser_cells_the_unloaded_body_is_the_start(
     assert strategies(result)[-1] == "load steps"
     assert (strategies(result)[0] == NESTED) == (fault == "sign")
     assert result.solutions[0].load == 1.0
-    assert note_on_limit_points(result) == "no limit point on the way"
+    assert note_on_limit_points(result) == "the same sign at each load that was solved"
 
 
 def test_an_unloaded_body_stays_where_it_is(comm: MPI.Intracomm, bar: Callable[..., Job]) -> None:

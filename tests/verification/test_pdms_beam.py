@@ -7,7 +7,7 @@ import pytest
 from helpers.verification import HERE, job
 
 import hpcinv
-from hpcinv.mesh import in_source_order
+from hpcinv.mesh import reorder_to_source
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 
@@ -74,10 +74,10 @@ def test_beam_comes_back_straight_and_every_number_of_ranks_agrees(comm: MPI.Int
     assert result.solutions[0].factorizations <= 9
     assert result.solutions[1].factorizations <= 6
     # The same shape from one rank alone.
-    nodes = in_source_order(result.body, result.shape)
+    nodes = reorder_to_source(result.body, result.shape)
     if comm.rank == 0 and comm.size > 1:
         alone = beam("3 mm", MPI.COMM_SELF)
-        assert np.abs(nodes - in_source_order(alone.body, alone.shape)).max() < 1e-9
+        assert np.abs(nodes - reorder_to_source(alone.body, alone.shape)).max() < 1e-9
 
 
 def test_shipped_shape_gives_the_straight_beam(comm: MPI.Intracomm) -> None:

@@ -113,7 +113,7 @@ def test_it_is_added_alike_by_compiled_forms_and_in_place(form: str, comm: MPI.I
 def added_to_tangent(equilibrium: Equilibrium, before: PETSc.Vec) -> PETSc.Mat:
     equilibrium.system.tangent()
     without = equilibrium.system.matrix.copy()
-    equilibrium.system.tangent(equilibrium.mip.since(before, Increment(rotation=1.0, strain=0.1)))
+    equilibrium.system.tangent(equilibrium.mip.extrapolation(before, Increment(rotation=1.0, strain=0.1)))
     return equilibrium.system.matrix - without
 
 

@@ -68,7 +68,7 @@ class Case:
         u = self.solution.displacement.copy()
         x = u.function_space.tabulate_dof_coordinates()
         u.x.array[:] = change(u.x.array.reshape(-1, 3), x).ravel()
-        return replace(self.solution, displacement=u, u=self.model.unknowns.at_nodes(u))
+        return replace(self.solution, displacement=u, u=self.model.unknowns.geometry_values(u))
 
 
 @pytest.mark.everyday("mixed-inverse", "displacement-forward")

@@ -16,7 +16,7 @@ from hpcinv.certificate.certify import DISCRETISATION
 from hpcinv.certificate.check import Line, Verdict
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter
-from hpcinv.mesh import in_source_order, read_source
+from hpcinv.mesh import read_source, reorder_to_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import MPI, on_root
@@ -104,17 +104,17 @@ def test_shapes_and_quantities_follow_the_nodes_of_the_surface(comm: MPI.Intraco
     source = read_source(plain.mesh, plain.resolve(plain.mesh.file))
     ends = []
     for step in (-1e-3, 1e-3):
-        points = _whole(comm, in_source_order(body, nodes + step * moved))
+        points = _whole(comm, reorder_to_source(body, nodes + step * moved))
         path = tmp_path / f"{step}.msh"
         on_root(comm, lambda path=path, points=points: save(path, source, points))
         corner = points[np.abs(source.points - 1.0).sum(axis=1).argmin()].tolist()
         quantities = [{**q, "at": corner} if "at" in q else q for q in plain.data["quantities"]]
         ends.append(hpcinv.run(block(mesh={"file": str(path)}, quantities=quantities), comm))
     for name, found in (("rest", first), ("lying", second)):
-        shapes = [in_source_order(end.body, end.shapes[name]) for end in ends]
+        shapes = [reorder_to_source(end.body, end.shapes[name]) for end in ends]
         whole = [_whole(comm, shape) for shape in shapes]
         expected = (whole[1] - whole[0]) / 2e-3
-        nodes_of = _whole(comm, in_source_order(body, found.nodes["w"]))
+        nodes_of = _whole(comm, reorder_to_source(body, found.nodes["w"]))
         error = np.abs(nodes_of - expected).max() / np.abs(expected).max()
         print(f"{name}: {error:.1e}")
         assert error < 1e-5

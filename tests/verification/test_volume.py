@@ -44,6 +44,7 @@ def sheared(material: Any, divisions: int, force: float, *, effects: tuple[Any, 
     )
 
 
+@pytest.mark.everyday("incompressible", "moduli that vary")
 @pytest.mark.parallel([1, 3])
 @pytest.mark.parametrize(
     ("material", "discretisation"),

@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import yaml
 
 from hpcinv.cards.card import CardError
 from hpcinv.errors import JobError
-from hpcinv.mesh.body import in_source_order
-from hpcinv.mesh.io.vtu import save_vtu
+from hpcinv.mesh.body import reorder_to_source
 from hpcinv.parallel.runtime import on_root
 
 from ..runs import Missing
-from .conversion import MESH, Unsupported, convert, prescribed
+from .conversion import Unsupported, convert, prescribed
 from .feb_reader import FebError, Model, read_feb
 
 if TYPE_CHECKING:
@@ -51,12 +49,7 @@ def job_file(name: str, store: Path) -> Path:
         conversion = convert(_model(test), name, analysis)
     except (FebError, Unsupported, CardError) as error:
         raise JobError(f"{test}.feb: {error}") from error
-    directory = store / "jobs" / name
-    directory.mkdir(parents=True, exist_ok=True)
-    save_vtu(directory / MESH, conversion.source, conversion.source.points)
-    path = directory / f"{name}.yaml"
-    path.write_text(yaml.safe_dump(conversion.job, sort_keys=False, width=120))
-    return path
+    return conversion.write(store / "jobs" / name)
 
 
 def quantities(name: str, result: Result) -> dict[str, float]:
@@ -67,7 +60,7 @@ def quantities(name: str, result: Result) -> dict[str, float]:
     if (Path(__file__).parent / f"{name}.yaml").exists():
         return {}  # a job of this folder, with quantities of its own
     body, solution = result.body, result.solutions[0]
-    nodes, moves = in_source_order(body, solution.other_nodes), in_source_order(body, solution.u)
+    nodes, moves = reorder_to_source(body, solution.other_nodes), reorder_to_source(body, solution.u)
 
     def evaluate() -> dict[str, float]:
         if name.endswith(UNLOADED):

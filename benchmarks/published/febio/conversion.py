@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from hpcinv.mesh.cells import vtk_order
+from hpcinv.mesh.io.vtu import save_vtu
 from hpcinv.mesh.source import DataArray, Group, MeshSource
 
 from .feb_reader import AXES, Block, Condition, Floats, Model
@@ -41,6 +44,14 @@ class Conversion:
 
     source: MeshSource
     job: dict[str, Any]
+
+    def write(self, directory: Path) -> Path:
+        """Write mesh and job to a directory, and return the job's file."""
+        directory.mkdir(parents=True, exist_ok=True)
+        save_vtu(directory / MESH, self.source, self.source.points)
+        path = directory / f"{self.job['job']}.yaml"
+        path.write_text(yaml.safe_dump(self.job, sort_keys=False, width=120))
+        return path
 
 
 MESH = "mesh.vtu"
@@ -110,8 +121,10 @@ def _components(condition: Condition) -> dict[int, float]:
     """Prescribed displacement by component."""
     if condition.type == "zero displacement":
         return {i: 0.0 for i, axis in enumerate(AXES) if condition.values.get(f"{axis}_dof", "0") == "1"}
-    if condition.type == "prescribed displacement" and condition.values.get("relative", "0") == "0":
-        return {AXES.index(condition.values["dof"]): condition.number("value")}
+    values = condition.values
+    absolute = values.get("relative", "0") == "0" and values.get("dof") in AXES
+    if condition.type == "prescribed displacement" and absolute:
+        return {AXES.index(values["dof"]): condition.number("value")}
     raise Unsupported(f"boundary condition {condition.type}")
 
 

@@ -1,4 +1,4 @@
-"""Say of each file of FEBio what it needs that has no counterpart here."""
+"""Say of each file of FEBio what it needs that has no counterpart here; write mesh and job of the others."""
 
 from __future__ import annotations
 
@@ -14,10 +14,14 @@ from .feb_reader import FebError, read_feb
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path, help="folder with .feb files, such as a clone of febiosoftware/TestSuite")
-    for path in sorted(parser.parse_args().folder.rglob("*.feb")):
+    parser.add_argument("--write", type=Path, help="folder for meshes and jobs, one folder in it for each file")
+    options = parser.parse_args()
+    for path in sorted(options.folder.rglob("*.feb")):
         try:
-            convert(read_feb(path), path.stem)
+            conversion = convert(read_feb(path), path.stem)
             reason = "has a counterpart"
+            if options.write:
+                reason = f"is {conversion.write(options.write / path.stem)}"
         except FebError as error:
             reason = str(error).removeprefix(f"{path}: ")
         except (Unsupported, CardError) as error:

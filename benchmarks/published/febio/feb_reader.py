@@ -1,4 +1,4 @@
-"""Files of FEBio (``.feb``, format 4.0): nodes, solid elements, sets, boundary conditions, loads, materials.
+"""Files of FEBio (``.feb``, formats 2.5, 3.0, 4.0): nodes, solid elements, sets, boundary conditions, loads, materials.
 
 The model is taken at the end of its last step: each value is multiplied by its load curve there. What the reader does
 not know (contact, rigid bodies, constraints, …) is listed in `Model.unread`, so that a caller can refuse the file.
@@ -16,6 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.cards.entry import Entry, entry_of
+
+from .older_formats import FORMATS, in_format_4
 
 type Ints = npt.NDArray[np.int64]
 type Floats = npt.NDArray[np.float64]
@@ -93,7 +95,7 @@ class Model:
 
 
 def read_feb(path: Path) -> Model:
-    """Read a file of format 4.0.
+    """Read a file.
 
     Raises:
         FebError: the file is missing, damaged or of another format.
@@ -107,14 +109,19 @@ def read_feb(path: Path) -> Model:
         root = ET.fromstring(data)
     except OSError as error:
         raise FebError(f"{path}: {error.strerror}") from error
-    except ET.ParseError as error:
+    except (ET.ParseError, LookupError) as error:  # an unknown encoding
         raise FebError(f"{path}: is not XML: {error}") from error
-    if root.tag != "febio_spec" or root.get("version") != "4.0":
-        raise FebError(f'{path}: is not a model of format 4.0 (febio_spec version="4.0")')
+    version = root.get("version", "")
+    if root.tag != "febio_spec" or version not in FORMATS:
+        what = f"is of format {version}" if root.tag == "febio_spec" else "is not a model of FEBio"
+        raise FebError(f"{path}: {what}; formats {', '.join(FORMATS)} can be read: save it again with FEBio Studio")
     try:
+        in_format_4(root)
         return _Reader(path, root).model()
     except FebError as error:
         raise FebError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+    except ValueError as error:
+        raise FebError(f"{path}: a value cannot be read: {error}") from None
 
 
 @dataclass
@@ -132,19 +139,23 @@ class _Reader:
         known |= {"LoadData", "Output"}
         self.unread += [child.tag for child in self.root if child.tag not in known and len(child)]
         module = self._section("Module").get("type", "")
-        analysis = self.root.findtext("Control/analysis", "STATIC").strip()
+        analysis = self.root.findtext("Control/analysis", "STATIC").strip().upper()
         self.unread += [f"module {module}"] * (module != "solid") + [f"analysis {analysis}"] * (analysis != "STATIC")
         materials = {_name(item): entry_of(item, self._curve) for item in self._section("Material")}
         conditions = tuple(self._condition(item, item.get("node_set", "")) for item in self._list("Boundary"))
         loads = tuple(
             self._condition(item, item.get("surface") or item.get("node_set") or "") for item in self._list("Loads")
         )
+        blocks = tuple(self._blocks(mesh))
+        for block in blocks:
+            if lost := sorted(set(block.nodes.ravel().tolist()) - set(numbers.tolist())):
+                raise FebError(f"elements '{block.name}': there is no node {lost[0]}")
         return Model(
             path=self.path,
             version=self.root.get("version", ""),
             numbers=numbers,
             points=points,
-            blocks=tuple(self._blocks(mesh)),
+            blocks=blocks,
             node_sets={_name(item): _integers(item.text, _name(item)) for item in mesh.iter("NodeSet")},
             surfaces={
                 _name(item): tuple(_integers(facet.text, _name(item)) for facet in item)
@@ -201,7 +212,7 @@ class _Reader:
                 self.unread.append(f"elements {kind}")
                 continue
             rows = [_integers(element.text, _name(item)) for element in item]
-            if any(len(row) != NODES_OF[kind] for row in rows):
+            if not rows or any(len(row) != NODES_OF[kind] for row in rows):
                 raise FebError(f"elements '{_name(item)}': a {kind} has {NODES_OF[kind]} nodes")
             domain = domains.get(_name(item))
             material, formulation = ("", "") if domain is None else (domain.get("mat", ""), domain.get("type", ""))

@@ -41,7 +41,10 @@ def law_of(model: Model, block: Block) -> Law:
     Raises:
         UnknownLaw: it has no counterpart.
     """
-    return _law(model.materials[block.material], model, block)
+    material = model.materials.get(block.material)
+    if material is None:
+        raise UnknownLaw(f"elements '{block.name}' without a material")
+    return _law(material, model, block)
 
 
 def _law(material: Entry, model: Model, block: Block) -> Law:
@@ -50,17 +53,17 @@ def _law(material: Entry, model: Model, block: Block) -> Law:
             return _prestrained(material, model, block)
         case "viscoelastic":
             return _viscoelastic(material, model, block)
-    found = counterpart(material)
-    if "k" in material.values and {"kappa", "d1"} & found.material.keys():
+    converted = counterpart(material)
+    if "k" in material.values and {"kappa", "d1"} & converted.material.keys():
         raise UnknownLaw(f"law {material.type} on cells with a volume of their own")
-    if (fibre := material.part("fiber")) is not None and found.fibres:
-        (family,) = found.fibres
+    if (fibre := material.part("fiber")) is not None and converted.fibres:
+        (family,) = converted.fibres
         arrays = {family: _directions(fibre, model, block)}
-        return Law(found.section("Pa"), {family: family}, found.definitions, arrays=arrays)
-    if found.fibres and block.name in model.mat_axes:
+        return Law(converted.section("Pa"), {family: family}, converted.definitions, arrays=arrays)
+    if converted.fibres and block.name in model.mat_axes:
         raise UnknownLaw(f"law {material.type} with axes that are not constant")
-    axes = {family: np.array(axis) for family, axis in found.fibres.items()}
-    return Law(found.section("Pa"), axes, found.definitions)
+    axes = {family: np.array(axis) for family, axis in converted.fibres.items()}
+    return Law(converted.section("Pa"), axes, converted.definitions)
 
 
 def _prestrained(law: Entry, model: Model, block: Block) -> Law:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hpcinv.mesh.body import in_source_order
+from hpcinv.mesh.body import reorder_to_source
 from hpcinv.parallel.runtime import on_root
 
 from ..runs import Missing
@@ -40,7 +40,7 @@ def job_file(name: str, store: Path) -> Path:
 def quantities(name: str, result: Result) -> dict[str, float]:
     """Return the largest displacement, and the largest distance from where SANM puts a node; in m, collective."""
     body, solution = result.body, result.solutions[0]
-    given, ours = (in_source_order(body, nodes) for nodes in (solution.mesh_nodes, solution.other_nodes))
+    given, ours = (reorder_to_source(body, nodes) for nodes in (solution.mesh_nodes, solution.other_nodes))
 
     def compare() -> dict[str, float]:
         theirs = np.load(_file(f"sanm-solutions/{name}.npz"))["nodes"]

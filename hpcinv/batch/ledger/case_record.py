@@ -74,15 +74,17 @@ class CaseRecord:
         if data != _sealed(content):
             raise ValueError("the digest does not match")
         try:
-            found = json.loads(content)
+            entry_data = json.loads(content)
         except ValueError as error:
             raise OtherVersionError("it is no JSON") from error
-        if not isinstance(found, dict):
+        if not isinstance(entry_data, dict):
             raise OtherVersionError("it is no mapping")
         entries = fields(cls)
-        if missing := [f"'{one.name}'" for one in entries if one.default is MISSING and one.name not in found]:
+        if missing := [
+            f"'{entry.name}'" for entry in entries if entry.default is MISSING and entry.name not in entry_data
+        ]:
             raise OtherVersionError(f"it has no {', '.join(missing)}")
-        return cls(**{one.name: found[one.name] for one in entries if one.name in found})
+        return cls(**{entry.name: entry_data[entry.name] for entry in entries if entry.name in entry_data})
 
 
 class OtherVersionError(Exception):

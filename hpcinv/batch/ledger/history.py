@@ -35,7 +35,7 @@ class History:
     @classmethod
     def from_names(cls, names: Iterable[str]) -> Self:
         """Return the history that the names of the files of a case give."""
-        files = [found for found in map(_NAME.fullmatch, names) if found is not None]
+        files = [match for match in map(_NAME.fullmatch, names) if match is not None]
         numbers = defaultdict[tuple[str, int], set[int]](set)  # of claims, by kind of file and round
         for file in files:
             if not file["partial"]:
@@ -70,10 +70,10 @@ class Histories:
     def file(self, key: str, name: str) -> Path:
         return self._directory / key[:2] / f"{key}.{name}"
 
-    def of(self, key: str) -> History:
-        return self.of_all([key])[key]
+    def history(self, key: str) -> History:
+        return self.histories([key])[key]
 
-    def of_all(self, keys: Iterable[str]) -> dict[str, History]:
+    def histories(self, keys: Iterable[str]) -> dict[str, History]:
         """Return histories by key, with one directory scan for all keys with the same first two digits."""
         keys = list(keys)
         names: dict[str, list[str]] = {key: [] for key in keys}
@@ -81,7 +81,7 @@ class Histories:
             for name in _names_in(self._directory / prefix):
                 if (key := name.lstrip(".").partition(".")[0]) in names:
                     names[key].append(name)
-        return {key: History.from_names(found) for key, found in names.items()}
+        return {key: History.from_names(entries) for key, entries in names.items()}
 
 
 def _names_in(directory: Path) -> list[str]:

@@ -137,21 +137,21 @@ class Ledger:
 
     def record(self, key: str) -> CaseRecord | None:
         """Return the record of a case; ``None`` if it is not finished, or its record is damaged."""
-        return self._read_record(key, self._files.of(key))
+        return self._read_record(key, self._files.history(key))
 
     def records(self, keys: Iterable[str]) -> Iterator[tuple[str, CaseRecord]]:
         """Yield key and record of each case that is finished and not damaged, with few directory scans."""
-        for key, history in self._files.of_all(keys).items():
+        for key, history in self._files.histories(keys).items():
             if (record := self._read_record(key, history)) is not None:
                 yield key, record
 
     def damaged(self, keys: Iterable[str]) -> list[str]:
         """Return the keys of cases whose record is damaged, so that they count as open."""
-        return [key for key, history in self._files.of_all(keys).items() if self._damage(key, history)]
+        return [key for key, history in self._files.histories(keys).items() if self._damage(key, history)]
 
     def reopen_damaged(self, keys: Iterable[str]) -> int:
         """Open the cases with damaged records again, as `claim` does; return their number."""
-        return sum(self._reopen_damaged(key, history) for key, history in self._files.of_all(keys).items())
+        return sum(self._reopen_damaged(key, history) for key, history in self._files.histories(keys).items())
 
     def claim(self, key: str) -> Claim | None:
         """Claim a case; return ``None`` at once if it is finished or its holder is, or may be, alive.
@@ -159,13 +159,13 @@ class Ledger:
         A case with a damaged record is opened again.
         """
         assert self.holder.is_beating
-        before = self._files.of(key)
-        if self._reopen_damaged(key, before):
-            before = self._files.of(key)
-        if before.finished or self._is_held(key, before):
+        history = self._files.history(key)
+        if self._reopen_damaged(key, history):
+            history = self._files.history(key)
+        if history.finished or self._is_held(key, history):
             return None
-        attempt = before.claims + 1
-        file = self._files.file(key, f"claim-{before.round}-{attempt}.json")
+        attempt = history.claims + 1
+        file = self._files.file(key, f"claim-{history.round}-{attempt}.json")
         content = {
             "holder": self.holder.identity.as_json(),
             "since": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -175,15 +175,15 @@ class Ledger:
             make_directory(file.parent)
             if not create(file, json.dumps(content).encode()):
                 return None
-        run = self.directory(key) / f"run-{before.round}-{attempt}"
-        lost = self._lost(key, before)
-        claim = Claim(key, before.round, attempt, before.unreleased - lost, run, self._crashes(key, before), lost)
-        if not _is_last(claim, self._files.of(key)):
+        run = self.directory(key) / f"run-{history.round}-{attempt}"
+        lost = self._lost(key, history)
+        claim = Claim(key, history.round, attempt, history.unreleased - lost, run, self._crashes(key, history), lost)
+        if not _is_last(claim, self._files.history(key)):
             with as_output_error(file):
                 file.unlink(missing_ok=True)
             return None
         if attempt > 1:
-            self._take_over(claim, before)
+            self._take_over(claim, history)
         return claim
 
     def commit(self, claim: Claim, record: CaseRecord) -> bool:
@@ -191,7 +191,7 @@ class Ledger:
         file = self._files.file(claim.key, f"record-{claim.round}.json")
         with as_output_error(file):
             file.parent.stat()  # raises if the store was removed, which otherwise looks like an empty one
-            history = self._files.of(claim.key)
+            history = self._files.history(claim.key)
             if not _is_last(claim, history) or not publish(file, record.encoded()):
                 return False
             for name in history.temporary:
@@ -201,7 +201,7 @@ class Ledger:
 
     def holds(self, claim: Claim) -> bool:
         """Return whether a claim is still the last one of an open case."""
-        return _is_last(claim, self._files.of(claim.key))
+        return _is_last(claim, self._files.history(claim.key))
 
     def release(self, claim: Claim) -> None:
         """Release an unfinished case; its checkpoints are kept, and the claim does not count as died."""
@@ -217,7 +217,7 @@ class Ledger:
 
     def retry(self, key: str) -> bool:
         """Open a failed case again: its record is kept, its runs are removed. Return whether that was done."""
-        history = self._files.of(key)
+        history = self._files.history(key)
         record = self._read_record(key, history)
         if record is None or record.converged or not self._reopen(key, history, "it failed"):
             return False
@@ -227,7 +227,7 @@ class Ledger:
 
     def states(self, keys: Iterable[str]) -> dict[str, CaseState]:
         """Return the state of each case; claims nothing, and scans few directories."""
-        return {key: self._state(key, history) for key, history in self._files.of_all(keys).items()}
+        return {key: self._state(key, history) for key, history in self._files.histories(keys).items()}
 
     def _state(self, key: str, history: History) -> CaseState:
         if history.finished:
@@ -261,8 +261,8 @@ class Ledger:
         return sum(self._entry(key, f"claim-{history.round}-{number}", "supervised") is True for number in ended)
 
     def _crashes(self, key: str, history: History) -> tuple[str, ...]:
-        found = (self._entry(key, f"crashed-{history.round}-{number}", "how") for number in sorted(history.crashed))
-        return tuple("not known how" if how is None else str(how) for how in found)
+        reasons = (self._entry(key, f"crashed-{history.round}-{number}", "how") for number in sorted(history.crashed))
+        return tuple("not known how" if how is None else str(how) for how in reasons)
 
     def _entry(self, key: str, name: str, entry: str) -> Any:
         """Return an entry of one of a case's files; ``None`` if the file is damaged or was removed meanwhile."""
@@ -320,13 +320,13 @@ class Ledger:
         runs = self.directory(key).glob(f"run-{number}-*")
         return sorted(runs, key=lambda run: int(run.name.rpartition("-")[2]))
 
-    def _take_over(self, claim: Claim, before: History) -> None:
+    def _take_over(self, claim: Claim, history: History) -> None:
         """Rename the run directory of earlier attempts to that of the claim, so that they can no longer write to it."""
         with as_output_error(claim.run):
             if runs := self._runs(claim.key, claim.round):
                 runs[-1].rename(claim.run)
-            holder = self._last_holder(claim.key, before)
-            if before.is_claimed and holder is not None:
+            holder = self._last_holder(claim.key, history)
+            if history.is_claimed and holder is not None:
                 self._watch.remove_heartbeat(holder)
 
 

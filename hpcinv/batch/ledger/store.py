@@ -59,13 +59,13 @@ def check_format(path: Path) -> None:
     mark = path / _MARK
     with as_output_error(mark):
         try:
-            found = json.loads(mark.read_bytes())["format"]
+            version = json.loads(mark.read_bytes())["format"]
         except (FileNotFoundError, NotADirectoryError):
             return
         except (ValueError, KeyError, TypeError):
-            found = "unknown"
-    if found != _FORMAT:
+            version = "unknown"
+    if version != _FORMAT:
         raise OutputError(
-            f"{mark}: the format is {found}, not {_FORMAT}",
+            f"{mark}: the format is {version}, not {_FORMAT}",
             "Use the version of hpcinv that wrote it, or choose another 'store'.",
         )

@@ -67,7 +67,7 @@ class Coefficient:
         return _decided(self.value > 0)
 
     def __add__(self, other: Coefficient) -> Coefficient:
-        return self._with(other, self.value + other.value, self.symbol + other.symbol, self.size + other.size)
+        return self._combined(other, self.value + other.value, self.symbol + other.symbol, self.size + other.size)
 
     def __sub__(self, other: Coefficient) -> Coefficient:
         return self + -other
@@ -76,13 +76,13 @@ class Coefficient:
         return replace(self, value=-self.value, symbol=-self.symbol)
 
     def __mul__(self, other: Coefficient) -> Coefficient:
-        return self._with(other, self.value * other.value, self.symbol * other.symbol, self.size * other.size)
+        return self._combined(other, self.value * other.value, self.symbol * other.symbol, self.size * other.size)
 
     def __truediv__(self, other: Coefficient) -> Coefficient:
         if not other:
             raise ValueError("divides by zero")
         size = self.size / abs(other.value) * (other.size / abs(other.value))
-        return self._with(other, self.value / other.value, self.symbol / other.symbol, size)
+        return self._combined(other, self.value / other.value, self.symbol / other.symbol, size)
 
     def __pow__(self, exponent: Coefficient) -> Coefficient:
         if self.value < 0 and not exponent.value.is_integer():
@@ -92,7 +92,7 @@ class Coefficient:
         if not self:
             return ZERO
         value = self.value**exponent.value
-        return self._with(exponent, value, self.symbol**exponent.symbol, abs(value) * self.size / abs(self.value))
+        return self._combined(exponent, value, self.symbol**exponent.symbol, abs(value) * self.size / abs(self.value))
 
     def apply(self, name: str, functions: Functions, slope: float = 1.0) -> Coefficient:
         """Return a function of the coefficient by name; ``slope`` is the size of its derivative, or a bound of it."""
@@ -101,9 +101,9 @@ class Coefficient:
         except ValueError:
             raise ValueError(f"calls {name}() of {self.value:g}, where it has no value") from None
         symbol = value if self.is_literal else functions[name](self.symbol)
-        return self._with(self, value, symbol, abs(value) + slope * self.size)
+        return self._combined(self, value, symbol, abs(value) + slope * self.size)
 
-    def _with(self, other: Coefficient, value: float, symbol: Any, size: float) -> Coefficient:
+    def _combined(self, other: Coefficient, value: float, symbol: Any, size: float) -> Coefficient:
         if _decided(abs(value) <= _ROUNDING * size):
             return ZERO
         return Coefficient(value, symbol, size, self.is_literal and other.is_literal)

@@ -55,10 +55,10 @@ def invariants(
         strains: receives the strains of the deformation in its ``values``.
         families: families of fibres by their names in the invariants; ``None`` if these are the names of the families.
     """
-    found = ((name, families_in(name)) for name in sorted(names))
+    mentions = ((name, families_in(name)) for name in sorted(names))
     return {
         name: _invariant(name, tuple(f if families is None else families[f] for f in mentioned), k, strains)
-        for name, mentioned in found
+        for name, mentioned in mentions
         if mentioned is not None
     }
 

@@ -186,13 +186,13 @@ class Jet:
             is_positive,
         )
 
-    def without_first_order(
-        self, value: Coefficient, change: str, of: Any, factor: Coefficient, is_positive: bool = False
+    def second_order_change(
+        self, value: Coefficient, change: str, argument: Any, factor: Coefficient, is_positive: bool = False
     ) -> Jet:
         """Return ``f(q) = f(q0) + factor · change(of)``, if the change has no first-order part."""
         if self.is_constant:
             return replace(self.strains.constant(value), is_positive=is_positive or value.is_positive)
-        remainder = factor.symbol * self.strains.functions[change](of)
+        remainder = factor.symbol * self.strains.functions[change](argument)
         return Jet(self.strains, value, {}, remainder, min(self.order, 2), is_positive)
 
 
@@ -211,7 +211,7 @@ def _sum(first: Mapping[str, Coefficient], second: Mapping[str, Coefficient]) ->
 def exp(q: Jet) -> Jet:
     value = q.constant.apply("exp", q.strains.functions, slope=math.exp(q.constant.value))
     if not q.slopes:
-        return q.without_first_order(value, "expm1", q.remainder, value, is_positive=True)
+        return q.second_order_change(value, "expm1", q.remainder, value, is_positive=True)
     further = value.symbol * q.strains.functions["expm1_remainder"](q.change)
     return q.mapped(value, value, further, is_positive=True)
 
@@ -221,7 +221,7 @@ def ln(q: Jet) -> Jet:
         raise ValueError("takes the logarithm of something that is not positive at F = I")
     value = q.constant.apply("log", q.strains.functions, slope=1 / q.constant.value)
     if not q.slopes:
-        return q.without_first_order(value, "log1p", q.relative_change, ONE)
+        return q.second_order_change(value, "log1p", q.relative_change, ONE)
     return q.mapped(value, ONE / q.constant, q.strains.functions["log1p_remainder"](q.relative_change))
 
 
@@ -248,11 +248,11 @@ def positive_part(q: Jet) -> Jet:
 
 
 def _tanh(q: Jet) -> Jet:
-    one, two = q.strains.number(1.0), q.strains.number(2.0)
-    return one - two / (exp(two * q) + one)
+    unit, two = q.strains.number(1.0), q.strains.number(2.0)
+    return unit - two / (exp(two * q) + unit)
 
 
-def _of_constants(name: str) -> Callable[..., Jet]:
+def _constant_function(name: str) -> Callable[..., Jet]:
     def function(q: Jet, *others: Jet) -> Jet:
         if others or not q.is_constant:
             raise ValueError(f"calls {name}(), which energies know of a constant only")
@@ -262,7 +262,7 @@ def _of_constants(name: str) -> Callable[..., Jet]:
 
 
 JET_FUNCTIONS: dict[str, Callable[..., Jet]] = {
-    **{name: _of_constants(name) for name in FUNCTIONS},
+    **{name: _constant_function(name) for name in FUNCTIONS},
     "exp": exp,
     "log": ln,
     "ln": ln,

@@ -48,7 +48,7 @@ def write_partitioned(path: Path, comm: MPI.Intracomm, source: MeshSource) -> No
         OutputError: on every rank, if it cannot be written.
     """
     arrays = _arrays(source)
-    rows = {on: Rows.of(comm, len(array)) for _, on, array in arrays}
+    rows = {place: Rows.distributed(comm, len(array)) for _, place, array in arrays}
     header = Header(
         name=source.path.name,
         kind=source.kind,
@@ -59,19 +59,19 @@ def write_partitioned(path: Path, comm: MPI.Intracomm, source: MeshSource) -> No
         parts=source.parts or (0, rows["cells"].total),
         groups=tuple((g.name, g.dim, g.tag) for g in source.groups),
         thin_groups=source.thin_groups,
-        data=tuple((a.name, a.on, a.values.shape[1]) for a in source.data.values()),
-        checksums={name: rows[on].checksum(array) for name, on, array in arrays},
+        data=tuple((a.name, a.place, a.values.shape[1]) for a in source.data.values()),
+        checksums={name: rows[place].checksum(array) for name, place, array in arrays},
         files={},
         unit=source.unit or 1.0,
     )
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     with _published(partial, path, comm, header):
         io = _io(comm)
-        with adios2.Stream(io, str(partial), "w", comm) as stream:
+        with adios2.Stream(io, str(partial), "w") as stream:
             stream.begin_step()
-            for name, on, array in arrays:
+            for name, place, array in arrays:
                 if len(array):
-                    shape, start = [rows[on].total, *array.shape[1:]], [rows[on].first, *[0] * (array.ndim - 1)]
+                    shape, start = [rows[place].total, *array.shape[1:]], [rows[place].first, *[0] * (array.ndim - 1)]
                     stream.write(name, np.ascontiguousarray(array), shape, start, list(array.shape))
             stream.end_step()
 
@@ -100,7 +100,7 @@ def read_partitioned(path: Path, comm: MPI.Intracomm) -> MeshSource:
         error = MeshError(f"{path}: cannot be read: {reason}", "Can all ranks access the file?")
     agree(comm, error)
     for name, array in arrays.items():
-        if Rows.of(comm, len(array)).checksum(array) != header.checksums[name]:
+        if Rows.distributed(comm, len(array)).checksum(array) != header.checksums[name]:
             raise MeshError(
                 f"{path}: the array '{name}' is damaged: its checksum is wrong",
                 "Copy the mesh again, or partition it again.",
@@ -119,7 +119,7 @@ def read_partitioned(path: Path, comm: MPI.Intracomm) -> MeshSource:
             Group(name, dim, tag, np.flatnonzero(labels[dim] == i)) for i, (name, dim, tag) in enumerate(header.groups)
         ),
         thin_groups=header.thin_groups,
-        data={name: DataArray(name, on, arrays[f"data-{i}"]) for i, (name, on, _) in enumerate(header.data)},
+        data={name: DataArray(name, place, arrays[f"data-{i}"]) for i, (name, place, _) in enumerate(header.data)},
         parts=header.parts,
         unit=as_unit(header.unit),
     )
@@ -137,21 +137,21 @@ def _read(
     path: Path, comm: MPI.Intracomm, header: Header, ranges: Mapping[str, tuple[int, int]]
 ) -> dict[str, RowArray]:
     """Rows of this rank of every array; arrays without rows are not in the file."""
-    found = {}
-    with adios2.Stream(_io(comm), str(path), "rra", comm) as stream:
-        for name, on, none in _arrays(_blank(path, header)):
-            (start, stop), found[name] = ranges[on], none
+    arrays = {}
+    with adios2.Stream(_io(comm), str(path), "rra") as stream:
+        for name, place, none in _arrays(_blank(path, header)):
+            (start, stop), arrays[name] = ranges[place], none
             if start < stop:
                 begin, count = [start, *[0] * (none.ndim - 1)], [stop - start, *none.shape[1:]]
-                found[name] = np.asarray(stream.read(name, begin, count)).reshape(count)
-    return found
+                arrays[name] = np.asarray(stream.read(name, begin, count)).reshape(count)
+    return arrays
 
 
 def _blank(path: Path, header: Header) -> MeshSource:
     """Mesh of the header without rows: its arrays have the right types and widths."""
     none: Ints = np.zeros(0, dtype=np.int64)
     cells, facets = (no_cells(kind, header.degree) for kind in (header.kind, FACET_KIND[header.kind]))
-    data = {name: DataArray(name, on, np.zeros((0, components))) for name, on, components in header.data}
+    data = {name: DataArray(name, place, np.zeros((0, components))) for name, place, components in header.data}
     return MeshSource(path, header.kind, header.degree, np.zeros((0, 3)), none, cells, none, facets, data=data)
 
 
@@ -165,7 +165,7 @@ def _arrays(source: MeshSource) -> list[tuple[str, str, RowArray]]:
         ("cell_groups", "cells", source.labels(3)),
         ("facets", "facets", source.facets),
         ("facet_groups", "facets", source.labels(2)),
-        *((f"data-{i}", array.on, array.values) for i, array in enumerate(source.data.values())),
+        *((f"data-{i}", array.place, array.values) for i, array in enumerate(source.data.values())),
     ]
 
 

@@ -23,10 +23,10 @@ def partitioned(source: MeshSource, count: int) -> tuple[MeshSource, int]:
         )
     corners = source.cells[:, : vertex_count(source.kind)]
     part = metis(corners, source.kind, count)
-    return by_parts(source, part, count), int(FacetTable.of(source.kind, corners).separates(part).sum())
+    return sort_by_parts(source, part, count), int(FacetTable.build(source.kind, corners).separates(part).sum())
 
 
-def by_parts(source: MeshSource, part: Ints, count: int) -> MeshSource:
+def sort_by_parts(source: MeshSource, part: Ints, count: int) -> MeshSource:
     """A whole mesh ordered by the ``part`` (cells,) of its cells, of ``count`` parts.
 
     A node belongs to the first part that has it, a facet to the last of the parts of its nodes.
@@ -41,7 +41,7 @@ def by_parts(source: MeshSource, part: Ints, count: int) -> MeshSource:
     return dataclasses.replace(source.select(nodes, cells, facets), parts=tuple(parts.tolist()))
 
 
-def by_tags(source: MeshSource) -> MeshSource:
+def sort_by_tags(source: MeshSource) -> MeshSource:
     """A whole mesh without parts, its nodes and cells sorted by their tags, and facets by their nodes."""
     tagged = source.select(np.argsort(source.node_tags), np.argsort(source.cell_tags), np.arange(len(source.facets)))
     nodes, cells = np.arange(len(source.points)), np.arange(len(source.cells))

@@ -24,7 +24,7 @@ class Rows:
     offsets: Ints
 
     @classmethod
-    def of(cls, comm: MPI.Intracomm, count: int) -> Self:
+    def distributed(cls, comm: MPI.Intracomm, count: int) -> Self:
         """Distribution in which this rank has ``count`` rows."""
         return cls(comm, np.concatenate([[0], np.cumsum(comm.allgather(count))]).astype(np.int64))
 
@@ -38,11 +38,11 @@ class Rows:
 
     def fetch[T: np.generic](self, values: npt.NDArray[T], wanted: npt.NDArray[np.integer]) -> npt.NDArray[T]:
         """The rows ``wanted`` (w,), of any ranks, of an array of which this rank has the rows ``values`` (n, c)."""
-        mine, found = np.ascontiguousarray(values), np.empty((len(wanted), values.shape[1]), dtype=values.dtype)
+        mine, fetched = np.ascontiguousarray(values), np.empty((len(wanted), values.shape[1]), dtype=values.dtype)
         with self._forest(len(mine), wanted, mine) as (forest, row):
-            forest.bcastBegin(row, mine, found, MPI.REPLACE)
-            forest.bcastEnd(row, mine, found, MPI.REPLACE)
-        return found
+            forest.bcastBegin(row, mine, fetched, MPI.REPLACE)
+            forest.bcastEnd(row, mine, fetched, MPI.REPLACE)
+        return fetched
 
     def deliver(self, values: Floats, rows: npt.NDArray[np.integer]) -> Floats:
         """Rows of this rank of an array whose ``rows`` (w,) have ``values`` (w, c), given by any rank; else NaN."""

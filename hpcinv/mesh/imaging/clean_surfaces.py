@@ -13,7 +13,7 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 
 from hpcinv.mesh.cells import sub_entities
-from hpcinv.mesh.imaging.label_boundary import Memberships, between_two, within
+from hpcinv.mesh.imaging.label_boundary import Memberships, limit_steps, two_label_nodes
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of
 from hpcinv.mesh.imaging.packages import package
 from hpcinv.mesh.imaging.wall_sizes import WallSizes
@@ -31,7 +31,7 @@ _COARSE = 1.2  # edges of surfaces whose tetrahedra are as large as those of MMG
 
 
 def cells_between_surfaces(
-    found: Ints, begin: Floats, spacing: float, memberships: Memberships, sizes: WallSizes
+    labels: Ints, begin: Floats, spacing: float, memberships: Memberships, sizes: WallSizes
 ) -> tuple[Lattice | None, str]:
     """Return cells between the smooth surfaces of labels, or why there are none.
 
@@ -46,17 +46,17 @@ def cells_between_surfaces(
         SystemPartMissing: MMG is not installed.
     """
     mmgpy = package("mmgpy", MMG)
-    parts, label_of = _parts(_without_touching_edges(found))
+    parts, label_of = _parts(_fill_touching_edges(labels))
     lattice = lattice_of(parts, spacing, parts > 0)
     facets, pairs = interfaces(lattice.cells, lattice.labels)
     used, compact = np.unique(facets, return_inverse=True)
     facets = compact.reshape(-1, 3)
-    nodes, one, other = between_two(facets, pairs, len(used), len(label_of))
+    nodes, lower, upper = two_label_nodes(facets, pairs, len(used), len(label_of))
     if len(nodes) < len(used):
         return None, "labels meet along curves or in points"
     if not _is_manifold(facets):
         return None, "parts of labels touch each other in edges of voxels"
-    points = _smoothed(lattice.points[used] + begin, facets, label_of[one], label_of[other], memberships, spacing)
+    points = _smoothed(lattice.points[used] + begin, facets, label_of[lower], label_of[upper], memberships, spacing)
     shells, shell = unique_rows(np.column_stack([pairs, connected(facets, len(used))]))
     scale = 1 / sizes.size
     mesh = mmgpy.MmgMeshS()
@@ -64,27 +64,27 @@ def cells_between_surfaces(
     mesh.set_vertices(points * scale)
     mesh.set_triangles(facets.astype(np.int32), refs=shell + 1)
     if sizes.is_graded:
-        mesh.set_field("metric", _COARSE * scale * sizes.at(points)[:, None])
+        mesh.set_field("metric", _COARSE * scale * sizes.interpolate(points)[:, None])
     least = min(_FINEST, sizes.least * scale)
     try:
         with handlers_restored():  # MMG takes those of SIGTERM and SIGINT away
             mesh.remesh(hmax=_COARSE, hmin=least, hausd=_WITHIN, hgrad=1.5, ar=60.0, verbose=-1)
-        found, refs = mesh.get_triangles_with_refs()[:2]
+        triangles, refs = mesh.get_triangles_with_refs()[:2]
         filled = _filled(
-            np.asarray(mesh.get_vertices()) / scale, np.asarray(found), np.asarray(refs) - 1, shells[:, :2]
+            np.asarray(mesh.get_vertices()) / scale, np.asarray(triangles), np.asarray(refs) - 1, shells[:, :2]
         )
         return replace(filled, labels=label_of[filled.labels]), ""
     except Exception as error:  # neither MMG nor gmsh raises anything narrower
         return None, f"their smooth surfaces cannot be filled ({str(error).strip() or type(error).__name__})"
 
 
-def _without_touching_edges(found: Ints) -> Ints:
+def _fill_touching_edges(labels: Ints) -> Ints:
     """The labels with those cubes filled beside which others of one label would touch in an edge only."""
-    found = found.copy()
+    labels = labels.copy()
     for _ in range(_ROUNDS):
         changed = False
-        for one, other in combinations(range(3), 2):
-            a, b, c, d = (found[_shifted(one, i, other, j)] for i in (0, 1) for j in (0, 1))
+        for first_axis, second_axis in combinations(range(3), 2):
+            a, b, c, d = (labels[_shifted(first_axis, i, second_axis, j)] for i in (0, 1) for j in (0, 1))
             for first, second, third in ((a, b, c), (b, a, d)):
                 fourth = d if first is a else c
                 filled = (first == fourth) & (first > second) & (first != third)
@@ -95,22 +95,22 @@ def _without_touching_edges(found: Ints) -> Ints:
                 changed |= bool(filled.any())
         if not changed:
             break
-    return found
+    return labels
 
 
-def _parts(found: Ints) -> tuple[Ints, Ints]:
+def _parts(labels: Ints) -> tuple[Ints, Ints]:
     """Numbers of connected parts of labels, and the label of each, of which the first is the outside."""
-    parts, label_of = np.zeros_like(found), [0]
-    for label in range(1, int(found.max()) + 1):
-        numbers, count = ndimage.label(found == label)
+    parts, label_of = np.zeros_like(labels), [0]
+    for label in range(1, int(labels.max()) + 1):
+        numbers, count = ndimage.label(labels == label)
         parts[numbers > 0] = numbers[numbers > 0] + len(label_of) - 1
         label_of += count * [label]
     return parts, np.array(label_of)
 
 
-def _shifted(one: int, i: int, other: int, j: int) -> tuple[slice, ...]:
+def _shifted(first_axis: int, i: int, second_axis: int, j: int) -> tuple[slice, ...]:
     """All but the last, or but the first, along two axes."""
-    ends = {one: i, other: j}
+    ends = {first_axis: i, second_axis: j}
     return tuple(slice(ends[k], -1 + ends[k] or None) if k in ends else slice(None) for k in range(3))
 
 
@@ -120,7 +120,9 @@ def _is_manifold(facets: Ints) -> bool:
     return bool((np.bincount(edge) == 2).all())
 
 
-def _smoothed(points: Floats, facets: Ints, one: Ints, other: Ints, memberships: Memberships, spacing: float) -> Floats:
+def _smoothed(
+    points: Floats, facets: Ints, lower: Ints, upper: Ints, memberships: Memberships, spacing: float
+) -> Floats:
     """Nodes of all facets between the means of their neighbours and the smooth boundary."""
     edges = np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]])
     edges = np.concatenate([edges, edges[:, ::-1]])
@@ -130,7 +132,7 @@ def _smoothed(points: Floats, facets: Ints, one: Ints, other: Ints, memberships:
     moved = points
     for _ in range(_ROUNDS):
         middles = 0.5 * (moved + share[:, None] * (touch @ moved))
-        moved, _ = memberships.nearest(within(points, middles, spacing), one, other, 0.6 * spacing)
+        moved, _ = memberships.nearest(limit_steps(points, middles, spacing), lower, upper, 0.6 * spacing)
     return moved
 
 
@@ -151,8 +153,8 @@ def _filled(points: Floats, facets: Ints, shell: Ints, pairs: Ints) -> Lattice:
         gmsh.model.mesh.reclassifyNodes()
         volumes = []
         for part in range(1, int(pairs.max()) + 1):
-            around = [surface for surface, pair in zip(surfaces, pairs, strict=True) if part in pair]
-            volumes.append(gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop(around)]))
+            enclosing = [surface for surface, pair in zip(surfaces, pairs, strict=True) if part in pair]
+            volumes.append(gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop(enclosing)]))
         gmsh.model.geo.synchronize()
         options: dict[str, Any] = {
             "Mesh.Algorithm3D": _HXT,
@@ -161,7 +163,7 @@ def _filled(points: Floats, facets: Ints, shell: Ints, pairs: Ints) -> Lattice:
         }
         for name, value in options.items():
             gmsh.option.setNumber(name, value)
-        with _without_output():  # HXT prints where surfaces cross
+        with _muted_output():  # HXT prints where surfaces cross
             gmsh.model.mesh.generate(3)
         numbers, coordinates, _ = gmsh.model.mesh.getNodes()
         place = np.zeros(int(numbers.max()) + 1, dtype=np.int64)
@@ -181,7 +183,7 @@ def _filled(points: Floats, facets: Ints, shell: Ints, pairs: Ints) -> Lattice:
 
 
 @contextmanager
-def _without_output() -> Iterator[None]:
+def _muted_output() -> Iterator[None]:
     """Context in which the standard output of this process is discarded, also that of libraries in C."""
     sys.stdout.flush()
     kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)

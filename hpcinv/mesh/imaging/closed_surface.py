@@ -57,14 +57,14 @@ def fill(
     voxel = min(voxel, max(0.25 * thickness, affordable))
     counts = np.ceil(extent / voxel).astype(int) + 2 * _MARGIN
     grid = pyvista.ImageData(dimensions=counts, spacing=[voxel / unit] * 3, origin=low - (_MARGIN - 0.5) * voxel / unit)
-    inside = [_voxels(paths[0], of, grid, unit) for paths, of in zip(parts.values(), surfaces, strict=True)]
-    order = sorted(range(len(inside)), key=lambda i: -int(inside[i].sum()))
-    _check_nested([list(parts)[i] for i in order], [inside[i] for i in order], first)
+    masks = [_voxels(paths[0], surface, grid, unit) for paths, surface in zip(parts.values(), surfaces, strict=True)]
+    order = sorted(range(len(masks)), key=lambda i: -int(masks[i].sum()))
+    _check_nested([list(parts)[i] for i in order], [masks[i] for i in order], first)
     voxels = np.zeros(counts, dtype=np.int16)
     for i in order:  # the smaller one is cut out of the larger one
-        voxels[inside[i]] = i + 1
+        voxels[masks[i]] = i + 1
     volumes = []
-    for i, (mask, surface) in enumerate(zip(inside, surfaces, strict=True), start=1):
+    for i, (mask, surface) in enumerate(zip(masks, surfaces, strict=True), start=1):
         kept = np.count_nonzero(voxels == i) / np.count_nonzero(mask)
         volumes.append(float(signed_volume(surface) * unit**3 * kept))
     origin = np.array(grid.origin) * unit
@@ -78,23 +78,23 @@ def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit
     volume = signed_volume(surface)
     if not volume > 0 or not np.isfinite(volume):
         raise MeshError(f"{path}: encloses no volume", "Is it the surface of a body?")
-    inside = np.asarray(surface.voxelize_binary_mask(reference_volume=grid)["mask"])
-    found = np.count_nonzero(inside) * voxel**3
-    if abs(found / volume - 1) > _SAME + 2 * voxel * surface.area / volume * 0.05:
+    mask = np.asarray(surface.voxelize_binary_mask(reference_volume=grid)["mask"])
+    voxel_volume = np.count_nonzero(mask) * voxel**3
+    if abs(voxel_volume / volume - 1) > _SAME + 2 * voxel * surface.area / volume * 0.05:
         raise MeshError(
             f"{path}: the triangles enclose {readable(volume * unit**3, 'm^3')}, but the points inside are"
-            f" {readable(found * unit**3, 'm^3')}: the surface cuts itself, or the body is thin for"
+            f" {readable(voxel_volume * unit**3, 'm^3')}: the surface cuts itself, or the body is thin for"
             " these cells",
             "Repair the surface (Blender, MeshLab), or make mesh.size smaller.",
         )
-    return (inside > 0).reshape(grid.dimensions, order="F")
+    return (mask > 0).reshape(grid.dimensions, order="F")
 
 
-def _check_nested(names: Sequence[str], inside: Sequence[Bools], path: Path) -> None:
+def _check_nested(names: Sequence[str], masks: Sequence[Bools], path: Path) -> None:
     """Check that of two regions, the larger one first, the smaller is in the other or apart from it."""
-    for i, one in enumerate(inside):
-        for j in range(i + 1, len(inside)):
-            both, whole = np.count_nonzero(one & inside[j]), np.count_nonzero(inside[j])
+    for i, mask in enumerate(masks):
+        for j in range(i + 1, len(masks)):
+            both, whole = np.count_nonzero(mask & masks[j]), np.count_nonzero(masks[j])
             if _SAME * whole < both < (1 - _SAME) * whole:
                 raise MeshError(
                     f"{path}: the surfaces of '{names[i]}' and '{names[j]}' cut each other: {both / whole:.0%} of"
@@ -114,7 +114,7 @@ def read_closed(path: Path) -> pyvista.PolyData:
     """
     surface = read_triangles(path)
     count, place = 0, np.zeros(3)
-    for facets in _without_repeated(surface.regular_faces.astype(np.int64)):
+    for facets in _distinct_facets(surface.regular_faces.astype(np.int64)):
         edges, shared = _edges(facets)
         odd = np.flatnonzero(shared % 2)
         if len(facets) and not len(odd):
@@ -123,10 +123,10 @@ def read_closed(path: Path) -> pyvista.PolyData:
             row, corner = divmod(int(edges[shared[: odd[0]].sum()]), 3)
             count, place = len(odd), surface.points[facets[row, [corner, (corner + 1) % 3]]].mean(axis=0)
     else:
-        at = ", ".join(f"{x:.6g}" for x in place)
+        coordinates = ", ".join(f"{x:.6g}" for x in place)
         raise MeshError(
             f"{path}: the surface is open: {count} edges have one triangle, or an odd number, such as that at"
-            f" ({at}) in the coordinates of the file",
+            f" ({coordinates}) in the coordinates of the file",
             "Close its holes (Blender, MeshLab).",
         )
     pairs = edges[np.repeat(shared == 2, shared)].reshape(-1, 2) // 3  # triangles that share a manifold edge
@@ -160,7 +160,7 @@ def _moments(points: Floats, facets: Ints) -> Floats:
     return np.asarray(np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
 
 
-def _without_repeated(facets: Ints) -> Iterator[Ints]:
+def _distinct_facets(facets: Ints) -> Iterator[Ints]:
     """Triangles with those that occur twice kept once, and without them: then they were walls between two bodies."""
     distinct, place = unique_rows(np.sort(facets, axis=1))
     yield facets if len(distinct) == len(facets) else facets[np.sort(np.unique(place, return_index=True)[1])]
@@ -170,8 +170,8 @@ def _without_repeated(facets: Ints) -> Iterator[Ints]:
 
 def _edges(facets: Ints) -> tuple[Ints, Ints]:
     """Places in ``facets.ravel()`` at which edges begin, those of one edge together, and the number of each edge."""
-    one, other = facets.ravel(), np.roll(facets, -1, axis=1).ravel()
-    key = np.minimum(one, other) * (int(facets.max(initial=0)) + 1) + np.maximum(one, other)
+    tail, head = facets.ravel(), np.roll(facets, -1, axis=1).ravel()
+    key = np.minimum(tail, head) * (int(facets.max(initial=0)) + 1) + np.maximum(tail, head)
     order = np.argsort(key, kind="stable")
     key = key[order]
     starts = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]])) if len(key) else np.zeros(0, dtype=np.int64)
@@ -192,11 +192,11 @@ def _turned(points: Floats, facets: Ints, shell: Ints, pairs: Ints, count: int) 
 
 def _agree(facets: Ints, pairs: Ints) -> bool:
     """Return whether neighbours pass their common edge in opposite directions."""
-    one, other = facets[pairs[:, 0]], facets[pairs[:, 1]]
+    first, second = facets[pairs[:, 0]], facets[pairs[:, 1]]
     same = np.zeros(len(pairs), dtype=bool)
     for i in range(3):
         for j in range(3):
-            same |= (one[:, i] == other[:, j]) & (one[:, (i + 1) % 3] == other[:, (j + 1) % 3])
+            same |= (first[:, i] == second[:, j]) & (first[:, (i + 1) % 3] == second[:, (j + 1) % 3])
     return not same.any()
 
 
@@ -214,9 +214,9 @@ def _nested(points: Floats, facets: Ints, shell: Ints, count: int) -> pyvista.Po
         for outer in range(count):
             may = ((low > low[outer]) & (high < high[outer])).all(axis=1)
             if may.any():
-                around = pyvista.PolyData.from_regular_faces(points, facets[shell == outer]).clean()
-                found = pyvista.PolyData(inner[may]).select_interior_points(around)
-                depth[np.flatnonzero(may)] += np.asarray(found["selected_points"], dtype=np.int64)
+                hull = pyvista.PolyData.from_regular_faces(points, facets[shell == outer]).clean()
+                enclosed = pyvista.PolyData(inner[may]).select_interior_points(hull)
+                depth[np.flatnonzero(may)] += np.asarray(enclosed["selected_points"], dtype=np.int64)
     turn = ((volumes < 0) ^ (depth % 2 == 1))[shell]
     facets = np.where(turn[:, None], facets[:, ::-1], facets)
     return pyvista.PolyData.from_regular_faces(points, facets)

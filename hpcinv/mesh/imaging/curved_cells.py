@@ -12,7 +12,7 @@ import numpy as np
 from hpcinv.mesh.cells import jacobians, scalar_element, sub_entities
 from hpcinv.mesh.checks import det
 from hpcinv.mesh.crossing_facets import find_overlap
-from hpcinv.mesh.imaging.label_boundary import between_two, growth, held_back, shift, within
+from hpcinv.mesh.imaging.label_boundary import growth, held_back, limit_steps, shift, two_label_nodes
 from hpcinv.mesh.imaging.lattice import Lattice
 from hpcinv.mesh.refine.degree import inner_dofs, raised
 from hpcinv.mesh.source import Floats, Ints, MeshSource
@@ -29,7 +29,7 @@ _CUBIC = 3  # degree of the determinant in tetrahedra of second degree
 class SmoothBoundary(Protocol):
     """A smooth boundary between labels."""
 
-    def nearest(self, points: Floats, one: Ints, other: Ints, reach: float) -> tuple[Floats, Floats]:
+    def nearest(self, points: Floats, lower: Ints, upper: Ints, reach: float) -> tuple[Floats, Floats]:
         """Points (n, 3) of the boundary between two labels near to the given ones, at most ``reach`` (m) away, and unit
         normals (n, 3) from label ``other`` into ``one``."""
 
@@ -61,7 +61,7 @@ def curved(
     """
     mesh, count, reach = raised(source), len(volumes) + 1, 0.6 * spacing
     straight = Lattice(source.points, source.cells, labels)
-    nodes, one, other = between_two(mesh.facets, pairs, len(mesh.points), count)
+    nodes, lower, upper = two_label_nodes(mesh.facets, pairs, len(mesh.points), count)
     is_middle = nodes >= len(source.points)
     ends = _ends(mesh)
     points = mesh.points.copy()
@@ -69,13 +69,13 @@ def curved(
     for some in (~is_middle, is_middle):  # middles from between the vertices on the boundary
         points[ends[:, 0]] = points[ends[:, 1:]].mean(axis=1)
         chosen = nodes[some]
-        points[chosen], normals[chosen] = boundary.nearest(points[chosen], one[some], other[some], reach)
+        points[chosen], normals[chosen] = boundary.nearest(points[chosen], lower[some], upper[some], reach)
     target, outward, share = points, np.zeros(count), np.ones(len(points))
     vertices, middles = nodes[~is_middle], nodes[is_middle]
     for turn in range(_ROUNDS):
         end = target.copy()
-        end[nodes] += shift(outward, one, other)[:, None] * normals[nodes]
-        end[vertices] = within(mesh.points[vertices], end[vertices], reach)
+        end[nodes] += shift(outward, lower, upper)[:, None] * normals[nodes]
+        end[vertices] = limit_steps(mesh.points[vertices], end[vertices], reach)
         placed, went = held_back(straight, vertices, end[: len(source.points)], least)
         points = np.concatenate([placed, np.zeros((len(ends), 3))])
         points[ends[:, 0]] = points[ends[:, 1:]].mean(axis=1)
@@ -85,8 +85,8 @@ def curved(
         if turn == _ROUNDS - 1:
             share = _uncrossed(mesh, points, bend, share)
         points += share[:, None] * bend
-        found = _volumes(mesh.cells, points, labels, count)
-        outward += growth(np.array(volumes) - found, points, source.facets, pairs, 0.25 * spacing)
+        label_volumes = _volumes(mesh.cells, points, labels, count)
+        outward += growth(np.array(volumes) - label_volumes, points, source.facets, pairs, 0.25 * spacing)
     bent = np.linalg.norm(share[:, None] * bend, axis=1)
     stopped = np.count_nonzero((share < 1) & bend.any(axis=1)) + np.count_nonzero(went[vertices] < 1)
     report(
@@ -94,7 +94,7 @@ def curved(
         f" {readable(float(bent.max(initial=0.0)), 'm')} beside straight edges; {stopped:,} held back for the shape of"
         " cells"
     )
-    return replace(mesh, points=points), (found / np.array(volumes) - 1).tolist()
+    return replace(mesh, points=points), (label_volumes / np.array(volumes) - 1).tolist()
 
 
 def mirrored(cells: Ints) -> Ints:
@@ -149,19 +149,19 @@ def _determinants(cells: Ints, points: Floats) -> Floats:
     Source: Johnen, Remacle, Geuzaine, "Geometrical validity of curvilinear finite elements" (2013),
     doi:10.1016/j.jcp.2012.08.051.
     """
-    at = scalar_element("tetrahedron", _CUBIC).points
-    found = np.empty((len(cells), len(at)))
+    nodes = scalar_element("tetrahedron", _CUBIC).points
+    coefficients = np.empty((len(cells), len(nodes)))
     for begin in range(0, len(cells), _AT_ONCE):
         part = slice(begin, begin + _AT_ONCE)
-        found[part] = det(jacobians("tetrahedron", 2, points[cells[part]], at)) @ _to_bernstein().T
-    return found
+        coefficients[part] = det(jacobians("tetrahedron", 2, points[cells[part]], nodes)) @ _bernstein_matrix().T
+    return coefficients
 
 
 @cache
-def _to_bernstein() -> Floats:
+def _bernstein_matrix() -> Floats:
     """Coefficients of a cubic in a tetrahedron in the Bernstein basis from its values at the cubic element's nodes."""
-    at = scalar_element("tetrahedron", _CUBIC).points
-    weights = np.column_stack([1 - at.sum(axis=1), at])
+    nodes = scalar_element("tetrahedron", _CUBIC).points
+    weights = np.column_stack([1 - nodes.sum(axis=1), nodes])
     powers = np.array([p for p in product(range(_CUBIC + 1), repeat=4) if sum(p) == _CUBIC])
     times = [factorial(_CUBIC) / np.prod([factorial(i) for i in p]) for p in powers]
     values = (weights[:, None, :] ** powers).prod(axis=2) * times

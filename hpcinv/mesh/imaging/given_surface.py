@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyvista
 
-from hpcinv.mesh.imaging.label_boundary import Memberships, within
+from hpcinv.mesh.imaging.label_boundary import Memberships, limit_steps
 from hpcinv.mesh.source import Floats, Ints
 
 
@@ -21,9 +21,9 @@ class GivenSurface:
     surface: pyvista.PolyData
     memberships: Memberships
 
-    def nearest(self, points: Floats, one: Ints, other: Ints, reach: float) -> tuple[Floats, Floats]:
+    def nearest(self, points: Floats, lower: Ints, upper: Ints, reach: float) -> tuple[Floats, Floats]:
         """Points (n, 3) of the surface nearest to the given ones, at most ``reach`` (m) away, and normals (n, 3) from
         label ``other`` into ``one``."""
-        _, normals = self.memberships.nearest(points, one, other, reach)
-        _, found = self.surface.find_closest_cell(points, return_closest_point=True)
-        return within(points, np.reshape(found, (-1, 3)), reach), normals
+        _, normals = self.memberships.nearest(points, lower, upper, reach)
+        _, closest = self.surface.find_closest_cell(points, return_closest_point=True)
+        return limit_steps(points, np.reshape(closest, (-1, 3)), reach), normals

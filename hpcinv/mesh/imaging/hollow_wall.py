@@ -45,17 +45,17 @@ def hollow_wall_mesh(
         MeshError: as `image_mesh`, or if the wall has another number of ends.
         SystemPartMissing: the packages for images are not installed.
     """
-    numbers = {name: tuple(of) for name, of in labels.items()}
+    numbers = {name: tuple(values) for name, values in labels.items()}
     spec = MeshSpec.model_construct(file=str(path), labels=numbers, size=size, unit=unit, geometry_degree=2)
     mesh = image_mesh(path, spec, report)
-    of = {group.name: group.members for group in mesh.groups if group.dim == 3}
+    regions = {group.name: group.members for group in mesh.groups if group.dim == 3}
     normals, middles, areas = _geometry(mesh.points, mesh.facets)
-    at_wall, at_cavity = (_cell_behind(mesh, of[name]) for name in (WALL, CAVITY))
-    is_inner = (at_wall >= 0) & (at_cavity >= 0)
-    is_opening, is_outer = (at_cavity >= 0) & ~is_inner, (at_wall >= 0) & ~is_inner
-    for cells, facets in ((at_wall, is_outer), (at_cavity, is_opening)):  # outwards
-        inside = mesh.points[mesh.cells[cells[facets]]].mean(axis=1)
-        wrong = np.einsum("ij,ij->i", normals[facets], middles[facets] - inside) < 0
+    wall_cell, cavity_cell = (_cell_behind(mesh, regions[name]) for name in (WALL, CAVITY))
+    is_inner = (wall_cell >= 0) & (cavity_cell >= 0)
+    is_opening, is_outer = (cavity_cell >= 0) & ~is_inner, (wall_cell >= 0) & ~is_inner
+    for cells, facets in ((wall_cell, is_outer), (cavity_cell, is_opening)):  # outwards
+        cell_middles = mesh.points[mesh.cells[cells[facets]]].mean(axis=1)
+        wrong = np.einsum("ij,ij->i", normals[facets], middles[facets] - cell_middles) < 0
         normals[np.flatnonzero(facets)[wrong]] *= -1
     openings = _pieces(mesh.facets, np.flatnonzero(is_opening), areas)
     if not is_inner.any() or len(openings) != len(ends):
@@ -65,14 +65,14 @@ def hollow_wall_mesh(
     if len(ends) > 2:
         largest = max(order, key=lambda number: float(areas[openings[number]].sum()))
         order.sort(key=lambda number: number != largest)
-    is_end, found = np.zeros(len(areas), dtype=bool), list[tuple[str, Ints]]()
+    is_end, surfaces = np.zeros(len(areas), dtype=bool), list[tuple[str, Ints]]()
     for number in order:
         members = openings[number]
         axis = np.average(normals[members], axis=0, weights=areas[members])
         axis /= np.linalg.norm(axis)
         height = (middles - weighted[number]) @ axis
-        near = is_outer & (normals @ axis > _FACING) & (np.abs(height) < _REACH * size)
-        is_end |= near
+        is_close = is_outer & (normals @ axis > _FACING) & (np.abs(height) < _REACH * size)
+        is_end |= is_close
     # Edges between the wall's ends and the cavity are rounded, so that some facets face elsewhere.
     lateral = _pieces(mesh.facets, np.flatnonzero(is_outer & ~is_end), areas)
     is_end |= is_outer & ~np.isin(np.arange(len(areas)), max(lateral, key=len, default=[]))
@@ -83,9 +83,9 @@ def hollow_wall_mesh(
                 f"{path}: the wall has no end around the opening '{name}' of the cavity",
                 "Let the labels of wall and cavity end at the same plane.",
             )
-        found.append((name, members))
-    found += [(inner, np.flatnonzero(is_inner)), (outer, np.flatnonzero(is_outer & ~is_end))]
-    return _only(mesh, of[WALL], found)
+        surfaces.append((name, members))
+    surfaces += [(inner, np.flatnonzero(is_inner)), (outer, np.flatnonzero(is_outer & ~is_end))]
+    return _only(mesh, regions[WALL], surfaces)
 
 
 def opening_error(path: Path, count: int, needed: str) -> MeshError:
@@ -140,9 +140,9 @@ def _geometry(points: Floats, facets: Ints) -> tuple[Floats, Floats, Floats]:
 
 def _cell_behind(mesh: MeshSource, cells: Ints) -> Ints:
     """Return the one of these cells that each facet of the mesh belongs to, or -1."""
-    table = FacetTable.of(mesh.kind, mesh.cells[cells, :4])
+    table = FacetTable.build(mesh.kind, mesh.cells[cells, :4])
     owner = np.full(len(table.vertices) + 1, -1)  # the last entry is that of facets of other cells
-    owner[table.of_cell] = cells[:, None]
+    owner[table.cell_facets] = cells[:, None]
     return np.asarray(owner[table.find(mesh.facets[:, :3])])
 
 

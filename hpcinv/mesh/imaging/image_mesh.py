@@ -18,10 +18,10 @@ from hpcinv.mesh.imaging.curved_cells import SmoothBoundary, curved, mirrored
 from hpcinv.mesh.imaging.given_surface import GivenSurface
 from hpcinv.mesh.imaging.label_boundary import GOOD, ROUGH, Memberships, smoothed
 from hpcinv.mesh.imaging.label_image import Bools, LabelImage, read_labels
-from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of, without_outside
+from hpcinv.mesh.imaging.lattice import Lattice, drop_outside, interfaces, lattice_of
 from hpcinv.mesh.imaging.mesh_report import report_mesh, report_sizes
 from hpcinv.mesh.imaging.packages import package
-from hpcinv.mesh.imaging.specks import check_extent, check_thickness, without_lost_parts, without_specks
+from hpcinv.mesh.imaging.specks import check_extent, check_thickness, remove_specks, represented_volumes
 from hpcinv.mesh.imaging.surroundings import OUTSIDE, Names, surroundings
 from hpcinv.mesh.imaging.wall_sizes import WallSizes, wall_sizes
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
@@ -88,7 +88,7 @@ def image_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None]) -> Mes
     extent = (high - low) * image.spacing
     check_extent(path, extent, spec.size, fits=float(np.prod(extent / spec.size)) <= _MOST_FIT)
     check_thickness(image, report)
-    image = without_specks(image, spec.size, report)
+    image = remove_specks(image, spec.size, report)
     volumes = [image.volume(label) for label in range(1, len(spec.labels) + 1)]
     mesh = _meshed(image, spec, volumes, _WITHIN, report)
     return replace(mesh, voxel=float(image.spacing.prod() ** (1 / 3)))
@@ -125,7 +125,7 @@ def _meshed(
         x, y, z = image.positions(crossing[:1] + first * image.spacing)[0]
         report(f"{len(crossing)} facets of the surface cross others, such as at ({x:.4g}, {y:.4g}, {z:.4g}) m")
     facets, pairs = interfaces(cells.cells, cells.labels)
-    is_cut = _at_border(points, facets, first, image)
+    is_cut = _is_at_border(points, facets, first, image)
     reach = max(_NEXT * float(image.spacing.max()), _FINE * cubes.sizes.size)
     names = surroundings(points, facets, pairs, image, first, reach)
     mesh = MeshSource(
@@ -176,18 +176,18 @@ def _cubes(
     memberships = Memberships(voxels, len(labels), image.spacing, 0.5 * resolved)
     spacing = min(resolved, max(smooth, voxel))
     axes, begin = _middles(voxels.shape, image.spacing, spacing)
-    found = np.stack([memberships.likeliest(x, *axes[1:]) for x in axes[0]])
-    if lost := [name for i, name in enumerate(labels, start=1) if not (found == i).any()]:
+    cube_labels = np.stack([memberships.likeliest(x, *axes[1:]) for x in axes[0]])
+    if lost := [name for i, name in enumerate(labels, start=1) if not (cube_labels == i).any()]:
         raise MeshError(
             f"{path}: the label '{lost[0]}' is too small or thin for cells of {readable(size, 'm')}",
             "Use smaller ones.",
         )
-    volumes = without_lost_parts(
-        image, found, (begin + 0.5 * spacing) / image.spacing + first, spacing, volumes, report
+    volumes = represented_volumes(
+        image, cube_labels, (begin + 0.5 * spacing) / image.spacing + first, spacing, volumes, report
     )
-    found, begin = np.pad(found, 1), begin - spacing  # with room for cells around the body
+    cube_labels, begin = np.pad(cube_labels, 1), begin - spacing  # with room for cells around the body
     tolerance *= float(image.spacing.min())
-    return _Cubes(path, found, begin, spacing, memberships, sizes, volumes, tolerance), first
+    return _Cubes(path, cube_labels, begin, spacing, memberships, sizes, volumes, tolerance), first
 
 
 def _cells(cubes: _Cubes, report: Callable[[str], None]) -> tuple[Lattice, Floats, Floats, float]:
@@ -197,18 +197,18 @@ def _cells(cubes: _Cubes, report: Callable[[str], None]) -> tuple[Lattice, Float
         The cells; their points (n, 3) on smooth boundaries; the middles of facets that cross others, if that could not
         be avoided; and the scaled Jacobian below which no cell became worse.
     """
-    outside = np.zeros(cubes.labels.shape, dtype=bool)
+    outer_cells = np.zeros(cubes.labels.shape, dtype=bool)
     filled, why = cells_between_surfaces(cubes.labels, cubes.begin, cubes.spacing, cubes.memberships, cubes.sizes)
     if why:
         report(f"{why}: meshed from a lattice, which takes longer")
-    for beside in (*_REACHES, 0):
+    for reach in (*_REACHES, 0):
         lattice = filled
         if lattice is None:
-            lattice = lattice_of(cubes.labels, cubes.spacing, (cubes.labels > 0) | outside)
+            lattice = lattice_of(cubes.labels, cubes.spacing, (cubes.labels > 0) | outer_cells)
             lattice = replace(lattice, points=lattice.points + cubes.begin)
         for least in (GOOD, ROUGH):  # volumes are worth more than shapes of a few cells
             passes = 1 if lattice is filled else _PASSES
-            fitted, points = without_outside(*_fitted(lattice, cubes, least, passes))
+            fitted, points = drop_outside(*_fitted(lattice, cubes, least, passes))
             error = max(map(abs, _volume_errors(points, fitted, cubes.volumes)))
             if error < 0.5 * _RIGHT:
                 break
@@ -219,9 +219,9 @@ def _cells(cubes: _Cubes, report: Callable[[str], None]) -> tuple[Lattice, Float
             report(f"smooth surfaces {why}: meshed from a lattice, which takes longer")
             if not len(crossing):
                 continue
-        if not len(crossing) or not beside:
+        if not len(crossing) or not reach:
             break
-        outside |= _cells_outside(cubes.labels, ((crossing - cubes.begin) / cubes.spacing).astype(int), beside)
+        outer_cells |= _cells_outside(cubes.labels, ((crossing - cubes.begin) / cubes.spacing).astype(int), reach)
     return fitted, points, crossing, least
 
 
@@ -241,18 +241,18 @@ def _crossing(points: Floats, facets: Ints, pairs: Ints) -> Floats:
     return np.asarray(surface.nodes[list(find_overlap(surface).facets)].mean(axis=1))
 
 
-def _cells_outside(found: Ints, places: Ints, reach: int) -> Bools:
+def _cells_outside(labels: Ints, places: Ints, reach: int) -> Bools:
     """Cells (as those of ``found``) beside the body in narrow gaps, and up to ``reach`` cells from ``places`` (n, 3).
 
     There, they keep apart surfaces that face each other, and the surface from folding over: a cell between would be
     turned inside out.
     """
-    body, cube = found > 0, np.ones((3, 3, 3))
-    around = ndimage.binary_dilation(body, cube)
-    near = ndimage.binary_closing(np.pad(body, 3), cube, iterations=_GAPS)[3:-3, 3:-3, 3:-3]
+    body, cube = labels > 0, np.ones((3, 3, 3))
+    shell = ndimage.binary_dilation(body, cube)
+    gaps = ndimage.binary_closing(np.pad(body, 3), cube, iterations=_GAPS)[3:-3, 3:-3, 3:-3]
     for place in places:
-        near[tuple(slice(max(i - reach, 0), i + reach + 1) for i in place)] = True
-    return np.asarray(near & around & ~body)
+        gaps[tuple(slice(max(i - reach, 0), i + reach + 1) for i in place)] = True
+    return np.asarray(gaps & shell & ~body)
 
 
 def _box(image: LabelImage) -> tuple[Ints, Ints]:
@@ -265,8 +265,8 @@ def _cropped(image: LabelImage) -> tuple[Ints, Ints]:
     """Voxels of the labels with a margin of three of the outside, and the place of the first of them in the image."""
     margin = 3
     low, high = _box(image)
-    inside = image.voxels[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
-    return np.pad(inside, margin), low - margin
+    box_voxels = image.voxels[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+    return np.pad(box_voxels, margin), low - margin
 
 
 def _middles(shape: tuple[int, ...], voxel: Floats, spacing: float) -> tuple[list[Floats], Floats]:
@@ -287,7 +287,7 @@ def _remeshed(lattice: Lattice, cubes: _Cubes) -> Lattice:
     mesh.set_vertices(lattice.points * scale)
     mesh.set_tetrahedra(lattice.cells.astype(np.int32), refs=lattice.labels + 1)  # 0 is none to MMG
     if sizes.is_graded:
-        mesh.set_field("metric", sizes.at(lattice.points)[:, None] * scale)
+        mesh.set_field("metric", sizes.interpolate(lattice.points)[:, None] * scale)
     least = min(sizes.least * scale, _UNIFORM)
     options: dict[str, Any] = {"hmax": 1.0, "hmin": least, "hausd": cubes.tolerance * scale, "hgrad": 1.5}
     try:
@@ -295,15 +295,15 @@ def _remeshed(lattice: Lattice, cubes: _Cubes) -> Lattice:
             mesh.remesh(**options, ar=60.0, verbose=-1)
     except RuntimeError as error:
         raise MeshError(f"{cubes.path}: MMG could not mesh it: {error}", "Try another mesh.size.") from error
-    found, of = mesh.get_tetrahedra_with_refs()[:2]
-    cells, labels = np.asarray(found, dtype=np.int64), np.asarray(of, dtype=np.int64) - 1
+    tetrahedra, references = mesh.get_tetrahedra_with_refs()[:2]
+    cells, labels = np.asarray(tetrahedra, dtype=np.int64), np.asarray(references, dtype=np.int64) - 1
     return Lattice(np.asarray(mesh.get_vertices()) / scale, cells, labels)
 
 
 def _volume_errors(points: Floats, cells: Lattice, volumes: Sequence[float]) -> list[float]:
     """Relative errors of the volumes of the labels' cells with their nodes at some points."""
-    found = np.bincount(cells.labels, cells.volumes(points), minlength=len(volumes) + 1)[1:]
-    return [float(one / volume - 1) for one, volume in zip(found, volumes, strict=True)]
+    cell_volumes = np.bincount(cells.labels, cells.volumes(points), minlength=len(volumes) + 1)[1:]
+    return [float(cell_volume / volume - 1) for cell_volume, volume in zip(cell_volumes, volumes, strict=True)]
 
 
 def _tell_volumes(
@@ -321,30 +321,30 @@ def _tell_volumes(
         report(f"{name}: {readable(volume, 'm^3')}, {error:+.2%} in the mesh{note}")
 
 
-def _at_border(points: Floats, facets: Ints, first: Ints, image: LabelImage) -> Bools:
+def _is_at_border(points: Floats, facets: Ints, first: Ints, image: LabelImage) -> Bools:
     """Return whether facets lie where the image ends: within a voxel of its last middles, and along it."""
     corners = points[facets]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-300
     middles = corners.mean(axis=1) / image.spacing + first  # in voxels
     last = np.array(image.voxels.shape) - 1
-    found = np.zeros((len(facets), 3), dtype=bool)
+    is_border = np.zeros((len(facets), 3), dtype=bool)
     low, high = _box(image)
     for is_cut, depth in ((low == 0, middles), (high == last + 1, last - middles)):
-        found |= is_cut & ((depth < -0.2) | ((depth < 1) & (np.abs(normals) > 0.5)))
-    return np.asarray(found.any(axis=1))
+        is_border |= is_cut & ((depth < -0.2) | ((depth < 1) & (np.abs(normals) > 0.5)))
+    return np.asarray(is_border.any(axis=1))
 
 
-def _groups(names: Sequence[str], of: Ints, pairs: Ints, is_cut: Bools, outside: Names) -> tuple[Group, ...]:
+def _groups(names: Sequence[str], labels: Ints, pairs: Ints, is_cut: Bools, neighbours: Names) -> tuple[Group, ...]:
     """Regions of cells and facets."""
-    found = [Group(name, 3, i, np.flatnonzero(of == i)) for i, name in enumerate(names, start=1)]
+    groups = [Group(name, 3, i, np.flatnonzero(labels == i)) for i, name in enumerate(names, start=1)]
     tag = len(names)
     for low, high in np.unique(pairs, axis=0):
-        between = (pairs == (low, high)).all(axis=1) & ~is_cut
-        for other in [names[low - 1]] if low else sorted(set(outside[between]), key=lambda name: name != OUTSIDE):
-            members = np.flatnonzero(between if low else between & (outside == other))
+        is_between = (pairs == (low, high)).all(axis=1) & ~is_cut
+        for other in [names[low - 1]] if low else sorted(set(neighbours[is_between]), key=lambda name: name != OUTSIDE):
+            members = np.flatnonzero(is_between if low else is_between & (neighbours == other))
             tag += 1
             name = f"{names[high - 1]}|{other}" if low == 0 else f"{other}|{names[high - 1]}"
-            found += [Group(name, 2, tag, members)] if len(members) else []
+            groups += [Group(name, 2, tag, members)] if len(members) else []
     cut = np.flatnonzero(is_cut)
-    return (*found, *([Group(CUT, 2, tag + 1, cut)] if len(cut) else []))
+    return (*groups, *([Group(CUT, 2, tag + 1, cut)] if len(cut) else []))

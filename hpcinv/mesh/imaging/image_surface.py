@@ -32,8 +32,8 @@ def image_surface(path: Path, labels: Sequence[int], unit: float) -> pyvista.Pol
     image = read_labels(path, {"body": labels} if labels else None, unit)
     places = np.argwhere(image.voxels)
     low, high = places.min(axis=0), places.max(axis=0) + 1
-    inside = np.pad(image.voxels[tuple(map(slice, low, high))] > 0, _MARGIN)
-    field = ndimage.gaussian_filter(inside.astype(np.float32), _SMOOTH)
+    mask = np.pad(image.voxels[tuple(map(slice, low, high))] > 0, _MARGIN)
+    field = ndimage.gaussian_filter(mask.astype(np.float32), _SMOOTH)
     volume = image.volume(1) / float(image.spacing.prod())
     least, most = 0.02, 0.98
     for _ in range(_STEPS):

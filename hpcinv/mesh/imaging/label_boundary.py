@@ -32,7 +32,7 @@ class Memberships:
             ndimage.gaussian_filter((voxels == label).astype(np.float32), sigma) for label in range(count + 1)
         ]
 
-    def at(self, points: Floats) -> Floats:
+    def evaluate(self, points: Floats) -> Floats:
         """Memberships (labels, n) at points (n, 3) in m from the first voxel's middle."""
         places = (points / self.spacing).T
         return np.array([ndimage.map_coordinates(f, places, order=1, mode="nearest") for f in self._fields])
@@ -40,30 +40,36 @@ class Memberships:
     def likeliest(self, x: float, y: Floats, z: Floats) -> Ints:
         """The label (ny, nz) of the largest membership in the plane ``x``, at coordinates ``y`` and ``z``."""
         points = np.stack(np.meshgrid([x], y, z, indexing="ij"), axis=-1)
-        return np.asarray(self.at(points.reshape(-1, 3)).argmax(axis=0).reshape(len(y), len(z)))
+        return np.asarray(self.evaluate(points.reshape(-1, 3)).argmax(axis=0).reshape(len(y), len(z)))
 
-    def difference(self, points: Floats, one: Ints, other: Ints) -> Floats:
+    def difference(self, points: Floats, lower: Ints, upper: Ints) -> Floats:
         """Membership of label ``one`` less that of ``other``, for each point."""
-        found, rows = self.at(points), np.arange(len(points))
-        return np.asarray(found[one, rows] - found[other, rows])
+        memberships, rows = self.evaluate(points), np.arange(len(points))
+        return np.asarray(memberships[lower, rows] - memberships[upper, rows])
 
-    def nearest(self, points: Floats, one: Ints, other: Ints, reach: float) -> tuple[Floats, Floats]:
+    def nearest(self, points: Floats, lower: Ints, upper: Ints, reach: float) -> tuple[Floats, Floats]:
         """Points (n, 3) near to the given ones where two labels are equally likely, and normals (n, 3) from ``other``
         into ``one``.
 
         Args:
             reach: largest distance (m) from the given points.
         """
-        at, steps = points, 0.25 * reach * np.eye(3)
+        boundary_points, steps = points, 0.25 * reach * np.eye(3)
         for _ in range(_STEPS):
             slope = np.stack(
-                [self.difference(at + step, one, other) - self.difference(at - step, one, other) for step in steps],
+                [
+                    self.difference(boundary_points + step, lower, upper)
+                    - self.difference(boundary_points - step, lower, upper)
+                    for step in steps
+                ],
                 axis=1,
             ) / (0.5 * reach)
             size = np.linalg.norm(slope, axis=1) + 1e-12 / reach
-            distance = np.clip(self.difference(at, one, other) / size, -reach, reach)
-            at = within(points, at - 0.8 * distance[:, None] * slope / size[:, None], reach)
-        return at, slope / size[:, None]
+            distance = np.clip(self.difference(boundary_points, lower, upper) / size, -reach, reach)
+            boundary_points = limit_steps(
+                points, boundary_points - 0.8 * distance[:, None] * slope / size[:, None], reach
+            )
+        return boundary_points, slope / size[:, None]
 
 
 def smoothed(
@@ -78,20 +84,20 @@ def smoothed(
     """
     facets, pairs = interfaces(lattice.cells, lattice.labels)
     count, reach = len(volumes) + 1, 0.6 * spacing
-    nodes, one, other = between_two(facets, pairs, len(lattice.points), count)
-    on_boundary, normals = memberships.nearest(lattice.points[nodes], one, other, reach)
+    nodes, lower, upper = two_label_nodes(facets, pairs, len(lattice.points), count)
+    boundary_points, normals = memberships.nearest(lattice.points[nodes], lower, upper, reach)
     outward, moved = np.zeros(count), lattice.points
     for _ in range(_ROUNDS):
         target = lattice.points.copy()
-        shifted = on_boundary + shift(outward, one, other)[:, None] * normals
-        target[nodes] = within(lattice.points[nodes], shifted, reach)
+        shifted = boundary_points + shift(outward, lower, upper)[:, None] * normals
+        target[nodes] = limit_steps(lattice.points[nodes], shifted, reach)
         moved, _ = held_back(lattice, nodes, target, least)
-        found = np.bincount(lattice.labels, lattice.volumes(moved), minlength=count)[1:]
-        outward += growth(np.array(volumes) - found, moved, facets, pairs, 0.25 * spacing)
+        label_volumes = np.bincount(lattice.labels, lattice.volumes(moved), minlength=count)[1:]
+        outward += growth(np.array(volumes) - label_volumes, moved, facets, pairs, 0.25 * spacing)
     return moved
 
 
-def between_two(facets: Ints, pairs: Ints, points: int, count: int) -> tuple[Ints, Ints, Ints]:
+def two_label_nodes(facets: Ints, pairs: Ints, points: int, count: int) -> tuple[Ints, Ints, Ints]:
     """Nodes between two labels, and the smaller and the larger one of these labels; where three meet, nodes stay.
 
     Args:
@@ -107,20 +113,20 @@ def between_two(facets: Ints, pairs: Ints, points: int, count: int) -> tuple[Int
     return nodes, touches[nodes].argmax(axis=1), count - 1 - touches[nodes][:, ::-1].argmax(axis=1)
 
 
-def shift(outward: Floats, one: Ints, other: Ints) -> Floats:
+def shift(outward: Floats, lower: Ints, upper: Ints) -> Floats:
     """Distance of boundaries into label ``one`` where labels grow ``outward`` (m), of which 0 is the outside."""
-    return np.where(one == 0, outward[other], 0.5 * (outward[other] - outward[one]))
+    return np.where(lower == 0, outward[upper], 0.5 * (outward[upper] - outward[lower]))
 
 
 def growth(missing: Floats, points: Floats, facets: Ints, pairs: Ints, most: float) -> Floats:
     """Distances (labels,) by which labels must grow to gain ``missing`` volumes (m³), at most by ``most`` (m)."""
-    areas, found = _areas(points, facets), np.zeros(len(missing) + 1)
-    for label in range(1, len(found)):
-        to_outside = (pairs[:, 0] == 0) & (pairs[:, 1] == label)
-        to_others = (pairs == label).any(axis=1) & ~to_outside
-        area = areas[to_outside].sum() + 0.5 * areas[to_others].sum()
-        found[label] = np.clip(missing[label - 1] / area, -most, most)
-    return found
+    areas, distances = _areas(points, facets), np.zeros(len(missing) + 1)
+    for label in range(1, len(distances)):
+        is_outer = (pairs[:, 0] == 0) & (pairs[:, 1] == label)
+        is_inner = (pairs == label).any(axis=1) & ~is_outer
+        area = areas[is_outer].sum() + 0.5 * areas[is_inner].sum()
+        distances[label] = np.clip(missing[label - 1] / area, -most, most)
+    return distances
 
 
 def held_back(lattice: Lattice, nodes: Ints, target: Floats, least: float) -> tuple[Floats, Floats]:
@@ -142,7 +148,7 @@ def held_back(lattice: Lattice, nodes: Ints, target: Floats, least: float) -> tu
     return lattice.points, np.zeros(len(target))
 
 
-def within(start: Floats, end: Floats, reach: float) -> Floats:
+def limit_steps(start: Floats, end: Floats, reach: float) -> Floats:
     """Points on the way from ``start`` to ``end``, at most ``reach`` (m) from the start."""
     step = end - start
     length = np.linalg.norm(step, axis=1)

@@ -77,24 +77,26 @@ def read_labels(
     """
     grid = read_voxels(path)
     numbers = grid.numbers
-    around = neighbours or {}
+    surrounding = neighbours or {}
     if labels is None:
         labels = {"body": grid.labels[grid.labels != 0].tolist()}
-    if none := [name for name, of in {**labels, **around}.items() if not of]:
+    if none := [name for name, members in {**labels, **surrounding}.items() if not members]:
         text = f"{path}: the region '{none[0]}' has no label; the labels in the image are {described(grid, unit)}"
         raise MeshError(text, "Name the numbers of its voxels.")
-    labels, around = _numbered(path, labels, grid.names), _numbered(path, around, grid.names)
+    labels, surrounding = _numbered(path, labels, grid.names), _numbered(path, surrounding, grid.names)
     voxels = np.zeros(numbers.shape, dtype=np.int16)
-    for name, of in {**labels, **around}.items():
-        if missing := [number for number in of if number not in grid.labels]:
+    for name, members in {**labels, **surrounding}.items():
+        if missing := [number for number in members if number not in grid.labels]:
             raise MeshError(
                 f"{path}: no voxel has the label {missing[0]} ('{name}'); the labels in it are {described(grid, unit)}",
                 "Correct 'labels' in the job's section 'mesh'.",
             )
-    for index, of in enumerate(labels.values(), start=1):
+    for index, members in enumerate(labels.values(), start=1):
         for part, labelled in zip(numbers, voxels, strict=True):
-            labelled[np.isin(part, list(of))] = index
-    masks = {name: np.array([np.isin(part, list(of)) for part in numbers]) for name, of in around.items()}
+            labelled[np.isin(part, list(members))] = index
+    masks = {
+        name: np.array([np.isin(part, list(members)) for part in numbers]) for name, members in surrounding.items()
+    }
     turn = frame_of(orientation)
     told = f" in {orientation} (x, y, z to {', '.join(_ENDS[letter] for letter in orientation)})"
     origin, axes = turn @ grid.origin * unit, turn @ grid.axes
@@ -137,9 +139,11 @@ def _numbered(
     path: Path, labels: Mapping[str, Sequence[int | str]], names: Mapping[str, int]
 ) -> dict[str, Sequence[int]]:
     """The labels with numbers in place of names of segments."""
-    for name in (name for of in labels.values() for name in of if isinstance(name, str)):
+    for name in (name for members in labels.values() for name in members if isinstance(name, str)):
         if not names:
             raise MeshError(f"{path}: has numbers and no names as '{name}'", "Names are those of DICOM segmentations.")
         if name not in names:
             raise MeshError(f"{path}: has no segment '{name}'.{did_you_mean(name, names)}")
-    return {key: [names[name] if isinstance(name, str) else name for name in of] for key, of in labels.items()}
+    return {
+        key: [names[name] if isinstance(name, str) else name for name in members] for key, members in labels.items()
+    }

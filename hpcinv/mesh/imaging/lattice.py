@@ -49,7 +49,7 @@ def lattice_of(labels: Ints, spacing: float, chosen: npt.NDArray[np.bool_]) -> L
     """
     shape = np.array(labels.shape) + 1
     number = np.arange(shape.prod()).reshape(shape)
-    corners, of = np.argwhere(chosen), labels[chosen]
+    corners, cell_labels = np.argwhere(chosen), labels[chosen]
     cells = []
     for order in permutations(range(3)):
         here, chain = corners.copy(), [number[tuple(corners.T)]]
@@ -60,14 +60,14 @@ def lattice_of(labels: Ints, spacing: float, chosen: npt.NDArray[np.bool_]) -> L
         cells.append(np.stack([chain[i] for i in ((0, 1, 2, 3) if is_even else (0, 2, 1, 3))], axis=1))
     used, compact = np.unique(np.concatenate(cells), return_inverse=True)
     points: Floats = spacing * np.stack(np.unravel_index(used, tuple(shape)), axis=1).astype(np.float64)
-    return Lattice(points, compact.reshape(-1, 4).astype(np.int64), np.tile(of, 6))
+    return Lattice(points, compact.reshape(-1, 4).astype(np.int64), np.tile(cell_labels, 6))
 
 
-def without_outside(lattice: Lattice, points: Floats) -> tuple[Lattice, Floats]:
+def drop_outside(lattice: Lattice, points: Floats) -> tuple[Lattice, Floats]:
     """Return the cells with a label and their nodes, also at other ``points``."""
-    inside = lattice.labels > 0
-    used, rows = np.unique(lattice.cells[inside], return_inverse=True)
-    kept = Lattice(lattice.points[used], rows.reshape(-1, 4).astype(np.int64), lattice.labels[inside])
+    is_labelled = lattice.labels > 0
+    used, rows = np.unique(lattice.cells[is_labelled], return_inverse=True)
+    kept = Lattice(lattice.points[used], rows.reshape(-1, 4).astype(np.int64), lattice.labels[is_labelled])
     return kept, points[used]
 
 
@@ -78,14 +78,14 @@ OUTWARD = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
 def interfaces(cells: Ints, labels: Ints) -> tuple[Ints, Ints]:
     """Facets (n, 3) between different labels, and the two labels of each (n, 2), the smaller one first."""
     facets = np.concatenate([cells[:, side] for side in OUTWARD])
-    of = np.tile(labels, 4)
+    facet_labels = np.tile(labels, 4)
     key = np.sort(facets, axis=1)
     order = np.lexsort(key.T[::-1])
     key = key[order]
     first = np.flatnonzero(np.concatenate([[True], (key[1:] != key[:-1]).any(axis=1)]))
     count = np.diff(np.append(first, len(key)))
-    one, last = of[order][first], of[order][np.minimum(first + 1, len(key) - 1)]
+    label, last = facet_labels[order][first], facet_labels[order][np.minimum(first + 1, len(key) - 1)]
     other = np.where(count == 2, last, 0)
-    differ = one != other
-    pairs = np.stack([np.minimum(one, other), np.maximum(one, other)], axis=1)[differ]
+    differ = label != other
+    pairs = np.stack([np.minimum(label, other), np.maximum(label, other)], axis=1)[differ]
     return facets[order][first][differ], pairs

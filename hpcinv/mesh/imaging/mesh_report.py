@@ -56,5 +56,5 @@ def report_sizes(source: MeshSource, sizes: WallSizes, report: Callable[[str], N
 
 def _parts(source: MeshSource) -> int:
     """Number of parts of a body that share no facet."""
-    table = FacetTable.of(source.kind, source.cells[:, :4])
-    return int(connected(table.of_cell, len(table.vertices)).max()) + 1
+    table = FacetTable.build(source.kind, source.cells[:, :4])
+    return int(connected(table.cell_facets, len(table.vertices)).max()) + 1

@@ -62,18 +62,18 @@ def check_thickness(image: LabelImage, report: Callable[[str], None]) -> None:
             report(f"{told}, whose thickness is uncertain")
 
 
-def without_specks(image: LabelImage, size: float, report: Callable[[str], None]) -> LabelImage:
+def remove_specks(image: LabelImage, size: float, report: Callable[[str], None]) -> LabelImage:
     """The image without small parts that touch no other and without holes below the size of a cell, which are reported.
 
     Raises:
         MeshError: islands are a good part of a label.
     """
-    return _without_holes(_without_islands(image, report), size, report)
+    return _fill_holes(_remove_islands(image, report), size, report)
 
 
-def without_lost_parts(
+def represented_volumes(
     image: LabelImage,
-    found: Ints,
+    cell_labels: Ints,
     first: Floats,
     spacing: float,
     volumes: Sequence[float],
@@ -93,11 +93,11 @@ def without_lost_parts(
         if count < 2:
             continue
         sizes = np.bincount(parts.ravel(), minlength=count + 1)
-        near = ndimage.grey_dilation(parts, size=(3, 3, 3))  # cells may lie a voxel beside a part
-        places = np.rint(first + np.argwhere(found == label) * spacing / image.spacing).astype(int)
+        neighbourhood = ndimage.grey_dilation(parts, size=(3, 3, 3))  # cells may lie a voxel beside a part
+        places = np.rint(first + np.argwhere(cell_labels == label) * spacing / image.spacing).astype(int)
         places = np.clip(places, 0, np.array(image.voxels.shape) - 1)
         lost = np.ones(count + 1, dtype=bool)
-        lost[[0, *np.unique(near[tuple(places.T)]), *np.unique(parts[tuple(places.T)])]] = False
+        lost[[0, *np.unique(neighbourhood[tuple(places.T)]), *np.unique(parts[tuple(places.T)])]] = False
         if lost.any():
             share = float(sizes[lost].sum() / sizes[1:].sum())
             if share > _ISLANDS:
@@ -111,7 +111,7 @@ def without_lost_parts(
     return kept
 
 
-def _without_islands(image: LabelImage, report: Callable[[str], None]) -> LabelImage:
+def _remove_islands(image: LabelImage, report: Callable[[str], None]) -> LabelImage:
     parts, count = ndimage.label(image.voxels > 0)
     if count < 2:
         return image
@@ -136,10 +136,10 @@ def _without_islands(image: LabelImage, report: Callable[[str], None]) -> LabelI
     return replace(image, voxels=voxels)
 
 
-def _without_holes(image: LabelImage, size: float, report: Callable[[str], None]) -> LabelImage:
+def _fill_holes(image: LabelImage, size: float, report: Callable[[str], None]) -> LabelImage:
     """Holes below the size of a cell belong to the label around them."""
-    around = np.pad(image.voxels == 0, 1, constant_values=True)  # holes that reach the border are none
-    parts, count = ndimage.label(around)
+    background = np.pad(image.voxels == 0, 1, constant_values=True)  # holes that reach the border are none
+    parts, count = ndimage.label(background)
     sizes = np.bincount(parts.ravel(), minlength=count + 1)
     small = sizes * image.spacing.prod() < size**3
     small[[0, parts[0, 0, 0]]] = False

@@ -34,27 +34,27 @@ def surroundings(points: Floats, facets: Ints, pairs: Ints, image: LabelImage, f
     surface = np.flatnonzero(pairs[:, 0] == 0)
     # Facets of the cells in which they were found first are turned outwards.
     corners = points[facets[surface]]
-    below = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
-    number = shells(facets[surface], below)
+    volumes = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    number = shells(facets[surface], volumes)
     for cavity in range(1, int(number.max(initial=0)) + 1):
         names[surface[number == cavity]] = CAVITY if cavity == 1 else f"{CAVITY}-{cavity}"
     if not image.neighbours:
         return names
     middles, normals = corners.mean(axis=1), _normals(points, facets[surface])
-    found = _neighbours(middles, normals, image, list(image.neighbours.values()), first, reach)
+    neighbours = _neighbours(middles, normals, image, list(image.neighbours.values()), first, reach)
     for i, name in enumerate(image.neighbours):
-        if not (found == i).any():
+        if not (neighbours == i).any():
             masks = {label: image.numbers == label for label in np.unique(image.numbers[image.voxels == 0]) if label}
-            at = _neighbours(middles, normals, image, list(masks.values()), first, reach)
-            shares = {label: np.count_nonzero(at == i) / len(at) for i, label in enumerate(masks)}
+            label_numbers = _neighbours(middles, normals, image, list(masks.values()), first, reach)
+            shares = {label: np.count_nonzero(label_numbers == i) / len(label_numbers) for i, label in enumerate(masks)}
             there = sorted((label for label in masks if shares[label]), key=lambda label: -shares[label])
-            beside = ", ".join(f"{label} (at {shares[label]:.0%} of its surface)" for label in there)
+            alternatives = ", ".join(f"{label} (at {shares[label]:.0%} of its surface)" for label in there)
             raise MeshError(
                 f"{image.path}: the neighbour '{name}' is nowhere next to the body (within {readable(reach, 'm')});"
-                f" labels next to it: {beside or 'none'}",
+                f" labels next to it: {alternatives or 'none'}",
                 "Is its number right?",
             )
-        names[surface[found == i]] = name
+        names[surface[neighbours == i]] = name
     return names
 
 
@@ -72,17 +72,17 @@ def _neighbours(
     middles: Floats, normals: Floats, image: LabelImage, masks: Sequence[Bools], first: Ints, reach: float
 ) -> Ints:
     """Return the number of the first mask along each normal; -1 if there is none before the body begins again."""
-    found, last = np.full(len(middles), -1), np.array(image.voxels.shape) - 1
+    mask_numbers, last = np.full(len(middles), -1), np.array(image.voxels.shape) - 1
     is_open, has_left = np.ones((2, len(middles)), dtype=bool)
     has_left[:] = False
     step = _STEP * float(image.spacing.min())
     for distance in np.arange(0, reach + step, step):
         places = np.rint((middles + distance * normals) / image.spacing + first).astype(int)
-        at = tuple(np.clip(places, 0, last).T)
-        is_body = image.voxels[at] > 0
+        voxels = tuple(np.clip(places, 0, last).T)
+        is_body = image.voxels[voxels] > 0
         is_open &= ~(has_left & is_body)
         has_left |= ~is_body
         for i, mask in enumerate(masks):
-            found[is_open & mask[at]] = i
-        is_open &= found < 0
-    return found
+            mask_numbers[is_open & mask[voxels]] = i
+        is_open &= mask_numbers < 0
+    return mask_numbers

@@ -56,12 +56,12 @@ class WallSizes:
         """Thickness (m) below which a twentieth of the boundary is."""
         return float(np.quantile(self.thickness, 0.05)) if len(self.thickness) else np.inf
 
-    def at(self, points: Floats) -> Floats:
+    def interpolate(self, points: Floats) -> Floats:
         """Sizes (n,) in m at points (n, 3): half of the thickness of the wall, and growing away from its surface."""
         if not self.is_graded:
             return np.full(len(points), self.size)
-        distance, near = KDTree(self.points).query(points, k=3)
-        sizes = np.clip(0.5 * self.thickness, self.floor, self.size)[near] + _GROWTH * distance
+        distance, neighbours = KDTree(self.points).query(points, k=3)
+        sizes = np.clip(0.5 * self.thickness, self.floor, self.size)[neighbours] + _GROWTH * distance
         return np.asarray(np.minimum(sizes.min(axis=1), self.size))
 
 
@@ -76,34 +76,34 @@ def wall_sizes(voxels: Ints, spacing: Floats, count: int, size: float, ratio: fl
         ratio: of the largest size and the smallest one; by default at most 4, with four times as many cells at most.
     """
     memberships = Memberships(voxels, count, spacing, _SMOOTH * float(spacing.min()))
-    points, one, other, area = _samples(voxels, spacing)
-    points, normals = memberships.nearest(points, one, other, float(spacing.min()))
-    found = [
+    points, lower, upper, area = _samples(voxels, spacing)
+    points, normals = memberships.nearest(points, lower, upper, float(spacing.min()))
+    rays = [
         (
             points[rows],
             _thickness(memberships, points[rows], turn * normals[rows], label[rows], size, spacing),
             area[rows],
         )
-        for label, turn in ((one, 1.0), (other, -1.0))
+        for label, turn in ((lower, 1.0), (upper, -1.0))
         for rows in [np.flatnonzero(label > 0)]
     ]
-    at, thickness, areas = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    _, near = KDTree(at).query(at, k=min(_NEAR, len(at)))
-    thickness = np.median(thickness[near.reshape(len(at), -1)], axis=1)
+    ray_points, thickness, areas = (np.concatenate(parts) for parts in zip(*rays, strict=True))
+    _, neighbours = KDTree(ray_points).query(ray_points, k=min(_NEAR, len(ray_points)))
+    thickness = np.median(thickness[neighbours.reshape(len(ray_points), -1)], axis=1)
     floor = size / ratio if ratio else _floor(thickness, areas, size, float(np.count_nonzero(voxels) * spacing.prod()))
-    return WallSizes(size, floor, floor if ratio else min(floor, _LEAST * size), thickness, at)
+    return WallSizes(size, floor, floor if ratio else min(floor, _LEAST * size), thickness, ray_points)
 
 
 def _samples(voxels: Ints, spacing: Floats) -> tuple[Floats, Ints, Ints, Floats]:
     """Middles of faces between voxels of different labels (n, 3), the smaller and the larger label, and areas (m²)."""
     places, pairs, areas = list[Floats](), list[Ints](), list[Floats]()
     for axis in range(3):
-        behind = tuple(slice(1, None) if i == axis else slice(None) for i in range(3))
-        before = tuple(slice(None, -1) if i == axis else slice(None) for i in range(3))
-        at = np.argwhere(voxels[before] != voxels[behind])
-        pairs.append(np.stack([voxels[before][tuple(at.T)], voxels[behind][tuple(at.T)]], axis=1))
-        places.append((at + 0.5 * np.eye(3)[axis]) * spacing)
-        areas.append(np.full(len(at), _FACES * float(np.delete(spacing, axis).prod())))
+        next_voxels = tuple(slice(1, None) if i == axis else slice(None) for i in range(3))
+        last_voxels = tuple(slice(None, -1) if i == axis else slice(None) for i in range(3))
+        faces = np.argwhere(voxels[last_voxels] != voxels[next_voxels])
+        pairs.append(np.stack([voxels[last_voxels][tuple(faces.T)], voxels[next_voxels][tuple(faces.T)]], axis=1))
+        places.append((faces + 0.5 * np.eye(3)[axis]) * spacing)
+        areas.append(np.full(len(faces), _FACES * float(np.delete(spacing, axis).prod())))
     points, pair, area = np.concatenate(places), np.concatenate(pairs), np.concatenate(areas)
     if len(points) > _MOST_SAMPLES:
         chosen = np.random.default_rng(0).choice(len(points), _MOST_SAMPLES, replace=False)
@@ -120,13 +120,13 @@ def _thickness(
     length, rows = np.full(len(points), steps * step), np.arange(len(points))
     depth = np.zeros(len(points))  # how much likelier the label is than all others
     for i in range(1, steps + 1):
-        belongs = memberships.at(points[rows] + i * step * directions[rows])
+        belongs = memberships.evaluate(points[rows] + i * step * directions[rows])
         own = belongs[label[rows], np.arange(len(rows))].copy()
         belongs[label[rows], np.arange(len(rows))] = -np.inf
         now = own - belongs.max(axis=0)
         left = now < 0
-        before = np.maximum(depth[rows[left]], 0)
-        length[rows[left]] = step * (i - 1 + before / (before - now[left]))
+        last_depth = np.maximum(depth[rows[left]], 0)
+        length[rows[left]] = step * (i - 1 + last_depth / (last_depth - now[left]))
         depth[rows] = now
         rows = rows[~left]
         if not len(rows):
@@ -141,7 +141,7 @@ def _floor(thickness: Floats, areas: Floats, size: float, volume: float) -> floa
     for ratio in np.linspace(_RATIO, 1.0, 13):
         sizes = np.clip(0.5 * thickness, size / ratio, size)
         flat = np.minimum(0.5 * thickness, size)
-        before = rest + float(np.sum(deep / (size**2 * flat)))
-        if rest + float(np.sum(deep / (sizes**2 * np.minimum(flat, sizes)))) <= _MORE * before:
+        uniform_count = rest + float(np.sum(deep / (size**2 * flat)))
+        if rest + float(np.sum(deep / (sizes**2 * np.minimum(flat, sizes)))) <= _MORE * uniform_count:
             break
     return float(size / ratio)

@@ -34,32 +34,34 @@ def cad_surface(gmsh: Any, kind: str, degree: int) -> CadSurface | None:
     if not surfaces or wants_straight or any(gmsh.model.getType(*s).startswith("Discrete") for s in surfaces):
         return None
     mesh, facet = gmsh.model.mesh, FACET_KIND[kind]
-    at = scalar_element(facet, 2 * degree).points
-    shapes, straight = (scalar_element(facet, d).tabulate(0, at)[0, :, :, 0] for d in (degree, 1))
-    given = [_facets(gmsh, tag, ElementType.of(gmsh, facet, degree)) for _, tag in surfaces]
+    reference_nodes = scalar_element(facet, 2 * degree).points
+    shapes, straight = (scalar_element(facet, d).tabulate(0, reference_nodes)[0, :, :, 0] for d in (degree, 1))
+    given = [_facets(gmsh, tag, ElementType.query(gmsh, facet, degree)) for _, tag in surfaces]
     mesh.setOrder(1)  # numbers the nodes anew; nodes of degree 2 may have no parameters
-    vertices, nodes = [np.zeros((0, straight.shape[1]), np.int64)], [np.zeros((0, len(at), 3))]
-    for (_, tag), (on, points) in zip(surfaces, given, strict=True):
-        if not len(on):
+    vertices, nodes = [np.zeros((0, straight.shape[1]), np.int64)], [np.zeros((0, len(reference_nodes), 3))]
+    for (_, tag), (facet_nodes, points) in zip(surfaces, given, strict=True):
+        if not len(facet_nodes):
             continue
-        corners, places = _facets(gmsh, tag, ElementType.of(gmsh, facet, 1))
+        corners, places = _facets(gmsh, tag, ElementType.query(gmsh, facet, 1))
         try:
             tags, _, parameters = mesh.getNodes(2, tag, True, True)
         except Exception:  # gmsh raises nothing narrower
             return None
         if not np.array_equal(places, points[:, : corners.shape[1]]) or len(parameters) != 2 * len(tags):
             return None
-        vertices.append(on[:, : corners.shape[1]])
+        vertices.append(facet_nodes[:, : corners.shape[1]])
         nodes.append(_closest(gmsh, tag, shapes, straight, points, parameters.reshape(-1, 2)[_rows(tags, corners)]))
     return CadSurface(2 * degree, np.concatenate(vertices), np.concatenate(nodes))
 
 
 def _facets(gmsh: Any, entity: int, element: ElementType) -> tuple[Ints, Floats]:
     """Tags (f, n) and coordinates (f, n, 3) of the nodes of all facets of a surface, in the node order of DOLFINx."""
-    found = gmsh.model.mesh.getElementsByType(element.code, entity)[1].astype(np.int64)
-    on = found.reshape(-1, element.size)[:, element.order]
+    node_tags = gmsh.model.mesh.getElementsByType(element.code, entity)[1].astype(np.int64)
+    facet_nodes = node_tags.reshape(-1, element.size)[:, element.order]
     tags, coordinates, _ = gmsh.model.mesh.getNodes(2, entity, True, False)
-    return on, coordinates.reshape(-1, 3)[_rows(tags, on)] if len(on) else np.zeros((0, element.size, 3))
+    return facet_nodes, coordinates.reshape(-1, 3)[_rows(tags, facet_nodes)] if len(facet_nodes) else np.zeros(
+        (0, element.size, 3)
+    )
 
 
 def _rows(tags: Any, wanted: Ints) -> Ints:
@@ -83,24 +85,24 @@ def _closest(gmsh: Any, entity: int, shapes: Floats, straight: Floats, given: Fl
     new = np.abs(shapes).max(axis=1) < 1 - 1e-9
     wanted, uv = (shapes[new] @ given).reshape(-1, 3), (straight[new] @ parameters).reshape(-1, 2)
     size = np.repeat(np.linalg.norm(np.ptp(given, axis=1), axis=1), new.sum())
-    found = surface(uv)
-    far = np.linalg.norm(wanted - found, axis=1) > _NEAR * size
+    closest = surface(uv)
+    far = np.linalg.norm(wanted - closest, axis=1) > _NEAR * size
     facet = np.flatnonzero(far) // new.sum()
     nearest = np.linalg.norm(given[facet, : parameters.shape[1]] - wanted[far, None], axis=2).argmin(axis=1)
     uv[far] = parameters[facet, nearest]
-    found[far] = surface(uv[far])
+    closest[far] = surface(uv[far])
     left = np.arange(len(uv))
     for _ in range(_STEPS):
         if not len(left):
             break
         tangents = np.reshape(gmsh.model.getDerivative(2, entity, uv[left].ravel()), (-1, 2, 3)).swapaxes(1, 2)
-        step = np.linalg.pinv(tangents) @ (wanted - found)[left, :, None]
+        step = np.linalg.pinv(tangents) @ (wanted - closest)[left, :, None]
         uv[left] += step[..., 0]
-        found[left] = surface(uv[left])
+        closest[left] = surface(uv[left])
         left = left[~(np.linalg.norm((tangents @ step)[..., 0], axis=1) <= _SMALL * size[left])]
-    lost = np.union1d(left, np.flatnonzero(~(np.linalg.norm(wanted - found, axis=1) <= size)))
+    lost = np.union1d(left, np.flatnonzero(~(np.linalg.norm(wanted - closest, axis=1) <= size)))
     if len(lost):
-        found[lost] = np.reshape(gmsh.model.getClosestPoint(2, entity, wanted[lost].ravel())[0], (-1, 3))
+        closest[lost] = np.reshape(gmsh.model.getClosestPoint(2, entity, wanted[lost].ravel())[0], (-1, 3))
     nodes = shapes @ given
-    nodes[:, new] = found.reshape(len(given), -1, 3)
+    nodes[:, new] = closest.reshape(len(given), -1, 3)
     return nodes

@@ -18,18 +18,18 @@ _SCRIPTS = (".geo", ".geo_unrolled", ".pro")
 @contextmanager
 def noted_files(gmsh: Any) -> Iterator[None]:
     """Context in which gmsh's functions note the files that they read (`hpcinv.files.inputs.note_input`)."""
-    before: list[tuple[Any, str, Callable[..., Any]]] = []
+    originals: list[tuple[Any, str, Callable[..., Any]]] = []
     try:
         for *path, name in _READERS:
             owner = gmsh
             for part in path:
                 owner = getattr(owner, part)
             function = getattr(owner, name)
-            before.append((owner, name, function))
+            originals.append((owner, name, function))
             setattr(owner, name, _noting(function))
         yield
     finally:
-        for owner, name, function in before:
+        for owner, name, function in originals:
             setattr(owner, name, function)
 
 

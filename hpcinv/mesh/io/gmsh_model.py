@@ -15,7 +15,7 @@ import numpy as np
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.cells import FACET_KIND, degree_of, node_order
 from hpcinv.mesh.io.length_unit import store_unit
-from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, Place, data_arrays, with_distinct_tags
+from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, Place, data_arrays, distinct_tags
 from hpcinv.parallel.signals import ended_by_signals, handlers_kept
 
 DIMENSION_NAMES = {0: "point", 1: "curve", 2: "surface", 3: "volume"}
@@ -78,7 +78,7 @@ class ElementType:
     back: Ints
 
     @classmethod
-    def of(cls, gmsh: Any, kind: str, degree: int) -> Self:
+    def query(cls, gmsh: Any, kind: str, degree: int) -> Self:
         """gmsh's complete Lagrange element of this degree."""
         code = gmsh.model.mesh.getElementType(GMSH_NAMES[kind], degree)
         _, dim, _, size, reference, _ = gmsh.model.mesh.getElementProperties(code)
@@ -96,8 +96,8 @@ def extract(gmsh: Any, path: Path) -> MeshSource:
     tags, coordinates, _ = mesh.getNodes()
     node_tags, first = np.unique(tags.astype(np.int64), return_index=True)
     kind, degree = _solid(gmsh, path)
-    cell_tags, cells, volumes = _elements(gmsh, path, 3, ElementType.of(gmsh, kind, degree))
-    _, facets, surfaces = _elements(gmsh, path, 2, ElementType.of(gmsh, FACET_KIND[kind], degree))
+    cell_tags, cells, volumes = _elements(gmsh, path, 3, ElementType.query(gmsh, kind, degree))
+    _, facets, surfaces = _elements(gmsh, path, 2, ElementType.query(gmsh, FACET_KIND[kind], degree))
     return MeshSource(
         path=path,
         kind=kind,
@@ -114,18 +114,18 @@ def extract(gmsh: Any, path: Path) -> MeshSource:
 
 def _solid(gmsh: Any, path: Path) -> tuple[str, int]:
     """Kind and degree of the solid elements of the model, which must be of one type."""
-    found = [gmsh.model.mesh.getElementProperties(t) for t in gmsh.model.mesh.getElementTypes(3)]
-    if not found:
+    types = [gmsh.model.mesh.getElementProperties(t) for t in gmsh.model.mesh.getElementTypes(3)]
+    if not types:
         raise MeshError(
             f"{path}: no solid cells",
             "Mesh the volume, not only its surface, with tetrahedra or hexahedra (gmsh: model.mesh.generate(3)).",
         )
     kinds = {gmsh_name: kind for kind, gmsh_name in GMSH_NAMES.items()}
-    name, _, _, size, *_ = found[0]
+    name, _, _, size, *_ = types[0]
     kind = kinds.get(name.split()[0])
-    if len(found) > 1 or kind is None:
+    if len(types) > 1 or kind is None:
         raise MeshError(
-            f"{path}: cells are {' and '.join(sorted(name for name, *_ in found))}",
+            f"{path}: cells are {' and '.join(sorted(name for name, *_ in types))}",
             "Use one kind of cell in a mesh: all tetrahedra or all hexahedra, all of one degree.",
         )
     return kind, degree_of(path, kind, size)
@@ -138,18 +138,18 @@ def _elements(gmsh: Any, path: Path, dim: int, element: ElementType) -> tuple[In
     for _, entity in gmsh.model.getEntities(dim):
         label = label_of.get(int(entity), 0)
         if dim == 3 or label:
-            found, on = gmsh.model.mesh.getElementsByType(element.code, entity)
-            tags.append(found.astype(np.int64))
-            nodes.append(on.astype(np.int64).reshape(-1, element.size)[:, element.order])
-            labels += [label] * len(found)
+            element_tags, element_nodes = gmsh.model.mesh.getElementsByType(element.code, entity)
+            tags.append(element_tags.astype(np.int64))
+            nodes.append(element_nodes.astype(np.int64).reshape(-1, element.size)[:, element.order])
+            labels += [label] * len(element_tags)
     tag = np.concatenate(tags)
-    by_tag = np.argsort(tag, kind="stable")
-    label_by_tag = np.array(labels, dtype=np.int64)[by_tag]
+    tag_order = np.argsort(tag, kind="stable")
+    label_by_tag = np.array(labels, dtype=np.int64)[tag_order]
     groups = [
         Group(_group_name(gmsh, dim, t), dim, int(t), np.flatnonzero(label_by_tag == t))
         for _, t in gmsh.model.getPhysicalGroups(dim)
     ]
-    return tag[by_tag], np.concatenate(nodes)[by_tag], groups
+    return tag[tag_order], np.concatenate(nodes)[tag_order], groups
 
 
 def _labels(gmsh: Any, path: Path, dim: int) -> dict[int, int]:
@@ -205,7 +205,7 @@ def _storable(source: MeshSource) -> MeshSource:
         source,
         node_tags=tags(source.node_tags),
         cell_tags=tags(source.cell_tags),
-        groups=with_distinct_tags(groups),
+        groups=distinct_tags(groups),
     )
 
 
@@ -215,12 +215,12 @@ def _written_in_full(path: Path) -> Iterator[None]:
 
     gmsh itself reports no failure of a write.
     """
-    before = path.stat().st_size if path.exists() else 0
+    size_before = path.stat().st_size if path.exists() else 0
     yield
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(size - 40, 0))
-        if size == before or re.search(rb"\$End\w+\s*$", file.read()) is None:
+        if size == size_before or re.search(rb"\$End\w+\s*$", file.read()) is None:
             raise OSError(f"only {size:,} bytes were written")
 
 
@@ -233,7 +233,7 @@ def _add_mesh(gmsh: Any, source: MeshSource, points: Floats) -> None:
         (3, source.kind, source.cell_tags, source.cells),
         (2, FACET_KIND[source.kind], facet_tags, source.facets),
     ):
-        element = ElementType.of(gmsh, kind, source.degree)
+        element = ElementType.query(gmsh, kind, source.degree)
         grouped = np.zeros(len(nodes), dtype=bool)
         groups = [g for g in source.groups if g.dim == dim]
         for group in groups:
@@ -245,8 +245,8 @@ def _add_mesh(gmsh: Any, source: MeshSource, points: Floats) -> None:
             if not home:  # all nodes belong to one entity; elements of other entities refer to them by tag
                 home = entity
                 model.mesh.addNodes(dim, home, source.node_tags, points.ravel())
-            on = source.node_tags[nodes[group.members][:, element.back]]
-            model.mesh.addElementsByType(entity, element.code, tags[group.members], on.ravel())
+            node_tags = source.node_tags[nodes[group.members][:, element.back]]
+            model.mesh.addElementsByType(entity, element.code, tags[group.members], node_tags.ravel())
             if group.tag:
                 model.addPhysicalGroup(dim, [entity], group.tag, group.name)
 
@@ -266,28 +266,28 @@ def _matched(gmsh: Any, source: MeshSource) -> Iterator[tuple[str, Place, Floats
         kind, tags, values, _, components = gmsh.view.getHomogeneousModelData(view, last)
         if kind not in PLACES:
             continue
-        on = PLACES[kind]
-        rows = np.searchsorted(known[on], tags.astype(np.int64)).clip(max=len(known[on]) - 1)
-        found = known[on][rows] == tags
-        if found.any():
-            result = np.full((len(known[on]), components), np.nan)
-            result[rows[found]] = values.reshape(-1, components)[found]
-            yield gmsh.view.option.getString(view, "Name"), on, result
+        place = PLACES[kind]
+        rows = np.searchsorted(known[place], tags.astype(np.int64)).clip(max=len(known[place]) - 1)
+        is_known = known[place][rows] == tags
+        if is_known.any():
+            result = np.full((len(known[place]), components), np.nan)
+            result[rows[is_known]] = values.reshape(-1, components)[is_known]
+            yield gmsh.view.option.getString(view, "Name"), place, result
 
 
 def write_views(gmsh: Any, path: Path, source: MeshSource) -> None:
     """Append the data of ``source``, whose mesh is gmsh's current model, to the MSH file at ``path``."""
     gmsh.option.setNumber("PostProcessing.SaveMesh", 0)
     tags = {"nodes": source.node_tags, "cells": source.cell_tags}
-    kinds = {on: kind for kind, on in PLACES.items()}
+    kinds = {place: kind for kind, place in PLACES.items()}
     for name, array in source.data.items():
         view = gmsh.view.add(name)
         gmsh.view.addHomogeneousModelData(
             view,
             0,
             gmsh.model.getCurrent(),
-            kinds[array.on],
-            tags[array.on],
+            kinds[array.place],
+            tags[array.place],
             array.values.ravel(),
             numComponents=array.values.shape[1],
         )
@@ -305,7 +305,7 @@ def metis(corners: Ints, kind: str, parts: int) -> Ints:
         gmsh.option.setNumber("Mesh.MetisAlgorithm", 1)  # recursive bisection: sizes differ by about one cell
         mesh = gmsh.model.mesh
         nodes = int(corners.max()) + 1
-        element = ElementType.of(gmsh, kind, 1)
+        element = ElementType.query(gmsh, kind, 1)
         entity = gmsh.model.addDiscreteEntity(3)
         mesh.addNodes(3, entity, np.arange(1, nodes + 1), np.zeros(3 * nodes))  # METIS needs no coordinates
         mesh.addElementsByType(

@@ -26,8 +26,8 @@ def stored_unit(gmsh: Any) -> float | None:
     """The unit (m) that the MSH file of gmsh's current model states, or ``None``."""
     if _SECTION not in gmsh.model.getAttributeNames():
         return None
-    found = filter(None, map(_FOUND.fullmatch, map(str.strip, gmsh.model.getAttribute(_SECTION))))
-    return next((as_unit(match[1]) for match in found), None)
+    matches = filter(None, map(_FOUND.fullmatch, map(str.strip, gmsh.model.getAttribute(_SECTION))))
+    return next((as_unit(match[1]) for match in matches), None)
 
 
 def as_unit(value: str | float) -> float | None:
@@ -42,12 +42,12 @@ def as_unit(value: str | float) -> float | None:
 def check_unit(path: Path, stated: float | None, unit: float) -> None:
     """Raise ``MeshError`` if a file states another unit (m) than the job does."""
     if stated is not None and not math.isclose(stated, unit, rel_tol=1e-12):
-        in_file, given = length_symbol(stated), length_symbol(unit)
+        file_symbol, given = length_symbol(stated), length_symbol(unit)
         default = ", which is the default" if unit == 1.0 else ""
         raise MeshError(
-            f"{path}: the file states that its coordinates are in {in_file}, but the unit given for it is {given}"
+            f"{path}: the file states that its coordinates are in {file_symbol}, but the unit given for it is {given}"
             f"{default}",
-            f"Write 'unit: {in_file}' next to the file's name (mesh.unit, expected_shape.unit, or --unit). If the"
+            f"Write 'unit: {file_symbol}' next to the file's name (mesh.unit, expected_shape.unit, or --unit). If the"
             " coordinates were scaled since, remove the statement: in .msh the section $Comments, in .vtu the field"
             " array.",
         )

@@ -12,7 +12,7 @@ from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.io.isolated import read_isolated
 from hpcinv.mesh.io.length_unit import FIELD, as_unit
 from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
-from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, data_arrays, with_distinct_tags
+from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, data_arrays, distinct_tags
 from hpcinv.parallel.runtime import MPI
 
 VTK_TYPES = {
@@ -54,8 +54,8 @@ def read_vtu(path: Path) -> MeshSource:
     for name in arrays:
         if name.startswith(f"cells:{REGION}"):
             marks = _whole_numbers(path, name.removeprefix("cells:"), arrays[name], len(types))
-            for dim, of in rows.items():
-                values = marks[of]
+            for dim, part in rows.items():
+                values = marks[part]
                 members = np.flatnonzero(values)
                 if len(members):
                     short = name.removeprefix(f"cells:{REGION}")
@@ -93,10 +93,10 @@ def _whole_numbers(path: Path, name: str, values: npt.NDArray[Any], count: int) 
 def _data(arrays: Mapping[str, npt.NDArray[Any]], solids: Ints) -> Iterator[tuple[str, Place, npt.NDArray[np.generic]]]:
     """Data arrays: those without a special meaning here or for VTK; rows of cells for the ``solids`` only."""
     for key, values in arrays.items():
-        on, _, name = key.partition(":")
-        if on == "nodes" and name != NODE_TAG and not name.startswith(OF_VTK):
+        place, _, name = key.partition(":")
+        if place == "nodes" and name != NODE_TAG and not name.startswith(OF_VTK):
             yield name, "nodes", values
-        elif on == "cells" and name != CELL_TAG and not name.startswith((OF_VTK, REGION)):
+        elif place == "cells" and name != CELL_TAG and not name.startswith((OF_VTK, REGION)):
             yield name, "cells", values[solids]
 
 
@@ -137,7 +137,7 @@ def _named(facets: Ints, groups: list[Group]) -> tuple[Ints, tuple[Group, ...]]:
     """Facets that are in a group, and the groups with indices of these."""
     named = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(g.members for g in groups if g.dim == 2)]))
     kept = [g if g.dim == 3 else Group(g.name, 2, g.tag, np.searchsorted(named, g.members)) for g in groups]
-    return facets[named], with_distinct_tags(kept)
+    return facets[named], distinct_tags(kept)
 
 
 def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
@@ -150,26 +150,26 @@ def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
         (nodes[:, np.argsort(vtk_order(kind, source.degree))], VTK_TYPES[kind][source.degree - 1])
         for kind, nodes in ((source.kind, source.cells), (FACET_KIND[source.kind], source.facets))
     ]
-    at_nodes: dict[str, npt.NDArray[Any]] = {}
-    in_cells: dict[str, npt.NDArray[Any]] = {}
+    node_arrays: dict[str, npt.NDArray[Any]] = {}
+    cell_arrays: dict[str, npt.NDArray[Any]] = {}
     for name, data in source.data.items():  # before the arrays below, which replace data arrays of the same name
-        if data.on == "nodes":
-            at_nodes[name] = data.values
+        if data.place == "nodes":
+            node_arrays[name] = data.values
         else:
-            on_facets = np.full((len(source.facets), data.values.shape[1]), np.nan)
-            in_cells[name] = np.concatenate([data.values, on_facets])
-    at_nodes[NODE_TAG] = source.node_tags
-    beyond = source.cell_tags.max() + 1 + np.arange(len(source.facets))
-    in_cells[CELL_TAG] = np.concatenate([source.cell_tags, beyond])
+            facet_values = np.full((len(source.facets), data.values.shape[1]), np.nan)
+            cell_arrays[name] = np.concatenate([data.values, facet_values])
+    node_arrays[NODE_TAG] = source.node_tags
+    facet_tags = source.cell_tags.max() + 1 + np.arange(len(source.facets))
+    cell_arrays[CELL_TAG] = np.concatenate([source.cell_tags, facet_tags])
     for group in source.groups:
-        marks = in_cells.setdefault(REGION + group.name, np.zeros(len(in_cells[CELL_TAG]), dtype=np.int32))
+        marks = cell_arrays.setdefault(REGION + group.name, np.zeros(len(cell_arrays[CELL_TAG]), dtype=np.int32))
         marks[group.members + (0 if group.dim == 3 else len(source.cells))] = group.tag
     error = write_vtu(
         path,
         MPI.COMM_SELF,
         Grid(points, cells),
-        [Array(name, values) for name, values in at_nodes.items()],
-        [Array(name, values) for name, values in in_cells.items()],
+        [Array(name, values) for name, values in node_arrays.items()],
+        [Array(name, values) for name, values in cell_arrays.items()],
         {FIELD: source.unit or 1.0},
     )
     if error is not None:

@@ -43,8 +43,8 @@ def write_vtu(
     path: Path,
     comm: MPI.Intracomm,
     grid: Grid,
-    at_nodes: Sequence[Array],
-    in_cells: Sequence[Array],
+    node_arrays: Sequence[Array],
+    cell_arrays: Sequence[Array],
     numbers: Mapping[str, float] = MappingProxyType({}),
 ) -> OSError | None:
     """Write a file; collective.
@@ -64,8 +64,8 @@ def write_vtu(
         Array("types", np.concatenate([np.full(len(nodes), kind, dtype=np.uint8) for nodes, kind in grid.cells])),
     ]
     places = {
-        "PointData": at_nodes,
-        "CellData": in_cells,
+        "PointData": node_arrays,
+        "CellData": cell_arrays,
         "Points": [Array("points", grid.points.astype(np.float64))],
         "Cells": structure,
     }

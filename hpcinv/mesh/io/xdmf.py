@@ -48,14 +48,14 @@ def read_xdmf(path: Path) -> MeshSource:
     for grid in grids:
         marker = whole if grid is mesh else grid.find("Attribute[@Center='Cell']")
         values = None if marker is None else marker.find("DataItem")
-        on, entities = _topology(path, grid)
-        if values is None or on not in (kind, FACET_KIND[kind]):
+        entity_kind, entities = _topology(path, grid)
+        if values is None or entity_kind not in (kind, FACET_KIND[kind]):
             continue
-        if degree_of(path, on, entities.shape[1]) != degree:
+        if degree_of(path, entity_kind, entities.shape[1]) != degree:
             raise MeshError(
                 f"{path}: tags and mesh are of different degree", "Write the tags with the mesh's geometry."
             )
-        if on == kind:
+        if entity_kind == kind:
             rows = find_rows(np.sort(entities, axis=1), np.sort(cells, axis=1))
         else:
             rows = np.arange(len(entities)) + sum(map(len, facets))
@@ -70,13 +70,15 @@ def read_xdmf(path: Path) -> MeshSource:
             raise MeshError(
                 f"{path}: '{name}' has {len(tags)} tags for {len(entities)} entities", "Is the file complete?"
             )
-        if on == kind and (rows < 0).any():
+        if entity_kind == kind and (rows < 0).any():
             raise MeshError(f"{path}: '{name}' has cells that are not in the mesh", "Write the tags with this mesh.")
         for value in np.unique(tags):
-            groups.append(Group(f"{name}-{int(value)}", 3 if on == kind else 2, len(groups) + 1, rows[tags == value]))
+            groups.append(
+                Group(f"{name}-{int(value)}", 3 if entity_kind == kind else 2, len(groups) + 1, rows[tags == value])
+            )
     cell_tags, node_tags = np.arange(1, len(cells) + 1), np.arange(1, len(points) + 1)
-    of_functions = [g for g in root.findall("Domain/Grid/Grid") if g.find("Topology") is None]
-    attributes = [a for g in (mesh, *of_functions) for a in g.findall("Attribute") if a is not whole]
+    function_grids = [g for g in root.findall("Domain/Grid/Grid") if g.find("Topology") is None]
+    attributes = [a for g in (mesh, *function_grids) for a in g.findall("Attribute") if a is not whole]
     return MeshSource(
         path,
         kind,
@@ -98,13 +100,13 @@ def _is_tags(path: Path, attribute: ET.Element, cells: int) -> bool:
 
 def _arrays(path: Path, attributes: list[ET.Element], sizes: Mapping[Place, int]) -> dict[str, DataArray]:
     """Attributes with a row for each node or cell."""
-    found = {
+    items = {
         (a.get("Name", ""), PLACES[center]): a.find("DataItem")
         for a in attributes
         if (center := a.get("Center", "Node")) in PLACES
     }
-    values = ((name, on, _data(path, item)) for (name, on), item in found.items())
-    return data_arrays((name, on, rows) for name, on, rows in values if rows.ndim and len(rows) == sizes[on])
+    values = ((name, place, _data(path, item)) for (name, place), item in items.items())
+    return data_arrays((name, place, rows) for name, place, rows in values if rows.ndim and len(rows) == sizes[place])
 
 
 def _topology(path: Path, grid: ET.Element) -> tuple[str, Ints]:
@@ -142,14 +144,14 @@ def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
         import h5py  # here, since few runs need it
 
         with h5py.File(file_of) as file:
-            found = file[dataset]
-            if not isinstance(found, h5py.Dataset) or found.dtype.kind not in "iuf":
+            stored = file[dataset]
+            if not isinstance(stored, h5py.Dataset) or stored.dtype.kind not in "iuf":
                 raise MeshError(f"{path}: {text[:80]} is not an array of numbers", "Write the mesh again.")
-            if found.size * found.dtype.itemsize > MOST_COMPRESSED * file_of.stat().st_size:
+            if stored.size * stored.dtype.itemsize > MOST_COMPRESSED * file_of.stat().st_size:
                 raise MeshError(
                     f"{path}: {text[:80]} has a shape that is too large for the file", "Write the mesh again."
                 )
-            return np.asarray(found)
+            return np.asarray(stored)
     except (OSError, KeyError, RuntimeError, ValueError, TypeError) as exc:
         reason = str(exc).partition(", flags =")[0]
         raise MeshError(f"{path}: {text[:80]} cannot be read: {reason}", "Is the .h5 file complete?") from exc

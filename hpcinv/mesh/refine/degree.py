@@ -11,7 +11,7 @@ from hpcinv.mesh.topology import find_rows, unique_rows, vertex_sets
 CHUNK = 50_000
 
 
-def of_degree(source: MeshSource, degree: int) -> MeshSource:
+def change_degree(source: MeshSource, degree: int) -> MeshSource:
     """The same mesh with a geometry of another degree; remaining nodes keep their tags, new ones follow."""
     if degree == source.degree:
         return source
@@ -20,9 +20,11 @@ def of_degree(source: MeshSource, degree: int) -> MeshSource:
 
 def lowered(source: MeshSource) -> MeshSource:
     """The mesh with its vertices only, of degree 1."""
-    vertices, of_facet = vertex_count(source.kind), vertex_count(FACET_KIND[source.kind])
-    flat = dataclasses.replace(source, degree=1, cells=source.cells[:, :vertices], facets=source.facets[:, :of_facet])
-    return flat.without_unused_nodes()
+    vertices, facet_vertices = vertex_count(source.kind), vertex_count(FACET_KIND[source.kind])
+    flat = dataclasses.replace(
+        source, degree=1, cells=source.cells[:, :vertices], facets=source.facets[:, :facet_vertices]
+    )
+    return flat.drop_unused_nodes()
 
 
 def raised(source: MeshSource) -> MeshSource:
@@ -32,10 +34,10 @@ def raised(source: MeshSource) -> MeshSource:
     """
     vertices: Floats = scalar_element(source.kind, 1).points
     cells = np.arange(len(source.cells))
-    return with_inner_nodes(source, source, cells, np.broadcast_to(vertices, (len(cells), *vertices.shape)))
+    return add_inner_nodes(source, source, cells, np.broadcast_to(vertices, (len(cells), *vertices.shape)))
 
 
-def with_inner_nodes(mesh: MeshSource, parents: MeshSource, parent: Ints, at: Floats) -> MeshSource:
+def add_inner_nodes(mesh: MeshSource, parents: MeshSource, parent: Ints, corners: Floats) -> MeshSource:
     """``mesh``, which has vertices only, with degree 2; its new nodes are mapped by the geometry of ``parents``.
 
     Args:
@@ -45,7 +47,7 @@ def with_inner_nodes(mesh: MeshSource, parents: MeshSource, parent: Ints, at: Fl
         at: reference coordinates (m, k, 3) of the vertices of each cell in its parent.
     """
     kind, facet_kind = mesh.kind, FACET_KIND[mesh.kind]
-    cells, facets = with_room(kind, mesh.cells), with_room(facet_kind, mesh.facets)
+    cells, facets = pad_entities(kind, mesh.cells), pad_entities(facet_kind, mesh.facets)
     count = len(parents.points)
     found_in, places = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
     for dim in (1, 2, 3):
@@ -59,25 +61,25 @@ def with_inner_nodes(mesh: MeshSource, parents: MeshSource, parent: Ints, at: Fl
         count += int(np.count_nonzero(new))
         cells[:, dofs] = middle[place].reshape(-1, len(dofs))
         if dim < 3 and len(facets):
-            on_facet = inner_dofs(facet_kind, dim)
-            found = find_rows(vertex_sets(mesh.facets, sub_entities(facet_kind, dim)), sets)
+            facet_dofs = inner_dofs(facet_kind, dim)
+            set_rows = find_rows(vertex_sets(mesh.facets, sub_entities(facet_kind, dim)), sets)
             # -1 for an edge of no cell: the check of facets reports it.
-            facets[:, on_facet] = np.where(found < 0, -1, middle[found]).reshape(-1, len(on_facet))
-        one = np.empty(len(sets), dtype=np.int64)
-        one[place] = np.arange(len(place))  # any one of the cells that share it
-        cell, entity = np.divmod(one[new], len(local))
+            facets[:, facet_dofs] = np.where(set_rows < 0, -1, middle[set_rows]).reshape(-1, len(facet_dofs))
+        owner = np.empty(len(sets), dtype=np.int64)
+        owner[place] = np.arange(len(place))  # any one of the cells that share it
+        cell, entity = np.divmod(owner[new], len(local))
         found_in.append(parent[cell])
-        places.append(at[cell[:, None], local[entity]].mean(axis=1))
-    of_new, at_new = np.concatenate(found_in), np.concatenate(places)
+        places.append(corners[cell[:, None], local[entity]].mean(axis=1))
+    new_cells, new_points = np.concatenate(found_in), np.concatenate(places)
 
     def filled(values: Floats) -> Floats:
-        return np.concatenate([values, mapped(parents, values, of_new, at_new)])
+        return np.concatenate([values, mapped(parents, values, new_cells, new_points)])
 
     return dataclasses.replace(
         mesh,
         degree=2,
         points=filled(parents.points),
-        node_tags=np.concatenate([parents.node_tags, parents.node_tags.max() + 1 + np.arange(len(of_new))]),
+        node_tags=np.concatenate([parents.node_tags, parents.node_tags.max() + 1 + np.arange(len(new_cells))]),
         cells=cells,
         facets=facets,
         data=mesh.nodal_data(filled),
@@ -95,7 +97,7 @@ def _middles(fine: MeshSource, dim: int, sets: Ints) -> Ints:
     return middle[find_rows(sets, old)]
 
 
-def mapped(source: MeshSource, values: Floats, cell: Ints, at: Floats) -> Floats:
+def mapped(source: MeshSource, values: Floats, cell: Ints, reference_points: Floats) -> Floats:
     """Nodal ``values`` (n, c) at reference coordinates ``at`` (m, 3) of the cells ``cell`` (m,).
 
     If all nodes of an edge or a face have the same value, its points have exactly that value too, so that conditions
@@ -105,7 +107,7 @@ def mapped(source: MeshSource, values: Floats, cell: Ints, at: Floats) -> Floats
     result = np.empty((len(cell), values.shape[1]))
     for start in range(0, len(cell), CHUNK):
         part = slice(start, start + CHUNK)
-        shapes: Floats = element.tabulate(0, at[part])[0, :, :, 0]
+        shapes: Floats = element.tabulate(0, reference_points[part])[0, :, :, 0]
         shapes[np.abs(shapes) < 1e-14] = 0.0
         nodal = values[source.cells[cell[part]]]
         first = nodal[np.arange(len(shapes)), np.abs(shapes).argmax(axis=1)]
@@ -118,7 +120,7 @@ def inner_dofs(kind: str, dim: int) -> Ints:
     return np.array(scalar_element(kind, 2).entity_dofs[dim], dtype=np.int64).ravel()
 
 
-def with_room(kind: str, entities: Ints) -> Ints:
+def pad_entities(kind: str, entities: Ints) -> Ints:
     """Node array of degree 2 with the vertices of ``entities``, -1 for the other nodes."""
     wide = np.full((len(entities), scalar_element(kind, 2).dim), -1, dtype=np.int64)
     wide[:, : entities.shape[1]] = entities

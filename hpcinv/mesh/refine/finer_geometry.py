@@ -55,7 +55,7 @@ class FinerGeometry:
     source: MeshSource | None = None
 
 
-def of_file(source: MeshSource, read: Callable[[], MeshSource]) -> FinerGeometry:
+def file_geometry(source: MeshSource, read: Callable[[], MeshSource]) -> FinerGeometry:
     """Geometry of a mesh file, which ``read`` returns, beyond the degree of ``source``; not collective."""
     try:
         whole = read()
@@ -72,7 +72,7 @@ def of_file(source: MeshSource, read: Callable[[], MeshSource]) -> FinerGeometry
     return FinerGeometry(source=whole) if _least(whole).min() > 0 else FinerGeometry(INVERTED.format(whole.degree))
 
 
-def of_surface(source: MeshSource) -> FinerGeometry:
+def surface_geometry(source: MeshSource) -> FinerGeometry:
     """Geometry of the CAD model that a generator meshed, for its mesh or a refinement of that; not collective.
 
     Cells of degree 1 become cells of degree 2, and cells of degree 2 become cells of degree 4, whose nodes inside the
@@ -84,17 +84,17 @@ def of_surface(source: MeshSource) -> FinerGeometry:
         return FinerGeometry(NO_CAD)
     if _is_flat(kind, surface):
         return FinerGeometry()
-    table = FacetTable.of(kind, source.cells[:, : vertex_count(kind)])
+    table = FacetTable.build(kind, source.cells[:, : vertex_count(kind)])
     vertices = find_rows(surface.vertices.reshape(-1, 1), source.node_tags[:, None]).reshape(surface.vertices.shape)
     facets = np.where((vertices < 0).any(axis=1), -1, table.find(vertices))
-    of_cells = facets >= 0
-    corners = source.points[vertices[of_cells]]
-    moved = np.abs(corners - surface.nodes[of_cells, : corners.shape[1]]).max(initial=0.0)
+    has_cell = facets >= 0
+    corners = source.points[vertices[has_cell]]
+    moved = np.abs(corners - surface.nodes[has_cell, : corners.shape[1]]).max(initial=0.0)
     covered = np.isin(np.flatnonzero(table.sharing == 1), facets).all()
     if not covered or moved > SAME * _sizes(corners).min():
         return FinerGeometry(OTHER_CELLS)
-    given = _of_higher_degree(source, surface.degree)
-    return _admissible(given, _on_surface(given, surface, table, facets), KEPT[source.degree])
+    given = _raise_geometry(source, surface.degree)
+    return _admissible(given, _points_on_surface(given, surface, table, facets), KEPT[source.degree])
 
 
 def _is_closed(kind: str, surface: CadSurface) -> bool:
@@ -111,7 +111,7 @@ def _is_flat(kind: str, surface: CadSurface) -> bool:
     return bool((np.linalg.norm(offsets, axis=2).max(axis=1) <= SAME * _sizes(surface.nodes)).all())
 
 
-def _of_higher_degree(source: MeshSource, degree: int) -> MeshSource:
+def _raise_geometry(source: MeshSource, degree: int) -> MeshSource:
     """The same cells with a geometry of a higher ``degree``; facets and data are lost."""
     kind, vertices = source.kind, np.unique(source.cells[:, : vertex_count(source.kind)])
     corners = np.searchsorted(vertices, source.cells[:, : vertex_count(kind)])
@@ -136,7 +136,7 @@ def _of_higher_degree(source: MeshSource, degree: int) -> MeshSource:
     )
 
 
-def _on_surface(mesh: MeshSource, surface: CadSurface, table: FacetTable, facets: Ints) -> Floats:
+def _points_on_surface(mesh: MeshSource, surface: CadSurface, table: FacetTable, facets: Ints) -> Floats:
     """Points of a mesh of the degree of ``surface``, moved onto that along the normals.
 
     Degree 3 would be no better than degree 2, because interpolation at equidistant nodes gains an order at even
@@ -151,33 +151,35 @@ def _on_surface(mesh: MeshSource, surface: CadSurface, table: FacetTable, facets
     element = scalar_element(kind, degree)
     straight = _shapes(FACET_KIND[kind], 1, scalar_element(FACET_KIND[kind], degree).points)
     corners_of = basix.geometry(basix.CellType[kind])[sub_entities(kind, 2)]
-    along = corners_of[:, 1:3] - corners_of[:, :1]  # two tangents of each facet of the reference cell
+    tangent_axes = corners_of[:, 1:3] - corners_of[:, :1]  # two tangents of each facet of the reference cell
     dyads, heights = np.zeros((len(points), 3, 3)), np.zeros_like(points)  # sums of n⊗n, and of n times a height
-    one = np.empty(len(table.vertices), dtype=np.int64)
-    one[table.of_cell] = np.arange(len(table.of_cell))[:, None]
-    cell = one[facets]
+    facet_cell = np.empty(len(table.vertices), dtype=np.int64)
+    facet_cell[table.cell_facets] = np.arange(len(table.cell_facets))[:, None]
+    cell = facet_cell[facets]
     for local, vertices in enumerate(sub_entities(kind, 2)):
         dofs = np.array(element.entity_closure_dofs[2][local])
-        of_flat = _shapes(kind, 1, element.points[dofs])[:, vertices]
-        for part in _chunks(np.flatnonzero((facets >= 0) & (table.of_cell[cell, local] == facets))):
+        flat_shapes = _shapes(kind, 1, element.points[dofs])[:, vertices]
+        for part in _chunks(np.flatnonzero((facets >= 0) & (table.cell_facets[cell, local] == facets))):
             cells = mesh.cells[cell[part]]
             nodes = cells[:, dofs]
             # A facet may begin with another vertex than the cell's: nodes are matched by their weights of the vertices.
             corners = _nearest(points[cells[:, vertices]], surface.nodes[part, : len(vertices)])
             turns, turn = np.unique(corners, axis=0, return_inverse=True)
-            match = _nearest(of_flat, straight[:, turns].swapaxes(0, 1))[turn]
-            tangents = jacobians(kind, degree, points[cells], element.points[dofs]) @ along[local].T
+            match = _nearest(flat_shapes, straight[:, turns].swapaxes(0, 1))[turn]
+            tangents = jacobians(kind, degree, points[cells], element.points[dofs]) @ tangent_axes[local].T
             normal = np.cross(tangents[..., 0], tangents[..., 1])
             normal /= np.linalg.norm(normal, axis=2, keepdims=True)
             height = np.sum(normal * (surface.nodes[part[:, None], match] - points[nodes]), axis=2)
             np.add.at(dyads, nodes, normal[..., :, None] * normal[..., None, :])
             np.add.at(heights, nodes, normal * height[..., None])
-    on_it = np.flatnonzero(np.abs(heights).max(axis=1) > ROUNDING * np.ptp(surface.nodes.reshape(-1, 3), axis=0).max())
-    share, directions = np.linalg.eigh(dyads[on_it])
+    moved_nodes = np.flatnonzero(
+        np.abs(heights).max(axis=1) > ROUNDING * np.ptp(surface.nodes.reshape(-1, 3), axis=0).max()
+    )
+    share, directions = np.linalg.eigh(dyads[moved_nodes])
     used = share > EDGE * share[:, -1:]
-    components = np.einsum("nji,nj->ni", directions, heights[on_it]) * used / np.where(used, share, 1.0)
+    components = np.einsum("nji,nj->ni", directions, heights[moved_nodes]) * used / np.where(used, share, 1.0)
     moved = points.copy()
-    moved[on_it] += np.einsum("nij,nj->ni", directions, components)
+    moved[moved_nodes] += np.einsum("nij,nj->ni", directions, components)
     return moved
 
 
@@ -189,8 +191,8 @@ def _nearest(points: Floats, others: Floats) -> Ints:
 def _admissible(given: MeshSource, points: Floats, least: float) -> FinerGeometry:
     """Geometry of cells whose nodes are moved to ``points``, if each keeps more of its least determinant."""
     is_moved = (points != given.points).any(axis=1)
-    near = dataclasses.replace(given, cells=given.cells[is_moved[given.cells].any(axis=1)])
-    if (_least(dataclasses.replace(near, points=points)) <= least * _least(near)).any():
+    affected = dataclasses.replace(given, cells=given.cells[is_moved[given.cells].any(axis=1)])
+    if (_least(dataclasses.replace(affected, points=points)) <= least * _least(affected)).any():
         return FinerGeometry(INVERTED.format(given.degree))
     return FinerGeometry(source=dataclasses.replace(given, points=points))
 
@@ -217,17 +219,17 @@ def _sizes(nodes: Floats) -> Floats:
     return np.asarray(np.linalg.norm(np.ptp(nodes, axis=1), axis=1))
 
 
-def _shapes(kind: str, degree: int, at: Floats) -> Floats:
+def _shapes(kind: str, degree: int, reference_points: Floats) -> Floats:
     """Shape functions (points, nodes) of the coordinate element at points of the reference cell."""
-    return np.asarray(scalar_element(kind, degree).tabulate(0, at)[0, :, :, 0])
+    return np.asarray(scalar_element(kind, degree).tabulate(0, reference_points)[0, :, :, 0])
 
 
 def _chunks(cells: Ints) -> list[Ints]:
     return np.array_split(cells, 1 + len(cells) // CHUNK)
 
 
-def on_mesh(mesh: Mesh, function: fem.Function) -> fem.Function:
-    """The function with the same reference coordinates on another mesh of the same cells (see `with_geometry`)."""
+def transfer_function(mesh: Mesh, function: fem.Function) -> fem.Function:
+    """The function with the same reference coordinates on another mesh of the same cells (see `replace_geometry`)."""
     given = function.function_space
     if given.mesh is mesh:
         return function

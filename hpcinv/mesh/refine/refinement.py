@@ -10,7 +10,7 @@ import numpy as np
 
 from hpcinv.mesh.cells import FACET_KIND
 from hpcinv.mesh.refine.bisection import bisected, edges_to_cut
-from hpcinv.mesh.refine.degree import inner_dofs, of_degree, with_inner_nodes
+from hpcinv.mesh.refine.degree import add_inner_nodes, change_degree, inner_dofs
 from hpcinv.mesh.refine.subdivision import Pieces, eighths, quarters
 from hpcinv.mesh.source import Ints, MeshSource
 
@@ -35,29 +35,29 @@ def refine(source: MeshSource, marked: Ints | None = None) -> RefinedMesh:
     """
     if marked is not None and source.kind != "tetrahedron":
         raise ValueError("only tetrahedra can be refined in places")
-    fine = of_degree(source, 2)  # has nodes at all places where a cell can be cut
+    fine = change_degree(source, 2)  # has nodes at all places where a cell can be cut
     if marked is None:
         cells, facets = eighths(fine), quarters(FACET_KIND[fine.kind], fine.facets)
     else:
         cells, facets = _bisected(fine, marked)
-    of = {2: facets.of, 3: cells.of}
+    parents = {2: facets.parents, 3: cells.parents}
     refined = dataclasses.replace(
         fine,
         degree=1,
         cells=cells.vertices,
-        cell_tags=_cell_tags(source, cells.of),
+        cell_tags=_cell_tags(source, cells.parents),
         facets=facets.vertices,
         groups=tuple(
-            dataclasses.replace(g, members=np.flatnonzero(np.isin(of[g.dim], g.members))) for g in fine.groups
+            dataclasses.replace(g, members=np.flatnonzero(np.isin(parents[g.dim], g.members))) for g in fine.groups
         ),
         data={
-            name: dataclasses.replace(a, values=a.values[cells.of]) if a.on == "cells" else a
+            name: dataclasses.replace(a, values=a.values[cells.parents]) if a.place == "cells" else a
             for name, a in fine.data.items()
         },
     )
     if source.degree == 2:
-        refined = with_inner_nodes(refined, fine, cells.of, cells.at)
-    return RefinedMesh(refined.without_unused_nodes(), cells.of)
+        refined = add_inner_nodes(refined, fine, cells.parents, cells.positions)
+    return RefinedMesh(refined.drop_unused_nodes(), cells.parents)
 
 
 def _bisected(fine: MeshSource, marked: Ints) -> tuple[Pieces, Pieces]:

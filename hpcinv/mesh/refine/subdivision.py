@@ -20,8 +20,8 @@ class Pieces:
     """
 
     vertices: Ints
-    of: Ints
-    at: Floats
+    parents: Ints
+    positions: Floats
 
 
 def eighths(source: MeshSource) -> Pieces:
@@ -72,11 +72,11 @@ def _tetrahedra() -> Ints:
         j, k = (n for n in (1, 2, 3) if n != i)
         # The midpoints of the edges 0–i and j–k are opposite; the other four are on a ring around this diagonal.
         ring = [middle[0, j], middle[i, j], middle[i, k], middle[0, k]]
-        inside = [[middle[0, i], middle[j, k], ring[n], ring[(n + 1) % 4]] for n in range(4)]
-        ways.append([*middle, *inside])
-    at = np.array(ways)
-    right_handed = np.linalg.det(at[:, :, 1:] - at[:, :, :1]) > 0
-    nodes = _nearest("tetrahedron", at)
+        inner = [[middle[0, i], middle[j, k], ring[n], ring[(n + 1) % 4]] for n in range(4)]
+        ways.append([*middle, *inner])
+    corner_points = np.array(ways)
+    right_handed = np.linalg.det(corner_points[:, :, 1:] - corner_points[:, :, :1]) > 0
+    nodes = _nearest("tetrahedron", corner_points)
     return np.where(right_handed[..., None], nodes, nodes[..., [0, 1, 3, 2]])
 
 
@@ -85,6 +85,8 @@ def _nodes(kind: str) -> Floats:
     return nodes
 
 
-def _nearest(kind: str, at: Floats) -> Ints:
+def _nearest(kind: str, reference_points: Floats) -> Ints:
     """Nodes of degree 2 at reference coordinates (…, d)."""
-    return np.asarray(np.abs(at[..., None, :] - _nodes(kind)).max(axis=-1).argmin(axis=-1), dtype=np.int64)
+    return np.asarray(
+        np.abs(reference_points[..., None, :] - _nodes(kind)).max(axis=-1).argmin(axis=-1), dtype=np.int64
+    )

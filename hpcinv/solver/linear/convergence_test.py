@@ -68,12 +68,12 @@ class Settling:
         if not self._vectors:
             x = ksp.getSolution()
             self._vectors = x.duplicate(), x.duplicate()
-        before, now = self._vectors
+        previous, now = self._vectors
         ksp.buildSolution(now)
-        before.aypx(-1.0, now)
+        previous.aypx(-1.0, now)
         size = norm(now)
-        change = norm(before) / size if self._has_compared and size > 0 else 1.0
-        self._vectors, self._has_compared = (now, before), True
+        change = norm(previous) / size if self._has_compared and size > 0 else 1.0
+        self._vectors, self._has_compared = (now, previous), True
         return change
 
     def destroy(self) -> None:
@@ -118,8 +118,8 @@ class Refinement(Settling):
             if not self.is_kept:
                 return reasons.CONVERGED_ITS
             tolerance *= 10
-        before, change = self._changes[0], self._change(ksp)
-        rate = math.sqrt(change / before) if iteration > 2 else change
+        last_change, change = self._changes[0], self._change(ksp)
+        rate = math.sqrt(change / last_change) if iteration > 2 else change
         self._changes = self._changes[1], change
         if relative <= tolerance and rate < 1 and change * rate / (1 - rate) <= tolerance:
             return reasons.CONVERGED_STEP_LENGTH

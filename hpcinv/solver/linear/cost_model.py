@@ -18,6 +18,8 @@ import numpy as np
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 
+_BY_NODE = 3  # unknowns
+_OPERATIONS, _LONG, _SHORTER = 28.0, 3.6, 2.6  # operations are 28 (3.6 - 2.6 / a) n s^1.5
 TANGENTS, CORRECTIONS = 4, 8  # of a typical solution
 COARSER = 2.0  # factor of the cell sizes in nested iteration
 _TANGENT = 5e-6  # s for each unknown: assembly
@@ -33,6 +35,19 @@ class Shape:
     cut: float
     aspect: float
 
+    @classmethod
+    def of_operations(cls, operations: float, unknowns: int) -> Shape:
+        """Return the shape of the rod whose factorization takes as many operations.
+
+        A body of many branches has its separators, and multigrid has as much trouble with it. Blocks up to 2.6 times
+        as long as wide take as many operations as one another, and count as rods here.
+        """
+        ratio, cube = operations / (_OPERATIONS * unknowns), unknowns * math.sqrt(_BY_NODE)
+        # ratio = (3.6 - 2.6 / a) s^1.5 with a = cube / s^1.5: a rod of N nodes is N / (s / 3)^1.5 times as long as wide
+        root = _LONG**2 - 4 * _SHORTER * ratio / cube
+        power = 2 * ratio / (_LONG + math.sqrt(root)) if root > 0 else ratio  # or a block, of more than a cube has
+        return cls(cut=power ** (2 / 3), aspect=max(cube / power, 1.0))
+
 
 @dataclass(frozen=True)
 class Forecast:
@@ -47,7 +62,7 @@ class Forecast:
     degree: int
     shape: Shape
 
-    def of_degree(self, degree: int) -> Forecast:
+    def degree_forecast(self, degree: int) -> Forecast:
         """Return the forecast for spaces of another degree on the same body."""
         finer = degree / self.degree
         shape = replace(self.shape, cut=self.shape.cut * finer**2)
@@ -72,7 +87,7 @@ class Forecast:
 
     def tangent(self, ranks: int = 1) -> float:
         """Time of one tangent and its factorization (s); those of slender bodies have little to share among ranks."""
-        factorization = self.factorization if self.operations < SINGLE else self._in_single
+        factorization = self.factorization if self.operations < SINGLE else self._single_precision_time
         return _TANGENT * self.unknowns * self.degree**2 / 4 / ranks + factorization / math.sqrt(ranks)
 
     @property
@@ -83,7 +98,8 @@ class Forecast:
     @property
     def operations(self) -> float:
         """Number of operations of one factorization L U."""
-        return 28 * (3.6 - 2.6 / self.shape.aspect) * self.unknowns * math.pow(self.shape.cut, 1.5)
+        factor = _LONG - _SHORTER / self.shape.aspect
+        return _OPERATIONS * factor * self.unknowns * math.pow(self.shape.cut, 1.5)
 
     @property
     def factors(self) -> float:
@@ -112,10 +128,10 @@ class Forecast:
             return TANGENTS * self.factorization
         factorizations = TANGENTS * (1 - 0.5 / self.shape.aspect)  # chunky bodies can keep more factors
         refinement = 6e-10 * self.entries + 2e-7 * self.unknowns
-        return factorizations * self._in_single + CORRECTIONS * _REFINEMENTS * refinement
+        return factorizations * self._single_precision_time + CORRECTIONS * _REFINEMENTS * refinement
 
     @property
-    def _in_single(self) -> float:
+    def _single_precision_time(self) -> float:
         """Time of one factorization in single precision (s)."""
         compressed = 0.7 if self.operations >= LOW_RANK else 1.0
         return compressed * (self.operations / 1e11 + 7e-9 * self.entries)

@@ -21,9 +21,9 @@ def order_by_nodes(factors: PETSc.Mat, unknowns: Unknowns) -> None:
     """
     if unknowns.p is None or (function := _petsc_function()) is None or factors.getMumpsIcntl(15):
         return
-    variables, starts = (np.ascontiguousarray(of + 1, dtype=PETSc.IntType) for of in unknowns.nodes)
+    variables, starts = (np.ascontiguousarray(numbers + 1, dtype=PETSc.IntType) for numbers in unknowns.nodes)
     integer = ctypes.c_int64 if np.dtype(PETSc.IntType).itemsize == 8 else ctypes.c_int32
-    arrays = (ctypes.c_void_p(of.ctypes.data) for of in (variables, starts))
+    arrays = (ctypes.c_void_p(numbers.ctypes.data) for numbers in (variables, starts))
     if error := function(ctypes.c_void_p(factors.handle), integer(len(starts) - 1), *arrays):
         raise PETSc.Error(error)
 

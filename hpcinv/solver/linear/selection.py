@@ -1,16 +1,21 @@
 """Choice of the linear solver's configuration: by the job, or by size, shape and available memory."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+
+from petsc4py import PETSc
 
 from hpcinv.effects import Direction
 from hpcinv.job.settings import Solver
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.available_memory import available
-from hpcinv.solver.linear.cost_model import CORRECTIONS, LOW_RANK, SINGLE, Forecast, shape_of
+from hpcinv.solver.linear.cost_model import CORRECTIONS, LOW_RANK, SINGLE, Forecast, Shape, shape_of
+from hpcinv.solver.linear.symbolic_analysis import operations_of
 
 _WORTH = 1.5  # least gain of multigrid: factorizations also give signs along the path, and fail at once
+_OBVIOUS = 10.0  # gain by the shape, above which branches cannot make factorizations the faster ones
+_UNLIKE = 1.6  # times the operations that are forecast for blocks, up to which MUMPS was seen to take more or fewer
 _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solution, as limit of one Newton solve
 _ROOM = 0.8  # share of the memory that factors may take
 _KEPT = 4  # times the memory of multigrid, for which there must be room if it is kept
@@ -75,6 +80,7 @@ class Chooser:
         self.room = _ROOM * available(unknowns.mesh.comm)
         self._is_slender = self.forecast.shape.aspect >= _SLENDER
         self._ranks = unknowns.mesh.comm.size
+        self._is_analysed = False
 
     @property
     def can_factorize(self) -> bool:
@@ -96,12 +102,23 @@ class Chooser:
         """True if there is memory for a hierarchy that waits, beside another one and the fields of finer spaces."""
         return _KEPT * self.forecast.multigrid <= self.room
 
+    def analyse(self, solver: Solver, matrix: Callable[[], PETSc.Mat], unknowns: Unknowns) -> None:
+        """Count operations by a symbolic analysis where the extents of the body do not decide; collective.
+
+        They are those of a block, and a body of branches or with holes has smaller separators.
+        """
+        if solver.linear != "auto" or self._own(solver) or not self.can_factorize or self._is_analysed:
+            return
+        if not _WORTH < self.forecast.direct / self.forecast.iterative < _OBVIOUS:
+            return
+        self._is_analysed = True
+        operations = operations_of(matrix(), unknowns)
+        if operations is not None and _UNLIKE * operations < self.forecast.operations:
+            self.forecast = replace(self.forecast, shape=Shape.of_operations(operations, self.forecast.unknowns))
+
     def choose(self, solver: Solver) -> Choice:
         """Return the configuration that ``solver.linear`` names, or the faster one for which there is memory."""
-        own = _OWN & set(solver.petsc)  # these options would replace options of another configuration
-        if solver.linear != "iterative" and solver.petsc.get(_PACKAGE, "mumps") != "mumps":
-            own |= {_PACKAGE}  # the direct solver sets options of MUMPS, and asks it for signs of pivots
-        if own:
+        if own := self._own(solver):
             configuration = "iterative" if solver.linear == "iterative" else "direct"
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         chosen = self._choose(solver)
@@ -116,6 +133,14 @@ class Chooser:
             minimum_fill=self._is_slender and self._ranks == 1,  # two ranks make better use of METIS's ordering
             nearly_symmetric=not self._is_slender,
         )
+
+    @staticmethod
+    def _own(solver: Solver) -> frozenset[str]:
+        """Options of the job that would replace options of another configuration."""
+        own = _OWN & set(solver.petsc)
+        if solver.linear != "iterative" and solver.petsc.get(_PACKAGE, "mumps") != "mumps":
+            own |= {_PACKAGE}  # the direct solver sets options of MUMPS, and asks it for signs of pivots
+        return own
 
     def is_nested_iteration_worth(self, solver: Solver, direction: Direction) -> bool:
         """Return whether the solution on coarser cells clearly saves time, as on large slender bodies that turn far.

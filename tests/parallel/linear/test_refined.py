@@ -44,6 +44,7 @@ def difference(comm: MPI.Intracomm, one: Result, other: Result) -> float:
     return float(comm.allreduce(largest, op=MPI.MAX)) / one.solutions[0].largest_displacement
 
 
+@pytest.mark.everyday("-incompressible-forward", "-compressible-inverse")
 @pytest.mark.parallel([1, 2, 3])
 @pytest.mark.parametrize(("material", "analysis"), list(itertools.product(MATERIALS, ["inverse", "forward"])))
 @pytest.mark.usefixtures("rounded")

@@ -133,6 +133,7 @@ def differs(one: Result, other: Result) -> float:
     return solution.displacement.function_space.mesh.comm.allreduce(gap, op=MPI.MAX) / solution.largest_displacement
 
 
+@pytest.mark.everyday("name in a region", "term of a law", "fields", "round trip")
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("pair", PAIRS)
 def test_a_run_after_another_finds_what_it_finds_alone(pair: str, comm: MPI.Intracomm) -> None:

@@ -9,6 +9,7 @@ from helpers.verification import box, job
 
 import hpcinv.solver.linear.selection
 from hpcinv import run
+from hpcinv.assembly.tangent import as_for
 from hpcinv.job.settings import Solver
 from hpcinv.mesh import build_body
 from hpcinv.parallel.available_memory import available
@@ -55,6 +56,31 @@ def test_shape_of_a_block(comm: MPI.Intracomm) -> None:
     nodes_across = 7 * 7  # of degree 2
     assert found.aspect == pytest.approx(4.0, rel=0.2)
     assert found.cut == pytest.approx(3 * nodes_across, rel=0.2)
+
+
+@pytest.mark.parametrize("shape", [Shape(cut=300.0, aspect=4.0), Shape(cut=108.0, aspect=30.0)])
+def test_a_shape_is_found_from_its_operations(shape: Shape) -> None:
+    unknowns = round(shape.aspect * shape.cut**1.5 / 3**0.5)
+    found = Shape.of_operations(Forecast(unknowns, 2, shape).operations, unknowns)
+    assert (found.cut, found.aspect) == pytest.approx((shape.cut, shape.aspect), rel=1e-3)
+
+
+@pytest.mark.parallel([1, 2, 3])
+def test_bodies_whose_extents_do_not_decide_are_analysed(comm: MPI.Intracomm) -> None:
+    body = model(box((2, 2, 16), lz=8.0), comm)
+    body.chooser.forecast = Forecast(300_000, 2, Shape(cut=8700.0, aspect=1.0))  # a cube
+    body.chooser.room = 1e12
+    ratio = body.chooser.forecast.direct / body.chooser.forecast.iterative
+    with as_for(10**6):
+        equilibrium = body.equilibrium(body.scene("inverse"))
+    assert ratio > 1.5
+    assert equilibrium.linear.choice.configuration == "direct"
+    equilibrium.system.linearise(1.0)
+    equilibrium.linear.factorize()
+    counted = equilibrium.linear.ksp.pc.getFactorMatrix().getMumpsRinfog(3)
+    # Ranks that share a factorization have other fronts.
+    assert 0.5 < body.chooser.forecast.operations / counted < 2.0
+    equilibrium.destroy()
 
 
 @pytest.mark.parallel([1, 2])

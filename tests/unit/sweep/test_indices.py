@@ -75,7 +75,7 @@ def test_a_polynomial_is_found_whatever_the_sample() -> None:
     regression = Regression(points, [False, False])
     surrogate = regression.fit(values[:, None])
     other = np.array([[0.3, -0.7], [1.0, 1.0]])
-    np.testing.assert_allclose(surrogate.at(other, [False, False])[:, 0], [1.6 - 0.63, 6.0], rtol=1e-12)
+    np.testing.assert_allclose(surrogate.predict(other, [False, False])[:, 0], [1.6 - 0.63, 6.0], rtol=1e-12)
     found = indices_of(points, [False, False], values)
     assert found.q2 == pytest.approx(1)
     assert found.decided

@@ -19,7 +19,7 @@ from helpers.command_line import COLUMN, ROOT, environment
 
 from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.sampling import SamplingMethod, read_distribution, unit_points
-from hpcinv.batch.time_forecast import in_words, remaining_seconds
+from hpcinv.batch.time_forecast import duration_text, remaining_seconds
 from hpcinv.errors import JobError
 from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
 
@@ -382,7 +382,7 @@ def test_the_forecast_goes_by_reuse_group_and_else_by_size() -> None:
     [(0.25, "0.2 s"), (45, "45 s"), (120, "2.0 min"), (3000, "50 min"), (9000, "2.5 h"), (4 * 86400, "4.0 days")],
 )
 def test_durations_in_words(seconds: float, words: str) -> None:
-    assert in_words(seconds) == words
+    assert duration_text(seconds) == words
 
 
 # Commands

@@ -15,7 +15,7 @@ from helpers.hard_case import job
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body
 from hpcinv.mesh.mesh_files import SAVERS
-from hpcinv.mesh.refine.degree import of_degree
+from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.mesh.topology import unique_rows
 from hpcinv.parallel.runtime import MPI
@@ -87,7 +87,7 @@ def refusal(comm: MPI.Intracomm, source: MeshSource, held: Mapping[str, str], **
 
 def bent(source: MeshSource) -> MeshSource:
     """The same cells with a geometry of degree 2, bent so that straight lines along z are parabolas."""
-    curved = of_degree(source, 2)
+    curved = change_degree(source, 2)
     x, y, z = curved.points.T
     points: Floats = np.stack([x, y + 0.1e3 * z * (1e-3 - z), z], axis=1)
     return replace(curved, points=points)
@@ -97,13 +97,13 @@ def bent(source: MeshSource) -> MeshSource:
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("kind", ["tetrahedron", "hexahedron"])
 def test_a_part_that_hangs_on_a_vertex_or_an_edge_is_refused(kind: str, degree: int, comm: MPI.Intracomm) -> None:
-    source = of_degree(voxels(VERTEX, kind), degree)
+    source = change_degree(voxels(VERTEX, kind), degree)
     cells = 8 if kind == "hexahedron" else 48
     assert refusal(comm, source, {"left": "xyz"}) == (
         f"voxels.msh: a part of {cells} cells around (1.5, 1.5, 1.5) mm touches the rest of the body only at the node"
         " (1, 1, 1) mm, about which it is free to turn in every way"
     )
-    source = of_degree(voxels(EDGE, kind), degree)
+    source = change_degree(voxels(EDGE, kind), degree)
     assert refusal(comm, source, {"left": "xyz"}) == (
         f"voxels.msh: a part of {cells} cells around (1.5, 1.5, 0.5) mm touches the rest of the body only on the"
         " straight line from (1, 1, 0) to (1, 1, 1) mm, and is free to turn about the axis through (1, 1, 0) mm along z"

@@ -1,0 +1,85 @@
+"""Counts of the rules on names and sizes: run ``python benchmarks/house_counts.py [-v] [directory …]``."""
+
+import ast
+import re
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PREPOSITION = re.compile(
+    r"_*(?:above|across|after|against|along|among|around|at|before|behind|below|beneath|beside|between|beyond|by|during"
+    r"|for|from|in|inside|into|near|of|on|onto|outside|over|past|per|since|through|to|towards?|under|until|upon|with"
+    r"|within|without)(?:_.*)?"
+)
+VAGUE = ("found", "one", "of", "given", "known")
+# Keys that users write in a job, and names that a protocol or a library calls.
+EXCUSED = {
+    "at": "key of a job",
+    "on": "key of a job",
+    "over": "key of a job",
+}
+
+
+def names(tree: ast.AST, scope: str = "") -> Iterator[tuple[str, str, str, int]]:
+    """Yield kind (variable, function or class), name, scope and line of all that ``tree`` binds."""
+    for node in ast.iter_child_nodes(tree):
+        inner = scope
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            kind = "class" if isinstance(node, ast.ClassDef) else "function"
+            yield kind, node.name, scope, node.lineno
+            inner = f"{scope}.{node.name}"
+        elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield "variable", node.id if isinstance(node, ast.Name) else node.attr, scope, node.lineno
+        elif isinstance(node, ast.arg):
+            yield "variable", node.arg, scope, node.lineno
+        elif isinstance(node, ast.MatchAs) and node.name:
+            yield "variable", node.name, scope, node.lineno
+        yield from names(node, inner)
+
+
+def is_prepositional(name: str) -> bool:
+    return PREPOSITION.fullmatch(name) is not None and name not in EXCUSED
+
+
+def repeated(places: dict[str, set[str]]) -> list[str]:
+    return sorted(name for name, where in places.items() if len(where) > 1)
+
+
+def count(directory: str, verbose: bool) -> None:
+    """Print the counts of one directory and, if asked, the places."""
+    uses: Counter[str] = Counter()
+    scopes = defaultdict[str, set[tuple[str, str]]](set)
+    modules, classes = defaultdict[str, set[str]](set), defaultdict[str, set[str]](set)
+    lines = 0
+    for path in sorted((ROOT / directory).rglob("*.py")):
+        text, where = path.read_text(), str(path.relative_to(ROOT))
+        lines += text.count("\n")
+        if path.name not in ("__init__.py", "__main__.py"):
+            modules[path.name].add(where)
+        for kind, name, scope, line in names(ast.parse(text)):
+            if kind == "class":
+                classes[name].add(where)
+            elif name in VAGUE and kind == "variable":
+                uses[name] += 1
+            elif is_prepositional(name):
+                scopes[f"{kind}s"].add((name, where + scope))
+            else:
+                continue
+            if verbose and kind != "class":
+                print(f"  {where}:{line}: {kind} {name}")
+    print(f"{directory}: {lines} lines")
+    print("  assigned:", ", ".join(f"{name} {uses[name]}" for name in VAGUE))
+    for kind in ("variables", "functions"):
+        print(
+            f"  {kind} that begin with a preposition: {len({n for n, _ in scopes[kind]})} ({len(scopes[kind])} scopes)"
+        )
+    print("  modules of one name:", len(repeated(modules)), *repeated(modules))
+    print("  classes of one name:", len(repeated(classes)), *repeated(classes))
+
+
+if __name__ == "__main__":
+    chosen = [argument for argument in sys.argv[1:] if argument != "-v"]
+    for each in chosen or ("hpcinv", "tests", "benchmarks"):
+        count(each, "-v" in sys.argv)
