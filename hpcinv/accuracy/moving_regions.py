@@ -4,29 +4,29 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from hpcinv.job.region_rules import RegionRule, RegionUnion
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.cells import jacobians, kind_and_degree, quadrature, scalar_element
 from hpcinv.mesh.checks import det
 from hpcinv.mesh.regions import BOUNDARY, evaluate, is_facet_condition
 from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.expressions import Expression
 
 # Share of the body that fulfils a condition outside of the region's cells, or by which a region of facets changes, from
 # which its border moves; larger ones are let pass.
 MOVED = 1e-3
 
 
-def cut_regions(body: Body, conditions: Mapping[str, Expression]) -> Iterator[str]:
+def cut_regions(body: Body, rules: Mapping[str, RegionRule]) -> Iterator[str]:
     """Yield the names of regions of cells whose border passes through cells instead of between them; collective."""
     mesh = body.mesh
     kind, degree = kind_and_degree(mesh)
     points, weights = quadrature(kind, 4)
     owned = mesh.topology.index_map(3).size_local
     nodes = body.given_nodes[mesh.geometry.dofmaps[0][:owned]]
-    for name, condition in conditions.items():
+    for name, condition in rules.items():
         region = body.regions[name]
-        if not region.cell_count or is_facet_condition(condition):
+        if isinstance(condition, RegionUnion) or not region.cell_count or is_facet_condition(condition):
             continue
         parts = np.zeros(2)
         if owned:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from pydantic import Field, PlainValidator, ValidationInfo
+from pydantic import Field, PlainValidator, ValidationInfo, model_validator
 
 from hpcinv.batch.sampling import Distribution, SamplingMethod, read_distribution, unit_points
+from hpcinv.files.untrusted import FileBeside, applies, path_fault
 from hpcinv.quantity.keys import JobKey, parse_key
-from hpcinv.quantity.schema import Faults, ListOf, Name, Spec
+from hpcinv.quantity.schema import Faults, ListOf, Name, Problems, Spec
 
 LISTS = ("grid", "zip")
 SAMPLES: tuple[SamplingMethod, ...] = ("random", "latin_hypercube", "sobol")
@@ -64,6 +66,37 @@ class Axis(Spec):
     """alternatives by label"""
     name: Name = "branch"
     """column of the branches' labels in the table"""
+    table: FileBeside | None = None
+    """path from the file to a table (.csv, .txt, .xlsx): a row is a point, a column a key such as material.c1 [kPa]"""
+    columns: Mapping[JobKey, str] | None = None
+    """titles of the table's columns by key, if they are not keys; other columns are not used"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_table(cls, data: Any, info: ValidationInfo) -> Any:
+        """Replace a table by the lists of values or the branches in it."""
+        if not isinstance(data, Mapping) or not isinstance(data.get("table"), str):
+            return data
+        from hpcinv.batch.axis_table import axis_of
+
+        own = {key: value for key, value in data.items() if key not in ("table", "columns")}
+        if others := [key for key in own if key != "name"]:
+            raise Problems(((others[0],), "is not valid with a table"))
+        directory = (info.context or {}).get("directory", Path())
+        if applies(info) and (fault := path_fault(directory, data["table"])):
+            raise Problems((("table",), f"'{data['table']}' {fault}"))
+        columns = data.get("columns")
+        if columns is not None and not (
+            isinstance(columns, Mapping) and all(isinstance(t, str) for t in columns.values())
+        ):
+            raise Problems((("columns",), "must be titles of columns by key, such as {material.c1: C1}"))
+        try:
+            content = axis_of(directory / data["table"], own.get("name", "branch"), columns)
+        except ValueError as error:
+            raise Problems((("table",), f"{data['table']}: {error}")) from None
+        if "name" in own and "branches" not in content:
+            raise Problems((("name",), f"{data['table']} has no column '{own['name']}'"))
+        return content
 
     @property
     def kind(self) -> str:
@@ -97,7 +130,7 @@ class Axis(Spec):
         given = [kind for kind in KINDS if getattr(self, kind) is not None]
         if len(given) != 1:
             kinds = " and ".join(given) or "none of them"
-            yield (), f"must be one of {', '.join(KINDS)}, not {kinds}"
+            yield (), f"must be one of {', '.join(KINDS)}, table, not {kinds}"
             return
         [kind] = given
         content = getattr(self, kind)

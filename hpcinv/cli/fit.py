@@ -10,16 +10,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
+from hpcinv.cli.options import positive
 from hpcinv.errors import JobError, OutputError
 
 if TYPE_CHECKING:
     from hpcinv.fitting.candidate import Candidate
     from hpcinv.fitting.fit_report import CheckedFit
-    from hpcinv.fitting.measurements import Test
+    from hpcinv.fitting.measurements import Test, TestOptions
 
 _EXAMPLES = """hpcinv fit uniaxial.csv planar.csv --law mooney-rivlin --plot fit.png
 hpcinv fit tests.csv --law mooney-rivlin --law yeoh --law ogden:2 --output fit.json --material material.yaml
 hpcinv fit foam.csv --law neo-hookean --compressible --sd '2 %' --sd '0.5 kPa'
+hpcinv fit machine.txt --mode uniaxial --area '25 mm^2' --length '20 mm' --cycle 3 --law yeoh
 hpcinv fit skin.csv --mode uniaxial --law '{law: yeoh, kappa: incompressible}'
 
 A file has columns named with their units, such as
@@ -33,7 +35,7 @@ def add_fit(commands: Any) -> None:
     fit = add_command(
         commands, "fit", "Fit parameters of material laws to tests.", examples=_EXAMPLES, page="how-to/fit.md"
     )
-    fit.add_argument("tests", type=Path, nargs="+", metavar="FILE", help="file of measured points (CSV)")
+    fit.add_argument("tests", type=Path, nargs="+", metavar="FILE", help="table of measured points (.csv, .txt, .xlsx)")
     fit.add_argument(
         "--law",
         action="append",
@@ -41,6 +43,20 @@ def add_fit(commands: Any) -> None:
         help="law to fit, NAME, NAME:TERMS or a mapping as in a job, or 'all' isotropic ones; several are compared",
     )
     fit.add_argument("--mode", help="kind of test of files that do not state it")
+    fit.add_argument("--area", help="undeformed cross-section, for columns of force, such as '25 mm^2'")
+    fit.add_argument("--length", help="gauge length, for columns of elongation, such as '20 mm'")
+    fit.add_argument(
+        "--column",
+        action="append",
+        default=[],
+        metavar="TITLE=NAME",
+        help="name of a column by its title in the file, such as 'Spannung=nominal stress [MPa]', or 'TITLE=ignore'",
+    )
+    fit.add_argument("--cycle", type=positive, metavar="N", help="take the loading branch of cycle N of each test")
+    fit.add_argument("--sheet", metavar="NAME", help="sheet of workbooks (.xlsx); by default the first")
+    fit.add_argument(
+        "--decimal-comma", action="store_true", help="commas within entries are decimal, where commas delimit entries"
+    )
     fit.add_argument("--fix", action="append", default=[], metavar="NAME=VALUE", help="keep a parameter at this value")
     fit.add_argument(
         "--compressible", action="store_true", help="fit the bulk modulus, too; otherwise it is infinite, unless fixed"
@@ -134,18 +150,21 @@ def _check_fixed(fixed: dict[str, str], candidates: list[Candidate]) -> None:
 
 
 def _tests(options: argparse.Namespace) -> list[Test]:
-    from hpcinv.fitting.measurements import mode_named, read_tests, set_deviations
+    from hpcinv.fitting.measurements import mode_named, read_file, set_deviations
 
     if options.mode is not None:
         try:
             mode_named(options.mode)
         except ValueError as error:
             raise JobError(f"--mode: {error}") from None
+    test_options = _test_options(options)
     problems: list[str] = []
     tests: list[Test] = []
     for path in options.tests:
         try:
-            tests += read_tests(path, options.mode)
+            file = read_file(path, test_options)
+            tests += file.tests
+            print("\n".join(file.notes), flush=True)
         except JobError as error:
             problems += error.problems
     if problems:
@@ -156,6 +175,33 @@ def _tests(options: argparse.Namespace) -> list[Test]:
     if empty := [test.name for test in tests if not len(test)]:
         raise JobError(f"{empty[0]}: no points with strain are left")
     return set_deviations(tests, options.sd)
+
+
+def _test_options(options: argparse.Namespace) -> TestOptions:
+    from hpcinv.fitting.measurements import TestOptions
+    from hpcinv.quantity.quantity import Quantity
+
+    sizes = {}
+    for name, unit in (("area", "m^2"), ("length", "m")):
+        text = getattr(options, name)
+        try:
+            sizes[name] = None if text is None else Quantity(unit, above=0.0).parse(text)
+        except ValueError as error:
+            raise JobError(f"--{name}: {error}") from None
+    columns = {}
+    for text in options.column:
+        title, equals, name = (part.strip() for part in text.rpartition("="))
+        if not equals or not title or not name:
+            raise JobError(f"--column {text}: is written TITLE=NAME, such as --column 'Spannung=nominal stress [MPa]'")
+        columns[title] = name
+    return TestOptions(
+        mode=options.mode,
+        columns=columns,
+        cycle=options.cycle,
+        sheet=options.sheet,
+        decimal_comma=options.decimal_comma,
+        **sizes,
+    )
 
 
 def _show_ranking(outcomes: list[CheckedFit]) -> None:

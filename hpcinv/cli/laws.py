@@ -4,8 +4,14 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
+from hpcinv.cli.cards import add_options, convert
 from hpcinv.cli.help import add_command
 from hpcinv.quantity.component import Ingredient
+
+_CARDS = """
+hpcinv laws --from abaqus "*HYPERELASTIC, MOONEY-RIVLIN\\n0.1, 0.15, 0.001" --stress-unit MPa
+hpcinv laws --from febio model.feb --name wall --stress-unit kPa
+hpcinv laws --to ansys job.yaml --stress-unit MPa --output card.inp"""
 
 
 def add_laws(commands: Any) -> None:
@@ -17,10 +23,14 @@ def add_laws(commands: Any) -> None:
             commands,
             name,
             f"List the {said}, or show formula, parameters, units, sources and an example of one.",
-            examples=f"hpcinv {name}\nhpcinv {name} {example}",
+            examples=f"hpcinv {name}\nhpcinv {name} {example}{_CARDS if name == 'laws' else ''}",
             page=f"reference/{name}.md",
         )
-        catalogue.add_argument("name", nargs="?", help="name, as in job files")
+        if name == "laws":
+            catalogue.add_argument("name", nargs="?", help="name, as in job files; a card; or a file")
+            add_options(catalogue)
+        else:
+            catalogue.add_argument("name", nargs="?", help="name, as in job files")
         catalogue.set_defaults(command=_catalogue, catalogue=name)
     formulas = add_command(
         commands,
@@ -37,6 +47,8 @@ def _catalogue(options: argparse.Namespace) -> int:
     from hpcinv.effects import effects
     from hpcinv.materials import laws
 
+    if options.catalogue == "laws" and (options.source or options.target):
+        return convert(options)
     members: Mapping[str, type[Ingredient]] = laws() if options.catalogue == "laws" else effects()
     if options.name is None:
         overview(members)

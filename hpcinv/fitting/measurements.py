@@ -1,26 +1,28 @@
-"""Material tests in CSV files: columns named with their units, such as ``stretch [-], nominal stress [MPa]``.
+"""Material tests in tables: columns named with their units, such as ``stretch [-], nominal stress [MPa]``.
 
 Lines ``# mode: planar``, ``# area: 25 mm^2`` and ``# length: 20 mm`` ahead of the columns state what holds for the
 whole file; other lines that begin with ``#`` are comments.
 """
 
 import math
-import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Self
+from typing import NoReturn, Self
 
 import numpy as np
 
 from hpcinv.errors import JobError
+from hpcinv.fitting.columns import COLUMNS, IGNORE, Names, header_of, is_row_of_units
+from hpcinv.fitting.cycles import loading_branches
 from hpcinv.fitting.homogeneous import MODES, Mode
 from hpcinv.quantity.arrays import Floats
-from hpcinv.quantity.csv_rows import Row, rows_of, text_of
+from hpcinv.quantity.csv_rows import Row
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import shown
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import Dimension, as_float, parse_quantity, parse_unit
+from hpcinv.quantity.table_files import readings_of
+from hpcinv.quantity.units import Dimension, parse_quantity, parse_unit, readable
 
 _PURE, _STRESS = Dimension(), parse_unit("Pa")[1]
 _LARGEST_FILE = 50_000_000  # bytes
@@ -29,49 +31,7 @@ _SYNONYMS = {"pure shear": "planar", "biaxial": "equibiaxial", "shear": "simple-
 _STATEMENTS = {"mode": None, "area": Quantity("m^2", above=0.0), "length": Quantity("m", above=0.0)}
 
 
-@dataclass(frozen=True)
-class _Column:
-    """Kind of a column: its role, dimension, and the conversion of a value (SI) to the measure or stress."""
-
-    role: str  # "strain", "stress", "deviation" or "mode"
-    dimension: Dimension = _PURE
-    modes: tuple[str, ...] = ()
-    needs: str = ""  # a statement of the file
-    convert: Callable[[Floats, float], Floats] = lambda values, _: values
-    is_cauchy: bool = False
-
-
-_STRETCHING = ("uniaxial", "equibiaxial", "planar")
-_PULLED = (*_STRETCHING, "simple-shear")
-COLUMNS: dict[str, _Column] = {
-    "mode": _Column("mode"),
-    "stretch": _Column("strain", modes=_STRETCHING),
-    "engineering strain": _Column("strain", modes=_PULLED),  # an amount of shear in simple shear
-    "logarithmic strain": _Column("strain", modes=_STRETCHING, convert=lambda e, _: np.exp(e)),
-    "elongation": _Column("strain", parse_unit("m")[1], _PULLED, "length", lambda u, length: u / length),
-    "amount of shear": _Column("strain", modes=("simple-shear",)),
-    "shear angle": _Column("strain", modes=("simple-shear",), convert=lambda a, _: np.tan(a)),
-    "volume ratio": _Column("strain", modes=("volumetric",)),
-    "nominal stress": _Column("stress", _STRESS, _PULLED),
-    "cauchy stress": _Column("stress", _STRESS, _PULLED, is_cauchy=True),
-    "force": _Column("stress", parse_unit("N")[1], _PULLED, "area", lambda force, area: force / area),
-    "pressure": _Column("stress", _STRESS, ("volumetric",)),
-    "standard deviation": _Column("deviation", _STRESS),
-}
-"""Columns by name."""
-_ALIASES = {
-    "strain": "engineering strain",
-    "nominal strain": "engineering strain",
-    "true strain": "logarithmic strain",
-    "displacement": "elongation",
-    "shear": "amount of shear",
-    "shear strain": "amount of shear",
-    "engineering stress": "nominal stress",
-    "first piola-kirchhoff stress": "nominal stress",
-    "shear stress": "nominal stress",
-    "true stress": "cauchy stress",
-    "sd": "standard deviation",
-}
+_LINE = "line"  # of a row, besides its values
 _RELATIVE = {"engineering strain", "elongation"}  # of which a stretch is 1 more
 
 
@@ -104,29 +64,66 @@ class Test:
 
     def up_to(self, largest: float) -> Self:
         """Return the points whose largest principal stretch is not above a limit."""
-        return self._select(self.largest_stretch <= largest, self.rest_count)
+        return self.select(self.largest_stretch <= largest, self.rest_count)
 
     def deformed(self) -> Self:
         """Return the points that are deformed."""
         moved = self.measure != self.mode.rest_measure
-        return self._select(moved, int((~moved).sum()))
+        return self.select(moved, int((~moved).sum()))
 
-    def _select(self, kept: np.ndarray, rest_count: int) -> Self:
+    def select(self, kept: np.ndarray, rest_count: int = 0) -> Self:
+        """Return the points that are kept; ``rest_count`` is the number of those left out as not deformed."""
         deviation = None if self.deviation is None else self.deviation[kept]
         measure, stress = self.measure[kept], self.stress[kept]
         return replace(self, measure=measure, stress=stress, deviation=deviation, rest_count=rest_count)
 
 
-def read_tests(path: Path, mode: str | None = None) -> list[Test]:
-    """Read a file; its rows are sorted by mode, if it has a column for that.
+@dataclass(frozen=True)
+class TestOptions:
+    """What a user says about files of tests.
 
-    Args:
+    Attributes:
         mode: of files that do not state it.
+        area, length: of the undeformed specimen (m², m); they go before statements of a file.
+        columns: names of columns by titles of a file; those of the user go first.
+        cycle: the branch of loading that is taken, from 1; left out, all points.
+        sheet: of workbooks; left out, the first.
+        decimal_comma: whether commas in entries between quotation marks are decimal ones.
+    """
+
+    mode: str | None = None
+    area: float | None = None
+    length: float | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+    cycle: int | None = None
+    sheet: str | None = None
+    decimal_comma: bool = False
+
+
+@dataclass(frozen=True)
+class TestFile:
+    """Tests of a file, one for each mode, and lines that say what was understood."""
+
+    tests: list[Test]
+    notes: tuple[str, ...]
+
+
+def read_file(path: Path, options: TestOptions) -> TestFile:
+    """Read a file; its rows are sorted by mode, if it has a column for that.
 
     Raises:
         JobError: with file, line, column and remedy of each fault.
     """
-    return _Reader(path, mode).tests()
+    return _Reader(path, options).file()
+
+
+def read_tests(path: Path, mode: str | None = None) -> list[Test]:
+    """Return the tests of a file, as `read_file`.
+
+    Args:
+        mode: of files that do not state it.
+    """
+    return read_file(path, TestOptions(mode)).tests
 
 
 def mode_named(text: str) -> Mode:
@@ -138,38 +135,41 @@ def mode_named(text: str) -> Mode:
     return MODES[name]
 
 
-_TITLES = "the first line must name the columns, such as: stretch [-], nominal stress [MPa]"
-
-
-def _is_number(row: Row, i: int) -> bool:
-    try:
-        row.number(i)
-    except ValueError:
-        return False
-    return True
+_TITLES = "a line must name the columns, such as: stretch [-], nominal stress [MPa]"
 
 
 class _Reader:
-    def __init__(self, path: Path, mode: str | None) -> None:
-        self._path, self._default = path, mode
+    """Reader of one file by the options of a user."""
+
+    def __init__(self, path: Path, options: TestOptions) -> None:
+        self._path, self._options = path, options
+        self._names = Names({name.lower(): column for name, column in options.columns.items()})
         self._statements: dict[str, float | Mode] = {}
         self._problems: list[str] = []
+        self._notes: list[str] = []
 
-    def tests(self) -> list[Test]:
-        rows = list(self._rows())
+    def file(self) -> TestFile:
+        rows = self._rows()
         if not rows:
             self._fail(f"has no columns; {_TITLES}")
-        columns = self._columns(rows[0])
-        if not rows[1:]:
+        head, score = header_of(rows, self._names)
+        titles, data = rows[head], rows[head + 1 :]
+        has_units = bool(data) and is_row_of_units(data[0], titles, self._names)
+        columns = self._columns(titles, data[0].entries if has_units else (), understood=bool(score))
+        self._describe(titles, columns, titled=head, units=data[0].line if has_units else None)
+        data = data[has_units:]
+        if not data:
             self._fail("has no data below the names of its columns")
-        sorted_rows = self._sorted_rows(columns, rows[1:])
+        sorted_rows = self._sorted_rows(columns, data)
         self._end()
         several = len(sorted_rows) > 1
-        return [self._test(mode, columns, mode_rows, several) for mode, mode_rows in sorted_rows.items()]
+        tests = [self._test(mode, columns, mode_rows, several) for mode, mode_rows in sorted_rows.items()]
+        return TestFile(tests, tuple(self._notes))
 
-    def _fail(self, text: str, line: int | None = None) -> None:
+    def _fail(self, text: str, line: int | None = None) -> NoReturn:
         self._problem(text, line)
         self._end()
+        raise AssertionError
 
     def _problem(self, text: str, line: int | None = None) -> None:
         place = "" if line is None else f" line {line}:"
@@ -181,16 +181,26 @@ class _Reader:
         if self._problems:
             raise JobError(*self._problems)
 
-    def _rows(self) -> Iterator[Row]:
-        """Yield each row that is not empty; statements are kept."""
+    def _rows(self) -> list[Row]:
+        """Return the rows of the file, read in the way that names most columns; statements are kept."""
+        options = self._options
         try:
-            for row in rows_of(text_of(self._path, _LARGEST_FILE)):
-                if isinstance(row, Row):
-                    yield row
-                else:
-                    self._statement(row[1], row[0])
+            ways = list(
+                readings_of(self._path, _LARGEST_FILE, sheet=options.sheet, decimal_comma=options.decimal_comma)
+            )
         except ValueError as error:
             self._fail(str(error))
+        rows_by_way = [[row for row in way.rows if isinstance(row, Row)] for way in ways]
+        scores = [header_of(rows, self._names)[1] if rows else 0 for rows in rows_by_way]
+        best = scores.index(max(scores))
+        self._notes.append(f"{self._path}: {ways[best].description}")
+        for comment in ways[best].rows:
+            if not isinstance(comment, Row):
+                self._statement(comment[1], comment[0])
+        for key, value in (("area", options.area), ("length", options.length)):
+            if value is not None:
+                self._statements[key] = value
+        return rows_by_way[best]
 
     def _statement(self, text: str, line: int) -> None:
         key, colon, value = (part.strip() for part in text.partition(":"))
@@ -202,16 +212,18 @@ class _Reader:
         except ValueError as error:
             self._problem(f"{key}: {error}", line)
 
-    def _columns(self, titles: Row) -> dict[int, tuple[str, float]]:
+    def _columns(self, titles: Row, units: Sequence[str], *, understood: bool) -> dict[int, tuple[str, float]]:
         """Return name and SI factor of each column by its index."""
         columns: dict[int, tuple[str, float]] = {}
         line = titles.line
-        if all(_is_number(titles, i) for i in range(len(titles.entries))):
+        if not understood and titles.has_only_numbers:
             self._fail(f"has numbers; {_TITLES}", line)
         for i, title in enumerate(titles.entries):
+            if not title and i >= len(titles.entries) - 1 > 0:  # a delimiter at the end of each line
+                continue
             try:
-                name, factor = _column(title)
-                if name in [other for other, _ in columns.values()]:
+                name, factor = self._names.column(title, units[i] if i < len(units) else "")
+                if name != IGNORE and name in [other for other, _ in columns.values()]:
                     raise ValueError(f"the column '{name}' occurs twice")
                 columns[i] = name, factor
             except ValueError as error:
@@ -221,15 +233,36 @@ class _Reader:
             names = [name for name, _ in columns.values() if COLUMNS[name].role == role]
             if len(names) != 1:
                 fault = f"more than one column of {role}: {', '.join(names)}" if names else f"no column of {role}"
+                remedy = f"leave one out with --column 'TITLE={IGNORE}'" if names else ""
                 possible = ", ".join(name for name, column in COLUMNS.items() if column.role == role)
-                self._problem(f"has {fault}; it needs one of {possible}, with its unit, such as '{examples}'", line)
+                needed = remedy or f"it needs one of {possible}, with its unit, such as '{examples}'"
+                self._problem(f"has {fault}; {needed}", line)
         for name, _ in columns.values():
             need = COLUMNS[name].needs
             if need and need not in self._statements:
                 example = {"area": "25 mm^2", "length": "20 mm"}[need]
-                self._problem(f"the column '{name}' needs a line '# {need}: {example}' ahead of the columns", line)
+                remedy = f"--{need} '{example}', or a line '# {need}: {example}' ahead of the columns"
+                self._problem(f"the column '{name}' needs {remedy}", line)
         self._end()
         return columns
+
+    def _describe(
+        self, titles: Row, columns: Mapping[int, tuple[str, float]], *, titled: int, units: int | None
+    ) -> None:
+        """Note what was understood of the columns."""
+        ahead = f" after {titled} lines of titles" if titled > 1 else " after a line of titles" if titled else ""
+        below = f", their units in line {units}" if units is not None else ""
+        self._notes.append(f"  names of columns in line {titles.line}{ahead}{below}")
+        ignored = [titles.entries[i] for i, (name, _) in columns.items() if name == IGNORE]
+        for i, (name, factor) in columns.items():
+            if name != IGNORE:
+                need = COLUMNS[name].needs
+                over = f", over {need} {_stated(need, self._statements[need])}" if need else ""
+                unit = COLUMNS[name].dimension.unit
+                size = f" in {factor:.6g} {unit}".rstrip() if factor != 1 else f" in {unit}" if unit else ""
+                self._notes.append(f"  '{titles.entries[i]}': {name}{size}{over}")
+        if ignored:
+            self._notes.append(f"  not used: {', '.join(ignored)}")
 
     def _sorted_rows(
         self, columns: dict[int, tuple[str, float]], rows: list[Row]
@@ -238,13 +271,15 @@ class _Reader:
         mode_rows: dict[Mode, list[dict[str, float]]] = {}
         for row in rows:
             line, entries = row.line, row.entries
-            if len(entries) != len(columns):
+            if len(entries) <= max(columns) or any(entries[max(columns) + 1 :]):
                 self._problem(f"has {len(entries)} entries, but there are {len(columns)} columns", line)
                 continue
             values: dict[str, float] = {}
             mode: Mode | None = None
             for i, (name, factor) in columns.items():
                 try:
+                    if COLUMNS[name].role == "ignored":
+                        continue
                     if COLUMNS[name].role == "mode":
                         mode = mode_named(entries[i])
                     else:
@@ -253,9 +288,9 @@ class _Reader:
                     self._problem(f"column '{name}': {error}", line)
             try:
                 mode = mode or self._mode()
-                if len(values) == len([1 for n, _ in columns.values() if COLUMNS[n].role != "mode"]):
+                if len(values) == len([1 for n, _ in columns.values() if COLUMNS[n].role not in ("mode", "ignored")]):
                     self._check(mode, values, line)
-                    mode_rows.setdefault(mode, []).append(values)
+                    mode_rows.setdefault(mode, []).append({**values, _LINE: line})
             except ValueError as error:
                 self._fail(str(error))
         return mode_rows
@@ -264,12 +299,12 @@ class _Reader:
         stated = self._statements.get("mode")
         if isinstance(stated, Mode):
             return stated
-        if self._default is None:
+        if self._options.mode is None:
             raise ValueError(
                 f"does not say which test it is: give --mode, or add a line '# mode: uniaxial' or a column 'mode'; "
                 f"modes are {', '.join(MODES)}"
             )
-        return mode_named(self._default)
+        return mode_named(self._options.mode)
 
     def _check(self, mode: Mode, values: dict[str, float], line: int) -> None:
         for name, value in values.items():
@@ -300,38 +335,45 @@ class _Reader:
         arrays = {
             role: self._converted(name, mode, np.array([row[name] for row in rows]))
             for role, name in role_names.items()
-            if role != "mode"
+            if role not in ("mode", "ignored")
         }
+        lines = [int(row[_LINE]) for row in rows]
         stem = self._path.stem
         name = f"{stem}, {mode.name}" if several or mode.name not in stem else stem
         is_cauchy = COLUMNS[role_names["stress"]].is_cauchy
-        return Test(name, mode, arrays["strain"], arrays["stress"], arrays.get("deviation"), is_cauchy)
+        test = Test(name, mode, arrays["strain"], arrays["stress"], arrays.get("deviation"), is_cauchy)
+        return self._branch(test, lines)
+
+    def _branch(self, test: Test, lines: Sequence[int]) -> Test:
+        """Return the branch of loading that the user asks for, and note what the test has."""
+        mode, cycle = test.mode, self._options.cycle
+        branches = loading_branches(test.measure, mode.rest_measure)
+        several = f", {len(branches)} cycles" if len(branches) > 1 else ""
+        self._notes.append(f"  {mode.name} test of {len(test)} points{several}: {_ranges(test)}")
+        if cycle is None:
+            if several:
+                self._notes.append("  all points are taken; --cycle N takes the loading branch of cycle N")
+            return test
+        if cycle > len(branches):
+            self._fail(f"has {len(branches)} cycles of loading, not {cycle}")
+        first, last = branches[cycle - 1]
+        kept = np.zeros(len(test), dtype=bool)
+        kept[first : last + 1] = True
+        branch = test.select(kept)
+        place = f"lines {lines[first]} to {lines[last]}"
+        self._notes.append(f"  loading of cycle {cycle}: {len(branch)} points, {place}: {_ranges(branch)}")
+        return branch
 
 
-_TITLE = re.compile(r"\s*(.*?)\s*(?:[\[(]\s*(.*?)\s*[\])])?\s*")
+def _ranges(test: Test) -> str:
+    stress = "pressure" if test.mode.is_volumetric else "Cauchy stress" if test.is_cauchy else "nominal stress"
+    low, high = (readable(float(value), "Pa") for value in (test.stress.min(), test.stress.max()))
+    return f"{test.mode.measure} {test.measure.min():.4g} to {test.measure.max():.4g}, {stress} {low} to {high}"
 
 
-def _column(title: str) -> tuple[str, float]:
-    """Return name and SI factor of a column from its title, such as ``nominal stress [MPa]``."""
-    match = _TITLE.fullmatch(title)
-    assert match is not None
-    name, unit = " ".join(match[1].lower().replace("_", " ").split()), match[2]
-    name = _ALIASES.get(name, name)
-    if name == "stress":
-        raise ValueError(f"column '{title}': is it a nominal stress or a Cauchy stress? Name it so")
-    if name not in COLUMNS:
-        raise ValueError(f"unknown column '{title}'.{did_you_mean(name, [*COLUMNS, *_ALIASES])}")
-    dimension = COLUMNS[name].dimension
-    if not unit and dimension != _PURE:
-        example = {"Pa": "MPa", "m": "mm"}.get(dimension.unit, dimension.unit)
-        raise ValueError(f"column '{title}' needs a unit: '{name} [{example}]'")
-    try:
-        factor, unit_dimension = parse_unit("" if unit in (None, "-", "1") else unit)
-    except ValueError as error:
-        raise ValueError(f"column '{title}': {error}") from None
-    if unit_dimension != dimension:
-        raise ValueError(f"column '{title}': must be {dimension}, but {unit} is {unit_dimension}")
-    return name, as_float(factor)
+def _stated(need: str, value: float | Mode) -> str:
+    assert isinstance(value, float)
+    return f"{value * 1e6:.6g} mm^2" if need == "area" else f"{value * 1e3:.6g} mm"
 
 
 def _finite(number: float, text: str) -> float:

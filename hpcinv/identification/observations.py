@@ -5,15 +5,16 @@ from the computed surface along the normal there, whose derivative is that of th
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import dropwhile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hpcinv.errors import MeshError, naming_field
-from hpcinv.job.identification import Observation
+from hpcinv.job.identification import TABLES, Observation
 from hpcinv.job.job import Job
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import Body, reorder_to_source
@@ -25,8 +26,9 @@ from hpcinv.mesh.surface import gather_surface
 from hpcinv.model.surface_distance import barycentric
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import on_root
-from hpcinv.quantity.csv_rows import Row, rows_of, text_of
+from hpcinv.quantity.csv_rows import Row
 from hpcinv.quantity.quantity import Measured
+from hpcinv.quantity.table_files import readings_of
 from hpcinv.results.shape_distance import read_same_cells
 
 _REMEDY = "What is observed is on the surface of the body: name a region of the boundary."
@@ -149,7 +151,7 @@ class ObservedSurface(Observed):
         def read() -> Floats:
             from hpcinv.mesh.io.surface_files import read_points  # loads VTK
 
-            return read_table(path, 3) if path.suffix == ".csv" else read_points(path)
+            return read_table(path, 3) if path.suffix in TABLES else read_points(path)
 
         self._points = on_root(body.mesh.comm, read) * spec.unit
         self._facets = None if spec.on is None else body.boundary_facets(spec.on, _REMEDY)
@@ -232,7 +234,7 @@ def _whole(body: Body, rows: Floats) -> Floats | None:
 
 
 def read_table(path: Path, columns: int) -> Floats:
-    """Read numbers (n, columns) from a .csv, with or without a line of titles.
+    """Read numbers (n, columns) from a table, with or without lines of titles and a first column of labels.
 
     Raises:
         MeshError: it cannot be read, or has other columns.
@@ -241,11 +243,10 @@ def read_table(path: Path, columns: int) -> Floats:
     advice = f"Each line has {columns} numbers, {wanted}; give their length unit as 'unit'."
     table: list[list[float]] = []
     try:
-        rows = [row for row in rows_of(text_of(path, _LARGEST_TABLE)) if isinstance(row, Row)]
+        ways = [_points(way.rows, columns) for way in readings_of(path, _LARGEST_TABLE)]
     except ValueError as error:
         raise MeshError(f"{path}: {error}", advice) from None
-    if rows and not rows[0].has_numbers:
-        del rows[0]  # titles
+    rows = max(ways, key=lambda rows: sum(len(row.entries) == columns and row.has_only_numbers for row in rows))
     for row in rows:
         if len(row.entries) != columns:
             raise MeshError(f"{path}: line {row.line}: has {len(row.entries)} entries, not {columns}", advice)
@@ -258,3 +259,12 @@ def read_table(path: Path, columns: int) -> Floats:
     if not table:
         raise MeshError(f"{path}: has no points", advice)
     return np.array(table)
+
+
+def _points(rows: Iterable[Row | tuple[int, str]], columns: int) -> list[Row]:
+    """Return the rows below the titles, without labels ahead of their numbers."""
+    points = list(dropwhile(lambda row: not row.has_numbers, (row for row in rows if isinstance(row, Row))))
+    return [
+        replace(row, entries=row.entries[1:]) if len(row.entries) == columns + 1 and not row.is_number(0) else row
+        for row in points
+    ]

@@ -17,7 +17,8 @@ from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Spec, Triple, 
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
-SURFACES = (".stl", ".ply", ".obj", ".vtp", ".csv")
+TABLES = (".csv", ".txt", ".xlsx")
+SURFACES = (".stl", ".ply", ".obj", ".vtp", *TABLES)
 
 
 def _whole(name: object) -> object:
@@ -72,12 +73,12 @@ class Observation(Spec):
     mesh: str | None = None
     """path to a mesh (.msh, .xdmf, .vtu) with the nodes and cells of the given one, at their observed positions"""
     surface: str | None = None
-    """path to points of the surface (.stl, .ply, .obj, .vtp, or .csv with columns x, y, z), in any order; what counts
-    is their distance from the computed surface"""
+    """path to points of the surface (.stl, .ply, .obj, .vtp, or a table .csv, .txt, .xlsx with x, y, z), in any order;
+    what counts is their distance from the computed surface"""
     on: str | None = None
     """region of the boundary on which the points of a surface lie; by default all of it"""
     landmarks: ListOf[Landmark] | str | None = None
-    """list of {at: point in the given mesh, observed: point}, or path to a .csv with these six columns"""
+    """list of {at: point in the given mesh, observed: point}, or path to a table (.csv, .txt, .xlsx) of six columns"""
     quantity: Annotated[Name, BeforeValidator(_whole)] | None = None
     """name of a quantity of interest, such as volume-supine"""
     value: AnyMeasured | Triple[Length] | None = None
@@ -115,7 +116,7 @@ class Observation(Spec):
             suffixes = {
                 "mesh": tuple(suffix for suffix in FORMATS if not FORMATS[suffix].is_partitioned),
                 "surface": SURFACES,
-                "landmarks": (".csv",),
+                "landmarks": TABLES,
             }[self.kind]
             path = directory_of(info) / self.file
             if path.suffix not in suffixes:

@@ -22,6 +22,7 @@ from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.region_names import unknown_regions
+from hpcinv.job.region_rules import RegionRule, RegionUnion
 from hpcinv.job.rules import (
     contradicting_directions,
     contradicting_meshes,
@@ -105,8 +106,9 @@ class Job(Spec):
     """the mesh of the given body, such as {file: ../meshes/beam.msh, unit: mm}"""
     let: Mapping[Name, Expression] = {}
     """names for parts of formulas, such as {r: "norm(x, y)"}, which all formulas of the job can use"""
-    regions: Mapping[Name, Expression] = {}
-    """parts of the given body by conditions on x, y, z, the outer normal nx, ny, nz, and the number of the cavity"""
+    regions: Mapping[Name, RegionRule] = {}
+    """parts of the given body by conditions on x, y, z, the outer normal nx, ny, nz, and the number of the cavity; or
+    unions of regions and groups of the mesh by their names, such as {skin: [endo, epi]}"""
     plugins: ListOf[str] = ()
     """Python files, by paths relative to the job file, that define further laws and effects"""
     files: ListOf[str] = ()
@@ -402,10 +404,16 @@ class Job(Spec):
 
     @field_validator("regions")
     @classmethod
-    def _check_regions(cls, regions: Mapping[str, Expression]) -> Mapping[str, Expression]:
+    def _check_regions(cls, regions: Mapping[str, RegionRule]) -> Mapping[str, RegionRule]:
         if "boundary" in regions:
             raise Problems((("boundary",), "is already the name of the whole boundary; choose another"))
-        raise_if_any(faults((((name,), formula) for name, formula in regions.items()), REGION_NAMES, True))
+        conditions = {name: rule for name, rule in regions.items() if isinstance(rule, Expression)}
+        raise_if_any(faults((((name,), formula) for name, formula in conditions.items()), REGION_NAMES, True))
+        names = list(regions)
+        for i, (name, rule) in enumerate(regions.items()):
+            later = [m for m in rule.members if m in names[i:]] if isinstance(rule, RegionUnion) else []
+            if later:
+                raise Problems(((name,), f"names '{later[0]}', which is not defined above it; change the order"))
         return regions
 
     @field_validator("states")
@@ -728,6 +736,9 @@ def _named_regions(job: Job) -> Iterator[tuple[KeyPath, str]]:
     """Names of all regions to which a job refers, with their places."""
     sections: list[tuple[KeyPath, Sequence[Support], Sequence[Effect]]] = [((), job.supports, job.effects)]
     sections += [(("states", i), state.supports or (), state.effects) for i, state in enumerate(job.states)]
+    for name, rule in job.regions.items():
+        for i, member in enumerate(rule.members if isinstance(rule, RegionUnion) else ()):
+            yield ("regions", name, i), member
     for place, supports, effects in sections:
         for i, support in enumerate(supports):
             yield (*place, "supports", i, "region"), support.region

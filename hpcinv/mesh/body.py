@@ -18,6 +18,7 @@ from hpcinv.errors import MeshError
 from hpcinv.files.names import exists
 from hpcinv.formats import FORMATS
 from hpcinv.job.mesh_generators import converted_parameters
+from hpcinv.job.region_rules import RegionRule
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body_length import body_length
 from hpcinv.mesh.bounding_box import diagonal
@@ -34,7 +35,6 @@ from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geomet
 from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.nondimensional import power_of_two
 
 
@@ -204,7 +204,7 @@ def sibling_path(path: Path, file: str, other: str) -> Path:
 
 def build_body(
     spec: MeshSpec,
-    regions: Mapping[str, Expression],
+    regions: Mapping[str, RegionRule],
     comm: MPI.Intracomm,
     *,
     resolve: Callable[[str], Path] = Path,

@@ -167,7 +167,7 @@ def _shared(source: MeshSource, dim: int, place: Ints) -> MeshProblems:
         names = sorted({f"'{groups[distinct[i, 1]].name}' and '{groups[distinct[i + 1, 1]].name}'" for i in twice})
         yield (
             f"{len(twice)} {'cells' if dim == 3 else 'facets'} are in several physical groups: {'; '.join(names)}",
-            "Keep one group for each and define the other as a geometric region (regions: {name: 'x < 1 mm'}).",
+            "Keep one group for each, and define what has both as their union (regions: {skin: [endo, epi]}).",
         )
 
 

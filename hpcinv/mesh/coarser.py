@@ -4,17 +4,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from hpcinv.errors import MeshError
+from hpcinv.job.region_rules import RegionRule
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body import Body, build_body, read_source
 from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel.runtime import on_root
-from hpcinv.quantity.expressions import Expression
 
 
 def coarser_body(
     body: Body,
     spec: MeshSpec,
-    regions: Mapping[str, Expression],
+    regions: Mapping[str, RegionRule],
     *,
     resolve: Callable[[str], Path],
     size_factor: float,

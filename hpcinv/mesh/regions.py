@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.job.region_rules import RegionRule, RegionUnion
 from hpcinv.mesh.boundary_shells import LocalIndices as LocalIndices
 from hpcinv.mesh.boundary_shells import Mesh as Mesh
 from hpcinv.mesh.boundary_shells import cavities, outer_facets
@@ -27,7 +28,7 @@ class Region:
     """A named set of facets and cells: local indices of this rank, and their numbers on all ranks together."""
 
     name: str
-    origin: str  # "physical", "geometric" or "built in"
+    origin: str  # "physical", "geometric", "union" or "built in"
     facets: LocalIndices
     cells: LocalIndices
     facet_count: int
@@ -35,13 +36,14 @@ class Region:
 
 
 def build_regions(
-    mesh: Mesh, source: MeshSource, conditions: Mapping[str, Expression], length_scale: float
+    mesh: Mesh, source: MeshSource, rules: Mapping[str, RegionRule], length_scale: float
 ) -> dict[str, Region]:
     """All regions of a distributed mesh; collective.
 
     A geometric region contains the boundary facets and the cells all of whose vertices satisfy its condition in SI
     coordinates; if the condition is one of outer normals (``nx``, ``ny``, ``nz``) or cavities, only boundary facets.
-    The comparison has no tolerance: write ``x < 1e-6 m``, not ``x == 0``.
+    The comparison has no tolerance: write ``x < 1e-6 m``, not ``x == 0``. A union has all facets and cells of its
+    members.
 
     Raises:
         MeshError: on all ranks, if a condition matches nothing, cannot be evaluated, or has the name of a physical
@@ -55,14 +57,19 @@ def build_regions(
     none = np.zeros(0, dtype=np.int32)
     boundary = _region(mesh, BOUNDARY, "built in", exterior, none)
     regions = {BOUNDARY: boundary} | _physical(mesh, source)
-    problems = [f"region '{name}' is also a physical group of the mesh" for name in conditions if name in regions]
+    problems = [f"region '{name}' is also a physical group of the mesh" for name in rules if name in regions]
     if not mesh.comm.allreduce(np.array_equal(regions[BOUNDARY].facets, exterior), MPI.LAND):
         problems.append("the physical group 'boundary' is not the whole boundary, for which that name is reserved")
     error: HpcinvError | None = None
     cavity: Ints | None = None
     owned = np.arange(topology.index_map(3).size_local, dtype=np.int32)
     points = mesh.geometry.x * length_scale
-    for name, condition in conditions.items():
+    for name, condition in rules.items():
+        if isinstance(condition, RegionUnion):
+            members = [find(regions, member, source) for member in condition.members]
+            facets = np.unique(np.concatenate([member.facets for member in members]))
+            regions[name] = _region(mesh, name, "union", facets, np.unique(np.concatenate([m.cells for m in members])))
+            continue
         if "cavity" in condition.names and cavity is None:
             cavity = cavities(mesh, exterior)
         try:
@@ -104,9 +111,9 @@ def _holds(
     return np.broadcast_to(is_inside, count)
 
 
-def is_facet_condition(condition: Expression) -> bool:
-    """Return whether a condition is one of outer normals or of cavities, which only facets have."""
-    return bool(condition.names & _OF_FACETS)
+def is_facet_condition(rule: RegionRule) -> bool:
+    """Return whether a rule is a condition on outer normals or cavities, which only facets have."""
+    return isinstance(rule, Expression) and bool(rule.names & _OF_FACETS)
 
 
 def _facet_mask(

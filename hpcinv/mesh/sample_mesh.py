@@ -7,6 +7,7 @@ import dolfinx
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.job.region_rules import RegionRule, RegionUnion
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.cells import coordinate_element, vertex_count
 from hpcinv.mesh.distributed.partition import partition_of
@@ -15,7 +16,6 @@ from hpcinv.mesh.regions import Region, build_regions, evaluate, is_facet_condit
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable
 from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.nondimensional import power_of_two
 
 HELD = "one facet of each cell"
@@ -24,7 +24,7 @@ HELD = "one facet of each cell"
 
 def sample_body(
     source: MeshSource,
-    conditions: Mapping[str, Expression],
+    rules: Mapping[str, RegionRule],
     points: Iterable[Floats],
     finer: FinerGeometry | None = None,
 ) -> Body:
@@ -36,7 +36,7 @@ def sample_body(
     Args:
         finer: true geometry of the whole mesh, if known.
     """
-    chosen = np.unique([*_first_of_each(source, conditions), *_cells_near(source, points)])
+    chosen = np.unique([*_first_of_each(source, rules), *_cells_near(source, points)])
     part = _separated(source, chosen)
     if finer is not None and finer.source is not None:
         finer = replace(finer, source=_separated(finer.source, chosen))
@@ -44,13 +44,13 @@ def sample_body(
     comm = MPI.COMM_SELF
     element = coordinate_element(part.kind, part.degree)
     mesh = dolfinx.mesh.create_mesh(comm, part.cells, element, part.points / length_scale)
-    place_conditions = {name: condition for name, condition in conditions.items() if not is_facet_condition(condition)}
-    regions = build_regions(mesh, part, place_conditions, length_scale)
+    place_rules = _place_rules(rules)
+    regions = build_regions(mesh, part, place_rules, length_scale)
     mesh.topology.create_connectivity(3, 2)
     first = np.sort(mesh.topology.connectivity(3, 2).array.reshape(len(chosen), -1)[:, 0])
     held = Region(HELD, "built in", first, np.zeros(0, dtype=np.int32), len(first), 0)
     # Separate cells have other normals and cavities than the body.
-    normal_regions = {n: replace(held, name=n, origin="geometric") for n in conditions if n not in place_conditions}
+    normal_regions = {n: replace(held, name=n, origin="geometric") for n in rules if n not in place_rules}
     read = None if finer is None else lambda: finer
     return Body(
         mesh,
@@ -63,15 +63,25 @@ def sample_body(
     )
 
 
-def _first_of_each(source: MeshSource, conditions: Mapping[str, Expression]) -> Ints:
+def _place_rules(rules: Mapping[str, RegionRule]) -> dict[str, RegionRule]:
+    """Return the rules that depend neither on normals nor on cavities, also not by members of unions."""
+    place_rules: dict[str, RegionRule] = {}
+    for name, rule in rules.items():
+        others = rules.keys() - place_rules.keys()
+        if not is_facet_condition(rule) and not (isinstance(rule, RegionUnion) and others & {*rule.members}):
+            place_rules[name] = rule
+    return place_rules
+
+
+def _first_of_each(source: MeshSource, rules: Mapping[str, RegionRule]) -> Ints:
     """First cell of each combination of regions."""
     table = FacetTable.build(source.kind, source.cells[:, : vertex_count(source.kind)])
-    marks = np.stack([np.zeros(len(source.cells), dtype=bool), *_memberships(source, table, conditions)], axis=1)
+    marks = np.stack([np.zeros(len(source.cells), dtype=bool), *_memberships(source, table, rules)], axis=1)
     return np.asarray(np.unique(marks, axis=0, return_index=True)[1], dtype=np.int64)
 
 
 def _memberships(
-    source: MeshSource, table: FacetTable, conditions: Mapping[str, Expression]
+    source: MeshSource, table: FacetTable, rules: Mapping[str, RegionRule]
 ) -> Iterator[npt.NDArray[np.bool_]]:
     """For each region two flags of each cell: whether the cell is in it, and whether a facet of the cell is in it."""
     facet_rows = table.find(source.facets[:, : table.vertices.shape[1]])
@@ -82,8 +92,8 @@ def _memberships(
             yield np.asarray(np.isin(table.cell_facets, facet_rows[group.members]).any(axis=1))
     exterior = table.sharing == 1
     yield exterior[table.cell_facets].any(axis=1)
-    for name, condition in conditions.items():
-        if is_facet_condition(condition):
+    for name, condition in rules.items():
+        if isinstance(condition, RegionUnion) or is_facet_condition(condition):  # a union follows from its members
             continue
         is_inside = evaluate(name, condition, source.points)
         yield np.asarray(is_inside[source.cells[:, : vertex_count(source.kind)]].all(axis=1))

@@ -3,12 +3,14 @@
 import csv
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from hpcinv.quantity.units import NUMBER
 
 _NUMBER = re.compile(NUMBER)
+_NOT_TEXT = re.compile(r"[\0-\x08\x0e-\x19\x1b-\x1f\x7f]")  # old systems end files with \x1a
 _WITH_COMMA = re.compile(r"([+-]?\d*),(\d+(?:[eE][+-]?\d{1,3})?)")
 
 
@@ -38,6 +40,18 @@ class Row:
             raise ValueError(f"{shortened(text)} is not a number{comma}")
         return float(text)
 
+    def is_number(self, column: int) -> bool:
+        """Return whether the entry in a column is a number."""
+        try:
+            self.number(column)
+        except ValueError:
+            return False
+        return True
+
+    @property
+    def has_only_numbers(self) -> bool:
+        return all(map(self.is_number, range(len(self.entries))))
+
     @property
     def has_numbers(self) -> bool:
         """True if some entry begins as a number does: a row of titles has none."""
@@ -48,15 +62,16 @@ def shortened(text: str) -> str:
     return repr(text) if len(text) <= 60 else f"{text[:57]!r}..."
 
 
-def rows_of(text: str) -> Iterator[Row | tuple[int, str]]:
+def rows_of(text: str, delimiter: str = "", *, decimal_comma: bool = False) -> Iterator[Row | tuple[int, str]]:
     """Yield the rows of a table that are not empty, and comments (``#``) as their line and text.
 
-    The first row decides what delimits entries: tabs, else semicolons, else commas.
+    Args:
+        delimiter: of entries; left out, the first row decides: tabs, else semicolons, else commas.
+        decimal_comma: whether commas in entries between quotation marks are decimal ones, though others delimit.
 
     Raises:
         ValueError: a row cannot be read; with the line and the reason.
     """
-    delimiter = ""
     for number, line in enumerate(text.removeprefix("\ufeff").splitlines(), start=1):
         if line.lstrip().startswith("#"):
             yield number, line.lstrip("# \t")
@@ -66,16 +81,39 @@ def rows_of(text: str) -> Iterator[Row | tuple[int, str]]:
                 entries = next(csv.reader([line], delimiter=delimiter))
             except csv.Error as error:  # an entry of more than 131,072 characters
                 raise ValueError(f"line {number}: cannot be read: {error}") from None
-            yield Row(number, tuple(entry.strip() for entry in entries), delimiter != ",")
+            yield Row(number, tuple(entry.strip() for entry in entries), decimal_comma or delimiter != ",")
 
 
 def text_of(path: Path, most: int) -> str:
-    """Return the text of a file in UTF-8 of at most so many bytes; ``ValueError`` with the reason if it is none."""
+    """Return the text of a file of at most so many bytes, as `decoded`; ``ValueError`` if there is none."""
+    return decoded(content_of(path, most))[0]
+
+
+def content_of(path: Path, most: int) -> bytes:
+    """Return the bytes of a file, at most so many; ``ValueError`` with the reason if they cannot be read."""
     try:
         if (size := path.stat().st_size) > most:
             raise ValueError(f"has {size:,} bytes, and may have {most:,}")
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError("is not a text file in UTF-8") from None
+        return path.read_bytes()
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror}") from None
+
+
+def decoded(content: bytes) -> tuple[str, str]:
+    """Return text and encoding of a file: UTF-8, UTF-16, or else Windows' Latin-1; ``ValueError`` if it is no text."""
+    for text, encoding in _decodings(content):
+        if not _NOT_TEXT.search(text):
+            return text, encoding
+    raise ValueError("is not a text file")
+
+
+def _decodings(content: bytes) -> Iterator[tuple[str, str]]:
+    marked = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    # Latin letters in UTF-16 have a zero byte each, text in other encodings has none.
+    guesses = (
+        ["utf-16"] if marked else ["utf-16-le", "utf-16-be"] if b"\0" in content else ["utf-8-sig", "cp1252", "latin-1"]
+    )
+    for encoding in guesses:
+        with suppress(UnicodeDecodeError):
+            name = "UTF-8" if encoding == "utf-8-sig" else "UTF-16" if "16" in encoding else "Latin-1"
+            yield content.decode(encoding), name

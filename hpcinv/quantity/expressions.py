@@ -204,11 +204,12 @@ class Expression:
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         return core_schema.with_info_plain_validator_function(
-            cls._read,
-            serialization=core_schema.plain_serializer_function_ser_schema(cls._plain, info_arg=True),
+            cls.read,
+            serialization=core_schema.plain_serializer_function_ser_schema(cls.plain, info_arg=True),
         )
 
-    def _plain(self, info: SerializationInfo) -> str:
+    def plain(self, info: SerializationInfo) -> str:
+        """Return the text in a job, with definitions if the context asks for them."""
         return self.whole if writes_definitions(info) else self.source
 
     @classmethod
@@ -218,7 +219,8 @@ class Expression:
         return {"type": ["string", "number"]}
 
     @classmethod
-    def _read(cls, value: object, info: ValidationInfo) -> Expression:
+    def read(cls, value: object, info: ValidationInfo) -> Expression:
+        """Return the formula that a job has, with the definitions in the context; ``ValueError`` if it is none."""
         if isinstance(value, cls):
             return value
         if isinstance(value, bool) or not isinstance(value, str | int | float):

@@ -21,6 +21,7 @@ from hpcinv.mesh.cells import jacobians, quadrature
 from hpcinv.mesh.regions import BOUNDARY, is_facet_condition
 from hpcinv.mesh.source import Floats
 from hpcinv.model.field_checks import young_moduli
+from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.quantity import quantities_of
 from hpcinv.quantity.units import Dimension, length_symbol, readable
 from hpcinv.solver.equations import Equations
@@ -166,7 +167,7 @@ def _regions_without_bounds(job: Job, body: Body) -> Iterator[str]:
     for name in (name for name in used if name in job.regions):
         condition = job.regions[name]
         whole = body.regions[name].facet_count == body.regions[BOUNDARY].facet_count
-        if whole and not is_facet_condition(condition):
+        if whole and isinstance(condition, Expression) and not is_facet_condition(condition):
             yield (
                 f"region '{name}' is the whole boundary: '{condition}' holds all over it"
                 " (numbers without a unit are in m)"

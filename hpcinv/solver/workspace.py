@@ -23,6 +23,7 @@ from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cell_count import no_report
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import Timings
+from hpcinv.quantity.expressions import Expression
 from hpcinv.solver.equations import Equations
 
 
@@ -116,5 +117,5 @@ def _mesh_of(job: Job) -> str:
     """Return everything that a body depends on, as text."""
     digests = [file_digest(job.resolve(file)) for file in job.mesh.files]
     spec = job.mesh.model_dump(mode="json") | {"metres": job.mesh.metres, "digest": digests}
-    regions = {name: formula.whole for name, formula in job.regions.items()}
+    regions = {n: rule.whole if isinstance(rule, Expression) else str(rule) for n, rule in job.regions.items()}
     return json.dumps([spec, regions, job.discretisation.displacement], sort_keys=True)

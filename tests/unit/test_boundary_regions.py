@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hpcinv.errors import MeshError
+from hpcinv.errors import JobError, MeshError
+from hpcinv.job.job import Job, parse
+from hpcinv.job.region_rules import RegionRule, RegionUnion
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import build_body
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.boundary_shells import shells
+from hpcinv.mesh.sample_mesh import sample_body
 from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.expressions import Expression
@@ -37,10 +40,13 @@ def block() -> MeshSource:
     )
 
 
-def body(**regions: str) -> Body:
+def rules(**regions: str | list[str]) -> dict[str, RegionRule]:
+    return {n: Expression(r) if isinstance(r, str) else RegionUnion(tuple(r)) for n, r in regions.items()}
+
+
+def body(**regions: str | list[str]) -> Body:
     spec = MeshSpec.model_construct(file="block.vtu", unit=1.0)
-    conditions = {name: Expression(text) for name, text in regions.items()}
-    return build_body(spec, conditions, MPI.COMM_WORLD, given=block())
+    return build_body(spec, rules(**regions), MPI.COMM_WORLD, given=block())
 
 
 @pytest.mark.parallel([1, 2, 3])
@@ -60,6 +66,53 @@ def test_regions_by_normals_and_cavities() -> None:
     assert counts["roofs"] == (3, 0)
     with pytest.raises(MeshError, match="region 'third': no boundary facet and no cell satisfies 'cavity > 2'"):
         body(third="cavity > 2")
+
+
+UNIONS: dict[str, str | list[str]] = {
+    "lower": "z < 1.5 m",
+    "bottom": "nz < -cos(30 deg) and z < 0.5 m",
+    "holes": "cavity > 0",
+    "skin": ["bottom", "lower"],  # the first is a part of the second
+    "wall": ["skin", "holes"],
+}
+
+
+@pytest.mark.parallel([1, 2, 3])
+def test_unions_have_each_facet_and_cell_once() -> None:
+    regions = body(**UNIONS).regions
+    counts = {name: (region.facet_count, region.cell_count) for name, region in regions.items()}
+    assert counts["lower"] == (25 + 4 * 5 + 3, 25)  # the bottom, a layer of the sides, and the floors of the cavities
+    assert counts["skin"] == counts["lower"]
+    assert counts["wall"] == (25 + 4 * 5 + 10 + 6, 25)
+    with pytest.raises(MeshError, match="no region 'endo'"):
+        body(skin=["endo"])
+
+
+def test_samples_have_unions() -> None:
+    regions = sample_body(block(), rules(**UNIONS), []).regions
+    assert regions["wall"].facet_count
+    assert set(regions["lower"].facets) == set(
+        sample_body(block(), rules(lower="z < 1.5 m"), []).regions["lower"].facets
+    )
+
+
+def test_unions_in_jobs_are_checked(tmp_path: Path) -> None:
+    sections = {"mesh": {"file": "box.py"}, "material": {"law": "neo-hookean", "young": "1 kPa", "poisson": 0.3}}
+    (tmp_path / "box.py").write_text("def build(gmsh): ...")
+    supports = [{"region": "skin", "fix": ["x", "y", "z"]}]
+
+    def job(**regions: object) -> Job:
+        return parse({**sections, "supports": supports, "regions": regions}, tmp_path / "job.yaml")
+
+    assert job(foot="z < 1 mm", skin=["foot", "endo"]).regions["skin"] == RegionUnion(("foot", "endo"))
+    for regions, message in (
+        ({"skin": ["foot"], "foot": "z < 1 mm"}, "regions.skin: names 'foot', which is not defined above it"),
+        ({"skin": ["skin"]}, "regions.skin: names 'skin', which is not defined above it"),
+        ({"skin": []}, r"regions.skin: must be a condition, or names of regions such as \[endo, epi\], not \[\]"),
+        ({"skin": [1]}, "must be a condition, or names of regions"),
+    ):
+        with pytest.raises(JobError, match=message):
+            job(**regions)
 
 
 def test_shells_that_enclose_nothing_are_numbered_by_volume() -> None:

@@ -199,7 +199,7 @@ def test_conditions_that_share_facets_become_separate_groups(tmp_path: Path) -> 
 
 def test_what_has_no_counterpart_is_named(tmp_path: Path) -> None:
     from benchmarks.published.febio.conversion import Unsupported, convert
-    from benchmarks.published.febio.laws import UnknownLaw
+    from hpcinv.cards.card import UnknownLaw
 
     with pytest.raises(Unsupported, match=r"not those of whole facets \(edge\)"):
         convert(read(tmp_path / "bar.feb", BAR.replace('node_set="left"', 'node_set="edge"')), "bar")
@@ -233,7 +233,7 @@ def test_a_file_gives_the_norm_of_its_free_displacements(tmp_path: Path, monkeyp
 
 
 def test_formulas_of_laws_agree_with_their_functions() -> None:
-    from benchmarks.published.febio.laws import exponential_integral, inverse_langevin
+    from hpcinv.cards.series import exponential_integral, inverse_langevin
 
     series = inverse_langevin(20)
     for x in (0.1, 0.3, 0.45):

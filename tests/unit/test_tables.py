@@ -22,6 +22,8 @@ POINTS = np.arange(1, 10).reshape(3, 3) / 10
         "\ufeffx,y,z\n" + "\n".join(ROWS),
         "# from a scan\nx [m];y [m];z [m]\n" + "\n".join(ROWS).replace(",", ";").replace(".", ","),
         "\n".join(ROWS).replace(",", "\t"),
+        "Scan 7\nlandmark;x;y;z\n"
+        + "\n".join(f"apex {row}" for row in ROWS).replace(",", ";").replace("apex ", "apex;"),
         "\r\n".join(ROWS).replace(",", " ; ") + "\r\n\r\n",
     ],
 )
@@ -38,7 +40,7 @@ def test_all_points_of_a_table_are_read(text: str, tmp_path: Path) -> None:
         ("0.1,0.2,z\n0.4,0.5,0.6", "line 1: 'z' is not a number"),
         ("0,1;0,2", "line 1: has 2 entries, not 3"),
         ("0,1,0,2,0,3", "line 1: has 6 entries, not 3"),
-        ("x,y,z\n1.234,5;0,2;0,3", "line 2: has 4 entries, not 3"),
+        ("x,y,z\n1.234,5;0,2;0,3", "line 2: '1.234,5' is not a number"),
         ("x;y;z\n1.234,5;0,2;0,3", "line 2: '1.234,5' is not a number"),
         ("x,y,z", "has no points"),
         ("0.1,0.2,nan", "line 1: 'nan' is not a number"),
@@ -54,8 +56,18 @@ def test_what_could_be_something_else_is_refused(text: str, told: str, tmp_path:
     assert refused.value.message == f"{path}: {told}" or refused.value.message.startswith(f"{path}: {told}")
 
 
-def test_other_encodings_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be", "latin-1"])
+def test_other_encodings_are_read(encoding: str, tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
-    path.write_text("\n".join(ROWS), encoding="utf-16")
-    with pytest.raises(MeshError, match="is not a text file in UTF-8"):
+    path.write_text("x,y,größe\n" + "\n".join(ROWS), encoding=encoding)
+    plain = tmp_path / "plain.csv"
+    plain.write_text("\n".join(ROWS))
+    assert (read_table(path, 3) == read_table(plain, 3)).all()
+
+
+@pytest.mark.parametrize("content", [b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", b"1,2,3\n\x01", b"\0" * 9, b"\xff\xfe\0"])
+def test_binary_files_are_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_bytes(content)
+    with pytest.raises(MeshError, match="is not a text file"):
         read_table(path, 3)

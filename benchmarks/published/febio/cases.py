@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hpcinv.cards.card import CardError
 from hpcinv.errors import JobError
 from hpcinv.mesh.body import reorder_to_source
 from hpcinv.parallel.runtime import on_root
@@ -16,7 +17,6 @@ from hpcinv.parallel.runtime import on_root
 from ..runs import Missing
 from .conversion import Unsupported, convert, prescribed
 from .feb_reader import FebError, Model, read_feb
-from .laws import UnknownLaw
 
 if TYPE_CHECKING:
     from hpcinv.output.result import Result
@@ -47,7 +47,7 @@ def job_file(name: str, store: Path) -> Path:
     test, analysis = name.removesuffix(UNLOADED), "inverse" if name.endswith(UNLOADED) else "forward"
     try:
         conversion = convert(_model(test), name, analysis)
-    except (FebError, Unsupported, UnknownLaw) as error:
+    except (FebError, Unsupported, CardError) as error:
         raise JobError(f"{test}.feb: {error}") from error
     return conversion.write(store / "jobs" / name)
 

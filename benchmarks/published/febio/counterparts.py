@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from hpcinv.cards.card import CardError
+
 from .conversion import Unsupported, convert
 from .feb_reader import FebError, read_feb
-from .laws import UnknownLaw
 
 
 def main() -> None:
@@ -23,7 +24,7 @@ def main() -> None:
                 reason = f"is {conversion.write(options.write / path.stem)}"
         except FebError as error:
             reason = str(error).removeprefix(f"{path}: ")
-        except (Unsupported, UnknownLaw) as error:
+        except (Unsupported, CardError) as error:
             reason = str(error)
         print(f"{path.stem}: {reason}", flush=True)
 

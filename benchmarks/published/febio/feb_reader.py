@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.cards.entry import Entry, entry_of
+
 from .older_formats import FORMATS, in_format_4
 
 type Ints = npt.NDArray[np.int64]
@@ -32,46 +34,10 @@ class FebError(Exception):
 
 
 @dataclass(frozen=True)
-class Entry:
-    """A material, load or boundary condition: its type, its parameters, and the entries within it.
+class Condition(Entry):
+    """A load or a boundary condition, with the name of the set or surface on which it acts."""
 
-    Attributes:
-        tag: name of its element in the file.
-        values: text of its parameters by name, and formulas (``type="math"``).
-        factors: values of the load curves of parameters at the end, by name.
-        maps: parameters that are given by an array of the file, with the name of that array.
-        region: name of the set or surface on which it acts.
-    """
-
-    tag: str
-    type: str
-    values: Mapping[str, str]
-    factors: Mapping[str, float]
-    maps: Mapping[str, str]
-    parts: tuple[Entry, ...] = ()
     region: str = ""
-
-    def number(self, name: str, default: float | None = None) -> float:
-        """Return a parameter times its load curve."""
-        if name not in self.values and default is not None:
-            return default
-        try:
-            return float(self.values[name]) * self.factors.get(name, 1.0)
-        except (KeyError, ValueError):
-            text = self.maps.get(name) or self.values.get(name)
-            raise FebError(f"{self.type or self.tag}: {name} is not a number: {text}") from None
-
-    def vector(self, name: str) -> Floats:
-        """Return a parameter of three numbers times its load curve."""
-        where = f"{self.type or self.tag}: {name}"
-        numbers = _numbers(self.values.get(name), where)
-        if numbers.shape != (3,):
-            raise FebError(f"{where} needs three numbers")
-        return numbers * self.factors.get(name, 1.0)
-
-    def part(self, tag: str) -> Entry | None:
-        """Return the first entry of a tag within this one."""
-        return next((part for part in self.parts if part.tag == tag), None)
 
 
 @dataclass(frozen=True)
@@ -110,8 +76,8 @@ class Model:
     element_data: Mapping[str, tuple[str, Floats]]
     mat_axes: Mapping[str, Floats]
     materials: Mapping[str, Entry]
-    conditions: tuple[Entry, ...]
-    loads: tuple[Entry, ...]
+    conditions: tuple[Condition, ...]
+    loads: tuple[Condition, ...]
     unread: tuple[str, ...]
     rest: float
 
@@ -175,10 +141,10 @@ class _Reader:
         module = self._section("Module").get("type", "")
         analysis = self.root.findtext("Control/analysis", "STATIC").strip().upper()
         self.unread += [f"module {module}"] * (module != "solid") + [f"analysis {analysis}"] * (analysis != "STATIC")
-        materials = {_name(item): self._entry(item) for item in self._section("Material")}
-        conditions = tuple(self._entry(item, item.get("node_set", "")) for item in self._list("Boundary"))
+        materials = {_name(item): entry_of(item, self._curve) for item in self._section("Material")}
+        conditions = tuple(self._condition(item, item.get("node_set", "")) for item in self._list("Boundary"))
         loads = tuple(
-            self._entry(item, item.get("surface") or item.get("node_set", "")) for item in self._list("Loads")
+            self._condition(item, item.get("surface") or item.get("node_set") or "") for item in self._list("Loads")
         )
         blocks = tuple(self._blocks(mesh))
         for block in blocks:
@@ -219,22 +185,8 @@ class _Reader:
         control = self._section("Control")
         return float(control.findtext("time_steps", "10")) * float(control.findtext("step_size", "0.1"))
 
-    def _entry(self, item: ET.Element, region: str | None = None) -> Entry:
-        values: dict[str, str] = {}
-        factors: dict[str, float] = {}
-        maps: dict[str, str] = {}
-        parts: list[Entry] = []
-        for child in item:
-            kind = child.get("type")
-            if kind == "map":
-                maps[child.tag] = (child.text or "").strip()
-            elif len(child) or (kind is not None and kind != "math"):
-                parts.append(self._entry(child))
-            else:
-                values[child.tag] = (child.text or "").strip()
-            if curve := child.get("lc"):
-                factors[child.tag] = self._curve(curve)
-        return Entry(item.tag, item.get("type", ""), values, factors, maps, tuple(parts), region or "")
+    def _condition(self, item: ET.Element, region: str) -> Condition:
+        return Condition(**vars(entry_of(item, self._curve)), region=region)
 
     def _curve(self, number: str) -> float:
         """Value of a load curve at the end."""

@@ -142,7 +142,7 @@ def test_sampled_values_have_twelve_digits(tmp_path: Path) -> None:
     ("axes", "expected"),
     [
         ([], "axes: must hold at least one axis"),
-        ([{}], "axes[0]: must be one of grid, zip, random, latin_hypercube, sobol, branches, not none of them"),
+        ([{}], "axes[0]: must be one of grid, zip, random, latin_hypercube, sobol, branches, table, not none of them"),
         ([{"grid": {MU: [1]}, "zip": {MU: [1]}}], "axes[0]: must be one of grid, zip, random, latin_hypercube, sobol"),
         ([{"gird": {MU: [1]}, "grid": {MU: [1]}}], "axes[0].gird: unknown key. Did you mean 'grid'?"),
         ([{"grid": {}}], "axes[0].grid: must have at least one entry"),
@@ -413,3 +413,70 @@ def test_validate_takes_sweeps_and_loads_neither_mpi_nor_the_solver(tmp_path: Pa
     assert not {"mpi4py", "petsc4py", "dolfinx", "gmsh", "ufl", "numpy", "scipy", "h5py", "matplotlib"} & set(
         json.loads(modules)
     )
+
+
+# Axes from tables
+
+TABLE = "batch, material.mu [kPa], effects[0].density\n2026-03, 10.5, 900 kg/m^3\n2026-04, 12, 1.1 g/cm^3\n"
+
+
+def test_a_table_is_an_axis_of_its_rows(tmp_path: Path) -> None:
+    (tmp_path / "batches.csv").write_text(TABLE)
+    cases = plan(tmp_path, {"table": "batches.csv", "name": "batch"}, {"grid": {"material.lam": [4e4, 5e4]}}).cases
+    assert [dict(case.parameters) for case in cases[::2]] == [
+        {"batch": "2026-03", MU: "10.5 kPa", DENSITY: "900 kg/m^3", "material.lam": 4e4},
+        {"batch": "2026-04", MU: "12 kPa", DENSITY: "1.1 g/cm^3", "material.lam": 4e4},
+    ]
+    assert len({case.key for case in cases}) == 4
+
+
+def test_tables_of_others_need_the_titles_by_key(tmp_path: Path) -> None:
+    text = "Chargen 2026\nCharge;µ;Dichte;Prüfer\n;kPa;kg/m³;\nA;10,5;900;Müller\nB;12;1100;Müller\n"
+    (tmp_path / "batches.csv").write_text(text, encoding="latin-1")
+    (fault,) = problems(tmp_path, {"table": "batches.csv"})
+    assert "no line names columns by keys of the job, such as material.c1 [kPa]" in fault
+    columns = {MU: "µ", DENSITY: "Dichte"}
+    cases = plan(tmp_path, {"table": "batches.csv", "name": "Charge", "columns": columns}).cases
+    assert [dict(case.parameters) for case in cases] == [
+        {"Charge": "A", MU: "10.5 kPa", DENSITY: "900 kg/m³"},
+        {"Charge": "B", MU: "12 kPa", DENSITY: "1100 kg/m³"},
+    ]
+    unnamed = plan(tmp_path, {"table": "batches.csv", "columns": {MU: "µ"}}).cases
+    assert [dict(case.parameters) for case in unnamed] == [{MU: "10.5 kPa"}, {MU: "12 kPa"}]
+
+
+@pytest.mark.parametrize(
+    ("text", "axis", "expected"),
+    [
+        (None, {}, "axes[0].table: batches.csv: cannot be read: No such file"),
+        (TABLE, {}, "line 1: the column 'batch' is not a key of the job; give 'columns' by key, or 'name: batch'"),
+        (TABLE, {"name": "lot"}, "the column 'batch' is not a key of the job"),
+        (TABLE.partition("\n")[0], {"name": "batch"}, "has no rows below"),
+        (TABLE.replace("2026-04", "2026-03"), {"name": "batch"}, "line 3: the label '2026-03' is a duplicate"),
+        (TABLE.replace("10.5", ""), {"name": "batch"}, "line 2: a value is missing in column 2"),
+        (TABLE.replace(", 900 kg/m^3", ""), {"name": "batch"}, "line 2: has 2 entries, but there are 3 columns"),
+        (TABLE, {"columns": {MU: "mu"}}, "no line names columns by mu"),
+        (TABLE, {"grid": {MU: [1]}}, "axes[0].grid: is not valid with a table"),
+        ("material.mu\n1\n", {"name": "batch"}, "axes[0].name: batches.csv has no column 'batch'"),
+        ("material.mu [mm]\n1\n", {}, "must be a stress"),
+    ],
+)
+def test_tables_with_faults_are_refused(text: str | None, axis: dict[str, Any], expected: str, tmp_path: Path) -> None:
+    if text is not None:
+        (tmp_path / "batches.csv").write_text(text)
+    (fault,) = problems(tmp_path, {"table": "batches.csv", **axis})
+    assert expected in fault
+
+
+def test_untrusted_sweeps_read_no_tables_elsewhere(tmp_path: Path) -> None:
+    (tmp_path / "batches.csv").write_text(TABLE)
+    (tmp_path / "sweep").mkdir()
+    with pytest.raises(JobError, match=r"axes\[0\]\.table: '\.\./batches\.csv' leads out of the directory"):
+        load_sweep_untrusted(tmp_path / "sweep")
+
+
+def load_sweep_untrusted(directory: Path) -> SweepPlan:
+    (directory / "column.yaml").write_text(yaml.safe_dump(COLUMN))
+    path = directory / "columns.yaml"
+    path.write_text(yaml.safe_dump({"job": "column.yaml", "axes": [{"table": "../batches.csv", "name": "batch"}]}))
+    return load_sweep(path, untrusted=True)

@@ -1,0 +1,373 @@
+"""Materials of FEBio (``<material>``, format 4.0); the energies are those of its source (``FEBioMech``)."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from hpcinv.cards.card import (
+    MOST_TERMS,
+    Card,
+    CardError,
+    Counterpart,
+    Stress,
+    UnknownLaw,
+    Values,
+    chosen,
+    dispersed_fibres,
+    polynomial,
+    shown,
+)
+from hpcinv.cards.entry import Entry, entry_of
+from hpcinv.cards.series import exponential_integral, inverse_langevin
+from hpcinv.quantity.arrays import Floats
+from hpcinv.quantity.units import parse_unit
+
+PROGRAM = "FEBio"
+TERMS = 20
+"""Terms of the series of the inverse Langevin function; more change no digit of 12 up to half the limiting stretch."""
+_PRESSURE_MODELS = ("default", "NIKE3D", "Abaqus", "Abaqus (GOH)")
+_VOLUMETRIC = ("logarithmic", "simo-taylor", "quadratic", "simo-taylor")
+"""Volumetric energies, in the order of the pressure models."""
+_WITHOUT_EFFECT = ("density",)
+
+
+def read(text: str, name: str | None = None) -> Card:
+    """Return a material of a model, or of a text with an element ``<material>``.
+
+    Raises:
+        CardError: it is damaged, or has no counterpart.
+    """
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise CardError("has definitions of entities, which could fill the memory")
+    try:
+        root = ET.fromstring(text.encode())
+    except ET.ParseError as error:
+        raise CardError(f"is not XML: {error}") from None
+    items = [root] if root.tag == "material" else list(root.iter("material"))
+    named_items = {item.get("name") or item.get("id") or "": item for item in items}
+    selected = chosen(named_items, name)
+    law = entry_of(named_items[selected], _no_curve)
+    notes = tuple(
+        f"<{key}> was not taken: state a density where an effect needs it"
+        for key in _WITHOUT_EFFECT
+        if key in law.values
+    )
+    converted = counterpart(law)
+    unit = _unit((root.findtext("Module/units") or "").strip())
+    return Card(
+        selected,
+        law.type,
+        Counterpart(converted.material, converted.fibres, converted.definitions, converted.notes + notes),
+        unit,
+    )
+
+
+def _no_curve(number: str) -> float:
+    raise CardError(f"a parameter follows load curve {number}; write its value")
+
+
+def _unit(system: str) -> str:
+    """Return the unit of stress of a system such as ``mm-N-s``; empty if it is not stated."""
+    if system == "SI":
+        return "Pa"
+    length, _, rest = system.partition("-")
+    base, _, time = rest.partition("-")
+    try:
+        if parse_unit(base)[1] == parse_unit("N")[1]:
+            return f"{base}/{length}^2"
+        if parse_unit(base)[1] == parse_unit("kg")[1] and length and time:
+            return f"{base}/{length}/{time}^2"
+    except ValueError:
+        pass
+    return ""
+
+
+def counterpart(law: Entry) -> Counterpart:
+    """Return the law of a material.
+
+    Raises:
+        UnknownLaw: it has no counterpart.
+    """
+    if law.type not in LAWS:
+        raise UnknownLaw(f"law {law.type}")
+    return LAWS[law.type](law)
+
+
+def _volumetric(law: Entry, default: int = 0) -> str:
+    """Return the volumetric energy of an uncoupled law.
+
+    Args:
+        default: number of its pressure model, if the card has none.
+    """
+    model = law.values.get("pressure_model", str(default))
+    if model in _PRESSURE_MODELS:
+        return _VOLUMETRIC[_PRESSURE_MODELS.index(model)]
+    if model in map(str, range(len(_VOLUMETRIC))):
+        return _VOLUMETRIC[int(model)]
+    raise UnknownLaw(f"law {law.type} with pressure_model {model}")
+
+
+def _uncoupled(law: Entry, material: Mapping[str, Any]) -> Counterpart:
+    """Return an uncoupled law with its bulk modulus and volumetric energy."""
+    bulk = law.number("k")
+    modulus = {"d1": Stress(bulk / 2)} if material["law"] == "mooney-rivlin" else {"kappa": Stress(bulk)}
+    return Counterpart({**material, **modulus, "volumetric": _volumetric(law)})
+
+
+def _neo_hookean(law: Entry) -> Counterpart:
+    return Counterpart({"law": "neo-hookean", "young": Stress(law.number("E")), "poisson": law.number("v")})
+
+
+def _isotropic_elastic(law: Entry) -> Counterpart:
+    return Counterpart({"law": "st-venant-kirchhoff", "young": Stress(law.number("E")), "poisson": law.number("v")})
+
+
+def _incompressible_neo_hookean(law: Entry) -> Counterpart:
+    return _uncoupled(law, {"law": "isochoric-neo-hookean", "mu": Stress(law.number("G"))})
+
+
+def _mooney_rivlin(law: Entry) -> Counterpart:
+    return _uncoupled(
+        law, {"law": "mooney-rivlin", "c1": Stress(law.number("c1")), "c2": Stress(law.number("c2", 0.0))}
+    )
+
+
+def _yeoh(law: Entry) -> Counterpart:
+    # without its volumetric part, whose modulus is not a compliance here
+    isochoric = polynomial({(i, 0): law.number(f"c{i}", 0.0) for i in range(1, MOST_TERMS + 1)}, [])
+    return _uncoupled(law, {key: value for key, value in isochoric.material.items() if key != "kappa"})
+
+
+def _ogden(law: Entry) -> Counterpart:
+    terms = [(law.number(f"c{i}", 0.0), law.number(f"m{i}", 1.0)) for i in range(1, MOST_TERMS + 1)]
+    used = [(c, m) for c, m in terms if c]
+    if not all(m for _, m in used):
+        raise CardError("law Ogden: an exponent is 0")
+    material = {"law": "ogden", "mu": [Stress(c / m) for c, m in used], "alpha": [m for _, m in used]}
+    return _uncoupled(law, material)
+
+
+def _gent(law: Entry) -> Counterpart:
+    return _uncoupled(law, {"law": "gent", "mu": Stress(law.number("G")), "jm": law.number("Jm")})
+
+
+def _veronda_westmann(law: Entry) -> Counterpart:
+    return _uncoupled(law, {"law": "veronda-westmann", "c1": Stress(law.number("c1")), "c2": law.number("c2")})
+
+
+def _arruda_boyce(law: Entry) -> Counterpart:
+    chain = law.number("N", 1.0)
+    if chain <= 0:
+        raise CardError("law Arruda-Boyce: N must be above 0")
+    return _uncoupled(law, {"law": "arruda-boyce", "mu": Stress(law.number("mu")), "lambda_m": math.sqrt(chain)})
+
+
+def _dispersed_fibres(law: Entry) -> Counterpart:
+    angle = math.radians(law.number("gamma"))
+    first, second, _ = _axes(law)
+    directions = {
+        f"fibre{i}": (math.cos(angle) * first + sign * math.sin(angle) * second).tolist()
+        for i, sign in enumerate((1, -1), start=1)
+    }
+    constants = (law.number("c"), law.number("k1"), law.number("k2"), law.number("kappa"))
+    converted = dispersed_fibres(*constants, Stress(law.number("k")), directions)
+    return Counterpart(
+        {**converted.material, "volumetric": _volumetric(law, default=3)}, converted.fibres, notes=converted.notes
+    )
+
+
+def _coupled_mooney_rivlin(law: Entry) -> Counterpart:
+    energy = "c1*(I1 - 3) + c2*(I2 - 3) - 2*(c1 + 2*c2)*ln(J) + k/2*ln(J)**2"
+    parameters = {name: Stress(law.number(name)) for name in ("c1", "c2", "k")}
+    return Counterpart({"law": "formula", "energy": energy, "parameters": parameters})
+
+
+def _holmes_mow(law: Entry) -> Counterpart:
+    young, poisson = law.number("E"), law.number("v")
+    lam, mu = poisson * young / ((1 + poisson) * (1 - 2 * poisson)), young / 2 / (1 + poisson)
+    energy = "ha/(4*b)*(exp(b*((2*mu - lam)*(I1 - 3) + lam*(I2 - 3))/ha)/J**(2*b) - 1)"
+    values = {"ha": Stress(lam + 2 * mu), "mu": Stress(mu), "lam": Stress(lam), "b": law.number("beta")}
+    return Counterpart({"law": "formula", "energy": energy, "parameters": values})
+
+
+def _orthotropic(law: Entry) -> Counterpart:
+    lam, mu = _moduli(law)
+    scale = float(mu.mean())
+    energy, values = f"unit/2*({_quadratic(lam / scale, mu / scale)})", {"unit": Stress(scale)}
+    return Counterpart({"law": "formula", "energy": energy, "parameters": values}, _families(law))
+
+
+def _fung_orthotropic(law: Entry) -> Counterpart:
+    c = law.number("c")
+    lam, mu = _moduli(law)
+    values = {"c": Stress(c), "k": Stress(law.number("k"))}
+    energy = f"c/2*(exp({_quadratic(lam / c, mu / c)}) - 1) + k/2*ln(J)**2"
+    return Counterpart({"law": "formula", "energy": energy, "parameters": values}, _families(law))
+
+
+def _arruda_boyce_unconstrained(law: Entry) -> Counterpart:
+    """The energy of the inverse Langevin function in powers of I1, for which no series of stresses is needed."""
+    chain = law.number("N")
+    series = inverse_langevin(min(TERMS, int(law.number("n_term"))))
+    at_rest = sum(c * chain ** -(k + 0.5) for k, c in enumerate(series))
+    powers = " + ".join(f"{c / (2 * k + 2):.17g}*(I1/(3*n))**{k + 1}" for k, c in enumerate(series))
+    # their W10 ln J: ksi N beta0/(3 sqrt N)
+    energy = f"ksi*n*({powers}) - ksi*{at_rest * chain**0.5 / 3:.17g}*ln(J) + k*(J**2/2 - ln(J))"
+    values = {"ksi": Stress(law.number("ksi")), "n": chain, "k": Stress(law.number("kappa"))}
+    return Counterpart({"law": "formula", "energy": energy, "parameters": values})
+
+
+def _coupled_trans_iso(law: Entry) -> Counterpart:
+    fibre = law.part("fiber")
+    if fibre is None:
+        raise UnknownLaw(f"law {law.type} without fibres")
+    parameters: dict[str, Any] = {name: Stress(law.number(name)) for name in ("c1", "c2", "c3", "c5", "k")}
+    parameters |= {"c4": law.number("c4"), "limit": law.number("lam_max")}
+    energy = (
+        "c1*(I1 - 3) + c2*(I2 - 3) - 2*(c1 + 2*c2)*ln(J) + k/2*ln(J)**2 + c3*integral + c5*max(stretch - limit, 0)"
+        " + (c3*(exp(c4*(limit - 1)) - 1) - c5*limit)*ln(max(stretch, limit)/limit)"
+    )
+    definitions = {
+        "stretch": "sqrt(I4_f)",
+        "s": f"min(max(stretch - 1, 0), {law.number('lam_max') - 1:.17g})",
+        "integral": exponential_integral("s", "c4"),
+    }
+    material = {"law": "formula", "energy": energy, "parameters": parameters}
+    return Counterpart(material, {"f": _direction(fibre)}, definitions)
+
+
+LAWS: Mapping[str, Callable[[Entry], Counterpart]] = {
+    "neo-Hookean": _neo_hookean,
+    "isotropic elastic": _isotropic_elastic,
+    "incomp neo-Hookean": _incompressible_neo_hookean,
+    "Mooney-Rivlin": _mooney_rivlin,
+    "Yeoh": _yeoh,
+    "Ogden": _ogden,
+    "Gent": _gent,
+    "Veronda-Westmann": _veronda_westmann,
+    "Arruda-Boyce": _arruda_boyce,
+    "Holzapfel-Gasser-Ogden": _dispersed_fibres,
+    "coupled Mooney-Rivlin": _coupled_mooney_rivlin,
+    "Holmes-Mow": _holmes_mow,
+    "orthotropic elastic": _orthotropic,
+    "Fung-ortho-compressible": _fung_orthotropic,
+    "Arruda-Boyce unconstrained": _arruda_boyce_unconstrained,
+    "coupled trans-iso Mooney-Rivlin": _coupled_trans_iso,
+}
+
+
+def _moduli(law: Entry) -> tuple[Floats, Floats]:
+    """Return Lamé's parameters (3, 3) and (3,) of an orthotropic law by its engineering constants."""
+    e1, e2, e3 = (law.number(f"E{i}") for i in (1, 2, 3))
+    g12, g23, g31 = (law.number(name) for name in ("G12", "G23", "G31"))
+    v12, v23, v31 = (law.number(name) for name in ("v12", "v23", "v31"))
+    mu = np.array([g12 + g31 - g23, g12 - g31 + g23, -g12 + g31 + g23])
+    compliance = [[1 / e1, -v12 / e1, -v31 / e3], [-v12 / e1, 1 / e2, -v23 / e2], [-v31 / e3, -v23 / e2, 1 / e3]]
+    return np.linalg.inv(compliance) - 2 * np.diag(mu), mu
+
+
+def _quadratic(lam: Floats, mu: Floats) -> str:
+    """Return twice the energy of an orthotropic law of the strains along three families a, b, c at right angles.
+
+    Its isotropic part is written in I1 and I2, from which a formula's law takes its moduli.
+    """
+    shear, stretch = float(mu.mean()), float(lam.mean())
+    terms = [f"{2 * shear:.17g}*(I1**2 - 2*I2 - 2*I1 + 3)/4", f"{stretch:.17g}*((I1 - 3)/2)**2"]
+    terms += [f"{2 * (m - shear):.17g}*(I5_{f} - 2*I4_{f} + 1)/4" for m, f in zip(mu, "abc", strict=True)]
+    strain = [f"(I4_{name} - 1)/2" for name in "abc"]
+    terms += [f"{lam[i, j] - stretch:.17g}*{strain[i]}*{strain[j]}" for i in range(3) for j in range(3)]
+    return " + ".join(terms)
+
+
+def _axes(law: Entry) -> tuple[Floats, Floats, Floats]:
+    """Return the material axes; by default the axes of the coordinates."""
+    axes = law.part("mat_axis")
+    if axes is not None and axes.type != "vector":
+        raise UnknownLaw(f"law {law.type} with axes that are not constant")
+    first, second = (np.eye(3)[0], np.eye(3)[1]) if axes is None else (axes.vector("a"), axes.vector("d"))
+    third = np.cross(first, second)
+    frame = [first, np.cross(third, first), third]
+    if not all(axis.any() for axis in frame):
+        raise CardError(f"law {law.type}: the axes a and d are parallel")
+    first, second, third = (axis / np.linalg.norm(axis) for axis in frame)
+    return first, second, third
+
+
+def _families(law: Entry) -> dict[str, Sequence[float]]:
+    return {name: axis.tolist() for name, axis in zip("abc", _axes(law), strict=True)}
+
+
+def _direction(fibre: Entry) -> Sequence[float] | None:
+    """Return the unit direction of fibres, or ``None`` if it is not constant."""
+    if fibre.type != "vector":
+        return None
+    direction = fibre.vector("vector" if "vector" in fibre.values else "")
+    if not direction.any():
+        raise CardError("fibres of direction 0")
+    unit: list[float] = (direction / np.linalg.norm(direction)).tolist()
+    return unit
+
+
+def write(values: Values, name: str) -> str:
+    """Return the material of a law.
+
+    Raises:
+        UnknownLaw: it has no counterpart.
+    """
+    kind = values.law.law  # type: ignore[attr-defined]
+    if kind not in _CARDS:
+        raise values.refusal(_REASONS.get(kind, "FEBio has no such energy, or a job's is not in the list"))
+    if values.is_incompressible:
+        raise values.refusal(
+            "FEBio has no exactly incompressible law; give a bulk modulus of 1000 shear moduli or more"
+        )
+    title, parameters = _CARDS[kind](values)
+    lines = [f"<{key}>{shown(value)}</{key}>" for key, value in parameters.items()]
+    volumetric = getattr(values.law, "volumetric", None)
+    if volumetric is not None:
+        if volumetric not in _VOLUMETRIC:
+            raise values.refusal(f"it has no volumetric energy '{volumetric}'")
+        lines += [f"<k>{shown(values.bulk)}</k>", f"<pressure_model>{_VOLUMETRIC.index(volumetric)}</pressure_model>"]
+    body = "".join(f"  {line}\n" for line in lines)
+    return f'<material id="1" name={quoteattr(name)} type={quoteattr(title)}>\n{body}</material>\n'
+
+
+type _Parameters = tuple[str, dict[str, float]]
+
+
+def _elastic(title: str) -> Callable[[Values], _Parameters]:
+    def write_moduli(values: Values) -> _Parameters:
+        mu, lam = values["mu"], values["lam"]
+        return title, {"E": mu * (3 * lam + 2 * mu) / (lam + mu), "v": lam / (2 * (lam + mu))}
+
+    return write_moduli
+
+
+def _ogden_card(values: Values) -> _Parameters:
+    pairs = list(zip(values["mu"], values["alpha"], strict=True))
+    if len(pairs) > MOST_TERMS:
+        raise values.refusal(f"it has at most {MOST_TERMS} terms")
+    return "Ogden", {key: x for i, (m, a) in enumerate(pairs, 1) for key, x in ((f"c{i}", m * a), (f"m{i}", a))}
+
+
+_CARDS: Mapping[str, Callable[[Values], _Parameters]] = {
+    "neo-hookean": _elastic("neo-Hookean"),
+    "st-venant-kirchhoff": _elastic("isotropic elastic"),
+    "isochoric-neo-hookean": lambda v: ("incomp neo-Hookean", {"G": v["mu"]}),
+    "mooney-rivlin": lambda v: ("Mooney-Rivlin", {"c1": v["c1"], "c2": v["c2"]}),
+    "yeoh": lambda v: ("Yeoh", {name: v[name] for name in ("c1", "c2", "c3")}),
+    "ogden": _ogden_card,
+    "gent": lambda v: ("Gent", {"G": v["mu"], "Jm": v["jm"]}),
+    "veronda-westmann": lambda v: ("Veronda-Westmann", {"c1": v["c1"], "c2": v["c2"]}),
+    "arruda-boyce": lambda v: ("Arruda-Boyce", {"mu": v["mu"], "N": v["lambda_m"] ** 2}),
+}
+_REASONS = {
+    "formula": "a card has no formula",
+    "holzapfel-gasser-ogden": "its fibres have invariants of C, FEBio's of C_bar",
+}

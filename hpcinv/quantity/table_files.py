@@ -1,0 +1,107 @@
+"""Tables in files of text and in workbooks (``.xlsx``), with their rows as texts."""
+
+from __future__ import annotations
+
+import datetime
+import io
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from hpcinv.errors import SystemPartMissing
+from hpcinv.quantity.csv_rows import Row, content_of, decoded, rows_of
+from hpcinv.quantity.suggestions import did_you_mean
+
+_UNPACKED = 10
+"""Unpacked size of a workbook as a multiple of the limit of files; raised, a hostile one can fill more memory."""
+_MOST_ROWS = 1_000_000
+"""Rows of a sheet, which is what spreadsheets allow; raised, reading takes minutes."""
+_MOST_COLUMNS = 1000
+_DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
+
+
+@dataclass(frozen=True)
+class TableReading:
+    """A file, read in one way.
+
+    Attributes:
+        rows: those that are not empty, and comments (``#``) as their line and text.
+        description: of encoding and delimiter, or of the sheet.
+    """
+
+    rows: list[Row | tuple[int, str]]
+    description: str
+
+
+def readings_of(
+    path: Path, most: int, *, sheet: str | None = None, decimal_comma: bool = False
+) -> Iterator[TableReading]:
+    """Yield each way to read a file: a workbook, or text by each delimiter that occurs in it.
+
+    Args:
+        most: bytes of the file.
+        sheet: of a workbook; left out, the first.
+
+    Raises:
+        ValueError: it is not a table; with the reason.
+        SystemPartMissing: the package for workbooks is not installed.
+    """
+    content = content_of(path, most)
+    if content.startswith(b"PK\x03\x04"):
+        yield _workbook(content, most, sheet)
+        return
+    if content.startswith(b"\xd0\xcf\x11\xe0"):
+        raise ValueError("is an old workbook (.xls); save it as .xlsx or .csv")
+    if sheet is not None:
+        raise ValueError(f"is not a workbook; it has no sheet '{sheet}'")
+    text, encoding = decoded(content)
+    for delimiter in [d for d in _DELIMITERS if d in text] or [","]:
+        rows = list(rows_of(text, delimiter, decimal_comma=decimal_comma))
+        yield TableReading(rows, f"{encoding}, columns between {_DELIMITERS[delimiter]}")
+
+
+def _workbook(content: bytes, most: int, sheet: str | None) -> TableReading:
+    try:
+        import openpyxl
+    except ImportError:
+        advice = "Install it by: pip install openpyxl (1.5 MB), or save the table as .csv."
+        raise SystemPartMissing("workbooks (.xlsx) are read by openpyxl, which is not installed", advice) from None
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as parts:
+            if sum(part.file_size for part in parts.infolist()) > _UNPACKED * most:
+                raise ValueError(f"unpacks to more than {_UNPACKED * most:,} bytes")
+        book = openpyxl.load_workbook(io.BytesIO(content), read_only=True, data_only=True)
+        names = book.sheetnames
+        name = sheet if sheet is not None else names[0]
+        if name not in names:
+            raise ValueError(f"has no sheet '{name}'.{did_you_mean(name, names)}")
+        values = book[name].iter_rows(max_row=_MOST_ROWS, max_col=_MOST_COLUMNS, values_only=True)
+        rows = list(_rows(islice(values, _MOST_ROWS)))
+    except ValueError:
+        raise
+    except Exception as error:  # openpyxl raises whatever damaged files cause
+        raise ValueError(f"is a workbook that cannot be read: {type(error).__name__}: {error}") from None
+    others = f" (others: {', '.join(other for other in names if other != name)})" if len(names) > 1 else ""
+    return TableReading(rows, f"workbook, sheet '{name}'{others}")
+
+
+def _rows(rows: Iterator[tuple[Any, ...]]) -> Iterator[Row | tuple[int, str]]:
+    for line, cells in enumerate(rows, start=1):
+        entries = [_text(cell) for cell in cells]
+        while entries and not entries[-1]:
+            entries.pop()
+        if entries and entries[0].startswith("#"):
+            yield line, " ".join(entries).lstrip("# \t")
+        elif any(entries):
+            yield Row(line, tuple(entries), has_decimal_commas=True)
+
+
+def _text(cell: Any) -> str:
+    if cell is None:
+        return ""
+    if isinstance(cell, datetime.date | datetime.time):
+        return cell.isoformat()
+    return str(cell).strip() if isinstance(cell, str | bool) else repr(cell)
