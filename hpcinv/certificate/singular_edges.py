@@ -46,14 +46,14 @@ class SingularEdges:
         kinds: number in ``names`` of the edge of that exponent, for each owned cell; -1 for none.
         names: what these edges are; `FIBRES` for a point at which a fibre field has no limit.
         segments: ends (edges, 2, 3) of all of them in m, the same on all ranks; short ones at points of fibres.
-        segment_kinds: their exponents (edges,).
+        segment_exponents: their exponents (edges,).
     """
 
     exponents: Floats
     kinds: Ints
     names: Sequence[str]
     segments: Floats
-    segment_kinds: Floats
+    segment_exponents: Floats
 
 
 def singular_edges(job: Job, body: Body, configurations: Mapping[str, Floats] | None = None) -> SingularEdges | None:
@@ -101,7 +101,7 @@ def _with_fibres(edges: SingularEdges, cells: Ints, points: Floats, body: Body) 
         kinds=kinds,
         names=[*edges.names, FIBRES],
         segments=np.concatenate([edges.segments, np.stack([gathered - half, gathered + half], axis=1)]),
-        segment_kinds=np.concatenate([edges.segment_kinds, np.full(len(gathered), SCALE_FREE)]),
+        segment_exponents=np.concatenate([edges.segment_exponents, np.full(len(gathered), SCALE_FREE)]),
     )
 
 

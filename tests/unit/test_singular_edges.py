@@ -64,7 +64,7 @@ def test_edges_of_a_clamped_block(comm: MPI.Intracomm, hexahedra: bool) -> None:
     assert edges is not None
     assert len(edges.segments) == 8  # two on each side of the bottom
     assert np.abs(edges.segments[:, :, 2]).max() == 0.0
-    assert edges.segment_kinds == pytest.approx(0.7112, abs=2.5e-3)
+    assert edges.segment_exponents == pytest.approx(0.7112, abs=2.5e-3)
     assert set(np.array(edges.names)[edges.kinds[edges.kinds >= 0]]) <= {"edge of the support 'z0'"}
     at_bottom = comm.allreduce(int(np.count_nonzero(edges.exponents < SMOOTH)), op=MPI.SUM)
     assert 0 < at_bottom < comm.allreduce(len(edges.exponents), op=MPI.SUM)
@@ -85,7 +85,7 @@ def test_a_support_that_ends_within_a_face_counts(comm: MPI.Intracomm) -> None:
         supports=[{"region": "half", "fix": ["x", "y", "z"]}],
     )
     assert edges is not None
-    within = edges.segment_kinds[np.abs(edges.segments[:, :, 0] - 0.5).max(axis=1) < 1e-9]
+    within = edges.segment_exponents[np.abs(edges.segments[:, :, 0] - 0.5).max(axis=1) < 1e-9]
     assert within == pytest.approx([0.5] * 2, abs=2.5e-3)
 
 
@@ -95,8 +95,8 @@ def test_a_reentrant_edge_is_found_and_named(comm: MPI.Intracomm) -> None:
     edges = edges_of(comm, mesh=slab, supports=supports)
     assert edges is not None
     at_corner = np.abs(edges.segments[:, :, :2] - 1.0).max(axis=(1, 2)) < 1e-9
-    assert edges.segment_kinds[at_corner] == pytest.approx([0.5445], abs=2.5e-3)
-    assert edges.segment_kinds[~at_corner] == pytest.approx([0.7112] * 2, abs=2.5e-3)
+    assert edges.segment_exponents[at_corner] == pytest.approx([0.5445], abs=2.5e-3)
+    assert edges.segment_exponents[~at_corner] == pytest.approx([0.7112] * 2, abs=2.5e-3)
     assert "re-entrant edge of 270°" in {edges.names[kind] for kind in edges.kinds if kind >= 0}
 
 
