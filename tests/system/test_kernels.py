@@ -104,6 +104,7 @@ def test_runs_that_need_the_same_kernels_compile_each_once(job: Path, compiler: 
     assert set(compiled.values()) == {1}
 
 
+@pytest.mark.everyday("SIGTERM")
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGUSR1"])
 def test_a_signal_while_a_kernel_is_compiled_stops_the_run(
     name: str, job: Path, compiler: Path, tmp_path: Path

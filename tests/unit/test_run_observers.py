@@ -172,7 +172,7 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
             warn=given["warnings"].append, finish=lambda content: given.update(printed=content["status"])
         )
         totals: Any = SimpleNamespace(
-            warnings=(), after=lambda size, nominal: SimpleNamespace(warnings=(f"moves {size} m",))
+            warnings=(), warned=lambda size, nominal: SimpleNamespace(warnings=(f"moves {size} m",))
         )
         return RunReport(job, model, store, progress, totals, None, ()), given
 

@@ -45,6 +45,7 @@ def test_one_symbolic_analysis_serves_the_run(solver: dict[str, Any], comm: MPI.
     assert times_logged("MatLUFactorNum") - numeric == result.solutions[0].factorizations
 
 
+@pytest.mark.everyday("forward")
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 def test_reuse_and_steps_do_not_change_the_answer(direction: str, comm: MPI.Intracomm) -> None:
     default = beam(comm, direction=direction)

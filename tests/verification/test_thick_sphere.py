@@ -57,6 +57,7 @@ def test_the_closed_form_has_the_radii_known_for_it() -> None:
     assert [round(A, 7), round(outer_radius(A), 7)] == [0.9254360, 1.4686181]
 
 
+@pytest.mark.everyday("False")
 @pytest.mark.parametrize(("hexahedra", "order", "best"), [(True, 3.2, 6e-7), (False, 2.6, 2e-5)])
 def test_radii_converge(hexahedra: bool, order: float, best: float, comm: MPI.Intracomm) -> None:
     divisions = np.array([2, 4, 6])

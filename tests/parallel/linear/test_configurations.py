@@ -63,6 +63,7 @@ def agree_on(material: str, analysis: str, comm: MPI.Intracomm) -> None:
     assert sum(s.linear_iterations for s in solution.solves) < 45 * corrections  # whatever the ratio of the moduli is
 
 
+@pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_a_slender_body_that_turns_far_is_solved_iteratively(analysis: str, comm: MPI.Intracomm) -> None:
     direct, iterative = both(comm, **BEAM, analysis=analysis)

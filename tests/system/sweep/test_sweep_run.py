@@ -337,14 +337,14 @@ def test_kills_at_random_moments_lose_nothing_and_repeat_nothing(tmp_path: Path)
     A hundred of them: benchmarks/sweep_kills.py.
     """
     chance = random.Random(5)
-    steps, count = {"strategy": "fixed", "steps": 60}, 36
+    steps, count = {"strategy": "fixed", "steps": 60}, 24
     sweep = write_sweep(
         tmp_path, [{"grid": {"material.mu": [8000 + 200 * i for i in range(count)]}}], set={"solver": steps}
     )
     committed: dict[Path, tuple[int, bytes]] = {}
     reported: list[str] = []
     kills = 0
-    while kills < 12:
+    while kills < 7:
         with Started(1 + (kills % 3 == 0), "sweep", "run", sweep, cwd=tmp_path) as started:
             before = len(committed)
             deadline = time.monotonic() + PATIENCE

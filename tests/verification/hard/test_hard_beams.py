@@ -189,12 +189,14 @@ def told_in(units: dict[str, Any], analysis: str) -> dict[str, Any]:
     }
 
 
+@pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_units_change_neither_digits_nor_iterations(analysis: str, comm: MPI.Intracomm) -> None:
     results = [solve("micrometre-beam", comm, **told_in(u, analysis)) for u in (PLAIN, MILLIMETRES, MICROMETRES)]
     same_digits_and_iterations(results, [1.0, 1.0, 1.0], analysis)
 
 
+@pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_bodies_of_a_micrometre_a_metre_and_a_kilometre_are_alike(analysis: str, comm: MPI.Intracomm) -> None:
     """The load is ``ρ g L/mu`` and the same for all, the mesh is made in units of the body."""
