@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from .comparison import Row, Verdict
-from .references import FOLDER
+from .references import FOLDER, Reference
 
 PAGE = Path("docs/verification/published.md")
 PICTURE = Path("docs/pictures/published.png")
@@ -72,9 +73,15 @@ def table(rows: Sequence[Row]) -> str:
             ours, remark = " | | | ", f": {row.reason}"
         lines.append(
             f"| {reference.job} {changes} | {reference.quantity}, {reference.unit or '1'} ({reference.comparison}) "
-            f"| {reference.value} ± {reference.spread:.2g} | {ours} | {row.verdict}{remark} | {reference.place} |"
+            f"| {reference.value} ± {reference.spread:.2g} | {ours} | {row.verdict}{remark} | {_origin(reference)} |"
         )
     return "\n".join(lines) + "\n"
+
+
+def _origin(reference: Reference) -> str:
+    """Publication, or repository with the first digits of a commit, and the place there as Git writes it."""
+    source = re.sub(r"(@[0-9a-f]{7})[0-9a-f]{33}", r"\1", reference.source)
+    return f"{source}{':' if re.search('@[0-9a-f]{7}$', source) else ', '}{reference.place}"
 
 
 def _digits(row: Row) -> str:

@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = re.compile(
-    r"(?<![\w/.-])((?:tests|benchmarks|docs|hpcinv|meshes|jobs|slurm)/[\w./-]*\.(?:py|md|ya?ml|sbatch|sh|png|svg|geo|msh))"
+    r"(?<![\w/.:-])((?:tests|benchmarks|docs|hpcinv|meshes|jobs|slurm)/[\w./-]*\.(?:py|md|ya?ml|sbatch|sh|png|svg|geo|msh))"
 )
 LINK = re.compile(r"\]\((?!https?:)([\w./-]+\.\w+)")
 WRITTEN = re.compile(r"^jobs/(?:job|arm)")  # stand for files of the reader
