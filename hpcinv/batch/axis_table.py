@@ -17,7 +17,7 @@ from hpcinv.quantity.units import parse_unit
 
 _LARGEST = 50_000_000
 """Bytes of a table; raised, a wrong file takes minutes to be refused."""
-_TITLE = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]\d]*)\]|\(([^()]*)\))?\s*")
+_TITLE = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]\d]*)\]|\(([^()]*)\))?\s*", re.DOTALL)
 _INTEGER = re.compile(r"[+-]?\d+")
 
 

@@ -79,7 +79,7 @@ _ALIASES = {
     **dict.fromkeys(("point", "index", "no", "nr", "temperature", "temperatur"), IGNORE),
 }
 _AMBIGUOUS = ("stress", "tensile stress", "compressive stress", "spannung")
-_TITLE = re.compile(r"\s*(.*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*")
+_TITLE = re.compile(r"\s*(.*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*", re.DOTALL)
 
 
 def _plain(title: str) -> tuple[str, str]:

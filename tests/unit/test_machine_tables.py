@@ -83,6 +83,18 @@ def test_a_workbook_is_the_same_test(tmp_path: Path) -> None:
     assert "workbook, sheet 'Specimen 1' (others: Sheet)" in file.notes[0]
 
 
+def test_titles_of_a_workbook_may_have_two_lines(tmp_path: Path) -> None:
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    assert book.active is not None
+    for row in (["stretch [-]", "nominal\nstress [MPa]"], [1.1, 0.1], [1.2, 0.2]):
+        book.active.append(row)
+    path = tmp_path / "uniaxial.xlsx"
+    book.save(path)
+    assert read_file(path, TestOptions("uniaxial")).tests[0].stress == pytest.approx([1e5, 2e5])
+
+
 def test_workbooks_need_a_package_and_whole_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "machine.xlsx"
     path.write_bytes(b"PK\x03\x04 not a workbook")
