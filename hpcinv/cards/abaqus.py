@@ -213,16 +213,13 @@ def write(values: Values, name: str) -> str:
     Raises:
         UnknownLaw: it has no counterpart.
     """
-    kind = values.law.law  # type: ignore[attr-defined]
-    if kind not in _CARDS:
-        raise values.refusal(_REASONS.get(kind, "it has no such energy"))
-    head, constants = _CARDS[kind](values)
+    head, constants = values.writer(_CARDS, _REASONS.get(values.kind, "it has no such energy"))(values)
     rows = [constants[i : i + _PER_LINE] for i in range(0, len(constants), _PER_LINE)]
     return "\n".join([f"*MATERIAL, NAME={name}", head, *(", ".join(map(shown, row)) for row in rows), ""])
 
 
 def _neo_hooke_card(values: Values) -> tuple[str, Sequence[float]]:
-    if values.law.law == "neo-hookean" and not values.is_incompressible:  # type: ignore[attr-defined]
+    if values.kind == "neo-hookean" and not values.is_incompressible:
         raise values.refusal("its energy has I1 and ln(J), *HYPERELASTIC has I1_bar; take isochoric-neo-hookean")
     return "*HYPERELASTIC, NEO HOOKE", (values["mu"] / 2, values.compliance())
 

@@ -193,10 +193,7 @@ def write(values: Values, name: str) -> str:
     Raises:
         UnknownLaw: it has no counterpart.
     """
-    kind = values.law.law  # type: ignore[attr-defined]
-    if kind not in _CARDS:
-        raise values.refusal("TB,HYPER has no such energy")
-    option, points, constants = _CARDS[kind](values)
+    option, points, constants = values.writer(_CARDS, "TB,HYPER has no such energy")(values)
     lines = [f"! {name}", f"TB,HYPER,1,,{points},{option}"]
     for i in range(0, len(constants), _PER_LINE):
         lines.append(",".join([f"TBDATA,{i + 1}", *map(shown, constants[i : i + _PER_LINE])]))
@@ -207,7 +204,7 @@ type _Numbers = tuple[str, int | str, Sequence[float]]
 
 
 def _neo_card(values: Values) -> _Numbers:
-    if values.law.law == "neo-hookean" and not values.is_incompressible:  # type: ignore[attr-defined]
+    if values.kind == "neo-hookean" and not values.is_incompressible:
         raise values.refusal("its energy has I1 and ln(J), TB,HYPER has I1_bar; take isochoric-neo-hookean")
     return "NEO", "", (values["mu"], values.compliance())
 

@@ -217,8 +217,19 @@ class Values:
     def _in_unit(self, value: float, dimension: Dimension) -> float:
         return value / self.size if dimension == STRESS else value
 
+    @property
+    def kind(self) -> str:
+        """The name of the law in a job."""
+        return str(self.law.law)  # type: ignore[attr-defined]
+
+    def writer[T](self, writers: Mapping[str, T], reason: str) -> T:
+        """Return what writes this law; ``UnknownLaw`` with the reason if nothing does."""
+        if self.kind not in writers:
+            raise self.refusal(reason)
+        return writers[self.kind]
+
     def refusal(self, reason: str) -> UnknownLaw:
-        return UnknownLaw(f"law '{self.law.law}' has no counterpart in {self.program}: {reason}")  # type: ignore[attr-defined]
+        return UnknownLaw(f"law '{self.kind}' has no counterpart in {self.program}: {reason}")
 
     @property
     def is_incompressible(self) -> bool:

@@ -320,14 +320,13 @@ def write(values: Values, name: str) -> str:
     Raises:
         UnknownLaw: it has no counterpart.
     """
-    kind = values.law.law  # type: ignore[attr-defined]
-    if kind not in _CARDS:
-        raise values.refusal(_REASONS.get(kind, "FEBio has no such energy, or a job's is not in the list"))
+    reason = _REASONS.get(values.kind, "FEBio has no such energy, or a job's is not in the list")
+    writer = values.writer(_CARDS, reason)
     if values.is_incompressible:
         raise values.refusal(
             "FEBio has no exactly incompressible law; give a bulk modulus of 1000 shear moduli or more"
         )
-    title, parameters = _CARDS[kind](values)
+    title, parameters = writer(values)
     lines = [f"<{key}>{shown(value)}</{key}>" for key, value in parameters.items()]
     volumetric = getattr(values.law, "volumetric", None)
     if volumetric is not None:
