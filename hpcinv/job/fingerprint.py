@@ -27,6 +27,7 @@ _MESH = {
     "unit",
     "geometry_degree",
     "labels",
+    "array_labels",
     "neighbours",
     "size",
     "grade",

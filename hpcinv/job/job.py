@@ -726,7 +726,9 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
             raise
         raise JobError(f"{path}: plugins: a law or effect failed where it was checked: {fault}") from error
     job._path, job._data, job._untrusted = path, data, untrusted
-    unknown = unknown_regions(job.resolve(job.mesh.file), job.regions, _named_regions(job))
+    # names by the values of an array are known when the mesh is read
+    named = () if job.mesh.array_labels is not None else _named_regions(job)
+    unknown = unknown_regions(job.resolve(job.mesh.file), job.regions, named)
     if lines := [f"{path}: {dotted_key(where)}: {what}" for where, what in unknown]:
         raise JobError(*lines)
     return job

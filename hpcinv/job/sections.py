@@ -257,6 +257,26 @@ class SurfaceError(Spec):
     """random surfaces, of which each takes a linear solve; m of them give a standard deviation to 1/√(2m)"""
 
 
+class ArrayLabels(Spec):
+    """Regions of a mesh by the values of an array of integers in its cells."""
+
+    array: str
+    """name of the array"""
+    names: Mapping[Name, Labels] = {}
+    """values by name of the region; a value without a name is a region such as material-2"""
+
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        owners: dict[int | str, str] = {}
+        for name, numbers in self.names.items():
+            if name in RESERVED:
+                yield ("names", name), "is the name of another region; choose another"
+            for number in numbers:
+                if isinstance(number, str):
+                    yield ("names", name), f"must be numbers, not {shown(number)}"
+                if (owner := owners.setdefault(number, name)) != name:
+                    yield ("names", name), f"has the number {number}, which '{owner}' has too"
+
+
 class MeshSpec(MeshFile):
     """The mesh on which the job is solved: of the reference body in a forward analysis, else of the current body."""
 
@@ -270,6 +290,9 @@ class MeshSpec(MeshFile):
     labels: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image (written as 'image' in place of 'file'): the numbers of the voxels of each region,
     or names of segments of a DICOM segmentation"""
+    array_labels: Annotated[ArrayLabels | None, Field(exclude_if=lambda labels: labels is None)] = None
+    """of a mesh file (written as 'labels'): an array of integers in its cells, whose values are regions, such as
+    {array: material, names: {plaque: 2}}"""
     neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
     is the region LABEL|NEIGHBOUR in place of LABEL|outside"""
@@ -300,6 +323,29 @@ class MeshSpec(MeshFile):
     def files(self) -> tuple[str, ...]:
         """All files from which the mesh is made."""
         return tuple(file for group in self.surfaces.values() for file in group) or (self.file,)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """JSON schema in which labels of images and of arrays are one key."""
+        json_schema = super().__get_pydantic_json_schema__(schema, handler)
+        properties = handler.resolve_ref_schema(json_schema)["properties"]
+        if "array_labels" in properties:
+            arrays = [kind for kind in properties.pop("array_labels")["anyOf"] if kind.get("type") != "null"]
+            described = properties["labels"]
+            text = f"{described.pop('description')}; of a mesh file {{array: material, names: {{plaque: 2}}}}"
+            properties["labels"] = {"description": text, "anyOf": [described, *arrays]}
+        return json_schema
+
+    @model_validator(mode="before")
+    @classmethod
+    def _labels_of_array(cls, data: Any) -> Any:
+        """Tell labels of a mesh, which name an array, from those of an image, which are numbers by region."""
+        labels = data.get("labels") if isinstance(data, Mapping) else None
+        if not isinstance(labels, Mapping) or not isinstance(labels.get("array"), str) or "image" in data:
+            return data
+        return {key: value for key, value in data.items() if key != "labels"} | {"array_labels": labels}
 
     @model_validator(mode="before")
     @classmethod
@@ -340,6 +386,8 @@ class MeshSpec(MeshFile):
         for key in ("labels", "orientation", "neighbours"):
             if key in self.model_fields_set and getattr(self, key) and not self.is_image:
                 yield (key,), "is for segmented images only, and 'file' is none"
+        if self.array_labels is not None and (self.is_image or self.is_surface or self.is_partitioned):
+            yield ("array_labels",), "is for mesh files only"
         yield from self._faults_of_labels()
         if self.is_image and not self.labels:
             yield ("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"

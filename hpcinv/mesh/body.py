@@ -29,6 +29,7 @@ from hpcinv.mesh.distributed.partition import Partition, partition_of, partition
 from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.io.length_unit import check_unit
+from hpcinv.mesh.label_groups import add_label_groups
 from hpcinv.mesh.readers import FILES, GENERATORS
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geometry, surface_geometry
@@ -192,6 +193,8 @@ def read_source(
                 source = source.convert_to_metres(spec.unit)
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
+    if spec.array_labels is not None:
+        source = add_label_groups(source, spec.array_labels)
     check_nodes(source)
     source = source.drop_unused_nodes()
     return source if spec.geometry_degree is None else change_degree(source, spec.geometry_degree)

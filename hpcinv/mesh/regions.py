@@ -14,6 +14,7 @@ from hpcinv.mesh.boundary_shells import Mesh as Mesh
 from hpcinv.mesh.boundary_shells import cavities, outer_facets
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
+from hpcinv.mesh.label_groups import integer_arrays
 from hpcinv.mesh.source import Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, agree
 from hpcinv.quantity.expressions import Expression
@@ -144,9 +145,11 @@ def find(regions: Mapping[str, Region], name: str, source: MeshSource) -> Region
         hint = ": it is a physical group of points or curves, and regions are surfaces or volumes"
     physical = [r.name for r in regions.values() if r.origin == "physical"]
     no_groups = "" if physical else " The mesh has no physical groups."
+    arrays = "; ".join(integer_arrays(source))  # on rank 0, whose message is shown
+    labels = f" Arrays of integers can be regions (mesh.labels: {{array: …}}): {arrays}." if arrays else ""
     raise MeshError(
         f"{source.path}: no region '{name}'{hint}",
-        f"The regions are: {', '.join(sorted(regions))}.{no_groups}"
+        f"The regions are: {', '.join(sorted(regions))}.{no_groups}{labels}"
         f" Name surfaces and volumes in the mesh (physical groups), or in the job: regions: {{{name}: 'x < 1e-6 m'}}",
     )
 
