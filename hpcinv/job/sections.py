@@ -26,7 +26,18 @@ from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number, replace_scalar
 from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Size
-from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Problems, Spec, Triple, raise_if_any, shown
+from hpcinv.quantity.schema import (
+    WRITTEN_AS,
+    Faults,
+    KeyPath,
+    ListOf,
+    Name,
+    Problems,
+    Spec,
+    Triple,
+    raise_if_any,
+    shown,
+)
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
@@ -73,6 +84,11 @@ def _right_handed(orientation: str) -> str:
 
 
 Orientation = Annotated[str, AfterValidator(_right_handed)]
+Numbers = Annotated[
+    ListOf[Annotated[int, Field(strict=True)]],
+    BeforeValidator(lambda v: [v] if isinstance(v, int) and not isinstance(v, bool) else v),
+    WithJsonSchema({"anyOf": [{"type": "integer"}, {"type": "array", "items": {"type": "integer"}}]}),
+]
 Files = Annotated[
     ListOf[str],
     BeforeValidator(lambda v: [v] if isinstance(v, str) else v),
@@ -258,23 +274,20 @@ class SurfaceError(Spec):
 
 
 class ArrayLabels(Spec):
-    """Regions of a mesh by the values of an array of integers in its cells."""
+    """Regions of a mesh by the values of an array of integers, in its cells, surface cells or nodes."""
 
     array: str
-    """name of the array"""
-    names: Mapping[Name, Labels] = {}
-    """values by name of the region; a value without a name is a region such as material-2"""
+    """name of the array; a value in nodes is the region of boundary facets and cells all of whose vertices have it"""
+    names: Mapping[Name, Numbers] = {}
+    """values by name of the region; a value may be in several regions, and one without a name is a region such as
+    material-2"""
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
-        owners: dict[int | str, str] = {}
-        for name, numbers in self.names.items():
-            if name in RESERVED:
-                yield ("names", name), "is the name of another region; choose another"
-            for number in numbers:
-                if isinstance(number, str):
-                    yield ("names", name), f"must be numbers, not {shown(number)}"
-                if (owner := owners.setdefault(number, name)) != name:
-                    yield ("names", name), f"has the number {number}, which '{owner}' has too"
+        for name in self.names.keys() & {*RESERVED}:
+            yield ("names", name), "is the name of another region; choose another"
+
+
+WRITTEN_AS["array_labels"] = "labels"
 
 
 class MeshSpec(MeshFile):
@@ -291,8 +304,11 @@ class MeshSpec(MeshFile):
     """of a segmented image (written as 'image' in place of 'file'): the numbers of the voxels of each region,
     or names of segments of a DICOM segmentation"""
     array_labels: Annotated[ArrayLabels | None, Field(exclude_if=lambda labels: labels is None)] = None
-    """of a mesh file (written as 'labels'): an array of integers in its cells, whose values are regions, such as
+    """of a mesh file (written as 'labels'): an array of integers whose values are regions, such as
     {array: material, names: {plaque: 2}}"""
+    faces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda faces: not faces)] = {}
+    """of a mesh file: surfaces of triangles with the facets of further regions, in the unit of the mesh, such as
+    {inlet: mesh-surfaces/inlet.vtp}"""
     neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
     is the region LABEL|NEIGHBOUR in place of LABEL|outside"""
@@ -322,7 +338,8 @@ class MeshSpec(MeshFile):
     @property
     def files(self) -> tuple[str, ...]:
         """All files from which the mesh is made."""
-        return tuple(file for group in self.surfaces.values() for file in group) or (self.file,)
+        main = tuple(file for group in self.surfaces.values() for file in group) or (self.file,)
+        return main + tuple(file for group in self.faces.values() for file in group)
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -361,7 +378,7 @@ class MeshSpec(MeshFile):
             raise Problems((("surfaces",), f"is given beside '{others[0]}': a mesh is made from one of them"))
         return {**data, "file": first}
 
-    @field_validator("surfaces")
+    @field_validator("surfaces", "faces")
     @classmethod
     def _check_surfaces(cls, surfaces: Mapping[str, tuple[str, ...]], info: ValidationInfo) -> Mapping[str, Any]:
         for name, files in surfaces.items():
@@ -386,8 +403,10 @@ class MeshSpec(MeshFile):
         for key in ("labels", "orientation", "neighbours"):
             if key in self.model_fields_set and getattr(self, key) and not self.is_image:
                 yield (key,), "is for segmented images only, and 'file' is none"
-        if self.array_labels is not None and (self.is_image or self.is_surface or self.is_partitioned):
-            yield ("array_labels",), "is for mesh files only"
+        is_read = Path(self.file).suffix in MESHES and not self.is_partitioned
+        for key in ("array_labels", "faces"):
+            if getattr(self, key) and not is_read:
+                yield (key,), "is for mesh files that are read whole"
         yield from self._faults_of_labels()
         if self.is_image and not self.labels:
             yield ("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"

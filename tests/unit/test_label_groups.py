@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import pyvista
 from helpers.schemas import refusals
 
 from hpcinv.errors import JobError, MeshError
@@ -15,7 +16,9 @@ from hpcinv.mesh import build_body
 from hpcinv.mesh.io.vtu import read_vtu, save_vtu
 from hpcinv.mesh.label_groups import integer_arrays
 from hpcinv.mesh.source import DataArray, MeshSource
+from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.spatial_fields import ByRegion
 
 MATERIAL = {"law": "neo-hookean", "young": "1 kPa", "poisson": 0.3}
 
@@ -25,7 +28,11 @@ def bar(material: np.ndarray) -> MeshSource:
     count = len(material)
     points = np.array([[i, j, k] for i in range(count + 1) for j in (0.0, 1.0) for k in (0.0, 1.0)])
     cells = 4 * np.arange(count)[:, None] + np.array([0, 4, 2, 6, 1, 5, 3, 7])
-    arrays = [DataArray("material", "cells", material[:, None]), DataArray("wall", "nodes", points[:, :1])]
+    arrays = [
+        DataArray("material", "cells", material[:, None]),
+        DataArray("wall", "nodes", points[:, :1]),
+        DataArray("height", "nodes", points[:, :1] + 0.5),
+    ]
     return MeshSource(
         path=Path("bar.vtu"),
         kind="hexahedron",
@@ -41,7 +48,7 @@ def bar(material: np.ndarray) -> MeshSource:
 
 def job(directory: Path, labels: dict[str, Any], **changes: Any) -> Job:
     sections = {
-        "mesh": {"file": "bar.vtu", "labels": labels},
+        "mesh": {"file": "bar.vtu"} | ({"labels": labels} if labels else {}),
         "material": MATERIAL,
         "supports": [{"region": "boundary", "fix": ["x", "y", "z"]}],
     }
@@ -53,7 +60,7 @@ def directory(tmp_path: Path) -> Path:
     path = tmp_path / "bar.vtu"
     source = bar(np.array([1, 1, 2, 7, 7, 7]))
     save_vtu(path, source, source.points)
-    assert read_vtu(path).data.keys() == {"material", "wall"}
+    assert read_vtu(path).data.keys() == {"material", "wall", "height"}
     return tmp_path
 
 
@@ -75,9 +82,21 @@ def test_values_of_an_array_are_regions(directory: Path) -> None:
 @pytest.mark.parametrize(
     ("labels", "message", "advice"),
     [
-        ({"array": "materal"}, "has no array 'materal'. Did you mean 'material'", "material (1, 2, 7)"),
-        ({"array": "wall"}, "the array 'wall' does not have integers in the cells", "material (1, 2, 7)"),
-        ({"array": "material", "names": {"plaque": 3}}, "no cell has the value 3", "Its values are 1, 2, 7."),
+        (
+            {"array": "materal"},
+            "mesh.labels: the mesh has no array 'materal'. Did you mean 'material'",
+            "material (in cells: 1, 2, 7)",
+        ),
+        (
+            {"array": "height"},
+            "mesh.labels: the array 'height' does not have integers",
+            "Arrays of integers: material (in cells: 1, 2, 7); wall (in nodes: 0, 1, 2, 3, 4, 5, 6).",
+        ),
+        (
+            {"array": "material", "names": {"plaque": 3}},
+            "mesh.labels.names.plaque: no cells of the mesh have the value 3",
+            "Its values are 1, 2, 7.",
+        ),
     ],
 )
 def test_what_is_not_there_is_listed(labels: dict[str, Any], message: str, advice: str, directory: Path) -> None:
@@ -92,14 +111,16 @@ def test_unknown_regions_list_the_arrays(directory: Path) -> None:
     with pytest.raises(MeshError) as refused:
         counts(given)
     assert "no region 'material-3'" in refused.value.message
-    assert "Arrays of integers can be regions (mesh.labels: {array: …}): material (1, 2, 7)" in refused.value.advice
+    assert (
+        "Arrays of integers can be regions (mesh.labels: {array: …}): material (in cells: 1, 2, 7); wall (in nodes:"
+        in refused.value.advice
+    )
 
 
 def test_labels_of_arrays_are_for_meshes_and_numbers(directory: Path) -> None:
     for labels, message in (
-        ({"array": "material", "names": {"plaque": "two"}}, "must be numbers, not 'two'"),
-        ({"array": "material", "names": {"a": 1, "b": [2, 1]}}, "has the number 1, which 'a' has too"),
-        ({"array": "material", "names": {"boundary": 1}}, "is the name of another region"),
+        ({"array": "material", "names": {"plaque": "two"}}, r"mesh\.labels\.names\.plaque: must be"),
+        ({"array": "material", "names": {"boundary": 1}}, r"mesh\.labels\.names\.boundary: is the name of another"),
         ({"array": "material", "name": {"a": 1}}, "unknown key"),
     ):
         with pytest.raises(JobError, match=message):
@@ -107,5 +128,79 @@ def test_labels_of_arrays_are_for_meshes_and_numbers(directory: Path) -> None:
 
 
 def test_arrays_of_other_numbers_are_not_labels() -> None:
-    assert list(integer_arrays(bar(np.array([0.5, 1.0])))) == []
-    assert list(integer_arrays(bar(np.arange(20.0)))) == ["material (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, …)"]
+    assert list(integer_arrays(bar(np.array([0.5, 1.0])))) == ["wall (in nodes: 0, 1, 2)"]
+    assert next(integer_arrays(bar(np.arange(20.0)))) == "material (in cells: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, …)"
+
+
+def test_values_may_be_in_several_regions_but_materials_not(directory: Path) -> None:
+    names = {"plaque": 2, "soft": [1, 2], "stiff": 7}
+    labels = {"array": "material", "names": names}
+    assert counts(job(directory, labels)) == {"plaque": 1, "soft": 3, "stiff": 3}
+    given = job(directory, labels, material=dict.fromkeys(names, MATERIAL))
+    body = build_body(given.mesh, given.regions, MPI.COMM_SELF, resolve=given.resolve)
+    value = ByRegion({"plaque": 1.0, "soft": 2.0, "stiff": 3.0})
+    with pytest.raises(MeshError, match="some cells are in 'soft' and in 'plaque', which are both groups of the mesh"):
+        BodyFields(body).function(value, 1.0, "material")
+    parts = {"body": ["soft", "stiff"], "rest": ["body", "not plaque"]}
+    given = job(directory, labels, material={"plaque": MATERIAL, "rest": MATERIAL}, regions=parts)
+    body = build_body(given.mesh, given.regions, MPI.COMM_SELF, resolve=given.resolve)
+    assert [len(cells) for cells in law_cells(body, given.laws)] == [1, 5]
+
+
+def test_values_in_nodes_are_boundary_facets_and_cells(directory: Path) -> None:
+    given = job(directory, {"array": "wall", "names": {"left": 0, "ends": [0, 6], "first": [0, 1]}})
+    regions = build_body(given.mesh, given.regions, MPI.COMM_SELF, resolve=given.resolve).regions
+    found = {name: (regions[name].facet_count, regions[name].cell_count) for name in ("left", "ends", "first")}
+    assert found == {"left": (1, 0), "ends": (2, 0), "first": (5, 1)}
+    assert "wall-3" not in regions  # no facet of the boundary has only nodes in the middle of the bar
+    with pytest.raises(MeshError, match=r"names\.middle: no cell and no boundary facet has a value of it"):
+        counts(job(directory, {"array": "wall", "names": {"middle": 3}}))
+
+
+def test_values_in_surface_cells_are_facets(tmp_path: Path) -> None:
+    """As meshio writes them: one array for triangles and tetrahedra."""
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    cells = np.array([4, 0, 1, 2, 3, 3, 0, 1, 2, 3, 0, 1, 3])
+    grid = pyvista.UnstructuredGrid(cells, [10, 5, 5], points)
+    grid.cell_data["gmsh:physical"] = np.array([1, 1, 4], dtype=np.int32)
+    grid.save(tmp_path / "bar.vtu")
+    given = job(tmp_path, {"array": "gmsh:physical", "names": {"base": 4}})
+    regions = build_body(given.mesh, given.regions, MPI.COMM_SELF, resolve=given.resolve).regions
+    assert (regions["base"].facet_count, regions["base"].cell_count) == (1, 0)
+    assert (regions["gmsh:physical-1"].facet_count, regions["gmsh:physical-1"].cell_count) == (1, 1)
+
+
+def test_faces_in_files_of_their_own_are_regions(tmp_path: Path) -> None:
+    """As SimVascular's mesh-complete, with coordinates of 7 digits and overlapping faces, for both degrees."""
+    block = pyvista.ImageData(dimensions=(3, 3, 3), spacing=(0.1, 0.1, 0.1)).to_tetrahedra(5)
+    block.save(tmp_path / "bar.vtu")
+    faces = pyvista.UnstructuredGrid(block).extract_surface(algorithm="dataset_surface").triangulate()
+    middles = faces.cell_centers().points
+    for name, chosen in {
+        "inlet": middles[:, 0] < 1e-6,
+        "wall": middles[:, 0] > 1e-6,
+        "low": middles[:, 2] < 1e-6,
+    }.items():
+        faces.extract_cells(chosen).extract_surface(algorithm="dataset_surface").save(tmp_path / f"{name}.vtp")
+    mesh = {
+        "file": "bar.vtu",
+        "unit": "mm",
+        "faces": {"inlet": "inlet.vtp", "low": "low.vtp", "all": ["inlet.vtp", "wall.vtp"]},
+    }
+    for degree in (1, 2):
+        rest = {"rest": ["boundary", "not inlet", "not low"], "foot": "x < 1e-9 m"}
+        given = job(tmp_path, {}, mesh=mesh | {"geometry_degree": degree}, regions=rest)
+        regions = build_body(given.mesh, given.regions, MPI.COMM_SELF, resolve=given.resolve).regions
+        assert regions["all"].facet_count == regions["boundary"].facet_count == 48
+        assert regions["inlet"].facet_count == regions["low"].facet_count == 8
+        assert set(regions["inlet"].facets) == set(regions["foot"].facets)
+        assert regions["rest"].facet_count == 48 - 16
+    assert not refusals(given.data)
+    moved = pyvista.read(tmp_path / "inlet.vtp").translate((0.01, 0, 0))
+    moved.save(tmp_path / "inlet.vtp")
+    with pytest.raises(
+        MeshError, match=r"inlet\.vtp: 8 of 8 triangles of mesh\.faces\.inlet are not facets"
+    ):
+        counts(given)
+    with pytest.raises(JobError, match=r"mesh\.faces\.inlet: .*there is no file"):
+        job(tmp_path, {}, mesh=mesh | {"faces": {"inlet": "outlet.vtp"}})
