@@ -17,11 +17,11 @@ import pytest
 from helpers.command_line import BEAM as CURVED_BEAM
 from helpers.command_line import BLOCK, Started, hpcinv, write_job
 from helpers.mesh_cases import spec
+from helpers.silicone_beam import DENSITY, LENGTH
 
 from hpcinv.mesh import read_source
 
 STEPS = 8
-LENGTH = 0.182
 BEAM: dict[str, Any] = {
     **CURVED_BEAM,
     "mesh": {**CURVED_BEAM["mesh"], "parameters": {"size": "8 mm"}, "geometry_degree": 1},
@@ -388,7 +388,7 @@ PATH = 3  # steps of each state
 
 
 def weighed(x: float, y: float) -> list[dict[str, Any]]:
-    return [{"effect": "gravity", "acceleration": [x, y, 0], "density": 963}]
+    return [{"effect": "gravity", "acceleration": [x, y, 0], "density": DENSITY}]
 
 
 @pytest.fixture(scope="module")
@@ -478,7 +478,7 @@ def test_other_loads_of_a_state_are_refused(states: Path, tmp_path: Path) -> Non
     (run / "summary.json").unlink()
     text = (states.parent / "states.yaml").read_text()
     changed = tmp_path / "changed.yaml"
-    changed.write_text(text.replace("density: 963", "density: 900"))
+    changed.write_text(text.replace(f"density: {DENSITY}", "density: 900"))
     assert_refused(run, "--job", changed, because="states[0].effects[0].density: 963.0 -> 900.0")
 
 
