@@ -394,7 +394,8 @@ def test_a_ring_that_was_closed_has_its_residual_stress(comm: MPI.Intracomm) -> 
     assert ARTERY.hoop_stress(AT_REST, AT_REST, 0.0) < -0.4
     assert ARTERY.hoop_stress(AT_REST, ARTERY.outer(AT_REST), 0.0) > 0.2
     for direction in ("forward", "inverse"):
-        for pressure in (0.0, 0.2):
+        # On several ranks, one pressure in each direction.
+        for pressure in (0.0, 0.2) if comm.size == 1 else (0.0,) if direction == "forward" else (0.2,):
             errors = np.array([ring(direction, pressure, n, comm) for n in ((3, 6) if comm.size == 1 else (3,))])
             if comm.rank == 0:
                 print(f"{direction}, {pressure} Pa, {comm.size} ranks: errors of radii and stress {digits(errors)}")
