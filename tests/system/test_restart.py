@@ -154,6 +154,7 @@ def test_killed_while_it_wrote_a_checkpoint_it_goes_on_from_the_one_before(place
     assert not list((run / "checkpoints").glob(".partial*"))
 
 
+@pytest.mark.everyday("SIGTERM-ranks", "SIGUSR1-mpirun")
 @pytest.mark.parametrize(
     ("name", "to"), [("SIGTERM", "ranks"), ("SIGTERM", "mpirun"), ("SIGUSR1", "one rank"), ("SIGUSR1", "mpirun")]
 )
@@ -367,6 +368,7 @@ def test_checkpoints_serve_whatever_else_is_asked_of_the_run(changes: dict[str, 
     assert_history_goes_on(copy, position, done.stdout)
 
 
+@pytest.mark.everyday("changes0", "changes2")
 @pytest.mark.parametrize(
     "changes", [{"solver": {"strategy": "arc-length"}}, {"solver": {"strategy": "adaptive"}}, {"method": "anderson"}]
 )
@@ -494,6 +496,7 @@ def small_disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]
     subprocess.run(["umount", "-l", path], check=True)
 
 
+@pytest.mark.everyday("40k", "200k")
 def test_a_full_disk_is_told_where_a_checkpoint_is_written(small_disk: Path, tmp_path: Path) -> None:
     mesh = {**BLOCK["mesh"], "parameters": {"nx": 4, "ny": 4, "nz": 4}}
     fixed = {"strategy": "fixed", "steps": 3}

@@ -201,6 +201,7 @@ runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 """
 
 
+@pytest.mark.everyday("SIGTERM-75-2", "SIGINT-130-0")
 @pytest.mark.parametrize("ranks", [0, 2])
 @pytest.mark.parametrize(("name", "code"), [("SIGTERM", 75), ("SIGINT", 130)])
 def test_a_signal_at_any_moment_of_the_start_ends_with_its_code(
