@@ -59,7 +59,7 @@ from hpcinv.quantity.schema import (
     repeated,
     shown,
 )
-from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, entries
+from hpcinv.quantity.spatial_fields import ELSEWHERE, fields_in
 
 MOST_ENTRIES = 10_000
 """entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""
@@ -310,7 +310,7 @@ class Job(Spec):
     @property
     def differentiated(self) -> list[Parameter]:
         """Parameters by which the results are differentiated, in the order of ``sensitivities``."""
-        return uncertain_parameters(self.sensitivities, self.owners_in_states)
+        return uncertain_parameters(self.sensitivities, self._owners_in_states)
 
     @property
     def unsuited_to_nested_iteration(self) -> str:
@@ -342,7 +342,7 @@ class Job(Spec):
         return owners_of(self.material, self.effects, self.fibres, self.supports, self._places)
 
     @property
-    def owners_in_states(self) -> dict[str, Owner]:
+    def _owners_in_states(self) -> dict[str, Owner]:
         """The `owners` of the job and of all its states."""
         return owners_in_states(self.material, self.effects, self.fibres, self.supports, self.states)
 
@@ -425,7 +425,7 @@ class Job(Spec):
                 self.quantities, self.supports, self.effects, self.states
             )
         with collected(problems, "sensitivities"):
-            sections["sensitivities"] = read_sensitivities(self.sensitivities, self.owners_in_states)
+            sections["sensitivities"] = read_sensitivities(self.sensitivities, self._owners_in_states)
         with collected(problems, "accuracy"):
             sections["accuracy"] = rules.read_demands(self.accuracy, sections.get("quantities", self.quantities))
         raise_if_any(problems)
@@ -442,7 +442,7 @@ class Job(Spec):
         if self.sensitivities:
             yield from rules.below(("sensitivities",), rules.underivable(self.effects, self.states, "are"))
         if self.identify is not None:
-            faults = rules.unsuited_identification(self.identify, self.owners_in_states, self.quantities, self.states)
+            faults = rules.unsuited_identification(self.identify, self._owners_in_states, self.quantities, self.states)
             yield from rules.below(("identify",), faults)
             yield from rules.below(("identify",), rules.underivable(self.effects, self.states, "is"))
         demands = rules.contradicting_demands(
@@ -563,7 +563,7 @@ def _named_regions(job: Job) -> Iterator[tuple[KeyPath, str]]:
 
 
 def _value_regions(value: object, where: KeyPath) -> Iterator[tuple[KeyPath, str]]:
-    names = dict.fromkeys(name for entry in entries(value) if isinstance(entry, ByRegion) for name in entry.values)
+    names = dict.fromkeys(name for field in fields_in(value) if field.is_regional for name in field.numbers)
     for name in names:
         if name != ELSEWHERE:
             yield (*where, name), name
