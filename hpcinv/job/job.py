@@ -28,7 +28,7 @@ from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification
 from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.mesh_generators import is_generator
-from hpcinv.job.parts import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
+from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
 from hpcinv.job.preamble import read_preamble
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.region_rules import RegionRule, RegionUnion

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from hpcinv.effects import Direction, Effect
 from hpcinv.effects.contact import Contact
 from hpcinv.job.identification import Identification, faults_of_identification
-from hpcinv.job.parts import have_derivatives
+from hpcinv.job.owners import have_derivatives
 from hpcinv.job.sections import AXES, ExpectedShape, MeshSpec, QuantityOfInterest, Support
 from hpcinv.job.sensitivities import Owner
 from hpcinv.job.settings import Discretisation, FixedPoint, Output, Solver
