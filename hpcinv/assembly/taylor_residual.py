@@ -193,7 +193,7 @@ class _Plan:
         leaves: slots of the unknowns on which the duals depend.
         cases: load cases on whose factors they depend.
         text: C code (`taylor_code`).
-        kept, choices: sizes of its arrays.
+        kept, sums, choices: sizes of its arrays.
         input_count: number of inputs.
         file, symbol: of the kernel that evaluates the inputs at quadrature points; empty if there are none.
         functions, constants: those it takes, by their numbers in the residual.
@@ -204,6 +204,7 @@ class _Plan:
     cases: tuple[int, ...] = ()
     text: str = ""
     kept: int = 0
+    sums: int = 0
     choices: int = 0
     input_count: int = 0
     file: str = ""
@@ -286,7 +287,9 @@ def _derived(
         count += size
     scalars = Scalars(graph, leaves)
     code = taylor_code(graph, count, [node for dual in outputs.values() for node in scalars.of(dual)])
-    plan = _Plan(tuple(outputs), tuple(used), tuple(loads), code.text, code.kept, code.choices, len(graph.inputs))
+    plan = _Plan(
+        tuple(outputs), tuple(used), tuple(loads), code.text, code.kept, code.sums, code.choices, len(graph.inputs)
+    )
     if not graph.inputs:
         return plan, None
     vector = remove_stages(ufl.as_vector(graph.inputs))
@@ -325,7 +328,10 @@ class _Part:
         self._blocks = -(-self._count // LANES)
 
     def kept_bytes(self, stored: int) -> float:
-        return 8.0 * LANES * self._blocks * stored * self._kernel.plan.kept
+        return 8.0 * LANES * self._blocks * self._coefficients(stored)
+
+    def _coefficients(self, stored: int) -> int:
+        return self._kernel.plan.kept * stored + self._kernel.plan.sums
 
     def begin(self, stored: int, *, are_kept: bool) -> None:
         """Evaluate inputs and the geometry of the cells, and make room for coefficients."""
@@ -340,7 +346,7 @@ class _Part:
             volumes = volumes * np.linalg.norm(domain.normal @ self._to_cell, axis=-1)
         self._weights = (domain.weights * volumes)[..., None]
         room = self._blocks if are_kept else 1
-        self._kept = np.empty((room, kernel.plan.kept, stored, LANES))
+        self._kept = np.empty((room, self._coefficients(stored), LANES))
         self._choices = np.empty((room, kernel.plan.choices, LANES), dtype=np.int64)
         self._leaves = np.zeros((self._blocks, kernel.leaves, stored, LANES))
         self._results = np.empty((self._blocks, kernel.outputs, LANES))
