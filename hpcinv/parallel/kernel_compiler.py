@@ -18,14 +18,6 @@ import cffi
 import ffcx.codegeneration
 import ffcx.codegeneration.jit as ffcx_jit
 
-DECLARATIONS = (
-    ffcx_jit.UFC_HEADER_DECL.format("float64")
-    + ffcx_jit.UFC_INTEGRAL_DECL
-    + ffcx_jit.UFC_FORM_DECL
-    + ffcx_jit.UFC_EXPRESSION_DECL
-)
-"""C types of kernels"""
-
 
 class NotCompiled(Exception):
     """The C compiler fails, or cannot be started."""
@@ -60,6 +52,12 @@ def compile_kernel(code: str, name: str, flags: Sequence[str], directory: Path) 
     return target.read_bytes()
 
 
+def declarations() -> str:
+    """Return the C types of kernels, of a release of FFCx that `hpcinv.parallel.jit` knows."""
+    header = ffcx_jit.UFC_HEADER_DECL.format("float64")
+    return f"{header}{ffcx_jit.UFC_INTEGRAL_DECL}{ffcx_jit.UFC_FORM_DECL}{ffcx_jit.UFC_EXPRESSION_DECL}"
+
+
 def interface_code() -> str:
     """Python code that defines ``ffi``, CFFI's description of the C types of kernels.
 
@@ -68,7 +66,7 @@ def interface_code() -> str:
     from cffi.recompiler import make_py_source  # with a parser of C, which most processes do not need
 
     ffi = cffi.FFI()
-    ffi.cdef(DECLARATIONS)
+    ffi.cdef(declarations())
     code = io.StringIO()
     make_py_source(ffi, "ufcx", code)
     return code.getvalue()
