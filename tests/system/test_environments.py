@@ -80,3 +80,19 @@ def test_variables_of_pmix_around_the_right_launcher_do_not_matter(tmp_path: Pat
     done = run(words, tmp_path, PMIX_NAMESPACE="slurm.7.0", PMIX_RANK="0")
     assert done.returncode == 0, done.stderr
     assert "2 ranks" in done.stdout
+
+
+def test_a_rank_that_ends_first_leaves_time_to_the_others(tmp_path: Path) -> None:
+    """Without MPI_Finalize, mpiexec would kill the other ranks, and sometimes return 9 after a complete run."""
+    script = tmp_path / "late.py"
+    script.write_text(
+        "import time\n"
+        "from pathlib import Path\n"
+        "from hpcinv.parallel.ranks import MPI\n"
+        "if MPI.COMM_WORLD.rank == 1:\n"
+        "    time.sleep(1.0)\n"
+        "    Path('last.txt').write_text('written')\n"
+    )
+    ended = run(command(2, script=script), tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    assert (tmp_path / "last.txt").read_text() == "written"
