@@ -23,6 +23,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from contextvars import ContextVar
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
@@ -41,7 +42,7 @@ from dolfinx import cpp, fem
 from dolfinx.jit import get_options
 
 from hpcinv.errors import OutputError
-from hpcinv.parallel.kernel_compiler import NotCompiled, compile_kernel, declarations, interface_code
+from hpcinv.parallel.kernel_compiler import NotCompiled, compile_kernel
 from hpcinv.parallel.kernel_files import (
     NotWritten,
     check_room,
@@ -164,18 +165,14 @@ def _find(name: str, directory: Path, suffix: str = ".so") -> Path | None:
     return None
 
 
-_types: dict[str, Any] = {}
-
-
-def _interface(directory: Path) -> Any:
-    """CFFI's description of the C types of kernels, kept as a file among them if that can be written."""
-    if not _types:
-        name = f"ufcx_{hashlib.sha1(f'{cffi.__version__}{declarations()}'.encode()).hexdigest()}"
-        if (code := read_record(name, directory)) is None:
-            code = interface_code()
-            write_record(name, code, directory)
-        exec(compile(code, name, "exec"), _types)
-    return _types["ffi"]
+@cache
+def _interface() -> Any:
+    """Return CFFI's description of the C types of kernels."""
+    interface = cffi.FFI()
+    interface.cdef(ffcx_jit.UFC_HEADER_DECL.format("float64"))
+    for declarations in (ffcx_jit.UFC_INTEGRAL_DECL, ffcx_jit.UFC_FORM_DECL, ffcx_jit.UFC_EXPRESSION_DECL):
+        interface.cdef(declarations)
+    return interface
 
 
 def read_record(name: str, directory: Path) -> str | None:
@@ -190,9 +187,9 @@ def write_record(name: str, text: str, directory: Path) -> None:
         publish(directory / f"{name}.txt", text.encode())
 
 
-def _load(path: Path, objects: Sequence[str], directory: Path) -> tuple[list[Any], Any]:
+def _load(path: Path, objects: Sequence[str]) -> tuple[list[Any], Any]:
     """The named forms or expressions of a kernel's file, and what DOLFINx calls their module."""
-    ffi, library = _interface(directory), ctypes.CDLL(str(path))
+    ffi, library = _interface(), ctypes.CDLL(str(path))
     kind = "ufcx_form" if path.name.startswith("libffcx_forms") else "ufcx_expression"
     addresses = [ctypes.addressof(ctypes.c_char.in_dll(library, name)) for name in objects]
     module = SimpleNamespace(ffi=ffi, lib=library, file=path.stem, symbols=objects)
@@ -205,14 +202,14 @@ def _get_cached_module(name: str, objects: Sequence[str], directory: Path, _time
     if path is None:
         NOT_FOUND.append(name)
         return None, None
-    return _load(path, objects, Path(directory))
+    return _load(path, objects)
 
 
 def _load_objects(directory: Path, name: str, objects: Sequence[str]) -> tuple[Any, Any]:
     path = _find(name, Path(directory))
     if path is None:
         raise ModuleNotFoundError(f"the kernel {name} was removed from {directory} after its compilation")
-    return _load(path, objects, Path(directory))
+    return _load(path, objects)
 
 
 def _compile_objects(
@@ -372,7 +369,7 @@ def load_expression(
     path = _find(file, directory) if dolfinx.jit.ffcx_jit is _jit else None
     if path is None:
         return None
-    (kernel,), module = _load(path, [symbol], directory)
+    (kernel,), module = _load(path, [symbol])
     return KernelExpression.loaded(kernel, module, functions, constants)
 
 
