@@ -296,9 +296,14 @@ def _derived(
     taken = list(extract_coefficients(vector)), list(extract_constants(vector))
     expression = compile_expression(unknowns.mesh.comm, vector, integral.cell_points, *taken, jit_options)
     functions, constants = scene.residual.coefficients(), scene.residual.constants()
-    places = tuple(functions.index(f) for f in taken[0]), tuple(constants.index(c) for c in taken[1])
-    compiled = {"file": expression.file, "symbol": expression.symbol, "functions": places[0], "constants": places[1]}
-    return replace(plan, **compiled), expression
+    functions_taken, constants_taken = (
+        tuple(functions.index(f) for f in taken[0]),
+        tuple(constants.index(c) for c in taken[1]),
+    )
+    plan = replace(
+        plan, file=expression.file, symbol=expression.symbol, functions=functions_taken, constants=constants_taken
+    )
+    return plan, expression
 
 
 class _Kernel:
@@ -326,6 +331,7 @@ class _Part:
         self._tables = [tabulated(element, domain.points) for element in unknowns.scalar_elements]
         self._count = len(domain.cells) * len(domain.points)
         self._blocks = -(-self._count // LANES)
+        self._kept: Floats = np.empty(0)
 
     def kept_bytes(self, stored: int) -> float:
         return 8.0 * LANES * self._blocks * self._coefficients(stored)
@@ -346,7 +352,10 @@ class _Part:
             volumes = volumes * np.linalg.norm(domain.normal @ self._to_cell, axis=-1)
         self._weights = (domain.weights * volumes)[..., None]
         room = self._blocks if are_kept else 1
-        self._kept = np.empty((room, self._coefficients(stored), LANES))
+        shape = room, self._coefficients(stored), LANES
+        if self._kept.shape != shape:  # fresh memory takes longer than the arithmetic of an order
+            self._kept = np.empty(0)  # free the memory before
+            self._kept = np.empty(shape)
         self._choices = np.empty((room, kernel.plan.choices, LANES), dtype=np.int64)
         self._leaves = np.zeros((self._blocks, kernel.leaves, stored, LANES))
         self._results = np.empty((self._blocks, kernel.outputs, LANES))
