@@ -22,7 +22,7 @@ from pydantic import (
 from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.errors import JobError
 from hpcinv.files.names import is_file
-from hpcinv.files.untrusted import applies, is_asked, path_fault
+from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
 from hpcinv.job import rules
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification
@@ -362,6 +362,14 @@ class Job(Spec):
             data = {**data, **read_preamble(data, info)}
         raise_if_any(problems)
         return data
+
+    @field_validator("plugins")
+    @classmethod
+    def _refuse_untrusted_plugins(cls, plugins: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        if applies(info):
+            text = f"is a Python file that a run executes, and is {REFUSED}"
+            raise_if_any(((i,), f"{shown(plugin)} {text}") for i, plugin in enumerate(plugins))
+        return plugins
 
     @field_validator("files")
     @classmethod

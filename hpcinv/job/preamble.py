@@ -5,13 +5,13 @@ from typing import Any
 
 from pydantic import ValidationInfo, field_validator
 
-from hpcinv.files.untrusted import REFUSED, applies
+from hpcinv.files.untrusted import applies
 from hpcinv.job.definitions import RESERVED, resolve
 from hpcinv.job.sections import directory_of
 from hpcinv.materials.formula_law.invariants import fault_of_name
 from hpcinv.quantity.expressions import LET, Expression
 from hpcinv.quantity.plugins import load_file, load_installed
-from hpcinv.quantity.schema import KeyPath, ListOf, Name, Spec, collected, raise_if_any, shown
+from hpcinv.quantity.schema import KeyPath, ListOf, Name, Spec, collected, raise_if_any
 
 
 class Preamble(Spec):
@@ -32,9 +32,8 @@ class Preamble(Spec):
     @classmethod
     def _check_plugins(cls, plugins: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
         load_installed()
-        if applies(info):
-            text = f"is a Python file that a run executes, and is {REFUSED}"
-            raise_if_any(((i,), f"{shown(plugin)} {text}") for i, plugin in enumerate(plugins))
+        if applies(info):  # the job refuses them, with all else that it refuses
+            return plugins
         problems: list[tuple[KeyPath, str]] = []
         for i, plugin in enumerate(plugins):
             with collected(problems, i):
