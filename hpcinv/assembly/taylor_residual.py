@@ -250,7 +250,7 @@ def _plans(
         for plan in plans
     ]
     are_loaded = bool(plans) and all(
-        expression is not None or not plan.file for plan, expression in zip(plans, inputs, strict=True)
+        expression is not None or not plan.input_count for plan, expression in zip(plans, inputs, strict=True)
     )
     if not comm.allreduce(are_loaded, op=MPI.LAND):
         try:
