@@ -94,7 +94,9 @@ def test_the_iterations_find_the_correction(name: str, comm: MPI.Intracomm, monk
     "name",
     ["sphere of straight tetrahedra", "cubic tetrahedra", "kept factors", "multigrid", "prescribed motion"],
 )
-def test_they_find_it_on_more_ranks(name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_iterations_find_the_correction_on_more_ranks(
+    name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
     compare(name, comm, monkeypatch)
 
 

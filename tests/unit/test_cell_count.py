@@ -129,7 +129,7 @@ def test_the_limit_is_the_jobs_and_holds_for_what_is_made_in_other_ways(tmp_path
         read_source(spec(by_hand, maximum_cells=1), by_hand)
 
 
-def test_a_mesh_to_be_partitioned_is_told_too_and_refused_where_it_is_absurd(tmp_path: Path) -> None:
+def test_a_mesh_to_be_partitioned_is_reported_too_and_refused_where_it_is_absurd(tmp_path: Path) -> None:
     path = generator(tmp_path, BALL)
     cut = hpcinv(1, "mesh", "partition", path, "ball.bp", "--parts", 2, cwd=tmp_path)
     told, done = cut.stdout.splitlines()

@@ -198,7 +198,7 @@ def test_data_go_along(meshes: Path) -> None:
             assert np.array_equal(refined.data["number"].values[:, 0], parent)
 
 
-def test_what_stays_keeps_its_tags_and_a_plane_end_stays_plane(meshes: Path) -> None:
+def test_unrefined_cells_keep_their_tags_and_plane_ends_stay_plane(meshes: Path) -> None:
     for name in ("cylinder", "cylinder, straight"):
         source = source_of(name, meshes)
         for refined, parent in refinements(source):

@@ -540,7 +540,7 @@ def test_seconds_of_the_lines_are_those_of_the_certificate(comm: MPI.Intracomm) 
     assert 0 < total <= result.statistics["timings"]["phases"]["certificate"]["max"] + 0.1
 
 
-def test_what_a_certificate_costs_stands_apart() -> None:
+def test_certificate_time_is_listed_separately() -> None:
     timings = Timings()
     with timings.as_one("certificate"), timings("tangent"):
         timings.move("tangent", "factorization", 1.0)

@@ -333,7 +333,7 @@ def texts_deviation(estimated: Any) -> float:
     return float(combination.deviation / np.abs(combination.vector).max())
 
 
-def test_what_the_observations_cannot_determine_is_refused(comm: MPI.Intracomm) -> None:
+def test_undetermined_parameters_are_refused(comm: MPI.Intracomm) -> None:
     with Workspace(comm) as workspace:
 
         def refused(parameters: dict[str, Any], message: str, **observed: Any) -> None:

@@ -245,7 +245,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("given", "told"), WRONG, ids=[told[:40] for _, told in WRONG])
-def test_what_cannot_be_asked_is_told(given: dict[str, Any], told: str) -> None:
+def test_invalid_stress_quantities_are_refused(given: dict[str, Any], told: str) -> None:
     with pytest.raises(JobError) as caught:
         job(**GOOD, quantities=[{"name": "a", **given}])
     assert f"quantities[0].{told}" in str(caught.value)

@@ -123,7 +123,7 @@ def test_large_chunky_bodies_are_solved_iteratively_and_others_directly(
         (0.5, "direct", "multigrid would take about 2 times as long as factorizations"),
     ],
 )
-def test_the_reason_that_is_told_is_the_one_that_decided(
+def test_the_reason_that_is_reported_is_the_one_that_decided(
     ratio: float, configuration: str, why: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)

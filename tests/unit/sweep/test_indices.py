@@ -188,7 +188,7 @@ def test_intervals_contain_the_indices_as_often_as_they_say(kind: str) -> None:
     assert np.all(coverage >= 0.89)
 
 
-def test_intervals_that_a_long_tail_makes_too_narrow_are_told() -> None:
+def test_intervals_that_a_long_tail_makes_too_narrow_are_reported() -> None:
     """Of exp(0.8 z₁ + 0.5 z₂), whose indices are those of a product of lognormal factors."""
     rng = np.random.default_rng(11)
     s = np.array([0.8, 0.5])
@@ -282,7 +282,7 @@ def test_a_quantity_that_the_parameters_do_not_explain_is_not_decided(
 
 
 @pytest.mark.parametrize(("kind", "left"), [("sobol", 20 - 6), ("random", 20 - 6), ("latin_hypercube", 20)])
-def test_the_cost_is_told_before_the_sweep(
+def test_the_cost_is_reported_before_the_sweep(
     kind: str, left: int, tmp_path: Path, solve: Callable[..., None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     plan = draw(tmp_path, 16, kind=kind)
