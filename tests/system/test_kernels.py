@@ -157,11 +157,11 @@ def test_the_compiler_ends_with_its_run(job: Path, compiler: Path, tmp_path: Pat
 
 def commands() -> list[str]:
     """Command lines of all processes."""
-    found = []
+    commands = []
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         with contextlib.suppress(OSError):  # it has ended
-            found.append(path.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
-    return found
+            commands.append(path.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
+    return commands
 
 
 def truncate(kernel: Path) -> None:

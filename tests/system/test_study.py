@@ -721,17 +721,17 @@ def test_killed_at_random_moments_it_repeats_nothing_that_was_committed(place: P
 
 def test_two_allocations_share_a_study_and_both_show_the_same_table(place: Path) -> None:
     command = ("study", "long.yaml", "--output", "shared")
-    with Started(1, *command, cwd=place) as one, Started(1, *command, cwd=place) as other:
+    with Started(1, *command, cwd=place) as first, Started(1, *command, cwd=place) as other:
         while not list(place.glob("shared/store/ledger/*/[!.]*.claim-*")):
-            assert one.mpirun.poll() is None, one.text
+            assert first.mpirun.poll() is None, first.text
             time.sleep(0.01)
-        one.send(signal.SIGSTOP, one.ranks())  # so that it is not done before the other begins
+        first.send(signal.SIGSTOP, first.ranks())  # so that it is not done before the other begins
         other.wait_for("results in shared")
         time.sleep(1.0)
-        one.send(signal.SIGCONT, one.ranks())
-        assert one.exit_code() == 0, one.text
+        first.send(signal.SIGCONT, first.ranks())
+        assert first.exit_code() == 0, first.text
         assert other.exit_code() == 0, other.text
-    texts = one.text, other.text
+    texts = first.text, other.text
     executed = [re.findall(r"^\[\d+/\d+\] (.*): .* s", text, re.MULTILINE) for text in texts]
     assert all(executed), "each of them has had a share"
     assert sum(map(len, executed)) == len(kept(place / "shared"))

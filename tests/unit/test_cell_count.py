@@ -104,9 +104,9 @@ def test_absurd_sizes_are_refused_before_surfaces_are_meshed(
     path, began = generator(tmp_path, text), time.process_time()
     with pytest.raises(
         MeshError, match=r"cells expected, more than mesh\.maximum_cells allows \(10,000,000\)"
-    ) as found:
+    ) as caught:
         read_source(spec(path, parameters=parameters), path)
-    assert "raise mesh.maximum_cells" in found.value.advice
+    assert "raise mesh.maximum_cells" in caught.value.advice
     assert time.process_time() - began < 60  # their surfaces alone would take hours
 
 

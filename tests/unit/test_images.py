@@ -170,11 +170,11 @@ def test_voxels_of_64_bits_take_no_more_memory_than_one_copy(tmp_path: Path) -> 
     image = written(tmp_path / "large.mha", voxels)
     tracemalloc.start()
     try:
-        found = read_labels(image, {"a": [5_000_000_000]}, 1e-3, neighbours={"b": [0]})
+        labels = read_labels(image, {"a": [5_000_000_000]}, 1e-3, neighbours={"b": [0]})
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert found.volume(1) == pytest.approx(70**3 * 1e-9)
+    assert labels.volume(1) == pytest.approx(70**3 * 1e-9)
     assert peak < 1.7 * voxels.nbytes  # the array that was read, labels of 16 bits and a mask
 
 
@@ -620,7 +620,7 @@ def test_nodes_are_held_back_where_cells_would_be_inverted() -> None:
     )
 
     class Inside:
-        def nearest(self, points: np.ndarray, one: Any, other: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        def nearest(self, points: np.ndarray, inner: Any, outer: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
             is_corner = (np.sort(points, axis=1)[:, :2] == 0).all(axis=1) & (points.max(axis=1) != 0.5)
             return np.where(is_corner[:, None], points, 0.3), np.zeros_like(points)
 

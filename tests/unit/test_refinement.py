@@ -142,8 +142,8 @@ def test_pieces_have_the_shape_of_their_parents(name: str, meshes: Path) -> None
     weights = lagrange(source.kind, 1).tabulate(0, nodes)[0, :, :, 0]
     for refined, parent in refinements(source):
         worst = 0.0
-        for cell, of in list(zip(refined.cells, parent, strict=True))[::17]:
-            at = cmap.pull_back(refined.points[cell], source.points[source.cells[of]])
+        for cell, parent_cell in list(zip(refined.cells, parent, strict=True))[::17]:
+            at = cmap.pull_back(refined.points[cell], source.points[source.cells[parent_cell]])
             worst = max(worst, float(np.abs(at - weights @ at[: VERTICES[source.kind]]).max()))
             assert at.min() > -1e-9
             assert at.max() < 1 + 1e-9

@@ -185,8 +185,8 @@ def simple(tmp_path: Path) -> Callable[..., hpcinv.Job]:
 def test_a_change_of_temperature_or_both_temperatures(
     given: dict[str, Any], change: Any, simple: Callable[..., hpcinv.Job]
 ) -> None:
-    found = simple(**expansion(**given)).effects[0].temperature_change
-    assert (found.plain() if isinstance(change, dict) else found) == pytest.approx(change, abs=1e-12)
+    temperature = simple(**expansion(**given)).effects[0].temperature_change
+    assert (temperature.plain() if isinstance(change, dict) else temperature) == pytest.approx(change, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -292,7 +292,7 @@ def test_directions_at_nodes_are_those_of_their_formula(comm: MPI.Intracomm, run
     on_root(comm, lambda: write_with_directions(file, meshes))
 
     def solved(fibre: dict[str, Any]) -> np.ndarray:
-        found = Solved(
+        case = Solved(
             job(
                 mesh={"file": str(file)},
                 regions={"foot": "x < 1 mm"},
@@ -304,7 +304,7 @@ def test_directions_at_nodes_are_those_of_their_formula(comm: MPI.Intracomm, run
             ),
             comm,
         )
-        u: np.ndarray = found.model.unknowns.displacement().x.array
+        u: np.ndarray = case.model.unknowns.displacement().x.array
         return u
 
     formula, data = solved(spiral("current")), solved({"data": "grain", "given_on": "current"})

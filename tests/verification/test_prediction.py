@@ -39,10 +39,10 @@ def equations(
     return model, model.equilibrium(model.scene(direction))
 
 
-def field(model: Equations, of: Any) -> PETSc.Vec:
+def field(model: Equations, formula: Any) -> PETSc.Vec:
     """A displacement by its values at positions (3, n), and no pressure, as a vector of unknowns."""
     u = model.unknowns.displacement()
-    u.interpolate(of)
+    u.interpolate(formula)
     kept = model.unknowns.state.x.array.copy()
     model.unload()
     model.unknowns.set_displacement(u.x.array)

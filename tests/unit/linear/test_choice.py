@@ -198,8 +198,8 @@ def test_nested_iteration_is_taken_where_it_clearly_pays(
     chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)
     chooser.room = 1e12
     directions: tuple[Any, ...] = ("inverse", "forward")
-    found = {direction for direction in directions if chooser.is_nested_iteration_worth(Solver(), direction)}
-    assert found == expected
+    nested = {direction for direction in directions if chooser.is_nested_iteration_worth(Solver(), direction)}
+    assert nested == expected
     assert not chooser.is_nested_iteration_worth(Solver(linear="iterative"), "forward")
     chooser._ranks = 1000  # the coarser mesh is made on one
     assert not chooser.is_nested_iteration_worth(Solver(), "forward")

@@ -181,8 +181,8 @@ def test_intervals_contain_the_indices_as_often_as_they_say(kind: str) -> None:
         if kind == "kinks":
             values = np.prod(1 + c * np.abs(points), axis=1)
         indices = indices_of(points, [False] * 2, values)
-        of = np.array([*indices.first, *indices.total])
-        inside.append((of[:, 1] <= exact) & (exact <= of[:, 2]))
+        intervals = np.array([*indices.first, *indices.total])
+        inside.append((intervals[:, 1] <= exact) & (exact <= intervals[:, 2]))
     coverage = np.mean(inside, axis=0)
     print(kind, coverage)
     assert np.all(coverage >= 0.89)
@@ -199,8 +199,8 @@ def test_intervals_that_a_long_tail_makes_too_narrow_are_reported() -> None:
     for _ in range(100):
         points = rng.standard_normal((60, 2))
         indices = indices_of(points, [True] * 2, np.exp(points @ s))
-        of = np.array([*indices.first, *indices.total])
-        inside.append((of[:, 1] <= exact) & (exact <= of[:, 2]))
+        intervals = np.array([*indices.first, *indices.total])
+        inside.append((intervals[:, 1] <= exact) & (exact <= intervals[:, 2]))
         told.append(indices.has_long_tail)
     print("long tail", np.mean(inside, axis=0), np.mean(told))
     assert np.mean(told) > 0.9
