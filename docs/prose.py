@@ -43,7 +43,7 @@ def texts(path: Path) -> Iterator[tuple[int, str]]:
 
 def oddities(text: str, is_page: bool) -> Iterator[str]:
     """Yield the kind of each oddity of a text."""
-    text = re.sub(r"`[^`]*`|\$[^$]*\$|\]\([^)]*\)", "x", text)
+    text = re.sub(r"`+[^`]*`+|\$[^$]*\$|\]\([^)]*\)", "x", text)
     for kind, pattern in ODDITIES.items():
         if is_page or kind != "two colons":  # sections of docstrings, keys of dictionaries
             yield from [kind] * len(re.findall(pattern, text, re.IGNORECASE))
