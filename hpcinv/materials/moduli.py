@@ -12,7 +12,7 @@ from hpcinv.quantity.schema import Spec
 
 
 class Moduli(Spec):
-    """Elastic moduli (Pa) of the undeformed material that a job may give in place of a law's own parameters."""
+    """Elastic moduli (Pa) of the undeformed material that a job may give instead of a law's own parameters."""
 
     young: Stress | None = None
     """Young's modulus of the undeformed material"""

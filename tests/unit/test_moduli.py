@@ -1,4 +1,4 @@
-"""Elastic moduli in place of a law's own parameters: every pair, every isotropic law, and what cannot be."""
+"""Elastic moduli instead of a law's own parameters: every pair, every isotropic law, and what cannot be."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def test_moduli_that_cannot_be_are_refused_at_their_key(given: dict[str, Any], k
 def test_validate_names_the_convention_of_a_modulus_that_no_one_means(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Abaqus's D1 = 2/K in place of d1 = K/2, as a warning: the file is valid."""
+    """Abaqus's D1 = 2/K instead of d1 = K/2, as a warning: the file is valid."""
     material = {"law": "mooney-rivlin", "c1": 9e5, "c2": 0, "d1": 2e-10}
     job = write_job(tmp_path / "job.yaml", BLOCK, material=material)
     assert main(["validate", str(job)]) == 0

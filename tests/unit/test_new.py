@@ -218,7 +218,7 @@ def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
         ("part --surface it.stl job.yaml", "--unit: is needed with --surface"),
         ("part --surface it.stl --unit kg job.yaml", "--unit kg: is no unit of length"),
         ("part --surface it.stl --unit mm --size 3_kg job.yaml", "--size 3_kg: "),
-        ("artery --surface it.stl --unit mm job.yaml", "--surface: of the wall of an artery, it does not tell"),
+        ("artery --surface it.stl --unit mm job.yaml", "--surface: of the wall of an artery, it does not distinguish"),
         ("artery --image scan.nii.gz job.yaml", "such as --label wall=1 --label cavity=2; in .* are 5 .*L.*, 7 .*ml"),
         ("artery --image scan.nii.gz --label wall=5 job.yaml", "--label: an artery has two regions in an image"),
         (

@@ -380,7 +380,7 @@ def test_incompatible_sensitivity_parameters_are_refused(entry: dict[str, Any], 
 
 
 def test_numbers_that_change_together_count_once(comm: MPI.Intracomm) -> None:
-    """Slopes add up, and so the standard deviation: √((a + b)² σ²) in place of √(a² σ² + b² σ²)."""
+    """Slopes add up, and so the standard deviation: √((a + b)² σ²) instead of √(a² σ² + b² σ²)."""
     apart = of(package.run(squeezed(sensitivities={"material.mu": 100.0, "material.lam": 100.0}), comm))
     tied = of(package.run(squeezed(sensitivities={"material.mu": {"sd": 100.0, "also": ["material.lam"]}}), comm))
     for name, by_key in apart.slopes.items():
