@@ -39,6 +39,7 @@ COMMANDS = {
     "formulas": "laws",
     "fit": "fit",
     "identify": "identify",
+    "serve": "serve",
     "mesh": "mesh",
     "compare": "compare",
     "compile": "compile",
