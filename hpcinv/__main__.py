@@ -33,6 +33,7 @@ COMMANDS = {
     "explain": "explain",
     "show": "show",
     "report": "report",
+    "dossier": "dossier",
     "export": "export",
     "laws": "laws",
     "effects": "laws",
