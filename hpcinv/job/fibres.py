@@ -29,9 +29,9 @@ class FibreFamily(Ingredient):
     direction: Triple[Expression] | None = None
     """three formulas of X, Y, Z, x, y, z"""
     data: str | None = None
-    """an array of the mesh file with three components, in place of 'direction'"""
+    """an array of the mesh file with three components, instead of 'direction'"""
     rule: AnyRule | None = None
-    """a rule for the wall of a ventricle or a tube, in place of 'direction'"""
+    """a rule for the wall of a ventricle or a tube, instead of 'direction'"""
     given_on: Configuration
     """body on which the direction is given: the reference (undeformed) or the current (deformed) one"""
     constants: Mapping[Name, AnyQuantity] = {}
@@ -43,7 +43,9 @@ class FibreFamily(Ingredient):
             return {"direction": (ByRule(self.rule), Dimension())}
         if self.direction is None:
             return {"direction": (ByData(str(self.data), components=3), Dimension())}
-        formulas = (ByFormula(f, {n: c for n, c in self.constants.items() if n in f.names}) for f in self.direction)
+        formulas = (
+            ByFormula(f, numbers={n: c for n, c in self.constants.items() if n in f.names}) for f in self.direction
+        )
         return {"direction": (tuple(formulas), Dimension())}
 
     def numbers(self) -> dict[KeyPath, Number | str]:

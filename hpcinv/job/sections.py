@@ -35,6 +35,7 @@ from hpcinv.quantity.schema import (
     Problems,
     Spec,
     Triple,
+    collected,
     raise_if_any,
     shown,
 )
@@ -143,7 +144,7 @@ class MeshFile(Spec):
         """JSON schema with the keys that stand for ``file``."""
         json_schema = super().__get_pydantic_json_schema__(schema, handler)
         content = handler.resolve_ref_schema(json_schema)
-        kinds = {"image": "a segmented image, in place of 'file'", "surface": "a closed surface, in place of 'file'"}
+        kinds = {"image": "a segmented image, instead of 'file'", "surface": "a closed surface, instead of 'file'"}
         content["properties"] |= {
             key: {"type": "string", "description": kinds[key]} for key in cls.sources if key in kinds
         }
@@ -174,7 +175,7 @@ class MeshFile(Spec):
         sources = [key for key in ("image", "surface") if isinstance(data, Mapping) and key in data]
         if len(sources) > 1 or (sources and "file" in data):
             other = "file" if "file" in data else sources[0]
-            raise Problems(((sources[-1],), f"is given beside '{other}': a mesh is made from one of them"))
+            raise Problems(((sources[-1],), f"is given together with '{other}': a mesh is made from one of them"))
         return {("file" if key in sources else key): value for key, value in data.items()} if sources else data
 
     @property
@@ -209,18 +210,25 @@ class MeshFile(Spec):
 
     @field_validator("parameters", mode="plain")
     @classmethod
-    def _check_parameters(cls, given: object, info: ValidationInfo) -> Mapping[str, ParameterValue]:
+    def _check_parameters(cls, given: object) -> object:
+        """Leave the values as they are given, which `_completed` reads."""
         if not isinstance(given, Mapping):
             raise ValueError(f"must be a mapping of names to values, not {shown(given)}")
-        if "file" not in info.data:  # already reported
-            return {}
-        path = directory_of(info) / info.data["file"]
+        return given
+
+    def _completed(self, info: ValidationInfo) -> Self:
+        """The mesh with the parameters of its generator."""
+        path = directory_of(info) / self.file
         if not is_generator(path):
-            raise_if_any([((), f"only generators have parameters, and {path.name} is not one")] if given else [])
-            return {}
-        values, problems = read_parameters(path, given, info.data.get("unit", 1.0))
+            text = f"only generators have parameters, and {path.name} is not one"
+            raise_if_any([(("parameters",), text)] if self.parameters else [])
+            return self
+        problems: list[tuple[KeyPath, str]] = []
+        with collected(problems, "parameters"):
+            parameters, faults_of_values = read_parameters(path, self.parameters, self.unit)
+            raise_if_any(faults_of_values)
         raise_if_any(problems)
-        return values
+        return self.model_copy(update={"parameters": parameters}) if parameters else self
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if "unit" not in self.model_fields_set:
@@ -239,7 +247,7 @@ class MeshFile(Spec):
 
 class ExpectedShape(MeshFile):
     """The body that a run should find: a mesh with the nodes of the given one, a closed surface (written as 'surface'
-    in place of 'file'), or a segmented image ('image')."""
+    instead of 'file'), or a segmented image ('image')."""
 
     labels: ListOf[Annotated[int, Field(strict=True)]] = ()
     """numbers of the body's voxels in an image; by default all but 0"""
@@ -301,7 +309,7 @@ class MeshSpec(MeshFile):
     partition: Literal["metis", "scotch"] = "metis"
     """partitioner of the cells; a partitioned mesh (.bp) keeps its partition, unless scotch partitions it again"""
     labels: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
-    """of a segmented image (written as 'image' in place of 'file'): the numbers of the voxels of each region,
+    """of a segmented image (written as 'image' instead of 'file'): the numbers of the voxels of each region,
     or names of segments of a DICOM segmentation"""
     array_labels: Annotated[ArrayLabels | None, Field(exclude_if=lambda labels: labels is None)] = None
     """of a mesh file (written as 'labels'): an array of integers whose values are regions, such as
@@ -311,15 +319,15 @@ class MeshSpec(MeshFile):
     {inlet: mesh-surfaces/inlet.vtp}"""
     neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
-    is the region LABEL|NEIGHBOUR in place of LABEL|outside"""
+    is the region LABEL|NEIGHBOUR instead of LABEL|outside"""
     surfaces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda surfaces: not surfaces)] = {}
-    """closed surfaces in place of 'file': the files of each region, which is between a shell and those in it, such as
+    """closed surfaces instead of 'file': the files of each region, which is between a shell and those in it, such as
     {wall: [outer.stl, inner.stl]}; a region in another one is cut out of it"""
     orientation: Annotated[Orientation, Field(exclude_if=lambda frame: frame == "LPS")] = "LPS"
     """of a segmented image: sides of the patient to which x, y and z of the mesh point, such as RAS: letters of left or
     right, posterior or anterior, superior or inferior"""
     size: Annotated[Size | None, Field(exclude_if=lambda size: size is None)] = None
-    """largest length of edges in the mesh of an image, or of a closed surface (as 'surface' in place of 'file')"""
+    """largest length of edges in the mesh of an image, or of a closed surface (as 'surface' instead of 'file')"""
     grade: Annotated[Annotated[float, Field(ge=1, le=20)] | None, Field(exclude_if=lambda grade: grade is None)] = None
     """ratio of 'size' and the smallest size of cells, which thin walls and strong curvatures have: 1 for cells of one
     size; by default at most 4 in walls, as far as there are not more than four times as many cells"""
@@ -375,7 +383,7 @@ class MeshSpec(MeshFile):
         if not isinstance(first, str):
             raise Problems((("surfaces",), "must be names of regions and their files, such as {body: body.stl}"))
         if others := [key for key in ("file", "image", "surface") if key in data and data[key] != first]:
-            raise Problems((("surfaces",), f"is given beside '{others[0]}': a mesh is made from one of them"))
+            raise Problems((("surfaces",), f"is given together with '{others[0]}': a mesh is made from one of them"))
         return {**data, "file": first}
 
     @field_validator("surfaces", "faces")

@@ -46,6 +46,8 @@ _prepare_environment()
 import mpi4py  # noqa: E402  (in that environment)
 
 mpi4py.rc.initialize = False  # the launcher is checked first
+# Read at the import of MPI. Without MPI_Finalize, mpiexec kills all ranks as soon as the first has ended.
+mpi4py.rc.finalize = True
 
 from mpi4py import MPI as MPI  # noqa: E402
 
@@ -59,7 +61,6 @@ def _start_mpi() -> None:
     check_size(library, os.environ, MPI.COMM_WORLD.size)
 
 
-mpi4py.rc.finalize = True  # what is started here ends as usual
 _start_mpi()
 
 

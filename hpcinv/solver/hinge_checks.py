@@ -3,6 +3,9 @@
 Parts are sets of cells connected by facets. Each has six rigid motions. Nodes that parts share have the same
 displacement in all of them, and supports and springs hold some components of it; the motions that are left strain
 nothing: the tangent of the unloaded body is singular.
+
+Null pivots of MUMPS (ICNTL 24) show the same motions, but in double precision only: in single precision, as in large
+bodies, sound ones have null pivots too. Multigrid has none, and several states are checked before the first is solved.
 """
 
 from collections.abc import Iterator, Sequence
@@ -82,7 +85,7 @@ def check_hinges(body: Body, supports: Supports, space: fem.FunctionSpace, syste
         if part_motions.size
     }
     if faults:
-        # Of parts that hang on others which move, the motions would tell little.
+        # The motions of parts that hang on moving parts would show little.
         fewest = min(part_motions.shape[1] for part_motions in faults.values())
         first = [part for part, part_motions in faults.items() if part_motions.shape[1] == fewest][:_MOST_DESCRIBED]
         text = on_root(

@@ -40,7 +40,7 @@ def test_a_run_needs_no_home(home: str | None, tmp_path: Path) -> None:
     assert (tmp_path / "results" / "summary.json").exists()
 
 
-def test_options_of_dolfinx_that_cannot_be_read_are_told(tmp_path: Path) -> None:
+def test_options_of_dolfinx_that_cannot_be_read_are_reported(tmp_path: Path) -> None:
     words = hpcinv("run", TETRAHEDRON, "--output", "results")
     assert_refused(run(words, tmp_path, XDG_CONFIG_HOME="/dev/null"), 2, "/dev/null/dolfinx", "XDG_CONFIG_HOME")
     (tmp_path / "dolfinx_jit_options.json").write_text("{")
@@ -48,7 +48,7 @@ def test_options_of_dolfinx_that_cannot_be_read_are_told(tmp_path: Path) -> None
     assert not (tmp_path / "results").exists()
 
 
-def test_a_working_directory_that_was_removed_is_told(tmp_path: Path) -> None:
+def test_a_working_directory_that_was_removed_is_reported(tmp_path: Path) -> None:
     words = ["sh", "-c", 'mkdir gone; cd gone; rmdir ../gone; exec "$@"', "sh", *hpcinv("run", TETRAHEDRON)]
     assert_refused(run(words, tmp_path), 2, "the working directory cannot be used: No such file or directory")
 
@@ -80,3 +80,19 @@ def test_variables_of_pmix_around_the_right_launcher_do_not_matter(tmp_path: Pat
     done = run(words, tmp_path, PMIX_NAMESPACE="slurm.7.0", PMIX_RANK="0")
     assert done.returncode == 0, done.stderr
     assert "2 ranks" in done.stdout
+
+
+def test_a_rank_that_ends_first_leaves_time_to_the_others(tmp_path: Path) -> None:
+    """Without MPI_Finalize, mpiexec would kill the other ranks, and sometimes return 9 after a complete run."""
+    script = tmp_path / "late.py"
+    script.write_text(
+        "import time\n"
+        "from pathlib import Path\n"
+        "from hpcinv.parallel.ranks import MPI\n"
+        "if MPI.COMM_WORLD.rank == 1:\n"
+        "    time.sleep(1.0)\n"
+        "    Path('last.txt').write_text('written')\n"
+    )
+    ended = run(command(2, script=script), tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    assert (tmp_path / "last.txt").read_text() == "written"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import json
+import math
 import os
 import shutil
 import signal
@@ -18,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.command_line import CUBE, PATIENCE, Started, environment, hpcinv, write_job
+from helpers.command_line import CUBE, PATIENCE, ROOT, Started, environment, hpcinv, write_job
 
 from hpcinv.errors import OutputError
 from hpcinv.parallel import kernel_files, ownership
@@ -30,6 +32,12 @@ SMALL: Mapping[str, Any] = {
     "quantities": [{"name": "stress", "of": "von_mises", "on": "block", "reduce": "mean"}],
     "output": {"fields": False, "mesh": []},
 }
+# The command line with another release of DOLFINx.
+OTHER_RELEASE = """import hpcinv.parallel.runtime, dolfinx, runpy, sys
+dolfinx.__version__ = "0.99.0"
+sys.argv[0] = "hpcinv"
+runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
+"""
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
 
 # A compiler that notes which kernel it compiles, and waits before that for as long as there is a file 'hold'.
@@ -104,6 +112,22 @@ def test_runs_that_need_the_same_kernels_compile_each_once(job: Path, compiler: 
     assert set(compiled.values()) == {1}
 
 
+def test_an_unknown_release_compiles_kernels_by_its_own_functions(tmp_path: Path) -> None:
+    """Simple shear, of enough cells for compiled moduli."""
+    mesh = {"file": str(ROOT / "meshes" / "box.py"), "parameters": dict.fromkeys(("nx", "ny", "nz"), 7)}
+    job, script = write_job(tmp_path / "job.yaml", SMALL, mesh=mesh), tmp_path / "other.py"
+    script.write_text(OTHER_RELEASE)
+    # The second rank loads what the first compiles.
+    done = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script, XDG_CACHE_HOME=str(tmp_path / "cache"))
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("compile kernels by themselves: hpcinv replaces functions of 0.11 only") == 1
+    shear, modulus = 0.1, 1e6 / 2.6
+    stress = modulus * shear * math.sqrt(3 + shear**2)
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["quantities"]["stress"] == pytest.approx(stress, rel=1e-9)
+    assert list(tmp_path.glob("cache/fenics/libffcx_expressions_*.c.cached"))
+
+
 @pytest.mark.everyday("SIGTERM")
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGUSR1"])
 def test_a_signal_while_a_kernel_is_compiled_stops_the_run(
@@ -133,11 +157,11 @@ def test_the_compiler_ends_with_its_run(job: Path, compiler: Path, tmp_path: Pat
 
 def commands() -> list[str]:
     """Command lines of all processes."""
-    found = []
+    commands = []
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         with contextlib.suppress(OSError):  # it has ended
-            found.append(path.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
-    return found
+            commands.append(path.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
+    return commands
 
 
 def truncate(kernel: Path) -> None:
@@ -197,7 +221,7 @@ runpy.run_module("hpcinv", run_name="__main__")
 """
 
 
-def test_a_full_disk_is_told(job: Path, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported(job: Path, tmp_path: Path) -> None:
     """A limit on the size of files stands in for it: the compiler fails, and does not say why."""
     script = tmp_path / "limited.py"
     script.write_text(LIMITED)
@@ -212,7 +236,7 @@ def test_a_full_disk_is_told(job: Path, tmp_path: Path) -> None:
     assert not list((tmp_path / "cache").rglob("*.so"))
 
 
-def test_a_cache_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+def test_a_cache_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "full").touch()
     reason = "(Not a directory|File exists)"
     with pytest.raises(kernel_files.NotWritten, match=rf"kernels cannot be written to .*: {reason}"):
@@ -253,7 +277,7 @@ def test_a_lock_is_of_one_kernel_and_is_waited_for_with_patience(tmp_path: Path)
         other.kill()
 
 
-def test_what_a_kill_while_publishing_left_is_removed_later(tmp_path: Path) -> None:
+def test_partly_published_kernels_are_removed_later(tmp_path: Path) -> None:
     old, new = tmp_path / ".k.so.here-1.partial", tmp_path / ".k.so.here-2.partial"
     for path in (old, new):
         path.touch()

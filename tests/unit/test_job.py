@@ -24,6 +24,7 @@ from hpcinv.job.job import Job, json_schema, parse
 from hpcinv.job.kind_of_file import is_study, is_sweep
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import laws
+from hpcinv.quantity.schema import problems_in
 from hpcinv.study.study_plan import load_study
 from hpcinv.sweep.sweep_plan import load_sweep
 
@@ -263,7 +264,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("change", "message"), CASES, ids=[message[:60] for _, message in CASES])
-def test_each_mistake_is_told_by_its_place(
+def test_each_mistake_is_reported_by_its_place(
     problems: Callable[[Edit], list[str]], change: dict[str, Any], message: str
 ) -> None:
     faults = problems(lambda job: job.update(change))
@@ -294,7 +295,7 @@ def test_nested_iteration_needs_a_generator_and_no_search(problems: Callable[[Ed
 
 
 @pytest.mark.parametrize("key", ["mesh", "material"])
-def test_what_is_missing_is_reported_with_its_meaning(problems: Callable[[Edit], list[str]], key: str) -> None:
+def test_missing_keys_are_reported_with_their_meaning(problems: Callable[[Edit], list[str]], key: str) -> None:
     [problem] = problems(lambda job: job.pop(key))
     assert re.fullmatch(f"{key}: is needed: .{{20,}}", problem)
 
@@ -327,7 +328,7 @@ def test_junk_anywhere_ends_in_a_job_or_in_plain_words(load: Loader, tmp_path: P
         assert not [problem for problem in faults if JARGON.search(problem)]
 
 
-def test_all_mistakes_are_told_at_once(problems: Callable[[Edit], list[str]]) -> None:
+def test_all_mistakes_are_reported_at_once(problems: Callable[[Edit], list[str]]) -> None:
     def edit(job: dict[str, Any]) -> None:
         job["analysis"] = "backward"
         job["mesh"]["parameters"] = {"size": "1 s", "sizes": 1}
@@ -341,6 +342,49 @@ def test_all_mistakes_are_told_at_once(problems: Callable[[Edit], list[str]]) ->
         *("analysis", "mesh.parameters.size", "mesh.parameters.sizes", "material.c1", "material.c3"),
         *("effects[0].acceleration[2]", "effects[0].density", "supports[0].fix[0]", "solver.steps"),
     ]
+
+
+FAULTS_BETWEEN_SECTIONS: dict[str, dict[str, Any]] = {
+    "none": {},
+    "a name without definition": {"let": {}},
+    "a law that locks": {"discretisation": {"formulation": "displacement"}},
+    "an unknown load case": {"supports": [{"region": "a", "displacement": ["1 mm", 0, 0], "case": "b"}]},
+    "an unknown key": {"sensitivities": ["material.mu"]},
+    "an unknown quantity": {"accuracy": {"top": "1 mm"}},
+    "an unsuitable method": {"accuracy": {"tip": "1 mm"}, "method": "sellier"},
+    "effects and states": {"states": [{"name": "flat", "given": True, "supports": [{"region": "a", "fix": ["x"]}]}]},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("changes", FAULTS_BETWEEN_SECTIONS.values(), ids=FAULTS_BETWEEN_SECTIONS)
+def test_the_order_of_fields_changes_nothing(load: Loader, tmp_path: Path, changes: dict[str, Any]) -> None:
+    class Reversed(Job):
+        """A job whose fields are validated from the last to the first."""
+
+    Reversed.__pydantic_fields__ = dict(reversed(Job.model_fields.items()))
+    Reversed.model_rebuild(force=True)
+    beam = yaml.safe_load(BEAM) | {
+        "let": {"depth": "max(0, -y)"},
+        "material": {"law": "mooney-rivlin", "c1": "(1 + depth/(1 m))*1 kPa", "c2": 1, "d1": "incompressible"},
+        "quantities": [{"name": "tip", "of": "displacement", "at": [0, 0, 0]}],
+        "sensitivities": {"effects[0].density": "10 kg/m^3"},
+    }  # fmt: skip
+
+    def outcome(kind: type[Job]) -> Any:
+        try:
+            context = {"directory": tmp_path / "jobs", "untrusted": False}
+            return kind.model_validate(beam | changes, context=context).model_dump(mode="json")
+        except ValidationError as error:
+            return sorted(str(place) + text for place, text in problems_in(error))
+
+    assert next(iter(Reversed.model_fields)) == list(Job.model_fields)[-1]
+    assert outcome(Reversed) == outcome(Job)
+    assert isinstance(outcome(Job), dict) == (not changes), outcome(Job)
+
+
+def test_no_validator_reads_the_fields_before_its_own() -> None:
+    sources = Path(hpcinv.__file__).parent.rglob("*.py")
+    assert not [str(path) for path in sources if "info.data" in path.read_text(encoding="utf-8")]
 
 
 def test_an_effect_is_refused_in_a_direction_that_it_cannot_serve(
@@ -508,7 +552,7 @@ def test_long_lists_are_refused_before_anything_in_them_is_checked(problems: Cal
     ]
 
 
-def test_the_first_of_many_problems_are_told_and_the_others_counted(problems: Callable[[Edit], list[str]]) -> None:
+def test_the_first_of_many_problems_are_reported_and_the_others_counted(problems: Callable[[Edit], list[str]]) -> None:
     faults = problems(lambda j: j.update({f"unknown{i}": 1 for i in range(9000)}))
     assert len(faults) == 51
     assert faults[0].startswith("unknown0: unknown key")

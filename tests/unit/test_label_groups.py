@@ -198,9 +198,7 @@ def test_faces_in_files_of_their_own_are_regions(tmp_path: Path) -> None:
     assert not refusals(given.data)
     moved = pyvista.read(tmp_path / "inlet.vtp").translate((0.01, 0, 0))
     moved.save(tmp_path / "inlet.vtp")
-    with pytest.raises(
-        MeshError, match=r"inlet\.vtp: 8 of 8 triangles of mesh\.faces\.inlet are not facets"
-    ):
+    with pytest.raises(MeshError, match=r"inlet\.vtp: 8 of 8 triangles of mesh\.faces\.inlet are not facets"):
         counts(given)
     with pytest.raises(JobError, match=r"mesh\.faces\.inlet: .*there is no file"):
         job(tmp_path, {}, mesh=mesh | {"faces": {"inlet": "outlet.vtp"}})

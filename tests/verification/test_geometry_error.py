@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from helpers import silicone_beam
 from helpers import thick_cylinder as cylinder
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, hpcinv, write_job
@@ -122,11 +123,8 @@ def test_the_error_of_straight_cells_that_turn(
         return package.run(
             job(
                 analysis="forward",
-                mesh={"file": "../meshes/pdms_beam.py", "parameters": {"size": size}, "geometry_degree": geometry},
-                material={"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 7.965272689e8},
-                effects=[{"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 963}],
-                supports=[{"region": "clamp", "fix": ["x", "y", "z"]}],
-                quantities=[{"name": "tip", "of": "norm(ux, uy, uz)", "at": [0.182, 0, 0]}],
+                **silicone_beam.beam(size, geometry),
+                quantities=[silicone_beam.TIP],
                 discretisation={"displacement": degree},
                 certificate=certificate,
             ),
@@ -268,7 +266,7 @@ def of_a_file(tmp_path: Path) -> dict[str, Any]:
 
 
 @pytest.mark.release
-def test_what_is_printed_says_what_it_leaves_out(tmp_path: Path) -> None:
+def test_printed_error_names_what_it_leaves_out(tmp_path: Path) -> None:
     path = write_job(tmp_path / "job.yaml", of_a_file(tmp_path))
     ended = hpcinv(2, "run", path, "--output", tmp_path / "out", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr

@@ -52,7 +52,7 @@ def test_series_and_load_steps_end_in_the_same_state(name: str, comm: MPI.Intrac
     series, steps = (solved(comm, continuation, **PATHS[name]) for continuation in ("series", "steps"))
     assert {solve.strategy for solve in series.solves} == {"power series"}
     assert all(solve.outcome.accepted for solve in series.solves)
-    states = [one.model.unknowns.geometry_values(one.model.unknowns.displacement()) for one in (series, steps)]
+    states = [result.model.unknowns.geometry_values(result.model.unknowns.displacement()) for result in (series, steps)]
     error = np.abs(states[0] - states[1]).max() / np.abs(states[1]).max()
     counts = factorizations(series), factorizations(steps)
     print(f"{name}: difference {error:.1e}, factorizations {counts[0]} and {counts[1]}")
@@ -79,3 +79,11 @@ def test_without_a_series_load_steps_are_taken(comm: MPI.Intracomm) -> None:
     solution = solved(comm, "series", analysis="forward", effects=[GRAVITY, contact])
     assert solution.solves[-1].outcome is Outcome.CONVERGED
     assert "power series" not in {solve.strategy for solve in solution.solves}
+
+
+def test_path_that_hardly_moves_is_straight(comm: MPI.Intracomm) -> None:
+    """Squares of its displacements are zero as numbers."""
+    solution = solved(comm, "series", analysis="forward", effects=[GRAVITY | {"acceleration": [0, -1e-300, 0]}])
+    (solve,) = solution.solves
+    assert solve.outcome.accepted
+    assert solve.strategy == "power series"

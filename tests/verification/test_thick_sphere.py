@@ -61,11 +61,11 @@ def test_the_closed_form_has_the_radii_known_for_it() -> None:
 @pytest.mark.parametrize(("hexahedra", "order", "best"), [(True, 3.2, 6e-7), (False, 2.6, 2e-5)])
 def test_radii_converge(hexahedra: bool, order: float, best: float, comm: MPI.Intracomm) -> None:
     divisions = np.array([2, 4, 6])
-    found = np.abs([errors(0.0, n, hexahedra, comm) for n in divisions.tolist()])
-    largest = found.max(axis=1)
+    magnitudes = np.abs([errors(0.0, n, hexahedra, comm) for n in divisions.tolist()])
+    largest = magnitudes.max(axis=1)
     orders = np.log(largest[:-1] / largest[1:]) / np.log(divisions[1:] / divisions[:-1])
     cells = "hexahedra" if hexahedra else "tetrahedra"
-    print(f"{cells}: errors {digits(found)}, orders of the larger {orders.round(2).tolist()}")
+    print(f"{cells}: errors {digits(magnitudes)}, orders of the larger {orders.round(2).tolist()}")
     assert orders.min() > order
     assert largest[-1] < best
 
@@ -83,6 +83,7 @@ def test_the_job_that_comes_with_the_project(comm: MPI.Intracomm) -> None:
     assert quantities["outer-radius"] == pytest.approx(1.4686181, abs=3e-6)
 
 
+@pytest.mark.everyday("default")
 @pytest.mark.parametrize("solver", [{}, {"initial_step": 0.1}], ids=["default", "small steps"])
 def test_a_pressure_that_no_wall_carries_ends_with_a_diagnosis(solver: dict[str, float], comm: MPI.Intracomm) -> None:
     """A large step can lead to a wall that went through the centre, inside out, with det F > 0: it must not count."""
