@@ -104,7 +104,7 @@ def _by_nodes(
 
 def integer_arrays(source: MeshSource) -> Iterator[str]:
     """Yield names and values of the arrays of a mesh that can be regions."""
-    for name, places in _arrays(source).items():
+    for name, places in sorted(_arrays(source).items(), key=lambda entry: ("cells" not in entry[1], entry[0])):
         distinct = np.unique(np.concatenate([*places.values()]))
         if len(distinct) <= _MOST_VALUES:
             yield f"{name} (in {' and '.join(places)}: {_shown(distinct)})"

@@ -1,23 +1,30 @@
-"""Regions by the values of an integer array in the cells of a mesh file."""
+"""Regions by labels of cells, faces and nodes, by face files, and by groups that overlap."""
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
 import pyvista
+from helpers.mesh_cases import spec
 from helpers.schemas import refusals
 
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job, parse
-from hpcinv.mesh import build_body
+from hpcinv.mesh import build_body, read_source
+from hpcinv.mesh.distributed.partitioned import write_partitioned
+from hpcinv.mesh.distributed.parts import partitioned
+from hpcinv.mesh.facet_groups import add_facets
 from hpcinv.mesh.io.vtu import read_vtu, save_vtu
 from hpcinv.mesh.label_groups import integer_arrays
-from hpcinv.mesh.source import DataArray, MeshSource
+from hpcinv.mesh.mesh_files import save
+from hpcinv.mesh.source import DataArray, Group, MeshSource, distinct_tags
 from hpcinv.model.fields import BodyFields, law_cells
-from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.quantity.spatial_fields import ByRegion
 
 MATERIAL = {"law": "neo-hookean", "young": "1 kPa", "poisson": 0.3}
@@ -99,7 +106,9 @@ def test_values_of_an_array_are_regions(directory: Path) -> None:
         ),
     ],
 )
-def test_what_is_not_there_is_listed(labels: dict[str, Any], message: str, advice: str, directory: Path) -> None:
+def test_unknown_arrays_and_values_are_listed(
+    labels: dict[str, Any], message: str, advice: str, directory: Path
+) -> None:
     with pytest.raises(MeshError) as refused:
         counts(job(directory, labels))
     assert message in refused.value.message
@@ -150,8 +159,8 @@ def test_values_may_be_in_several_regions_but_materials_not(directory: Path) -> 
 def test_values_in_nodes_are_boundary_facets_and_cells(directory: Path) -> None:
     given = job(directory, {"array": "wall", "names": {"left": 0, "ends": [0, 6], "first": [0, 1]}})
     regions = build_body(given.mesh, given.regions, MPI.COMM_SELF, resolve=given.resolve).regions
-    found = {name: (regions[name].facet_count, regions[name].cell_count) for name in ("left", "ends", "first")}
-    assert found == {"left": (1, 0), "ends": (2, 0), "first": (5, 1)}
+    counted = {name: (regions[name].facet_count, regions[name].cell_count) for name in ("left", "ends", "first")}
+    assert counted == {"left": (1, 0), "ends": (2, 0), "first": (5, 1)}
     assert "wall-3" not in regions  # no facet of the boundary has only nodes in the middle of the bar
     with pytest.raises(MeshError, match=r"names\.middle: no cell and no boundary facet has a value of it"):
         counts(job(directory, {"array": "wall", "names": {"middle": 3}}))
@@ -202,3 +211,49 @@ def test_faces_in_files_of_their_own_are_regions(tmp_path: Path) -> None:
         counts(given)
     with pytest.raises(JobError, match=r"mesh\.faces\.inlet: .*there is no file"):
         job(tmp_path, {}, mesh=mesh | {"faces": {"inlet": "outlet.vtp"}})
+
+
+def sizes(source: MeshSource) -> dict[str, tuple[int, int, float]]:
+    """Dimension, number of members, and sum of the coordinates of their middles, of each group."""
+    middles = {3: source.points[source.cells].mean(axis=1), 2: source.points[source.facets].mean(axis=1)}
+    return {g.name: (g.dim, len(g.members), float(middles[g.dim][g.members].sum().round(9))) for g in source.groups}
+
+
+@pytest.mark.parametrize("suffix", [".msh", ".vtu", ".bp"])
+def test_overlapping_groups_are_saved_and_read(suffix: str, tmp_path: Path) -> None:
+    ends = {"left": [[0, 2]], "right": [[2, 3]], "ends": [[0, 2], [2, 3]]}
+    source = add_facets(bar(np.ones(3)), {name: np.array(rows) for name, rows in ends.items()})
+    cells = [Group("all", 3, 7, np.arange(3)), Group("first", 3, 8, np.arange(2))]
+    source = dataclasses.replace(source, groups=distinct_tags([*source.groups, *cells]), data={})
+    assert source.groups_overlap(2)
+    assert source.groups_overlap(3)
+    path = tmp_path / f"bar{suffix}"
+    if suffix == ".bp":
+        write_partitioned(path, MPI.COMM_SELF, partitioned(source, 2)[0])
+    else:
+        save(path, source, source.points)
+    assert sizes(read_source(spec(path), path)) == sizes(source)
+
+
+@pytest.mark.parallel([2, 3])
+def test_overlapping_groups_are_regions_on_several_ranks(comm: MPI.Intracomm, run_directory: Path) -> None:
+    source = add_facets(bar(np.ones(6)), {"left": np.array([[0, 2]]), "ends": np.array([[0, 2], [5, 3]])})
+    cells = [Group("all", 3, 7, np.arange(6)), Group("first", 3, 8, np.arange(2))]
+    source = dataclasses.replace(source, groups=distinct_tags([*source.groups, *cells]), data={})
+    path = run_directory / "bar.bp"
+    on_root(comm, lambda: write_partitioned(path, MPI.COMM_SELF, partitioned(source, 2)[0]))
+    expected = {"left": (1, 0), "ends": (2, 0), "all": (0, 6), "first": (0, 2)}
+    for given in (source if comm.rank == 0 else source.header(), None):
+        body = build_body(spec(path), {}, comm, given=given)
+        regions = {name: (body.regions[name].facet_count, body.regions[name].cell_count) for name in expected}
+        assert regions == expected
+
+
+def test_written_files_open_in_meshio(tmp_path: Path) -> None:
+    """It refuses VTU files of a version above 1.0."""
+    source = bar(np.array([1, 1, 2]))
+    save_vtu(tmp_path / "bar.vtu", source, source.points)
+    mesh = meshio.read(tmp_path / "bar.vtu")
+    assert np.array_equal(mesh.points, source.points)
+    assert [(block.type, len(block.data)) for block in mesh.cells] == [("hexahedron", 3)]
+    assert mesh.cell_data["material"][0].ravel().tolist() == [1, 1, 2]
