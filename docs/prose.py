@@ -14,7 +14,7 @@ WRITTEN = ("docs", "hpcinv", "tests", "README.md", "ARCHITECTURE.md", "CONTRIBUT
 GENERATED = ("docs/reference/", "docs/notes/", "docs/verification/published.md")
 ODDITIES = {
     "that of": r"\b(?:that|those) of\b",
-    "is no": r"\b(?:is|are|was|were) no\b(?! longer| more| need)",
+    "is no": r"(?<!there )\b(?:is|are|was|were) no\b(?! longer| more| need)",
     "of which": r", (?:by|of|from|in|with|for|to|on|at) (?:which|whose|whom)\b",
     "beside": r"\bbeside\b",
     "tells": r"\b(?:tells?|told)\b",

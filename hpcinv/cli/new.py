@@ -139,13 +139,13 @@ def _new(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> None:
     """Raise an error if options do not fit each other."""
     if options.output.suffix not in (".yaml", ".yml"):
-        raise OutputError(f"{options.output}: is no name of a job", "Name it *.yaml.")
+        raise OutputError(f"{options.output}: is not a name of a job", "Name it *.yaml.")
     if not re.fullmatch(NAME_OF_FILE, options.output.stem):
         raise OutputError(
             f"{options.output}: cannot be the name of a job", "Use letters, digits, _, - and dots, a letter first."
         )
     if not options.output.parent.is_dir():
-        raise OutputError(f"{options.output.parent}: is no directory", "Make it first.")
+        raise OutputError(f"{options.output.parent}: is not a directory", "Make it first.")
     if options.image is not None and options.surface is not None:
         raise JobError("--surface: a job has one mesh, and --image gives it, too")
     given = options.image or options.surface
@@ -163,7 +163,7 @@ def _check(options: argparse.Namespace) -> None:
     for name, endings in (("image", IMAGES), ("surface", SURFACES)):
         path = getattr(options, name)
         if path is not None and path.suffix not in endings:
-            raise JobError(f"--{name} {path}: is no {name}; the endings are {', '.join(endings)}")
+            raise JobError(f"--{name} {path}: is not in a format of {name}s; the endings are {', '.join(endings)}")
         if path is not None and not path.is_file():
             raise JobError(f"--{name} {path}: no such file")
 
@@ -177,7 +177,7 @@ def _example(options: argparse.Namespace) -> _Source:
 
 
 def _labels(options: argparse.Namespace, example: str) -> dict[str, list[int]]:
-    """The labels that are asked for; ``JobError`` with those of the image if there are none."""
+    """The labels that are asked for; ``JobError`` with the image's labels if there are none."""
     from hpcinv.mesh.imaging.label_image import labels_in
 
     if not options.label:

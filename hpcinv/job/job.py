@@ -262,7 +262,7 @@ class Job(Spec):
         return job
 
     def place(self, section: str) -> str:
-        """Place of a section of this job in its file, where that of a state differs."""
+        """Place of a section of this job in its file, where a state's place differs."""
         return self._places.get(section, section)
 
     @property
@@ -427,7 +427,7 @@ class Job(Spec):
         return given  # `_completed` reads it
 
     def _completed(self, info: ValidationInfo) -> Self:
-        """The job with the quantities of all states, and with numbers whose dimension is that of another section's."""
+        """The job with the quantities of all states, and with numbers whose dimension follows from another section."""
         problems: list[tuple[KeyPath, str]] = []
         sections: dict[str, Any] = {}
         with collected(problems, "quantities"):

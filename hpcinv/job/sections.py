@@ -80,7 +80,7 @@ def _right_handed(orientation: str) -> str:
     is_even = axes in ([0, 1, 2], [1, 2, 0], [2, 0, 1])
     mirrored = sum(letter in "RAI" for letter in orientation) % 2 == 1
     if sorted(axes) != [0, 1, 2] or is_even == mirrored:
-        raise ValueError(f"{shown(orientation)} is no right-handed frame of three letters, such as LPS or RAS")
+        raise ValueError(f"{shown(orientation)} is not a right-handed frame of three letters, such as LPS or RAS")
     return orientation
 
 
@@ -302,7 +302,7 @@ class MeshSpec(MeshFile):
     """The mesh on which the job is solved: of the reference body in a forward analysis, else of the current body."""
 
     geometry_degree: Annotated[Literal[1, 2] | None, BeforeValidator(_not_true)] = None
-    """degree of the geometry of the given cells; by default that of the file, and 1 for generators (2 for curved bodies
+    """degree of the geometry of the given cells; by default the file's, and 1 for generators (2 for curved bodies
     in a search for an accuracy). The recovered body has the degree of the displacement in any case"""
     maximum_cells: Annotated[int, Field(ge=1)] = 10_000_000
     """largest number of cells of a generated mesh; if more are expected, meshing stops early"""
@@ -366,7 +366,7 @@ class MeshSpec(MeshFile):
     @model_validator(mode="before")
     @classmethod
     def _labels_of_array(cls, data: Any) -> Any:
-        """Tell labels of a mesh, which name an array, from those of an image, which are numbers by region."""
+        """Tell labels of a mesh, which name an array, from an image's, which are numbers by region."""
         labels = data.get("labels") if isinstance(data, Mapping) else None
         if not isinstance(labels, Mapping) or not isinstance(labels.get("array"), str) or "image" in data:
             return data
@@ -396,7 +396,7 @@ class MeshSpec(MeshFile):
                 raise Problems(((name,), "has no file"))
             for file in files:
                 if Path(file).suffix not in SURFACES:
-                    raise Problems(((name,), f"{shown(file)} is no surface; the suffixes are {', '.join(SURFACES)}"))
+                    raise Problems(((name,), f"{shown(file)} is not a surface; the suffixes are {', '.join(SURFACES)}"))
                 try:
                     cls._check_file(file, info)
                 except ValueError as error:
@@ -406,7 +406,7 @@ class MeshSpec(MeshFile):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         yield from super()._contradictions(info)
         if self.geometry_degree is not None and self.is_partitioned:
-            text = "is that of the partitioned mesh; pass it to 'hpcinv mesh partition' as --geometry-degree"
+            text = "is the degree of the partitioned mesh; pass it to 'hpcinv mesh partition' as --geometry-degree"
             yield ("geometry_degree",), text
         for key in ("labels", "orientation", "neighbours"):
             if key in self.model_fields_set and getattr(self, key) and not self.is_image:

@@ -147,6 +147,13 @@ class MaterialLaw(Ingredient):
             return math.inf
         return max((self.bulk_modulus(par) / self.shear_modulus(par) for par in self.cases()), default=None)
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether parameters are equal, whatever moduli gave them."""
+        return type(self) is type(other) and self.__dict__ == other.__dict__
+
+    def __hash__(self) -> int:
+        return hash((type(self), *self.__dict__))
+
     def cases(self) -> Iterator[Any]:
         """Yield namespaces of numbers (SI), one for each region with different values; none if they are fields."""
         quantities = self.quantities()

@@ -49,7 +49,7 @@ class Body:
     of the other body.
 
     Attributes:
-        source: the mesh as it was read, whose cells may have fewer nodes than those of ``mesh``.
+        source: the mesh as it was read, whose cells may have fewer nodes than ``mesh``.
         source_geometry: nodes of the source's cells in the partition of ``mesh``, where they were read.
         given_nodes: coordinates of the local geometry nodes of ``mesh`` as it was given, (n, 3) in m; read-only.
     """

@@ -85,7 +85,7 @@ def _overlaps(source: MeshSource, table: FacetTable) -> MeshProblems:
         cells = np.flatnonzero(crowded[table.cell_facets].any(axis=1))
         yield (
             f"{crowded.sum()} facets have more than two cells ({_first_of(source.cell_tags[cells], 'cell')})",
-            "Remove duplicate or overlapping cells, such as those of a volume that was saved in two physical groups.",
+            "Remove duplicate or overlapping cells, such as cells of a volume that was saved in two physical groups.",
         )
 
 
@@ -104,7 +104,7 @@ def _bad_cells(source: MeshSource) -> MeshProblems:
         yield (
             f"{inverted.sum()} cells are inverted, with det J < 0 ({_first_of(source.cell_tags[inverted], 'cell')})",
             "Refine the mesh where it is curved (gmsh: model.mesh.optimize('HighOrder')), or reverse the cells whose"
-            " node numbering is opposite to that of the others (gmsh: model.mesh.reverseElements).",
+            " node numbering is opposite to the others' (gmsh: model.mesh.reverseElements).",
         )
 
 

@@ -135,7 +135,7 @@ class GatheredCells:
         for _ in range(_STEPS):
             shapes = element.tabulate(1, xi)[:, :, :, 0]
             position, a, b, c = (shapes.transpose(1, 0, 2) @ nodes).transpose(1, 0, 2)
-            # Cramer's rule, which is no error where a Jacobian is singular, far outside a curved cell.
+            # Cramer's rule, which is not an error where a Jacobian is singular, far outside a curved cell.
             adjugate = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):
                 step = (

@@ -181,7 +181,7 @@ class Checkpoints:
             )
         if digest != _digest(state, path / "functions.bp"):
             raise _Damaged("functions.bp or state.json is damaged: the digest does not match")
-        try:  # after the digest: what is whole, but not known here, is no damage, after which it would be removed
+        try:  # after the digest: what is whole, but not known here, is not damage, after which it would be removed
             problem, functions = state["problem"], tuple(state["functions"])
             position = Position.from_json(state["position"])
         except (ValueError, KeyError, TypeError, AttributeError) as exc:

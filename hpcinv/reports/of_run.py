@@ -37,7 +37,7 @@ def write_run_report(directory: Path, summary: Mapping[str, Any] | None, path: P
         path: by default ``report.html`` in the directory.
 
     Raises:
-        OutputError: the directory is not that of a run, a file there is damaged, or the report cannot be written.
+        OutputError: the directory has no run, a file there is damaged, or the report cannot be written.
     """
     if summary is None or not summary.keys() >= _KEYS:
         raise OutputError(

@@ -1,4 +1,4 @@
-"""Standard deviations of shapes and quantities from that of the given surface, such as one that was segmented.
+"""Standard deviations of shapes and quantities from errors of the given surface, such as a segmented one.
 
 The given surface is wrong by ``w n`` along its normal n, with a Gaussian random field w of mean 0, standard deviation σ
 and covariance ``σ² exp(-|x - y|²/(2 ℓ²))`` in space. It is sampled as a sum of plane waves with random directions and
@@ -61,7 +61,7 @@ class SurfaceErrors:
 
     @property
     def parameters(self) -> list[Parameter]:
-        """A parameter for each sample, such that their standard deviations together are those of the surface."""
+        """A parameter for each sample, such that their standard deviations together are the surface's."""
         deviation = 1 / math.sqrt(self.samples)
         return [Parameter(f"surface {i}", "mesh", None, (), 0.0, Dimension(), deviation) for i in range(self.samples)]
 

@@ -77,7 +77,7 @@ def _manifold(part: Solid) -> manifold3d.Manifold:
     manifold = manifold3d.Manifold(mesh)
     if manifold.status() != manifold3d.Error.NoError:
         raise MeshError(
-            f"the surface of the part is no solid: {manifold.status().name}",
+            f"the surface of the part is not a solid: {manifold.status().name}",
             "Look at the line on self-intersections in the certificate of the run.",
         )
     return manifold

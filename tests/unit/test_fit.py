@@ -312,7 +312,7 @@ def test_fewer_data_than_parameters_leave_combinations_free() -> None:
         (GOOD, ["--mode", "sheared"], "--mode: unknown mode 'sheared'."),
         (GOOD, ["--plot", "x.gif"], "x.gif: a plot ends in .png"),
         (GOOD, ["--output", "x.txt"], "x.txt: must end in .json"),
-        (GOOD, ["--material", "nowhere/x.yaml"], "there is no directory nowhere"),
+        (GOOD, ["--material", "nowhere/x.yaml"], "there is not a directory nowhere"),
         (EXACT, ["--compressible"], "the tests do not depend on d1: fix it (--fix d1=…)"),
         (GOOD, ["--largest-stretch", "1.01"], "no points with strain are left"),
         (

@@ -191,7 +191,7 @@ def test_other_frames(tmp_path: Path) -> None:
     middle = (source.points.min(axis=0) + source.points.max(axis=0)) / 2 * 1e3
     assert middle == pytest.approx([12.5, -111.5, -21.5], abs=0.5)
     assert "in SRA (x, y, z to head, right, front)" in "".join(said)
-    with pytest.raises(JobError, match="no right-handed frame"):
+    with pytest.raises(JobError, match="not a right-handed frame"):
         meshed(image, orientation="LAS")
 
 

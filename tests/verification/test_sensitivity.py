@@ -416,7 +416,7 @@ def test_non_numbers_are_refused_as_sensitivity_parameters(key: str, told: str) 
             {"law": "formula", "energy": "a*(I1_bar - 3) + b*(I1_bar - 3)**2", "parameters": {"a": "1 Pa", "b": "0 Pa"}}
             | {"kappa": 10},
             "material.parameters.b",
-            "is 0, so that its term is no part of the law",
+            "is 0, so that its term is not in the law",
         ),
     ],
 )

@@ -73,7 +73,7 @@ def fill(
 
 
 def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit: float) -> Bools:
-    """Return which voxels are inside of a surface; ``MeshError`` if their volume is not that of the triangles."""
+    """Return which voxels are inside of a surface; ``MeshError`` if their volume is not the triangles'."""
     voxel = float(grid.spacing[0])
     volume = signed_volume(surface)
     if not volume > 0 or not np.isfinite(volume):

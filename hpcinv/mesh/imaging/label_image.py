@@ -114,7 +114,7 @@ def frame_of(orientation: str) -> Floats:
 
 
 def labels_in(path: Path, unit: float) -> str:
-    """List all labels of an image; errors are those of `read_labels`."""
+    """List all labels of an image; errors as in `read_labels`."""
     return described(read_voxels(path), unit)
 
 

@@ -36,7 +36,7 @@ class Direct(LinearConfiguration):
     """Configuration of the direct solver, MUMPS.
 
     Args:
-        unknowns: those of the tangent, whose nodes are ordered; without them the unknowns themselves are.
+        unknowns: the tangent's, whose nodes are ordered; without them the unknowns themselves are.
         symmetric: whether to factorize symmetric tangents by L D Lᵀ; else L U is used for all.
         minimum_fill: whether to order by approximate minimum fill; else MUMPS chooses METIS.
     """

@@ -99,7 +99,7 @@ class Chooser:
     def analyse(self, solver: Solver, matrix: Callable[[], PETSc.Mat], unknowns: Unknowns) -> None:
         """Count operations by a symbolic analysis where the extents of the body do not decide; collective.
 
-        They are those of a block, and a body of branches or with holes has smaller separators.
+        They are a block's, and a body of branches or with holes has smaller separators.
         """
         if solver.linear != "auto" or self._own(solver) or not self.can_factorize or self._is_analysed:
             return
