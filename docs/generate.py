@@ -231,6 +231,11 @@ def _sections(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> dict
             is_section = key not in ("material", "effects") and "properties" in _object(definitions[name])
             if is_section and name not in found.values():
                 found[f"{key}[]" if value.get("type") == "array" else key] = name
+    for section, part in list(found.items()):
+        for key, value in _object(definitions[part])["properties"].items():
+            for name in re.findall(r"'\$ref': '#/\$defs/(\w+)'", str(value)):
+                if "properties" in _object(definitions[name]) and name not in found.values():
+                    found[f"{section}.{key}"] = name
     return found
 
 

@@ -17,6 +17,7 @@ from hpcinv.mesh import Body
 from hpcinv.output.progress import Progress
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.results.cavity_volumes import check_cavities
 from hpcinv.results.quantities_of_interest import check_points
 from hpcinv.results.shape_distance import Expected, read_expected
 from hpcinv.results.solution import Solution
@@ -76,6 +77,7 @@ def _given(job: Job, workspace: Workspace, progress: Progress, timings: Timings,
             progress.warn(_FREE_CUT)
         expected = read_expected(job, body)
         check_points(job.quantities, body)
+        check_cavities(job, body)
     _end_if_asked(comm, stop)
     equations = workspace.equations(job, body, timings)
     _end_if_asked(comm, stop)

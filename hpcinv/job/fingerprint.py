@@ -21,7 +21,7 @@ _PHYSICS = {"analysis", "regions", "fibres", "material", "load_cases", "effects"
 WITH_DEFINITIONS = {LET: True}
 """Serialization context in which formulas include the definitions that they use."""
 _SETTINGS = {"solver", "method", "fixed_point", "certificate", "quantities"}
-_OPTIONAL = {"accuracy", "sensitivities"}
+_OPTIONAL = {"accuracy", "cavities", "sensitivities"}
 _MESH = {
     "parameters",
     "unit",

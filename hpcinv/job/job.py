@@ -24,6 +24,7 @@ from hpcinv.errors import JobError
 from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
 from hpcinv.job import rules
+from hpcinv.job.cavities import Cavity, unknown_cavities
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification
 from hpcinv.job.layers import Layering, layerings_of
@@ -122,6 +123,8 @@ class Job(Spec):
     """loads and inelastic strains of the body"""
     supports: Annotated[ListOf[Support], Field(validate_default=True)] = ()
     """prescribed displacements; not needed if springs (effect: elastic-foundation) hold the body"""
+    cavities: Mapping[Name, Cavity] = Field(default={}, exclude_if=lambda cavities: not cavities)
+    """hollows of the body by name, such as {lv: {surface: endo}}, whose volumes are possible quantities"""
     discretisation: Discretisation = Discretisation()
     """finite-element spaces"""
     solver: Solver = Solver()
@@ -447,6 +450,7 @@ class Job(Spec):
         yield from rules.contradicting_meshes(self.mesh, self.output, self.expected_shape)
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
+        yield from rules.below(("quantities",), unknown_cavities(self.quantities, self.cavities))
         if self.sensitivities:
             yield from rules.below(("sensitivities",), rules.underivable(self.effects, self.states, "are"))
         if self.identify is not None:
@@ -565,6 +569,9 @@ def _named_regions(job: Job) -> Iterator[tuple[KeyPath, str]]:
     for name, family in job.fibres.items():
         for field, region in family.rule.surfaces.items() if family.rule is not None else ():
             yield ("fibres", name, "rule", field), region
+    for name, cavity in job.cavities.items():
+        for key, region in cavity.regions.items():
+            yield ("cavities", name, *key.split(".")), region
     for i, quantity in enumerate(job.quantities):
         if quantity.on is not None:
             yield ("quantities", i, "on"), quantity.on
