@@ -69,6 +69,7 @@ REMEDIES = {
     " What to do about 'not decided' is [on its page](../theory/stability.md#the-verdicts).",
     "limit points": "The body may carry this load in two shapes: [what was found](../theory/newton.md#limit-points).",
     "loads on parts": "Remove the load or the support.",
+    "equation of cavity": "Lower `solver.tolerance`.",
     "contact": "[Contact](contact.md#what-determines-the-pressure).",
     "error of": "Raise `solver.maximum_unknowns`, take a machine with more memory, or demand less.",
 }

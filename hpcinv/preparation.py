@@ -14,10 +14,10 @@ from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.sections import CUT
 from hpcinv.job.states import StateSpec
 from hpcinv.mesh import Body
+from hpcinv.model.cavities import check_cavities
 from hpcinv.output.progress import Progress
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.cavity_volumes import check_cavities
 from hpcinv.results.quantities_of_interest import check_points
 from hpcinv.results.shape_distance import Expected, read_expected
 from hpcinv.results.solution import Solution

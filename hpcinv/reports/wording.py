@@ -13,6 +13,7 @@ MEANINGS: Mapping[str, str] = {
     "largest volume ratio": "The most that the material is swollen anywhere.",
     "volume ratio not explained": "In nearly incompressible material, volume change that the pressure does not cause:"
     " large where the mesh is too coarse or locks.",
+    "equation of cavity": "How well the given volume or gas of a cavity is met by the pressure that was found.",
     "discretisation error": "How far the nodes are estimated to be from where an infinitely fine mesh would have them.",
     "worst cell": "Quality of the worst element of the body that was found: near zero it is flat or folded.",
     "depth beyond the plane": "How far the body reaches through a support that may be its plane of symmetry.",

@@ -21,10 +21,10 @@ from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.location import PointLocation, locate, position
 from hpcinv.mesh.regions import find
 from hpcinv.mesh.source import Floats
+from hpcinv.model.cavities import enclosed_volume
 from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.nondimensional import Scales
-from hpcinv.results.cavity_volumes import enclosed_volume
 from hpcinv.results.point_fields import SceneFields
 from hpcinv.results.reactions import contact_values, reactions
 from hpcinv.results.solution import Solution

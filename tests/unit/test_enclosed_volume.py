@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import permutations, product
-from pathlib import Path
+from itertools import product
 
 import numpy as np
 import pytest
+from helpers.hollow_block import hollow_block
 
 from hpcinv.errors import MeshError
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import build_body
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.enclosed_volume import EnclosedVolume
-from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.expressions import Expression
 
@@ -27,26 +26,7 @@ CORNER = {(0, 0, 0), (1, 0, 0)}  # an eighth of a cavity around the origin
 
 
 def hollow_body(holes: set[tuple[int, int, int]], kind: str, degree: int, region: str) -> Body:
-    """A block of 4 × 4 × 3 unit cubes without some of them, whole or cut into six tetrahedra."""
-    cubes = [c for c in np.ndindex(4, 4, 3) if c not in holes]
-    corners = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)])
-    points, cells = np.unique((np.array(cubes)[:, None] + corners).reshape(-1, 3), axis=0, return_inverse=True)
-    cells = cells.reshape(-1, 8)
-    if kind == "tetrahedron":
-        steps = 2 ** np.array(list(permutations(range(3))))
-        paths = np.column_stack([np.zeros(6, int), steps[:, 0], steps[:, :2].sum(axis=1), np.full(6, 7)])
-        paths[[1, 2, 5], 1:3] = paths[[1, 2, 5], 2:0:-1]  # odd permutations
-        cells = cells[:, paths].reshape(-1, 4)
-    source = MeshSource(
-        path=Path("block"),
-        kind=kind,
-        degree=1,
-        points=points.astype(np.float64),
-        node_tags=np.arange(1, len(points) + 1),
-        cells=cells,
-        cell_tags=np.arange(1, len(cells) + 1),
-        facets=np.zeros((0, 3 if kind == "tetrahedron" else 4), dtype=np.int64),
-    )
+    source = hollow_block(holes, kind)
     spec = MeshSpec.model_construct(file="block.vtu", unit=1.0)
     return build_body(spec, {"hole": Expression(region)}, MPI.COMM_WORLD, degree=degree, given=source)
 
