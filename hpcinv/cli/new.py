@@ -61,7 +61,7 @@ class _Source:
     Attributes:
         box: box (m) around the body; ``None`` if its regions have names.
         frame: what is known of its position in space, for a comment.
-        mesh_file: a file of the mesh that is written beside the job.
+        mesh_file: a file of the mesh that is written next to the job.
         write: writes that file.
         is_example: the body is an example.
         ends: names of the ends of a wall.
@@ -124,7 +124,7 @@ def _new(options: argparse.Namespace) -> int:
         if source.mesh_file is not None and source.write is not None:
             with output_errors(source.mesh_file):
                 source.write(source.mesh_file)
-        parse(read_text(text, str(output)), output)  # before it is written, but beside its mesh
+        parse(read_text(text, str(output)), output)  # before it is written, but next to its mesh
         write_output(output, text.encode())
     except Exception:
         if source.mesh_file is not None and not existing:
@@ -151,7 +151,7 @@ def _check(options: argparse.Namespace) -> None:
     given = options.image or options.surface
     if options.surface is not None and options.kind in _WALLS:
         raise JobError(
-            f"--surface: of the wall of {_article(options.kind)}, it does not tell the cavity from the outside;"
+            f"--surface: of the wall of {_article(options.kind)}, it does not distinguish the cavity from the outside;"
             " give an --image, or put a mesh with named surfaces into the example"
         )
     if options.image is None and options.label:

@@ -69,7 +69,7 @@ class Effect(Ingredient):
     def functions(self, degree: int) -> Mapping[str, tuple[int, int]]:
         """Return number of components and Lagrange degree, by name, of functions that the solver updates.
 
-        ``par`` holds them beside the quantities. ``degree`` is that of the displacement.
+        ``par`` holds them in addition to the quantities. ``degree`` is the degree of the displacement.
         """
         return {}
 

@@ -65,7 +65,7 @@ from hpcinv.quantity.spatial_fields import ELSEWHERE, fields_in
 MOST_ENTRIES = 10_000
 """entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""
 
-UNNAMED = "(mapping)"  # in place of the file name of a job that was made in Python
+UNNAMED = "(mapping)"  # instead of the file name of a job that was made in Python
 _KEYS: Any = Mapping[str, str | float | Uncertain | None] | list[str]  # as in a file
 
 
@@ -118,7 +118,7 @@ class Job(Spec):
     load_cases: ListOf[Name] = ()
     """names of successive load cases; by default there is one"""
     states: ListOf[StateSpec] = ()
-    """states of one body, in place of 'analysis' and 'effects': the given one, the rest shape, and others"""
+    """states of one body, instead of 'analysis' and 'effects': the given one, the rest shape, and others"""
     effects: ListOf[AnyEffect] = ()
     """loads and inelastic strains of the body"""
     supports: Annotated[ListOf[Support], Field(validate_default=True)] = ()

@@ -130,7 +130,7 @@ class MeshFile(Spec):
         """JSON schema with the keys that stand for ``file``."""
         json_schema = super().__get_pydantic_json_schema__(schema, handler)
         content = handler.resolve_ref_schema(json_schema)
-        kinds = {"image": "a segmented image, in place of 'file'", "surface": "a closed surface, in place of 'file'"}
+        kinds = {"image": "a segmented image, instead of 'file'", "surface": "a closed surface, instead of 'file'"}
         content["properties"] |= {
             key: {"type": "string", "description": kinds[key]} for key in cls.sources if key in kinds
         }
@@ -161,7 +161,7 @@ class MeshFile(Spec):
         sources = [key for key in ("image", "surface") if isinstance(data, Mapping) and key in data]
         if len(sources) > 1 or (sources and "file" in data):
             other = "file" if "file" in data else sources[0]
-            raise Problems(((sources[-1],), f"is given beside '{other}': a mesh is made from one of them"))
+            raise Problems(((sources[-1],), f"is given together with '{other}': a mesh is made from one of them"))
         return {("file" if key in sources else key): value for key, value in data.items()} if sources else data
 
     @property
@@ -233,7 +233,7 @@ class MeshFile(Spec):
 
 class ExpectedShape(MeshFile):
     """The body that a run should find: a mesh with the nodes of the given one, a closed surface (written as 'surface'
-    in place of 'file'), or a segmented image ('image')."""
+    instead of 'file'), or a segmented image ('image')."""
 
     labels: ListOf[Annotated[int, Field(strict=True)]] = ()
     """numbers of the body's voxels in an image; by default all but 0"""
@@ -278,19 +278,19 @@ class MeshSpec(MeshFile):
     partition: Literal["metis", "scotch"] = "metis"
     """partitioner of the cells; a partitioned mesh (.bp) keeps its partition, unless scotch partitions it again"""
     labels: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
-    """of a segmented image (written as 'image' in place of 'file'): the numbers of the voxels of each region,
+    """of a segmented image (written as 'image' instead of 'file'): the numbers of the voxels of each region,
     or names of segments of a DICOM segmentation"""
     neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
-    is the region LABEL|NEIGHBOUR in place of LABEL|outside"""
+    is the region LABEL|NEIGHBOUR instead of LABEL|outside"""
     surfaces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda surfaces: not surfaces)] = {}
-    """closed surfaces in place of 'file': the files of each region, which is between a shell and those in it, such as
+    """closed surfaces instead of 'file': the files of each region, which is between a shell and those in it, such as
     {wall: [outer.stl, inner.stl]}; a region in another one is cut out of it"""
     orientation: Annotated[Orientation, Field(exclude_if=lambda frame: frame == "LPS")] = "LPS"
     """of a segmented image: sides of the patient to which x, y and z of the mesh point, such as RAS: letters of left or
     right, posterior or anterior, superior or inferior"""
     size: Annotated[Size | None, Field(exclude_if=lambda size: size is None)] = None
-    """largest length of edges in the mesh of an image, or of a closed surface (as 'surface' in place of 'file')"""
+    """largest length of edges in the mesh of an image, or of a closed surface (as 'surface' instead of 'file')"""
     grade: Annotated[Annotated[float, Field(ge=1, le=20)] | None, Field(exclude_if=lambda grade: grade is None)] = None
     """ratio of 'size' and the smallest size of cells, which thin walls and strong curvatures have: 1 for cells of one
     size; by default at most 4 in walls, as far as there are not more than four times as many cells"""
@@ -322,7 +322,7 @@ class MeshSpec(MeshFile):
         if not isinstance(first, str):
             raise Problems((("surfaces",), "must be names of regions and their files, such as {body: body.stl}"))
         if others := [key for key in ("file", "image", "surface") if key in data and data[key] != first]:
-            raise Problems((("surfaces",), f"is given beside '{others[0]}': a mesh is made from one of them"))
+            raise Problems((("surfaces",), f"is given together with '{others[0]}': a mesh is made from one of them"))
         return {**data, "file": first}
 
     @field_validator("surfaces")

@@ -205,7 +205,7 @@ CountOrNone = Annotated[
     BeforeValidator(lambda value: 0 if value is False else value),
     WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 0}, {"const": False}]}),
 ]
-"""A number, or false in place of 0."""
+"""A number, or false instead of 0."""
 
 
 class Checkpoint(Spec):

@@ -219,7 +219,7 @@ def build_body(
     Args:
         resolve: makes the path in the job one that can be opened.
         degree: of the displacement; cells of a lower degree get the nodes of that degree, at places of the given cells.
-        given: on rank 0, a mesh to use in place of the file's, such as a refined one.
+        given: on rank 0, a mesh to use instead of the file's, such as a refined one.
         report: called on rank 0 with the expected number of cells before a generator makes them.
 
     Raises:

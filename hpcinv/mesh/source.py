@@ -56,7 +56,7 @@ def data_arrays(candidates: Iterable[tuple[str, Place, npt.NDArray[np.generic]]]
 
 @dataclass(frozen=True)
 class CadSurface:
-    """Facets of a mesh, and where the surfaces of its CAD model are beside them.
+    """Facets of a mesh, and the nearest points of the surfaces of its CAD model.
 
     Attributes:
         vertices: tags (f, v) of the vertices of each facet.

@@ -233,7 +233,7 @@ def _remove_partial(directory: Path) -> None:
 def _create(partial: Path, size: int) -> None:
     """Create the directory of a checkpoint of ``size`` bytes.
 
-    A full disk is found here, because ADIOS2 tells of it in other words, and on one rank while the others wait.
+    A full disk is found here, because ADIOS2 reports it in other words, and on one rank while the others wait.
     """
     _remove_partial(partial.parent)
     try:

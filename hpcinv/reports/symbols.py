@@ -20,7 +20,7 @@ def symbols(job: Mapping[str, Any], state: Mapping[str, Any], boundary: Boundary
 
     Args:
         job: that of the summary, with its defaults filled in (SI).
-        state: supports and effects of the state in place of the job's.
+        state: supports and effects of the state instead of the job's.
     """
     drawn = []
     for support in state.get("supports") or job.get("supports") or ():

@@ -20,7 +20,7 @@ _STEPS, _LANDMARKS = 200, 5000
 
 @dataclass(frozen=True)
 class Side:
-    """One body beside the other one; lengths in m.
+    """One body compared with another; lengths in m.
 
     Attributes:
         volume: in m³.

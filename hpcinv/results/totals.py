@@ -37,7 +37,7 @@ COMPRESSION = 3.0
 LEAST_STRAIN = 1e-6
 """Largest displacement over the body's size: below, a shape differs by less than any scan resolves.
 
-Weight alone does not tell beforehand: bending multiplies its strain by the square of a body's slenderness.
+Weight alone does not show beforehand: bending multiplies its strain by the square of a body's slenderness.
 """
 
 DENSITY = Dimension(length=-3, mass=1)

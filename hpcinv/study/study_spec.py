@@ -165,7 +165,7 @@ class Reference(Spec):
 
 
 class Beside(Spec):
-    """Published numbers, printed beside those of the study."""
+    """Published numbers, printed next to the study's."""
 
     source: str
     """where they were published"""

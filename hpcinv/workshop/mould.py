@@ -50,7 +50,7 @@ def mould(part: Solid, wall: float, split: Split | None) -> list[Solid]:
     if whole.status() != manifold3d.Error.NoError:
         raise MeshError(
             f"the mould could not be made: {whole.status().name}",
-            "Does the body pass through itself? The certificate of the run tells where.",
+            "Does the body pass through itself? The certificate of the run says where.",
         )
     if split is None:
         return [_solid(whole)]

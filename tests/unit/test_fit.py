@@ -318,7 +318,7 @@ def test_fewer_data_than_parameters_leave_combinations_free() -> None:
         (
             "# mode: simple-shear\nshear, shear stress [kPa]\n0.1, 1\n0.2, 2\n0.3, 3.1\n0.4, 4\n",
             [],
-            "the tests do not tell c1 and c2 apart; fix all but one of them (--fix c2=…), add a test of another mode",
+            "the tests do not separate c1 and c2; fix all but one of them (--fix c2=…), add a test of another mode",
         ),
     ],
 )

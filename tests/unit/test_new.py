@@ -218,7 +218,7 @@ def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
         ("part --surface it.stl job.yaml", "--unit: is needed with --surface"),
         ("part --surface it.stl --unit kg job.yaml", "--unit kg: is no unit of length"),
         ("part --surface it.stl --unit mm --size 3_kg job.yaml", "--size 3_kg: "),
-        ("artery --surface it.stl --unit mm job.yaml", "--surface: of the wall of an artery, it does not tell"),
+        ("artery --surface it.stl --unit mm job.yaml", "--surface: of the wall of an artery, it does not distinguish"),
         ("artery --image scan.nii.gz job.yaml", "such as --label wall=1 --label cavity=2; in .* are 5 .*L.*, 7 .*ml"),
         ("artery --image scan.nii.gz --label wall=5 job.yaml", "--label: an artery has two regions in an image"),
         (
@@ -233,7 +233,7 @@ def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
         ("liver --image scan.nii.gz --label a:b=5 job.yaml", "mesh.labels"),
     ],
 )
-def test_what_does_not_fit_is_refused_and_leaves_nothing(
+def test_unsuitable_arguments_are_refused_and_leave_nothing(
     arguments: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     monkeypatch.chdir(tmp_path)

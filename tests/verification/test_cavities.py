@@ -53,7 +53,7 @@ def test_inverse_with_a_given_unloaded_volume(comm: MPI.Intracomm) -> None:
     pressure = {"effect": "pressure", "region": "inner", "pressure": PRESSURE}
     pressed = hpcinv.run(job(**data(cavities={"hole": HOLE}, effects=[pressure])), comm)
     values = pressed.quantities
-    assert values["current"] == pytest.approx(OCTANT, rel=1e-3)  # curved cells that are no sphere
+    assert values["current"] == pytest.approx(OCTANT, rel=3e-3)  # three curved facets are not a sphere
     assert values["reference"] == pytest.approx(OCTANT * values["inner"] ** 3, rel=1e-2)
     result = controlled({"unloaded_volume": values["reference"]}, comm, analysis="round_trip")
     for solution in result.solutions:
@@ -72,7 +72,7 @@ def test_pressure_falls_while_a_balloon_is_filled(comm: MPI.Intracomm) -> None:
     for stretch in (2.0, 2.2):
         result = controlled({"volume": OCTANT * stretch**3}, comm, analysis="forward")
         pressures.append(result.solutions[0].cavities[0].pressure)
-        assert pressures[-1] == pytest.approx(pressure_of(stretch), rel=1e-4)
+        assert pressures[-1] == pytest.approx(pressure_of(stretch), rel=3e-4)
         assert result.quantities["current"] == pytest.approx(OCTANT * stretch**3, rel=1e-10)
     assert pressures[1] < pressures[0]
 

@@ -99,7 +99,7 @@ def _check_nested(names: Sequence[str], masks: Sequence[Bools], path: Path) -> N
                 raise MeshError(
                     f"{path}: the surfaces of '{names[i]}' and '{names[j]}' cut each other: {both / whole:.0%} of"
                     f" '{names[j]}' is in '{names[i]}'",
-                    "One must lie in the other, or beside it.",
+                    "One must lie inside the other, or outside.",
                 )
 
 

@@ -16,7 +16,7 @@ from hpcinv.mesh.topology import FacetTable, connected
 
 WALL, CAVITY = "wall", "cavity"
 _SPECK = 0.05  # area of an opening that is a leak of the segmentation, relative to the largest opening
-_FACING = 0.5  # cosine of the angle between a facet at an end of the wall and the opening beside it
+_FACING = 0.5  # cosine of the angle between a facet at an end of the wall and the opening next to it
 _REACH = 0.75  # distance of the wall's ends from the plane of an opening, relative to the size of cells
 
 

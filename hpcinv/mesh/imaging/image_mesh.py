@@ -242,7 +242,7 @@ def _crossing(points: Floats, facets: Ints, pairs: Ints) -> Floats:
 
 
 def _cells_outside(labels: Ints, places: Ints, reach: int) -> Bools:
-    """Cells (as those of ``labels``) beside the body in narrow gaps, and up to ``reach`` cells from ``places`` (n, 3).
+    """Cells (as in ``labels``) next to the body in narrow gaps, and up to ``reach`` cells from ``places`` (n, 3).
 
     There, they keep apart surfaces that face each other, and the surface from folding over: a cell between would be
     turned inside out.

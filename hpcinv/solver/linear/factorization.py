@@ -1,7 +1,7 @@
 """Factorization by MUMPS: L D Lᵀ of a symmetric tangent, L U of others.
 
 Forward tangents of loads with a potential are symmetric, tangents of inverse problems mostly are not. Each is tested by
-two products with a random vector, whose cost is negligible beside a factorization.
+two products with a random vector, whose cost is negligible against a factorization.
 """
 
 import math

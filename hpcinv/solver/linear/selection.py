@@ -93,7 +93,7 @@ class Chooser:
 
     @property
     def can_keep_multigrid(self) -> bool:
-        """True if there is memory for a hierarchy that waits, beside another one and the fields of finer spaces."""
+        """True if there is memory for a waiting hierarchy, another one, and the fields of finer spaces."""
         return _KEPT * self.forecast.multigrid <= self.room
 
     def analyse(self, solver: Solver, matrix: Callable[[], PETSc.Mat], unknowns: Unknowns) -> None:
