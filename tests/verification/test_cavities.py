@@ -17,7 +17,7 @@ from hpcinv.errors import JobError
 from hpcinv.mesh import build_body
 from hpcinv.mesh.enclosed_volume import EnclosedVolume
 from hpcinv.methods import solve_direction
-from hpcinv.methods.method import UNLOADED
+from hpcinv.methods.method import UNLOADED, Start
 from hpcinv.model.cavities import cavity_equations
 from hpcinv.parallel.petsc_vectors import dot
 from hpcinv.parallel.runtime import MPI
@@ -126,6 +126,9 @@ def test_connected_cavities(comm: MPI.Intracomm) -> None:
         connected = with_two_holes(comm, "forward", cavities=both, solver={"linear": linear})
         (cavity,) = solve_direction(connected, "forward", UNLOADED, SILENT).cavities
         assert sum(volumes(connected)) == pytest.approx(3.3, rel=1e-10)
+    checkpoint = Start(solution=connected.state().fields, load=1.0)
+    (resumed,) = solve_direction(connected, "forward", checkpoint, SILENT).cavities
+    assert resumed.pressure == pytest.approx(cavity.pressure, rel=1e-10)
     pressures = [{"effect": "pressure", "region": n, "pressure": cavity.pressure} for n in ("large", "small")]
     pressed = with_two_holes(comm, "forward", effects=pressures)
     assert solve_direction(pressed, "forward", UNLOADED, SILENT).load == 1.0
