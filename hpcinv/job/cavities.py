@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema
 
 from hpcinv.effects.pressure import Pressure
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.sections import STRESS, QuantityOfInterest
 from hpcinv.quantity.quantity import Length, Quantity
 from hpcinv.quantity.schema import Faults, ListOf, Spec, Triple
 from hpcinv.quantity.suggestions import did_you_mean
@@ -143,3 +143,8 @@ def unknown_cavities(quantities: Sequence[QuantityOfInterest], cavities: Mapping
         if quantity.cavity is not None and quantity.cavity not in names:
             hint = did_you_mean(quantity.cavity, names) if names else ""
             yield (i, "cavity"), f"there is no cavity '{quantity.cavity}'; define it in 'cavities'.{hint}".rstrip(".")
+        elif (
+            quantity.cavity is not None and quantity.dimension == STRESS and not cavities[quantity.cavity].is_controlled
+        ):
+            text = f"the pressure of cavity '{quantity.cavity}' is not unknown: give the cavity a volume or a gas"
+            yield (i, "of"), f"{text}, or take the pressure from the effects"

@@ -80,8 +80,8 @@ Files = Annotated[
     WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}),
 ]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
-VOLUME = "volume"
-"""quantity of a cavity"""
+OF_CAVITIES = {"volume": CUBIC, "pressure": STRESS}
+"""quantities of cavities with their dimensions"""
 REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
 FORMATS = (".py", ".geo", *MESHES)
 """suffixes of generators and meshes"""
@@ -453,14 +453,14 @@ class QuantityOfInterest(Spec):
     of: Expression
     """'displacement' (the vector, at a point), 'reaction' (the force that the supports of a region exert on the body),
     'reaction_moment' (its moment), 'contact_force', 'contact_area', 'contact_penetration' (of contact on a region),
-    'volume' (of a cavity), or a formula"""
+    'volume' (of a cavity), 'pressure' (of a cavity where it is unknown), or a formula"""
     at: Triple[Length] | None = None
     """a point in the given mesh"""
     on: str | None = None
     """region over which the formula is reduced: positions over its nodes, other fields over its cells or, if it has
     none, facets; or the region of a support for a reaction"""
     cavity: Name | None = Field(default=None, exclude_if=lambda cavity: cavity is None)
-    """cavity (a name from 'cavities') of a volume"""
+    """cavity (a name from 'cavities') of a volume or pressure"""
     reduce: Literal["max", "min", "mean", "max_abs", "rms", "integral"] | None = None
     """reduction of the values on a region to one value; mean and rms of positions are of the nodes, all with the same
     weight, unless 'over' makes them means over volume or area; max and min of stresses, J and energy are over the
@@ -510,9 +510,9 @@ class QuantityOfInterest(Spec):
         return self.of.source.strip() == "displacement"
 
     @property
-    def is_volume(self) -> bool:
-        """True if it is the volume of a cavity."""
-        return self.of.source.strip() == VOLUME
+    def is_of_cavity(self) -> bool:
+        """True if it is the volume or the pressure of a cavity."""
+        return self.of.source.strip() in OF_CAVITIES
 
     @property
     def is_reaction(self) -> bool:
@@ -554,8 +554,8 @@ class QuantityOfInterest(Spec):
         """Dimension of a displacement or formula; ``None`` if numbers leave it open, or only the mesh defines it."""
         if self.is_displacement:
             return LENGTH
-        if self.is_volume:
-            return CUBIC
+        if self.is_of_cavity:
+            return OF_CAVITIES[self.of.source.strip()]
         dimension = self.of.check(POSITIONS | FIELDS)
         # That of an integral depends on whether its region is a volume or a surface.
         return dimension if isinstance(dimension, Dimension) and self.reduce != "integral" else None
@@ -568,21 +568,22 @@ class QuantityOfInterest(Spec):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.about is not None and not self.is_moment:
             yield ("about",), "is valid only with 'of: reaction_moment'"
-        if self.is_volume:
-            yield from self._faults_of_volume()
+        if self.is_of_cavity:
+            yield from self._faults_of_cavity()
         elif self.cavity is not None:
-            yield ("cavity",), "is valid only with 'of: volume'"
+            yield ("cavity",), "is valid only with 'of: volume' and 'of: pressure'"
         elif self.is_reaction:
             yield from self._faults_of_reaction()
         else:
             yield from self._faults_of_formula()
 
-    def _faults_of_volume(self) -> Faults:
+    def _faults_of_cavity(self) -> Faults:
+        source = self.of.source.strip()
         if self.cavity is None:
-            yield ("cavity",), "is needed for a volume: a name from 'cavities'"
-        for field in ("at", "on", "reduce"):
+            yield ("cavity",), f"is needed for a {source}: a name from 'cavities'"
+        for field in ("at", "on", "reduce", *(["over"] if source == "pressure" else [])):
             if getattr(self, field) is not None:
-                yield (field,), "is not valid with the volume of a cavity"
+                yield (field,), f"is not valid with the {source} of a cavity"
 
     def _faults_of_reaction(self) -> Faults:
         if self.on is None:

@@ -92,6 +92,8 @@ def meaning(name: str) -> str:
 def _found(summary: Mapping[str, Any]) -> str:
     job, first = summary["job"], summary["solutions"][0]
     moves = f"its largest displacement is {readable(first['largest_displacement'], 'm')}"
+    for cavity in first.get("cavities", ()):
+        moves += f", and the pressure of cavity '{cavity['name']}' is {readable(cavity['pressure'], 'Pa')}"
     if states := summary.get("states"):
         others = [name for name, state in states.items() if not state["given"]]
         given = next(name for name, state in states.items() if state["given"])

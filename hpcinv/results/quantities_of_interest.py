@@ -13,7 +13,7 @@ import numpy.typing as npt
 from dolfinx import la
 
 from hpcinv.errors import MeshError, naming_field
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.sections import STRESS, QuantityOfInterest
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import source_node_values
 from hpcinv.mesh.bounding_box import extent
@@ -138,6 +138,8 @@ def values_of(
     for q in quantities:
         if q.at is not None:
             values[q.name] = _point_value(q, body, solution, places[q.name], known.get(q.name, {}))
+        elif q.cavity is not None and q.dimension == STRESS:
+            values[q.name] = next(cavity.pressure for cavity in solution.cavities if cavity.name == q.cavity)
         elif q.cavity is not None:
             nodes = solution.reference_nodes if q.over == "reference" else solution.current_nodes
             values[q.name] = enclosed_volume(solution.job, body, q.cavity).volume(nodes)
