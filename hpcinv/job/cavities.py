@@ -1,12 +1,14 @@
 """Section of a job file with cavities: hollows of the body whose volume is a quantity."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema
 
+from hpcinv.effects.effect import Effect
 from hpcinv.effects.pressure import Pressure
 from hpcinv.job.sections import STRESS, QuantityOfInterest
+from hpcinv.job.states import StateSpec
 from hpcinv.quantity.quantity import Length, Quantity
 from hpcinv.quantity.schema import Faults, ListOf, Spec, Triple
 from hpcinv.quantity.suggestions import did_you_mean
@@ -97,22 +99,23 @@ class Cavity(Spec):
 def unsuited_controls(job: Any) -> Faults:
     """Faults of cavities of unknown pressure in a job, with their places in the job."""
     controlled = {name: cavity for name, cavity in job.cavities.items() if cavity.is_controlled}
-    if not controlled:
+    for i, state in enumerate(job.states):
+        yield from ((("states", i, *place), text) for place, text in _unsuited_state(state, job.cavities))
+    names = [*controlled, *(name for state in job.states for name in sorted(state.controlled))]
+    if not names:
+        return
+    if controlled and job.states:
+        text = "is not valid with 'states': give 'volumes' in each state, and 'unloaded_volumes' in the given one"
+        yield ("cavities", names[0]), text
         return
     is_inverse = job.analysis != "forward" and job.first != "forward"
     key, other = ("unloaded_volume", "volume") if is_inverse else ("volume", "unloaded_volume")
-    regions = {region for cavity in controlled.values() for region in cavity.regions}
     for name, cavity in controlled.items():
         if getattr(cavity, other) is not None:
             known = "loaded" if is_inverse else "undeformed"
             yield ("cavities", name, other), f"is known: the mesh is the {known} body. Give '{key}'"
-    for i, effect in enumerate(job.effects[: job.own_effect_count]):
-        if isinstance(effect, Pressure) and effect.region in regions:
-            text = f"'{effect.region}' belongs to a cavity of unknown pressure: remove the effect, or give no volume"
-            yield ("effects", i, "region"), text
-    name = next(iter(controlled))
+    yield from _pressed_twice(job.effects[: job.own_effect_count], controlled.values())
     refused = {
-        "states": bool(job.states),
         "load_cases": bool(job.load_cases),
         "method": job.method != "direct",
         "solver.strategy": job.solver.strategy != "adaptive",
@@ -123,28 +126,55 @@ def unsuited_controls(job: Any) -> Faults:
         "accuracy": bool(job.accuracy),
         "mesh.surface_error": job.mesh.surface_error is not None,
     }
-    for where, is_refused in refused.items():
-        if is_refused:
-            yield (
-                tuple(where.split(".")),
-                f"is not possible with the unknown pressure of cavity '{name}'; give a pressure",
-            )
-    if any(effect.functions(1) for effect in job.effects):
-        yield (
-            ("effects",),
-            f"have a contact that is solved by iteration, beside the unknown pressure of cavity '{name}'",
-        )
+    text = f"is not possible with the unknown pressure of cavity '{names[0]}': give a pressure"
+    yield from ((tuple(where.split(".")), text) for where, is_refused in refused.items() if is_refused)
+    if any(effect.functions(1) for holder in (job, *job.states) for effect in holder.effects):
+        yield ("effects",), f"have a contact that is solved by iteration, and cavity '{names[0]}' an unknown pressure"
 
 
-def unknown_cavities(quantities: Sequence[QuantityOfInterest], cavities: Mapping[str, Cavity]) -> Faults:
-    """Faults of quantities of cavities that the job does not have."""
-    names: Collection[str] = list(cavities)
+def _pressed_twice(effects: Sequence[Effect], cavities: Iterable[Cavity]) -> Faults:
+    """Faults of given pressures on the surfaces of cavities of unknown pressure, with their places in the job."""
+    regions = {region for cavity in cavities for region in cavity.regions}
+    for i, effect in enumerate(effects):
+        if isinstance(effect, Pressure) and effect.region in regions:
+            text = f"'{effect.region}' belongs to a cavity of unknown pressure: remove the effect, or give no volume"
+            yield ("effects", i, "region"), text
+
+
+def _unsuited_state(state: StateSpec, cavities: Mapping[str, Cavity]) -> Faults:
+    """Faults of the cavities of unknown pressure in a state, with their places in it."""
+    for key, volumes in (("volumes", state.volumes), ("unloaded_volumes", state.unloaded_volumes)):
+        for name in volumes:
+            if name not in cavities:
+                yield (
+                    (key, name),
+                    f"is not in 'cavities'.{did_you_mean(name, cavities) if cavities else ''}".rstrip("."),
+                )
+    yield from _pressed_twice(state.effects, [cavities[name] for name in state.controlled & cavities.keys()])
+
+
+def cavities_of_state(cavities: Mapping[str, Cavity], state: StateSpec) -> dict[str, Cavity]:
+    """Return the cavities of a job in one of its states, with the volumes that are given there."""
+
+    def volumes(name: str) -> dict[str, float | None]:
+        return {"volume": state.volumes.get(name), "unloaded_volume": state.unloaded_volumes.get(name)}
+
+    return {name: cavity.model_copy(update=volumes(name)) for name, cavity in cavities.items()}
+
+
+def unknown_cavities(
+    quantities: Sequence[QuantityOfInterest], cavities: Mapping[str, Cavity], states: Sequence[StateSpec]
+) -> Faults:
+    """Faults of quantities of cavities that the job does not have, or whose pressure is given."""
+    controlled = {"": {name for name, cavity in cavities.items() if cavity.is_controlled}}
+    controlled |= {state.name: state.controlled for state in states}
     for i, quantity in enumerate(quantities):
-        if quantity.cavity is not None and quantity.cavity not in names:
-            hint = did_you_mean(quantity.cavity, names) if names else ""
+        if quantity.cavity is None:
+            continue
+        if quantity.cavity not in cavities:
+            hint = did_you_mean(quantity.cavity, cavities) if cavities else ""
             yield (i, "cavity"), f"there is no cavity '{quantity.cavity}'; define it in 'cavities'.{hint}".rstrip(".")
-        elif (
-            quantity.cavity is not None and quantity.dimension == STRESS and not cavities[quantity.cavity].is_controlled
-        ):
-            text = f"the pressure of cavity '{quantity.cavity}' is not unknown: give the cavity a volume or a gas"
+        elif quantity.dimension == STRESS and quantity.cavity not in controlled[quantity.state or ""]:
+            where = f" in state '{quantity.state}'" if quantity.state else ""
+            text = f"the pressure of cavity '{quantity.cavity}' is not unknown{where}: give it a volume or a gas"
             yield (i, "of"), f"{text}, or take the pressure from the effects"

@@ -24,7 +24,7 @@ from hpcinv.errors import JobError
 from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
 from hpcinv.job import rules
-from hpcinv.job.cavities import Cavity, unknown_cavities, unsuited_controls
+from hpcinv.job.cavities import Cavity, cavities_of_state, unknown_cavities, unsuited_controls
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification
 from hpcinv.job.layers import Layering, layerings_of
@@ -251,10 +251,12 @@ class Job(Spec):
     def _job_of_state(self, number: int) -> Job:
         """The job of one of the loaded states by itself."""
         state = self.states[number]
+        cavities = cavities_of_state(self.cavities, state)
         changes = {
             "analysis": "inverse" if state.given else "forward",
             "states": (),
-            "effects": state.effects,
+            "cavities": cavities,
+            "effects": (*state.effects, *(effect for cavity in cavities.values() for effect in cavity.pressures)),
             "supports": self.supports if state.supports is None else state.supports,
             "quantities": tuple(q for q in self.quantities if q.state == state.name),
         }
@@ -359,7 +361,7 @@ class Job(Spec):
             return "needs 'strategy: adaptive': other strategies are chosen for the path that they take"
         if self.method != "direct" and first.direction == "inverse":
             return "needs 'method: direct'"
-        if self.controlled_cavities:
+        if first.job.controlled_cavities:
             return "is not possible with cavities of unknown pressure"
         if self.accuracy:
             return "cannot be combined with 'accuracy', whose search begins with the solution on the mesh before"
@@ -487,7 +489,7 @@ class Job(Spec):
         yield from unsuited_controls(self)
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
-        yield from rules.below(("quantities",), unknown_cavities(self.quantities, self.cavities))
+        yield from rules.below(("quantities",), unknown_cavities(self.quantities, self.cavities, self.states))
         if self.sensitivities:
             yield from rules.below(("sensitivities",), rules.underivable(self.effects, self.states, "are"))
         if self.identify is not None:

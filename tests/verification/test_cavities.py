@@ -99,6 +99,22 @@ def test_heated_gas(comm: MPI.Intracomm) -> None:
     assert back.pressure == pytest.approx(found.pressure, rel=1e-10)
 
 
+@pytest.mark.parallel([1, 2])
+def test_states_with_given_volumes(comm: MPI.Intracomm) -> None:
+    volume = hpcinv.run(job(**data(cavities={"hole": HOLE}, analysis="forward", quantities=VOLUMES)), comm).quantities
+    states = [
+        {"name": "filled", "given": True, "unloaded_volumes": {"hole": 0.4}},
+        {"name": "half", "volumes": {"hole": 0.45}},
+        {"name": "full", "volumes": {"hole": volume["reference"]}},
+    ]
+    quantities = [PRESSURE_FOUND, *VOLUMES]
+    values = hpcinv.run(job(**data(cavities={"hole": HOLE}, states=states, quantities=quantities)), comm).quantities
+    assert values["reference-half"] == pytest.approx(0.4, rel=1e-10)
+    assert values["current-half"] == pytest.approx(0.45, rel=1e-10)
+    assert values["p-full"] == pytest.approx(values["p-filled"], rel=1e-9)
+    assert 0 < values["p-half"] < values["p-full"]
+
+
 HOLES = ((1, 1, 1), (1, 2, 1), (3, 1, 1))
 
 
@@ -195,3 +211,17 @@ def test_derivatives_of_the_equations(comm: MPI.Intracomm) -> None:
 def test_contradictions_are_refused(hole: dict[str, Any], changes: dict[str, Any], text: str) -> None:
     with pytest.raises(JobError, match=text):
         job(**data(cavities={"hole": HOLE | hole}) | changes)
+
+
+@pytest.mark.parametrize(
+    ("given", "other", "text"),
+    [
+        ({"volumes": {"hole": 1.0}}, {}, "are known: the mesh is the body in this state. Give 'unloaded_volumes'"),
+        ({"unloaded_volumes": {"hole": 1.0}}, {"unloaded_volumes": {"hole": 1.0}}, "for the given state only. Give 'v"),
+        ({"unloaded_volumes": {"hol": 1.0}}, {}, "hol: is not in 'cavities'. Did you mean 'hole'"),
+    ],
+)
+def test_contradicting_states_are_refused(given: dict[str, Any], other: dict[str, Any], text: str) -> None:
+    states = [{"name": "filled", "given": True, **given}, {"name": "other", "volumes": {"hole": 1.0}, **other}]
+    with pytest.raises(JobError, match=text):
+        job(**data(cavities={"hole": HOLE}, states=states))
