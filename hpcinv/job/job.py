@@ -32,7 +32,7 @@ from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
 from hpcinv.job.preamble import read_preamble
 from hpcinv.job.region_names import unknown_regions
-from hpcinv.job.region_rules import RegionRule, RegionUnion
+from hpcinv.job.region_rules import EXCEPT, RegionRule, RegionUnion
 from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
@@ -434,7 +434,7 @@ class Job(Spec):
         raise_if_any(faults((((name,), formula) for name, formula in conditions.items()), REGION_NAMES, True))
         names = list(regions)
         for i, (name, rule) in enumerate(regions.items()):
-            later = [m for m in rule.members if m in names[i:]] if isinstance(rule, RegionUnion) else []
+            later = [m for m in rule.names if m in names[i:]] if isinstance(rule, RegionUnion) else []
             if later:
                 raise Problems(((name,), f"names '{later[0]}', which is not defined above it; change the order"))
         return regions
@@ -579,7 +579,9 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
             raise
         raise JobError(f"{path}: plugins: a law or effect failed where it was checked: {fault}") from error
     job._path, job._data, job._untrusted = path, data, untrusted
-    unknown = unknown_regions(job.resolve(job.mesh.file), job.regions, _named_regions(job))
+    # names by the values of an array are known when the mesh is read
+    named = () if job.mesh.array_labels is not None else _named_regions(job)
+    unknown = unknown_regions(job.resolve(job.mesh.file), {*job.regions, *job.mesh.faces}, named)
     if lines := [f"{path}: {dotted_key(where)}: {what}" for where, what in unknown]:
         raise JobError(*lines)
     return job
@@ -590,8 +592,8 @@ def _named_regions(job: Job) -> Iterator[tuple[KeyPath, str]]:
     sections: list[tuple[KeyPath, Sequence[Support], Sequence[Effect]]] = [((), job.supports, job.effects)]
     sections += [(("states", i), state.supports or (), state.effects) for i, state in enumerate(job.states)]
     for name, rule in job.regions.items():
-        for i, member in enumerate(rule.members if isinstance(rule, RegionUnion) else ()):
-            yield ("regions", name, i), member
+        for i, entry in enumerate(rule.entries if isinstance(rule, RegionUnion) else ()):
+            yield ("regions", name, i), entry.removeprefix(EXCEPT).strip()
     for place, supports, effects in sections:
         for i, support in enumerate(supports):
             yield (*place, "supports", i, "region"), support.region

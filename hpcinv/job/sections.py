@@ -26,7 +26,19 @@ from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number, replace_scalar
 from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Size
-from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Problems, Spec, Triple, collected, raise_if_any, shown
+from hpcinv.quantity.schema import (
+    WRITTEN_AS,
+    Faults,
+    KeyPath,
+    ListOf,
+    Name,
+    Problems,
+    Spec,
+    Triple,
+    collected,
+    raise_if_any,
+    shown,
+)
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
@@ -74,6 +86,11 @@ def _right_handed(orientation: str) -> str:
 
 
 Orientation = Annotated[str, AfterValidator(_right_handed)]
+Numbers = Annotated[
+    ListOf[Annotated[int, Field(strict=True)]],
+    BeforeValidator(lambda v: [v] if isinstance(v, int) and not isinstance(v, bool) else v),
+    WithJsonSchema({"anyOf": [{"type": "integer"}, {"type": "array", "items": {"type": "integer"}}]}),
+]
 Files = Annotated[
     ListOf[str],
     BeforeValidator(lambda v: [v] if isinstance(v, str) else v),
@@ -267,6 +284,23 @@ class SurfaceError(Spec):
     """random surfaces, of which each takes a linear solve; m of them give a standard deviation to 1/√(2m)"""
 
 
+class ArrayLabels(Spec):
+    """Regions of a mesh by the values of an array of integers, in its cells, surface cells or nodes."""
+
+    array: str
+    """name of the array; a value in nodes is the region of boundary facets and cells all of whose vertices have it"""
+    names: Mapping[Name, Numbers] = {}
+    """values by name of the region; a value may be in several regions, and one without a name is a region such as
+    material-2"""
+
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        for name in self.names.keys() & {*RESERVED}:
+            yield ("names", name), "is the name of another region; choose another"
+
+
+WRITTEN_AS["array_labels"] = "labels"
+
+
 class MeshSpec(MeshFile):
     """The mesh on which the job is solved: of the reference body in a forward analysis, else of the current body."""
 
@@ -280,6 +314,12 @@ class MeshSpec(MeshFile):
     labels: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image (written as 'image' instead of 'file'): the numbers of the voxels of each region,
     or names of segments of a DICOM segmentation"""
+    array_labels: Annotated[ArrayLabels | None, Field(exclude_if=lambda labels: labels is None)] = None
+    """of a mesh file (written as 'labels'): an array of integers whose values are regions, such as
+    {array: material, names: {plaque: 2}}"""
+    faces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda faces: not faces)] = {}
+    """of a mesh file: surfaces of triangles with the facets of further regions, in the unit of the mesh, such as
+    {inlet: mesh-surfaces/inlet.vtp}"""
     neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
     is the region LABEL|NEIGHBOUR instead of LABEL|outside"""
@@ -309,7 +349,31 @@ class MeshSpec(MeshFile):
     @property
     def files(self) -> tuple[str, ...]:
         """All files from which the mesh is made."""
-        return tuple(file for group in self.surfaces.values() for file in group) or (self.file,)
+        main = tuple(file for group in self.surfaces.values() for file in group) or (self.file,)
+        return main + tuple(file for group in self.faces.values() for file in group)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """JSON schema in which labels of images and of arrays are one key."""
+        json_schema = super().__get_pydantic_json_schema__(schema, handler)
+        properties = handler.resolve_ref_schema(json_schema)["properties"]
+        if "array_labels" in properties:
+            arrays = [kind for kind in properties.pop("array_labels")["anyOf"] if kind.get("type") != "null"]
+            described = properties["labels"]
+            text = f"{described.pop('description')}; of a mesh file {{array: material, names: {{plaque: 2}}}}"
+            properties["labels"] = {"description": text, "anyOf": [described, *arrays]}
+        return json_schema
+
+    @model_validator(mode="before")
+    @classmethod
+    def _labels_of_array(cls, data: Any) -> Any:
+        """Tell labels of a mesh, which name an array, from those of an image, which are numbers by region."""
+        labels = data.get("labels") if isinstance(data, Mapping) else None
+        if not isinstance(labels, Mapping) or not isinstance(labels.get("array"), str) or "image" in data:
+            return data
+        return {key: value for key, value in data.items() if key != "labels"} | {"array_labels": labels}
 
     @model_validator(mode="before")
     @classmethod
@@ -325,7 +389,7 @@ class MeshSpec(MeshFile):
             raise Problems((("surfaces",), f"is given together with '{others[0]}': a mesh is made from one of them"))
         return {**data, "file": first}
 
-    @field_validator("surfaces")
+    @field_validator("surfaces", "faces")
     @classmethod
     def _check_surfaces(cls, surfaces: Mapping[str, tuple[str, ...]], info: ValidationInfo) -> Mapping[str, Any]:
         for name, files in surfaces.items():
@@ -350,6 +414,10 @@ class MeshSpec(MeshFile):
         for key in ("labels", "orientation", "neighbours"):
             if key in self.model_fields_set and getattr(self, key) and not self.is_image:
                 yield (key,), "is for segmented images only, and 'file' is none"
+        is_read = Path(self.file).suffix in MESHES and not self.is_partitioned
+        for key in ("array_labels", "faces"):
+            if getattr(self, key) and not is_read:
+                yield (key,), "is for mesh files that are read whole"
         yield from self._faults_of_labels()
         if self.is_image and not self.labels:
             yield ("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"

@@ -28,7 +28,10 @@ from hpcinv.mesh.checks import CHUNK, check, check_nodes
 from hpcinv.mesh.distributed.partition import Partition, partition_of, partitioner
 from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.mesh.face_files import add_face_files
+from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.io.length_unit import check_unit
+from hpcinv.mesh.label_groups import add_label_groups
 from hpcinv.mesh.readers import FILES, GENERATORS
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geometry, surface_geometry
@@ -193,8 +196,19 @@ def read_source(
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     check_nodes(source)
-    source = source.drop_unused_nodes()
+    source = join_facets(_with_sets(source, spec, path).drop_unused_nodes())
     return source if spec.geometry_degree is None else change_degree(source, spec.geometry_degree)
+
+
+def _with_sets(source: MeshSource, spec: MeshSpec, path: Path) -> MeshSource:
+    """Return the mesh with the regions that a job makes of its arrays, and of surfaces in other files."""
+    if spec.faces:
+        faces = {n: [sibling_path(path, spec.file, f) for f in files] for n, files in spec.faces.items()}
+        source = add_face_files(source, faces, spec.unit)
+    if spec.array_labels is not None:
+        source = add_label_groups(source, spec.array_labels)
+        check_nodes(source)
+    return replace(source, surface_cells=None) if source.surface_cells is not None else source
 
 
 def sibling_path(path: Path, file: str, other: str) -> Path:

@@ -345,7 +345,11 @@ def problems_in(error: ValidationError, spec: type[Spec] | None = None) -> list[
         else:
             text = _shortened(_reworded(line, spec)) if len(problems) < _MOST_PROBLEMS else ""
             problems.append((tuple(part for part in line["loc"] if part != "[key]"), text))
-    return problems
+    return [(tuple(WRITTEN_AS.get(str(part), part) for part in place), text) for place, text in problems]
+
+
+WRITTEN_AS: dict[str, str] = {}
+"""keys of jobs, by the names of fields that share a key with another field"""
 
 
 def _shortened(text: str) -> str:
