@@ -93,10 +93,9 @@ def test_heated_gas(comm: MPI.Intracomm) -> None:
         excess = (pressure_of(stretch) + ambient) * stretch**3 - amount * ambient
         low, high = (low, stretch) if excess > 0 else (stretch, high)
     assert loaded.pressure == pytest.approx(pressure_of(stretch), rel=1e-3)
-    result = controlled(gas, comm, analysis="round_trip")
-    found, back = (solution.cavities[0] for solution in result.solutions)
+    found = controlled(gas, comm, analysis="inverse").solutions[0].cavities[0]
+    assert found.volume == pytest.approx(loaded.unloaded_volume)  # the same mesh
     assert (found.pressure + ambient) * found.volume == pytest.approx(amount * ambient * found.unloaded_volume)
-    assert back.pressure == pytest.approx(found.pressure, rel=1e-10)
 
 
 @pytest.mark.parallel([1, 2])
