@@ -23,6 +23,7 @@ from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.errors import JobError
 from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
+from hpcinv.formats import SAVED
 from hpcinv.job import rules
 from hpcinv.job.cavities import Cavity, cavities_of_state, unknown_cavities, unsuited_controls
 from hpcinv.job.fibres import FibreFamily
@@ -204,7 +205,8 @@ class Job(Spec):
     def shape_formats(self) -> tuple[str, ...]:
         if self.output.mesh is not None:
             return self.output.mesh
-        return ("bp",) if self.mesh.is_partitioned else ("msh", "vtu")
+        given = Path(self.mesh.file).suffix.removeprefix(".")
+        return ("bp",) if self.mesh.is_partitioned else (given if given in SAVED else "msh", *({"vtu"} - {given}))
 
     @property
     def directions(self) -> tuple[Direction, ...]:
