@@ -77,7 +77,8 @@ def _given(job: Job, workspace: Workspace, progress: Progress, timings: Timings,
             progress.warn(_FREE_CUT)
         expected = read_expected(job, body)
         check_points(job.quantities, body)
-        check_cavities(job, body)
+        for text in check_cavities(job, body):
+            progress.warn(text)
     _end_if_asked(comm, stop)
     equations = workspace.equations(job, body, timings)
     _end_if_asked(comm, stop)

@@ -25,6 +25,7 @@ from hpcinv.mesh.body import Body
 from hpcinv.mesh.cells import kind_and_degree, quadrature, scalar_element, sub_entities, vertex_count
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected, unique_rows
+from hpcinv.parallel.runtime import MPI
 
 _LOOPS = {3: (0, 1, 2), 4: (0, 1, 3, 2)}
 """vertices of triangles and quadrilaterals in the order in which their boundary passes them"""
@@ -120,6 +121,17 @@ class EnclosedVolume:
     def volume(self, nodes: Floats) -> float:
         """Return the volume (m³) with the local geometry nodes at ``nodes``, (n, 3) in m; collective."""
         return self._shape(nodes).volume
+
+    def unevenness(self, nodes: Floats) -> float:
+        """Return the largest distance of a rim's vertex from the plane of its lid, relative to √area; collective."""
+        shape, largest = self._shape(nodes), 0.0
+        for edges in self._edges:
+            ends = nodes[self._cell_nodes[edges.cells][:, list(edges.vertices)]] - shape.apexes[edges.rims][:, None]
+            areas = shape.areas[edges.rims]
+            sizes = np.maximum(np.linalg.norm(areas, axis=1), np.finfo(float).tiny)
+            heights = np.abs(np.einsum("eki,ei->ek", ends, areas)).max(axis=1, initial=0.0) / sizes**1.5
+            largest = max(largest, float(heights.max(initial=0.0)))
+        return float(self._comm.allreduce(largest, op=MPI.MAX))
 
     def gradient(self, nodes: Floats) -> Iterator[tuple[Ints, Floats]]:
         """Yield derivatives (m²) of the volume by the nodes of facets' cells on this rank; collective.

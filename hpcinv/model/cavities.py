@@ -19,6 +19,9 @@ from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
 from hpcinv.quantity.nondimensional import Scales
 
+_UNEVEN = 0.1
+"""Height of a rim over its plane, relative to √area, that is warned of; a larger one passes rims of symmetric parts."""
+
 
 @dataclass(frozen=True)
 class CavityReport:
@@ -55,14 +58,21 @@ def enclosed_volume(job: Job, body: Body, name: str) -> EnclosedVolume:
     return enclosed
 
 
-def check_cavities(job: Job, body: Body) -> None:
-    """Check that the regions of all cavities of a job enclose cavities; collective.
+def check_cavities(job: Job, body: Body) -> list[str]:
+    """Check that the regions of all cavities of a job enclose cavities; return warnings; collective.
 
     Raises:
         MeshError: on all ranks, if they do not.
     """
-    for name in job.cavities:
-        enclosed_volume(job, body, name)
+    warnings = []
+    for name, cavity in job.cavities.items():
+        enclosed = enclosed_volume(job, body, name)
+        if cavity.apex is None and enclosed.unevenness(body.given_nodes) > _UNEVEN:
+            warnings.append(
+                f"cavities.{name}: the rim of an opening is far from a plane, and its lid is a cone:"
+                " a part of a symmetric body needs 'lid: {apex: [x, y, z]}'"
+            )
+    return warnings
 
 
 class CavityEquation:

@@ -50,6 +50,7 @@ def check_polyhedron(body: Body, apex: Sequence[float] | None, openings: int, ex
     cavity = EnclosedVolume(body, ["hole"], apex)
     assert cavity.openings == openings
     assert cavity.volume(body.given_nodes) == pytest.approx(exact, rel=1e-13)
+    assert (EnclosedVolume(body, ["hole"], None).unevenness(body.given_nodes) > 0.1) == (apex is not None)
     if apex is None:
         moved = body.given_nodes @ SHEAR.T + FAR  # openings are then oblique
         assert cavity.volume(moved) == pytest.approx(exact * np.linalg.det(SHEAR), rel=1e-11)
