@@ -10,7 +10,7 @@ from hpcinv.certificate.limit_point_check import LIMIT_POINTS
 from hpcinv.results.solution import Solution
 
 _WARN, _FAIL = 1e-8, 1e-5
-"""Residual of a cavity's equation, relative to its volume in the given body; larger ones accept wrong volumes."""
+"""Residual of a cavity's equation, relative to the volume of the mesh's body; larger ones accept wrong volumes."""
 
 
 def cavities(solution: Solution) -> Iterator[Line]:
@@ -26,7 +26,7 @@ def no_limit_points() -> Iterator[Line]:
     yield skipped(LIMIT_POINTS, "the pressure is unknown, and its limit points do not end the path")
 
 
-def at_given_pressure(lines: Iterable[Line]) -> Iterator[Line]:
+def judged_at_given_pressure(lines: Iterable[Line]) -> Iterator[Line]:
     """Yield lines of checks that keep the pressure of cavities; what they do not pass is not decided.
 
     A body that is stable under a given pressure is stable with a given volume too, but not the other way round.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 
-from hpcinv.certificate.cavity_check import at_given_pressure, cavities, no_limit_points
+from hpcinv.certificate.cavity_check import cavities, judged_at_given_pressure, no_limit_points
 from hpcinv.certificate.check import Certificate, Line, Verdict, skipped, upper_bound_line
 from hpcinv.certificate.contact_check import contacts, penalties
 from hpcinv.certificate.discretisation_error import LINEAR, Correction, Estimate, estimate, finer_forecast
@@ -87,12 +87,12 @@ def certify(
         else:
             checked = iter([closure_error(equations, solution, solutions[1].u)])
         largest = max(uncertain, 0.0 if estimated is None or not isfinite(estimated.shape) else estimated.shape)
-        checked = at_given_pressure(checked) if solution.cavities and len(solutions) == 1 else checked
+        checked = judged_at_given_pressure(checked) if solution.cavities and len(solutions) == 1 else checked
         return (_way_back(line, displacement_scale(equations, solution).length, largest) for line in checked)
 
     def stable_state() -> Iterable[Line]:
         checked = stability(equations, forward, observer)
-        return at_given_pressure(checked) if solution.cavities else checked
+        return judged_at_given_pressure(checked) if solution.cavities else checked
 
     def path() -> Iterable[Line]:
         return no_limit_points() if solution.cavities else limit_points(equations, solution, stable)

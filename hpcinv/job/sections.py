@@ -97,7 +97,7 @@ Files = Annotated[
     WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}),
 ]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
-OF_CAVITIES = {"volume": CUBIC, "pressure": STRESS}
+CAVITY_QUANTITIES = {"volume": CUBIC, "pressure": STRESS}
 """quantities of cavities with their dimensions"""
 REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
 FORMATS = (".py", ".geo", *MESHES)
@@ -580,7 +580,7 @@ class QuantityOfInterest(Spec):
     @property
     def is_of_cavity(self) -> bool:
         """True if it is the volume or the pressure of a cavity."""
-        return self.of.source.strip() in OF_CAVITIES
+        return self.of.source.strip() in CAVITY_QUANTITIES
 
     @property
     def is_reaction(self) -> bool:
@@ -623,7 +623,7 @@ class QuantityOfInterest(Spec):
         if self.is_displacement:
             return LENGTH
         if self.is_of_cavity:
-            return OF_CAVITIES[self.of.source.strip()]
+            return CAVITY_QUANTITIES[self.of.source.strip()]
         dimension = self.of.check(POSITIONS | FIELDS)
         # That of an integral depends on whether its region is a volume or a surface.
         return dimension if isinstance(dimension, Dimension) and self.reduce != "integral" else None

@@ -249,7 +249,7 @@ class Kinematics(ABC):
         """Return the value of the reference and the value of the current body."""
         return (mesh, other) if self.sign > 0 else (other, mesh)
 
-    def of_unknown_body[T](self, reference: T, current: T) -> T:
+    def unknown_body_value[T](self, reference: T, current: T) -> T:
         """Return the value of the unknown body, of the values of the reference and of the current body."""
         return current if self.sign > 0 else reference
 

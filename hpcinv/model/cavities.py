@@ -30,7 +30,7 @@ class CavityReport:
     Attributes:
         pressure: that the solve found.
         volume: in the loaded body; unloaded_volume: in the unloaded body.
-        residual: of its equation, relative to the volume of the given body.
+        residual: of its equation, relative to the volume of the body of the mesh.
     """
 
     name: str
@@ -84,15 +84,17 @@ class CavityEquation:
         C = (q + a) V / a - (1 + λ (n - 1)) V₀ of a gas at the ambient pressure a, whose amount grows n-fold.
 
     Args:
-        given: volume (m³) of the unknown body, if the cavity has a given volume.
+        target_volume: volume (m³) of the unknown body, if the cavity has a given volume.
     """
 
-    def __init__(self, name: str, job: Job, body: Body, scene: Scene, scales: Scales, given: float | None) -> None:
+    def __init__(
+        self, name: str, job: Job, body: Body, scene: Scene, scales: Scales, target_volume: float | None
+    ) -> None:
         self.name, self._body, self._scene, self._scales = name, body, scene, scales
         self._cavity: Cavity = job.cavities[name]
         self._enclosed = enclosed_volume(job, body, name)
         self._mesh_volume = self._enclosed.volume(body.nodes)
-        self._given = None if given is None else given / scales.length**3
+        self._target_volume = None if target_volume is None else target_volume / scales.length**3
         first = len(job.laws)
         self._places = [first + i for i in job.cavity_effects(name)]
         self.pressure = 0.0
@@ -123,14 +125,14 @@ class CavityEquation:
         """Return C and its derivatives by the volume of the unknown body and by the pressure; collective."""
         kin, unit = self._scene.kinematics, self._scales.length**3
         mesh_volume, other = self._mesh_volume / unit, self.volume() / unit
-        if self._given is not None:
-            return other - mesh_volume - load * (self._given - mesh_volume), 1.0, 0.0
+        if self._target_volume is not None:
+            return other - mesh_volume - load * (self._target_volume - mesh_volume), 1.0, 0.0
         gas = self._cavity.gas
         assert gas is not None
         ambient, amount = gas.ambient / self._scales.stress, 1 + load * (gas.amount - 1)
         unloaded, loaded = kin.reference_and_current(mesh_volume, other)
         ratio = (self.pressure + ambient) / ambient
-        return ratio * loaded - amount * unloaded, kin.of_unknown_body(-amount, ratio), loaded / ambient
+        return ratio * loaded - amount * unloaded, kin.unknown_body_value(-amount, ratio), loaded / ambient
 
     def slope(self, b: PETSc.Vec) -> None:
         """Set ``b`` to the derivative of the unknown body's volume by the state; collective."""
@@ -164,11 +166,12 @@ def cavity_equations(job: Job, body: Body, scene: Scene, scales: Scales) -> list
 
 def _equations(job: Job, body: Body, scene: Scene, scales: Scales) -> Iterator[CavityEquation]:
     for name, cavity in job.controlled_cavities.items():
-        given = None
+        target_volume = None
         if cavity.gas is None:
-            given = scene.kinematics.of_unknown_body(cavity.unloaded_volume, cavity.volume)
-            given = enclosed_volume(job, body, name).volume(body.given_nodes) if given is None else given
-        yield CavityEquation(name, job, body, scene, scales, given)
+            target_volume = scene.kinematics.unknown_body_value(cavity.unloaded_volume, cavity.volume)
+            if target_volume is None:
+                target_volume = enclosed_volume(job, body, name).volume(body.given_nodes)
+        yield CavityEquation(name, job, body, scene, scales, target_volume)
 
 
 def reports_of(equations: Sequence[CavityEquation], load: float) -> tuple[CavityReport, ...]:
