@@ -46,6 +46,7 @@ from hpcinv.quantity.units import Dimension
 type AxisName = Literal["x", "y", "z"]
 AXES: tuple[AxisName, ...] = ("x", "y", "z")
 LENGTH = Dimension(length=1)
+CUBIC = Dimension(length=3)
 COORDINATES: dict[str, Dimension | None] = dict.fromkeys(AXES, LENGTH)
 POSITIONS = COORDINATES | dict.fromkeys(("X", "Y", "Z", "ux", "uy", "uz"), LENGTH)
 REGION_NAMES = COORDINATES | dict.fromkeys(("nx", "ny", "nz", "cavity"), Dimension())
@@ -96,6 +97,8 @@ Files = Annotated[
     WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}),
 ]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
+CAVITY_QUANTITIES = {"volume": CUBIC, "pressure": STRESS}
+"""quantities of cavities with their dimensions"""
 REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
 FORMATS = (".py", ".geo", *MESHES)
 """suffixes of generators and meshes"""
@@ -501,8 +504,8 @@ def is_of_nodes(quantity: Mapping[str, Any], let: Mapping[str, Any]) -> bool:
 
 
 class QuantityOfInterest(Spec):
-    """A reported result: the displacement or a formula at a point, a formula reduced over a region, or the force or
-    moment of the supports of a region.
+    """A reported result: the displacement or a formula at a point, a formula reduced over a region, the volume of a
+    cavity, or the force or moment of the supports of a region.
 
     Formulas can use the reference position X, Y, Z, the current position x, y, z, the displacement ux, uy, uz, the
     volume ratio J, the Cauchy stress sxx, syy, szz, sxy, syz, sxz, stress measures such as p = -(sxx + syy + szz)/3 and
@@ -511,26 +514,28 @@ class QuantityOfInterest(Spec):
     reference shape, prestrain_sxx, …, prestrain_p, prestrain_von_mises.
     """
 
-    alternatives: ClassVar[tuple[str, ...]] = ("at", "on", "region")
+    alternatives: ClassVar[tuple[str, ...]] = ("at", "on", "region", "cavity")
 
     name: Name
     """its name in the summary"""
     of: Expression
     """'displacement' (the vector, at a point), 'reaction' (the force that the supports of a region exert on the body),
     'reaction_moment' (its moment), 'contact_force', 'contact_area', 'contact_penetration' (of contact on a region),
-    or a formula"""
+    'volume' (of a cavity), 'pressure' (of a cavity where it is unknown), or a formula"""
     at: Triple[Length] | None = None
     """a point in the given mesh"""
     on: str | None = None
     """region over which the formula is reduced: positions over its nodes, other fields over its cells or, if it has
     none, facets; or the region of a support for a reaction"""
+    cavity: Name | None = Field(default=None, exclude_if=lambda cavity: cavity is None)
+    """cavity (a name from 'cavities') of a volume or pressure"""
     reduce: Literal["max", "min", "mean", "max_abs", "rms", "integral"] | None = None
     """reduction of the values on a region to one value; mean and rms of positions are of the nodes, all with the same
     weight, unless 'over' makes them means over volume or area; max and min of stresses, J and energy are over the
     quadrature points, which lie inside the cells or facets"""
     over: Literal["reference", "current"] | None = None
     """body over whose volume or area an integral, mean or rms is taken; by default the reference body for means and rms
-    of stresses"""
+    of stresses. Body of which a cavity's volume is; by default the current one"""
     state: Name | None = Field(default=None, exclude_if=lambda state: state is None)
     """state of the body in which it is evaluated; by default each loaded one, under names such as NAME-STATE"""
     about: Triple[Length] | None = Field(default=None, exclude_if=lambda about: about is None)
@@ -573,6 +578,11 @@ class QuantityOfInterest(Spec):
         return self.of.source.strip() == "displacement"
 
     @property
+    def is_of_cavity(self) -> bool:
+        """True if it is the volume or the pressure of a cavity."""
+        return self.of.source.strip() in CAVITY_QUANTITIES
+
+    @property
     def is_reaction(self) -> bool:
         """True if it is the force or the moment of supports, or a result of a contact."""
         return self.of.source.strip() in REACTIONS
@@ -612,6 +622,8 @@ class QuantityOfInterest(Spec):
         """Dimension of a displacement or formula; ``None`` if numbers leave it open, or only the mesh defines it."""
         if self.is_displacement:
             return LENGTH
+        if self.is_of_cavity:
+            return CAVITY_QUANTITIES[self.of.source.strip()]
         dimension = self.of.check(POSITIONS | FIELDS)
         # That of an integral depends on whether its region is a volume or a surface.
         return dimension if isinstance(dimension, Dimension) and self.reduce != "integral" else None
@@ -624,7 +636,22 @@ class QuantityOfInterest(Spec):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.about is not None and not self.is_moment:
             yield ("about",), "is valid only with 'of: reaction_moment'"
-        yield from self._faults_of_reaction() if self.is_reaction else self._faults_of_formula()
+        if self.is_of_cavity:
+            yield from self._faults_of_cavity()
+        elif self.cavity is not None:
+            yield ("cavity",), "is valid only with 'of: volume' and 'of: pressure'"
+        elif self.is_reaction:
+            yield from self._faults_of_reaction()
+        else:
+            yield from self._faults_of_formula()
+
+    def _faults_of_cavity(self) -> Faults:
+        source = self.of.source.strip()
+        if self.cavity is None:
+            yield ("cavity",), f"is needed for a {source}: a name from 'cavities'"
+        for field in ("at", "on", "reduce", *(["over"] if source == "pressure" else [])):
+            if getattr(self, field) is not None:
+                yield (field,), f"is not valid with the {source} of a cavity"
 
     def _faults_of_reaction(self) -> Faults:
         if self.on is None:

@@ -9,6 +9,7 @@ from hpcinv.effects import Direction
 from hpcinv.mesh.source import Floats
 from hpcinv.methods.method import Guess
 from hpcinv.methods.nested_iteration import CoarseSolve
+from hpcinv.model.cavities import CavityReport
 from hpcinv.model.contacts import ContactReport
 from hpcinv.model.scene import Scene
 from hpcinv.model.state import State
@@ -30,6 +31,7 @@ class Solution(State):
         J_range: smallest and largest volume ratio at any quadrature point.
         solves: every solve of the method, failed ones included.
         contacts: contacts of the job, in its order.
+        cavities: cavities of unknown pressure; `job` has the pressures that were found as given ones.
         start: name of the state at which the load path began; empty if that was the unloaded body.
         coarse: report of the solve on coarser cells before it, ``None`` without one.
     """
@@ -43,6 +45,7 @@ class Solution(State):
     solves: tuple[Solve, ...]
     linear: Used | None = None
     contacts: tuple[ContactReport, ...] = ()
+    cavities: tuple[CavityReport, ...] = ()
     prestrain_stress: Function | None = None
     start: str = ""
     coarse: CoarseSolve | None = None
