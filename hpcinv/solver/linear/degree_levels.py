@@ -145,8 +145,9 @@ class DegreeLevels:
 
     def _inverted_blocks(self, matrix: PETSc.Mat) -> PETSc.Mat:
         """Return the inverted blocks of the nodes, and zero for pressures."""
-        arrays = matrix.getAttr("arrays")  # PETSc would copy them
-        starts, columns, values = arrays[0] if arrays else matrix.getDiagonalBlock().getValuesCSR()
+        block = matrix.getDiagonalBlock()
+        arrays = cast(Any, matrix.getAttr("arrays"))  # of a `FilledTangent`, which PETSc would copy
+        starts, columns, values = (arrays if matrix.comm.size == 1 else arrays[0]) if arrays else block.getValuesCSR()
         node = np.full(self._owned, -1, dtype=np.int32)
         node[self._nodes] = np.arange(len(self._nodes), dtype=np.int32)[:, None]
         parts = [np.zeros(0)]
