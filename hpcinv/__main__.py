@@ -13,7 +13,7 @@ import sys
 import time
 
 from hpcinv.errors import HpcinvError, OutOfMemory, OutputError
-from hpcinv.parallel.early_exit import ProvenEnd, refuse_exit_without_end
+from hpcinv.parallel.early_exit import refuse_exit_without_end
 from hpcinv.parallel.home import require_working_directory
 from hpcinv.parallel.imports import imports_at_start, imports_explained, is_other_rank
 from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
@@ -67,21 +67,15 @@ def main(arguments: list[str] | None = None) -> int:
     with imports_at_start():
         options = _parser(*typed[:1]).parse_args(complete_action(typed))
         from hpcinv.files.untrusted import asked_for
-    end = ProvenEnd() if arguments is None and options.is_proven else None
-    child = end.start() if end else 0
-    if arguments is None and not child:
+    if arguments is None:
         refuse_exit_without_end()
     end_if_noted()
     try:
-        if end and child:
-            return end.wait(child)
         require_working_directory()
         with imports_explained(), asked_for(options):
             code: int = options.command(options)
         if sys.stdout:  # code of the job may have removed it
             sys.stdout.flush()
-        if end:
-            end.prove()
     except HpcinvError as error:
         if is_other_rank():
             time.sleep(1.0)  # some launchers end all ranks when one ends: let rank 0 print first
@@ -118,7 +112,6 @@ def _parser(command: str = "") -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=__version__)
-    parser.set_defaults(is_proven=False)
     commands = parser.add_subparsers(required=True, metavar="command")
     modules = [COMMANDS[command]] if command in COMMANDS else dict.fromkeys(COMMANDS.values())
     for name in modules:

@@ -80,10 +80,12 @@ def _error(reference: Reference, summary: Mapping[str, Any], name: str, componen
     if name not in estimate.get("quantities", {}):
         return math.nan, "the run has no estimate of this quantity"
     singular = estimate.get("singular")
-    reason = "our estimate is not reliable here: errors may cancel at a singular edge"
-    return abs(_number(estimate["quantities"][name], component)), reason if singular and not singular[
-        "reliable"
-    ] else ""
+    reason = ""
+    if singular and not singular["reliable"]:
+        reason = "our estimate is not reliable here: errors may cancel at a singular edge"
+    elif name in estimate.get("unreliable", ()):
+        reason = "our estimate is not reliable here: the fibres have no limit at this point"
+    return abs(_number(estimate["quantities"][name], component)), reason
 
 
 def _number(value: Any, component: str | None) -> float:

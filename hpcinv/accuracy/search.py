@@ -172,8 +172,8 @@ class Search:
         corrected = {name: trial.estimate.corrected[name] for name in self.job.accuracy}
         values = {name: trial.quantities[name] for name in self.job.accuracy}
         mesh = 0 if last_trial is None else self.findings[-1].mesh + (last_trial.variant is not variant)
-        limit = trial.estimate.limit
-        ratio, is_reliable = self._ratio(variant, degree), limit is None or limit.is_reliable
+        limit, is_singular = trial.estimate.limit, not self.job.accuracy.keys().isdisjoint(trial.estimate.unreliable)
+        ratio, is_reliable = self._ratio(variant, degree), (limit is None or limit.is_reliable) and not is_singular
         self.findings.append(Finding(mesh, variant.size, degree, values, corrected, ratio, is_reliable))
         previous = self.assessments[-1] if self.assessments else None
         if last_trial is None or last_trial.variant is not variant:

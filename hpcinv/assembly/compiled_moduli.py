@@ -1,34 +1,29 @@
-"""Compiled tangent moduli, and records by which later processes find them without UFL.
+"""Compiled tangent moduli, which later processes find without UFL.
 
-UFL takes half a second or more to derive the moduli of a form, whether their kernel is compiled or not. A record beside
-the kernels tells which kernel belongs to a form, and which of the form's functions and constants it takes. The name of
-a record is a hash of all that the derivation depends on: the form, the function by which it is differentiated, the
-quadrature points, the programs that derive and compile, and the compiler's flags.
+A record (`hpcinv.assembly.derivation_record`) names the kernel of a form, and the functions and constants of the form
+that the kernel takes.
 """
 
 from __future__ import annotations
 
-import json
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
-from functools import cache
-from hashlib import sha1
 from pathlib import Path
 from typing import Any
 
-import ffcx
 import ufl
-from ffcx.codegeneration import get_signature
 from ufl.algorithms import extract_coefficients
 from ufl.algorithms.analysis import extract_constants
 
 from hpcinv.assembly import tangent_moduli as derivation
+from hpcinv.assembly.derivation_record import DerivationRecord
 from hpcinv.assembly.tangent_moduli import Slot, Term, moduli_of, volume_parts
 from hpcinv.kinematics import staged_derivatives
 from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Integers, Unknowns
-from hpcinv.parallel.jit import KernelExpression, compile_expression, load_expression, read_record, write_record
+from hpcinv.parallel.jit import KernelExpression, compile_expression, load_expression
 from hpcinv.parallel.runtime import MPI
 
 
@@ -63,11 +58,10 @@ def compiled_moduli(
     form_degree, parts = volume_parts(whole, unknowns)
     points, weights = quadrature(mesh.basix_cell().name, form_degree if degree is None else degree)
     differentiated = None if isinstance(form, Term) else functions.index(unknowns.state)
-    name, directory = _name(whole.signature(), differentiated, points, jit_options), Path(jit_options["cache_dir"])
-    recorded, record = mesh.comm.bcast((name, read_record(name, directory)) if mesh.comm.rank == 0 else None)
-    # Flags depend on the processor: rank 0 may know of kernels that this one cannot run.
-    is_known = record is not None and recorded == name
-    kernels = [_Kernel.from_data(data) for data in json.loads(record)] if is_known else []
+    description = f"{whole.signature()} {differentiated}".encode() + points.tobytes()
+    modules = derivation, staged_derivatives, sys.modules[__name__]
+    record = DerivationRecord(mesh.comm, "moduli", description, modules, jit_options)
+    kernels, directory = [_Kernel.from_data(data) for data in record.read() or ()], Path(jit_options["cache_dir"])
     candidates = [_loaded(kernel, functions, constants, directory) for kernel in kernels]
     loaded = [moduli for moduli in candidates if moduli is not None]
     if not mesh.comm.allreduce(len(loaded) == len(parts), op=MPI.LAND):
@@ -81,8 +75,7 @@ def compiled_moduli(
             places = [functions.index(f) for f in used[0]], [constants.index(c) for c in used[1]]
             kernels.append(_Kernel(expression.file, expression.symbol, *places, tangent_moduli.pairs))
             loaded.append(expression)
-        if mesh.comm.rank == 0:
-            write_record(name, json.dumps([astuple(kernel) for kernel in kernels]), directory)
+        record.write([astuple(kernel) for kernel in kernels])
     return [
         CompiledModuli(part.cells, points, weights, kernel.pairs, expression)
         for part, kernel, expression in zip(parts, kernels, loaded, strict=True)
@@ -115,17 +108,3 @@ def _loaded(
 ) -> KernelExpression | None:
     used = [functions[i] for i in kernel.functions], [constants[i] for i in kernel.constants]
     return load_expression(kernel.file, kernel.symbol, *used, directory)
-
-
-def _name(signature: str, differentiated: int | None, points: Floats, jit_options: Mapping[str, Any]) -> str:
-    flags = jit_options.get("cffi_extra_compile_args")
-    description = f"{signature} {differentiated} {flags} {_programs()}".encode()
-    return f"moduli_{sha1(description + points.tobytes()).hexdigest()}"
-
-
-@cache
-def _programs() -> str:
-    """Return a hash of the programs that derive moduli, and the versions of those that compile them."""
-    files = (str(derivation.__file__), str(staged_derivatives.__file__), __file__)
-    ours = b"".join(Path(file).read_bytes() for file in files)
-    return f"{sha1(ours).hexdigest()} {ufl.__version__} {ffcx.__version__} {get_signature()}"

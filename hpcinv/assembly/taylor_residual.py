@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import basix
@@ -22,17 +24,29 @@ from ufl.algorithms import extract_coefficients
 from ufl.algorithms.analysis import extract_constants
 from ufl.corealg.traversal import unique_post_traversal
 
+from hpcinv.assembly import scalar_graph, tangent_moduli
+from hpcinv.assembly import taylor_code as code_writer
+from hpcinv.assembly.derivation_record import DerivationRecord
 from hpcinv.assembly.element_matrices import directions_of, tabulated
 from hpcinv.assembly.scalar_graph import NotAnalytic, ScalarGraph, Scalars
 from hpcinv.assembly.tangent_moduli import Slot, UnsupportedForm, point_integrand, slots_of, volume_parts
-from hpcinv.assembly.taylor_code import LANES, TaylorCode, taylor_code
+from hpcinv.assembly.taylor_code import LANES, taylor_code
+from hpcinv.kinematics import staged_derivatives
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, remove_stages
 from hpcinv.mesh.cells import FACET_KIND, jacobians, kind_and_degree, quadrature, sub_entities
 from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Integers, Unknowns
 from hpcinv.parallel.available_memory import available
-from hpcinv.parallel.jit import JIT_OPTIONS, KernelExpression, array_type, compile_expression, compile_library
+from hpcinv.parallel.jit import (
+    JIT_OPTIONS,
+    KernelExpression,
+    array_type,
+    compile_expression,
+    compile_library,
+    load_expression,
+)
+from hpcinv.parallel.runtime import MPI
 
 _SHARE = 0.25
 """Share of the available memory for kept coefficients. With more of them, coefficients are computed again for each
@@ -55,13 +69,14 @@ class TaylorResidual:
         self._parts: list[_Part] = []
         self._stored = 0
         try:
-            for integral in (*_volume(scene), *_surface(scene)):
-                duals = _Duals.of(integral.integrand, scene)
-                if duals.slots:
-                    kernel = _Kernel(duals, integral.cell_points, self._unknowns, jit_options)
-                    self._parts += [_Part(kernel, domain, self._unknowns) for domain in integral.domains]
+            integrals = [*_volume(scene), *_surface(scene)]
+            plans, inputs = _plans(integrals, scene, jit_options)
         except UnsupportedForm as reason:
             raise NotAnalytic(str(reason)) from None
+        for integral, plan, expression in zip(integrals, plans, inputs, strict=True):
+            if plan.outputs:
+                kernel = _Kernel(plan, expression, self._unknowns.mesh.comm)
+                self._parts += [_Part(kernel, domain, self._unknowns) for domain in integral.domains]
 
     def begin(self, orders: int, load: float) -> None:
         """Begin at the present state and position of the mesh, with room for coefficients up to an order.
@@ -170,62 +185,141 @@ def _surface(scene: Scene) -> Iterator[_Integral]:
 
 
 @dataclass(frozen=True)
-class _Duals:
-    """Duals of test functions at a point, as UFL expressions of symbols.
+class _Plan:
+    """Taylor arithmetic of the duals of test functions in an integral, as it is recorded.
 
     Attributes:
-        slots: slots of the test functions with their duals.
-        symbols: slots of the unknowns on which they depend, with their symbols.
-        loads: load factors on which they depend, as expressions, by number.
+        outputs: slots of the test functions.
+        leaves: slots of the unknowns on which the duals depend.
+        cases: load cases on whose factors they depend.
+        text: C code (`taylor_code`).
+        kept, sums, choices: sizes of its arrays.
+        input_count: number of inputs.
+        file, symbol: of the kernel that evaluates the inputs at quadrature points; empty if there are none.
+        functions, constants: those it takes, by their numbers in the residual.
     """
 
-    slots: dict[Slot, Any]
-    symbols: dict[Slot, Any]
-    loads: dict[int, Any]
+    outputs: tuple[Slot, ...]
+    leaves: tuple[Slot, ...] = ()
+    cases: tuple[int, ...] = ()
+    text: str = ""
+    kept: int = 0
+    sums: int = 0
+    choices: int = 0
+    input_count: int = 0
+    file: str = ""
+    symbol: str = ""
+    functions: tuple[int, ...] = ()
+    constants: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, integrand: Any, scene: Scene) -> _Duals:
-        unknowns = scene.unknowns
-        tests, trials = slots_of(unknowns, unknowns.state)
-        at_point = point_integrand(integrand, unknowns, unknowns.state, tests, trials, ufl.Identity(3))
-        local = Local(unknowns.mesh.ufl_domain())
-        duals = {slot: Jacobian(symbol, local).differentiate(at_point) for slot, (_, symbol) in tests.items()}
-        slots = {slot: remove_stages(dual) for slot, dual in duals.items() if dual is not None}
-        parts = {part for dual in slots.values() for part in unique_post_traversal(dual)}
-        symbols = {slot: remove_stages(symbol) for slot, (_, symbol) in trials.items()}
-        used = {slot: symbol for slot, symbol in symbols.items() if symbol in parts}
-        factors = (scene.parameters.load(case) for case in range(len(scene.parameters.load_rates(0.0))))
-        loads = {case: load for case, load in enumerate(factors) if load in parts}
-        return cls(slots, used, loads)
+    def from_data(cls, data: Any) -> _Plan:
+        outputs, leaves, *rest = data
+        return cls(tuple(Slot(*slot) for slot in outputs), tuple(Slot(*slot) for slot in leaves), *rest)
+
+
+def _plans(
+    integrals: Sequence[_Integral], scene: Scene, jit_options: Mapping[str, Any]
+) -> tuple[list[_Plan], list[KernelExpression | None]]:
+    """Return the plans of integrals, of a record or derived, and the kernels of their inputs; collective.
+
+    The reason why there is no Taylor series is recorded too.
+    """
+    comm, functions, constants = scene.unknowns.mesh.comm, scene.residual.coefficients(), scene.residual.constants()
+    parameters, directory = scene.parameters, Path(jit_options["cache_dir"])
+    numbers = functions.index(scene.unknowns.state), len(parameters.load_rates(0.0))
+    place = constants.index(parameters.constant) if parameters.constant in constants else None
+    description = f"{scene.residual.signature()} {numbers} {place}".encode()
+    description += b"".join(integral.cell_points.tobytes() for integral in integrals)
+    modules = tangent_moduli, staged_derivatives, scalar_graph, code_writer, sys.modules[__name__]
+    record = DerivationRecord(comm, "taylor", description, modules, jit_options)
+    data = record.read()
+    if comm.allreduce(isinstance(data, str), op=MPI.LAND):
+        raise NotAnalytic(data)
+    plans = [_Plan.from_data(entry) for entry in data] if isinstance(data, list) else []
+    inputs = [
+        load_expression(
+            plan.file,
+            plan.symbol,
+            [functions[i] for i in plan.functions],
+            [constants[i] for i in plan.constants],
+            directory,
+        )
+        if plan.file
+        else None
+        for plan in plans
+    ]
+    are_loaded = bool(plans) and all(
+        expression is not None or not plan.input_count for plan, expression in zip(plans, inputs, strict=True)
+    )
+    if not comm.allreduce(are_loaded, op=MPI.LAND):
+        try:
+            derived = [_derived(integral, scene, jit_options) for integral in integrals]
+        except NotAnalytic as reason:
+            record.write(str(reason))
+            raise
+        plans, inputs = [plan for plan, _ in derived], [expression for _, expression in derived]
+        record.write([astuple(plan) for plan in plans])
+    return plans, inputs
+
+
+def _derived(
+    integral: _Integral, scene: Scene, jit_options: Mapping[str, Any]
+) -> tuple[_Plan, KernelExpression | None]:
+    """Derive the plan of an integral, and compile the kernel of its inputs; collective."""
+    unknowns, parameters = scene.unknowns, scene.parameters
+    tests, trials = slots_of(unknowns, unknowns.state)
+    at_point = point_integrand(integral.integrand, unknowns, unknowns.state, tests, trials, ufl.Identity(3))
+    local = Local(unknowns.mesh.ufl_domain())
+    duals = {slot: Jacobian(symbol, local).differentiate(at_point) for slot, (_, symbol) in tests.items()}
+    outputs = {slot: remove_stages(dual) for slot, dual in duals.items() if dual is not None}
+    if not outputs:
+        return _Plan(()), None
+    parts = {part for dual in outputs.values() for part in unique_post_traversal(dual)}
+    symbols = {slot: remove_stages(symbol) for slot, (_, symbol) in trials.items()}
+    used = {slot: symbol for slot, symbol in symbols.items() if symbol in parts}
+    factors = (parameters.load(case) for case in range(len(parameters.load_rates(0.0))))
+    loads = {case: load for case, load in enumerate(factors) if load in parts}
+    graph, leaves, count = ScalarGraph(), dict[Any, list[int]](), 0
+    for symbol in (*used.values(), *loads.values()):
+        size = math.prod(symbol.ufl_shape)
+        leaves[symbol] = [graph.leaf(count + i) for i in range(size)]
+        count += size
+    scalars = Scalars(graph, leaves)
+    code = taylor_code(graph, count, [node for dual in outputs.values() for node in scalars.of(dual)])
+    plan = _Plan(
+        tuple(outputs), tuple(used), tuple(loads), code.text, code.kept, code.sums, code.choices, len(graph.inputs)
+    )
+    if not graph.inputs:
+        return plan, None
+    vector = remove_stages(ufl.as_vector(graph.inputs))
+    taken = list(extract_coefficients(vector)), list(extract_constants(vector))
+    expression = compile_expression(unknowns.mesh.comm, vector, integral.cell_points, *taken, jit_options)
+    functions, constants = scene.residual.coefficients(), scene.residual.constants()
+    functions_taken, constants_taken = (
+        tuple(functions.index(f) for f in taken[0]),
+        tuple(constants.index(c) for c in taken[1]),
+    )
+    plan = replace(
+        plan, file=expression.file, symbol=expression.symbol, functions=functions_taken, constants=constants_taken
+    )
+    return plan, expression
 
 
 class _Kernel:
-    """Compiled Taylor arithmetic of duals, and the inputs that it takes.
+    """Compiled Taylor arithmetic of duals.
 
     Attributes:
         inputs: evaluates the inputs at quadrature points, ``None`` if there are none.
     """
 
-    def __init__(self, duals: _Duals, points: Floats, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> None:
-        self.duals, graph, leaves = duals, ScalarGraph(), dict[Any, list[int]]()
-        count = 0
-        for symbol in (*duals.symbols.values(), *duals.loads.values()):
-            size = math.prod(symbol.ufl_shape)
-            leaves[symbol] = [graph.leaf(count + i) for i in range(size)]
-            count += size
-        scalars = Scalars(graph, leaves)
-        outputs = [node for dual in duals.slots.values() for node in scalars.of(dual)]
-        self.leaves, self.input_count, self.outputs = count, len(graph.inputs), len(outputs)
-        self.code: TaylorCode = taylor_code(graph, count, outputs)
-        comm = unknowns.mesh.comm
-        self.library = compile_library(comm, self.code.text)
+    def __init__(self, plan: _Plan, inputs: KernelExpression | None, comm: MPI.Intracomm) -> None:
+        self.plan, self.inputs = plan, inputs
+        self.leaves = sum(math.prod(slot.shape) for slot in plan.leaves) + len(plan.cases)
+        self.outputs = sum(math.prod(slot.shape) for slot in plan.outputs)
+        self.library = compile_library(comm, plan.text)
         doubles, masks = array_type(np.float64), array_type(np.int64)
         self.library.sweep.argtypes = [ctypes.c_int64, *4 * [ctypes.c_int], *3 * [doubles], masks, doubles]
-        self.inputs: KernelExpression | None = None
-        if graph.inputs:
-            vector = remove_stages(ufl.as_vector(graph.inputs))
-            used = list(extract_coefficients(vector)), list(extract_constants(vector))
-            self.inputs = compile_expression(comm, vector, points, *used, jit_options)
 
 
 class _Part:
@@ -237,9 +331,13 @@ class _Part:
         self._tables = [tabulated(element, domain.points) for element in unknowns.scalar_elements]
         self._count = len(domain.cells) * len(domain.points)
         self._blocks = -(-self._count // LANES)
+        self._kept: Floats = np.empty(0)
 
     def kept_bytes(self, stored: int) -> float:
-        return 8.0 * LANES * self._blocks * stored * self._kernel.code.kept
+        return 8.0 * LANES * self._blocks * self._coefficients(stored)
+
+    def _coefficients(self, stored: int) -> int:
+        return self._kernel.plan.kept * stored + self._kernel.plan.sums
 
     def begin(self, stored: int, *, are_kept: bool) -> None:
         """Evaluate inputs and the geometry of the cells, and make room for coefficients."""
@@ -254,24 +352,27 @@ class _Part:
             volumes = volumes * np.linalg.norm(domain.normal @ self._to_cell, axis=-1)
         self._weights = (domain.weights * volumes)[..., None]
         room = self._blocks if are_kept else 1
-        self._kept = np.empty((room, kernel.code.kept, stored, LANES))
-        self._choices = np.empty((room, kernel.code.choices, LANES), dtype=np.int64)
+        shape = room, self._coefficients(stored), LANES
+        if self._kept.shape != shape:  # fresh memory takes longer than the arithmetic of an order
+            self._kept = np.empty(0)  # free the memory before
+            self._kept = np.empty(shape)
+        self._choices = np.empty((room, kernel.plan.choices, LANES), dtype=np.int64)
         self._leaves = np.zeros((self._blocks, kernel.leaves, stored, LANES))
         self._results = np.empty((self._blocks, kernel.outputs, LANES))
-        self._inputs = np.zeros((self._blocks, kernel.input_count, LANES))
+        self._inputs = np.zeros((self._blocks, kernel.plan.input_count, LANES))
         if kernel.inputs is not None and self._count:
             self._inputs[:] = self._in_lanes(kernel.inputs.eval(self._mesh, domain.entities))
 
     def put(self, k: int, x: npt.NDArray[np.float64] | None, loads: list[float]) -> None:
         if not self._count:
             return
-        at, duals = 0, self._kernel.duals
-        for slot in duals.symbols:
+        at, plan = 0, self._kernel.plan
+        for slot in plan.leaves:
             size = math.prod(slot.shape)
             values: Any = 0.0 if x is None else self._in_lanes(self._at_points(slot, x))
             self._leaves[:, at : at + size, k] = values
             at += size
-        for case in duals.loads:
+        for case in plan.cases:
             self._leaves[:, at, k] = loads[case]
             at += 1
 
@@ -287,7 +388,7 @@ class _Part:
     def add(self, duals: Floats, b: npt.NDArray[np.float64]) -> None:
         """Add the integrals of duals times test functions to ``b``, at the local unknowns."""
         at = 0
-        for slot in self._kernel.duals.slots if self._count else ():
+        for slot in self._kernel.plan.outputs if self._count else ():
             size = math.prod(slot.shape)
             values = duals[..., at : at + size].reshape(*duals.shape[:2], slot.components, -1)
             if slot.is_gradient:

@@ -141,6 +141,9 @@ def _discretisation(equations: Equations, solution: Solution, estimated: Estimat
         return replace(line, note=note, verdict=Verdict.UNDECIDED)
     if estimated.is_solved:
         note += "; found by a solve in spaces of one degree more"
+    if estimated.unreliable:
+        note += f"; not reliable at singular fibres: {', '.join(estimated.unreliable)}"
+        line = replace(line, note=note)
     if estimated.limit and estimated.limit.doubt:
         note += f"; {estimated.limit.doubt}"
         # Of errors that nearly cancel, the estimate may show a tenth.

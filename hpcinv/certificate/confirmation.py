@@ -35,12 +35,11 @@ from petsc4py import PETSc
 
 from hpcinv.certificate.inertia import inertia
 from hpcinv.job.job import Job
-from hpcinv.job.sections import AXES
 from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.model.discrete_model import default_quadrature
 from hpcinv.model.scene import Part, Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
-from hpcinv.quantity.spatial_fields import ByFormula, entries
+from hpcinv.quantity.spatial_fields import fields_in
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
@@ -97,8 +96,8 @@ def _seen_on_the_current_body(job: Job) -> bool:
     if any(effect.strain_given_on == "current" for effect in effects):
         return True
     parts = (*job.laws.values(), *job.families.values(), *effects)
-    values = [v for part in parts for value, _ in part.quantities().values() for v in entries(value)]
-    return any(isinstance(v, ByFormula) and not v.formula.names.isdisjoint(AXES) for v in values)
+    quantities = (value for part in parts for value, _ in part.quantities().values())
+    return any(field.is_current for value in quantities for field in fields_in(value))
 
 
 @contextmanager

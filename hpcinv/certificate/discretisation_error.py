@@ -38,7 +38,7 @@ from dolfinx import fem
 
 from hpcinv.certificate import two_level
 from hpcinv.certificate.extension import extend
-from hpcinv.certificate.singular_edges import singular_edges
+from hpcinv.certificate.singular_edges import FIBRES, SingularEdges, singular_edges
 from hpcinv.certificate.singular_limit import SingularLimit, singular_limit
 from hpcinv.effects import Direction
 from hpcinv.job.job import Job
@@ -46,7 +46,7 @@ from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.interpolation import interpolate
-from hpcinv.mesh.location import locate, position
+from hpcinv.mesh.location import cells_at, locate, position
 from hpcinv.mesh.refine.finer_geometry import transfer_function
 from hpcinv.mesh.source import Floats
 from hpcinv.methods import solve_direction
@@ -94,6 +94,7 @@ class Estimate:
         segments: ends (n, 2, 3) m of these edges, the same on all ranks.
         is_solved: whether the finer problem was solved, since its correction was too large for one Newton step.
         without_geometry: why the error of the geometry is left out; empty if it is included.
+        unreliable: names of the quantities at a point where fibres are singular.
         correction: of the rest shape; ``None`` if it is not finite.
     """
 
@@ -106,6 +107,7 @@ class Estimate:
     segments: Floats | None = None
     is_solved: bool = False
     without_geometry: str = ""
+    unreliable: tuple[str, ...] = ()
     correction: Correction | None = None
 
     @property
@@ -116,7 +118,8 @@ class Estimate:
     def joined(self, other: Estimate) -> Estimate:
         """Return the estimate with the quantities of another state added."""
         quantities, corrected = {**self.quantities, **other.quantities}, {**self.corrected, **other.corrected}
-        return replace(self, quantities=quantities, corrected=corrected)
+        unreliable = (*self.unreliable, *other.unreliable)
+        return replace(self, quantities=quantities, corrected=corrected, unreliable=unreliable)
 
     def as_data(self) -> dict[str, Any]:
         """The estimate as JSON data, without the cells."""
@@ -129,6 +132,7 @@ class Estimate:
             "unknowns": self.unknowns,
             "solved": self.is_solved,
             "singular": self.limit and self.limit.as_data(),
+            "unreliable": list(self.unreliable),
         }
 
 
@@ -157,6 +161,7 @@ def estimate(
     current = solution.current_nodes if solution.is_on_given_mesh else equations.body.given_nodes
     nodes = {"reference": solution.reference_nodes, "current": current}
     edges = singular_edges(solution.job, equations.body, nodes)
+    unreliable = at_singular_fibres(solution.job.quantities, equations.body, edges)
     scale = displacement_scale(equations, solution).length
     finer = finer_equations(equations, solution, given)
     body, forecast = finer.body, finer_forecast(equations)
@@ -196,6 +201,7 @@ def estimate(
         unknowns=finer.unknowns.size,
         is_solved=is_solved,
         without_geometry=_finer_body(equations, solution, given)[1],
+        unreliable=unreliable,
         correction=Correction(moved, displacement, _omitted_geometry(equations)) if isfinite(largest) else None,
     )
 
@@ -318,6 +324,24 @@ def one_degree_more(job: Job) -> Job:
     if spaces.quadrature is not None:
         finer["quadrature"] = spaces.quadrature + 2
     return job.model_copy(update={"discretisation": spaces.model_copy(update=finer)})
+
+
+def at_singular_fibres(
+    quantities: Sequence[QuantityOfInterest], body: Body, edges: SingularEdges | None
+) -> tuple[str, ...]:
+    """Return the names of the quantities at a point of a cell with singular fibres; collective.
+
+    Args:
+        body: on its given nodes.
+    """
+    if edges is None or FIBRES not in edges.names:
+        return ()
+    kind, comm, names = edges.names.index(FIBRES), body.mesh.comm, list[str]()
+    for quantity in quantities:
+        cells = [] if quantity.at is None else cells_at(body, np.array(quantity.at))
+        if comm.allreduce(bool((edges.kinds[np.array(cells, dtype=np.int64)] == kind).any()), op=MPI.LOR):
+            names.append(quantity.name)
+    return tuple(names)
 
 
 def _difference(corrected: Value, computed: Value) -> Value:

@@ -43,7 +43,7 @@ class ForwardFactors:
                 equations.symmetric_factors() if kept_factors is None else [kept_factors],
                 rounded=choice.precision == "single",
                 low_rank=equations.chooser.forecast.operations >= LOW_RANK,
-                minimum_fill=equations.chooser.one_factorization_has_minimum_fill,
+                minimum_fill=choice.minimum_fill,
                 unknowns=equations.unknowns,
             )
 

@@ -18,7 +18,6 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.cells import kind_and_degree, scalar_element
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.fields import formula_values
-from hpcinv.quantity.spatial_fields import ByFormula
 
 TURN = 0.03
 """Mean squared sine of the angles between directions in a piece and their main one, above which it is bisected. Larger:
@@ -43,7 +42,7 @@ def singular_fibres(job: Job, body: Body, nodes: Mapping[str, Floats]) -> tuple[
     chosen, points = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
     for family in job.families.values():
         ((direction, _),) = family.quantities().values()
-        if not (isinstance(direction, tuple) and any(isinstance(part, ByFormula) for part in direction)):
+        if not isinstance(direction, tuple):  # of formulas
             continue
         corners = nodes[family.given_on][mesh.geometry.dofmaps[0][:owned]]
 
@@ -55,11 +54,7 @@ def singular_fibres(job: Job, body: Body, nodes: Mapping[str, Floats]) -> tuple[
 
         def unit(cells: Ints, local: Floats, direction: Any = direction, positions: Any = positions) -> Floats:
             x = positions(cells, local)
-            parts = [
-                formula_values(part, x) if isinstance(part, ByFormula) else np.full(x.shape[:2], float(part))
-                for part in direction
-            ]
-            vectors = np.stack(parts, axis=-1)
+            vectors = np.stack([formula_values(part, x) for part in direction], axis=-1)
             return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
         cells, places = singular_pieces(owned, unit)

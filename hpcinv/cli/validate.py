@@ -25,7 +25,7 @@ def add_validate(commands: Any) -> None:
     )
     validate.add_argument("jobs", type=Path, nargs="+", metavar="file", help="job, study or sweep file (YAML)")
     add_option(validate)
-    validate.set_defaults(command=_validate, is_proven=True)
+    validate.set_defaults(command=_validate)
 
     schema = add_command(
         commands,

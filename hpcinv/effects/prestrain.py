@@ -8,7 +8,7 @@ from pydantic import ValidationInfo
 from hpcinv.effects.effect import Configuration, Deformation, Effect
 from hpcinv.quantity import Family, Faults, KeyPath, ListOf, PositiveField, TensorField
 from hpcinv.quantity.schema import repeated
-from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, is_uniform
+from hpcinv.quantity.spatial_fields import in_each_region
 from hpcinv.quantity.tensor_fields import components, least_determinant
 
 
@@ -75,19 +75,9 @@ class Prestrain(Effect):
 
     def _inversions(self) -> Faults:
         """Yield problems of tensors that are plain numbers; fields are checked on the mesh."""
-        if not isinstance(self.tensor, tuple):
-            return
-        entries = [x for row in self.tensor for x in row]
-        regional = [x for x in entries if isinstance(x, ByRegion)]
-        if not all(is_uniform(x) or isinstance(x, ByRegion) for x in entries):
-            return
-        for region in dict.fromkeys(name for x in regional for name in x.values) or [ELSEWHERE]:
-            if any(x.value_in(region) is None for x in regional):
-                continue
-            F0 = components(
-                tuple(tuple(x.value_in(region) if isinstance(x, ByRegion) else x for x in row) for row in self.tensor)
-            )
-            where: KeyPath = ("tensor", region) if regional else ("tensor",)
+        for region, tensor in in_each_region(self.tensor):
+            F0 = components(tensor)
+            where: KeyPath = ("tensor", region) if region else ("tensor",)
             if (determinant := float(_determinant(F0))) <= 0:
                 yield where, f"inverts the material: det F0 must be above 0, not {determinant:g}"
             elif (least := float(least_determinant(F0))) <= 0:

@@ -8,7 +8,7 @@ from pydantic import ConfigDict, ValidationInfo, model_validator
 from hpcinv.effects.effect import Deformation, Effect
 from hpcinv.quantity import ExpansionField, Faults, KeyPath, TemperatureField, raise_if_any
 from hpcinv.quantity.schema import shown
-from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, is_uniform
+from hpcinv.quantity.spatial_fields import in_each_region
 from hpcinv.quantity.units import as_float, parse_temperature
 
 _KEYS = ("temperature", "reference_temperature")
@@ -70,15 +70,10 @@ class ThermalExpansion(Effect):
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         """Yield stretches of plain numbers that are not positive; fields are checked on the mesh."""
-        factors = (self.coefficient, self.temperature_change)
-        regional = [x for x in factors if isinstance(x, ByRegion)]
-        if not all(is_uniform(x) or isinstance(x, ByRegion) for x in factors):
-            return
-        for region in dict.fromkeys(name for x in regional for name in x.values) or [ELSEWHERE]:
-            alpha, change = (x.value_in(region) if isinstance(x, ByRegion) else x for x in factors)
-            if alpha is None or change is None or (stretch := 1 + alpha * change) > 0:
+        for region, (alpha, change) in in_each_region((self.coefficient, self.temperature_change)):
+            if (stretch := 1 + alpha * change) > 0:
                 continue
-            where = f" in region '{region}'" if regional else ""
+            where = f" in region '{region}'" if region else ""
             text = f"gives the stretch 1 + alpha ΔT = {stretch:g}{where}, which must be above 0"
             yield ("coefficient",), f"{text}: correct {alpha:g} 1/K, or the temperature change of {change:g} K"
 

@@ -117,15 +117,6 @@ def read_file(path: Path, options: TestOptions) -> TestFile:
     return _Reader(path, options).file()
 
 
-def read_tests(path: Path, mode: str | None = None) -> list[Test]:
-    """Return the tests of a file, as `read_file`.
-
-    Args:
-        mode: of files that do not state it.
-    """
-    return read_file(path, TestOptions(mode)).tests
-
-
 def mode_named(text: str) -> Mode:
     """Return a mode by its name or a synonym; ``ValueError`` if there is none."""
     name = " ".join(text.lower().split())

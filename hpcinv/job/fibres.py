@@ -43,7 +43,9 @@ class FibreFamily(Ingredient):
             return {"direction": (ByRule(self.rule), Dimension())}
         if self.direction is None:
             return {"direction": (ByData(str(self.data), components=3), Dimension())}
-        formulas = (ByFormula(f, {n: c for n, c in self.constants.items() if n in f.names}) for f in self.direction)
+        formulas = (
+            ByFormula(f, numbers={n: c for n, c in self.constants.items() if n in f.names}) for f in self.direction
+        )
         return {"direction": (tuple(formulas), Dimension())}
 
     def numbers(self) -> dict[KeyPath, Number | str]:

@@ -3,48 +3,45 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
+from pydantic import (
+    Field,
+    PrivateAttr,
+    ValidationError,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+    model_validator,
+)
 
 from hpcinv.effects import AnyEffect, Direction, Effect
-from hpcinv.effects.contact import Contact
 from hpcinv.errors import JobError
 from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
-from hpcinv.job.definitions import RESERVED, resolve
+from hpcinv.job import rules
 from hpcinv.job.fibres import FibreFamily
-from hpcinv.job.identification import Identification, faults_of_identification
+from hpcinv.job.identification import Identification
 from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.mesh_generators import is_generator
+from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
+from hpcinv.job.preamble import read_preamble
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.region_rules import RegionRule, RegionUnion
-from hpcinv.job.rules import (
-    contradicting_directions,
-    contradicting_meshes,
-    read_demands,
-    unknown_families,
-    unsuited,
-    unsuited_effects,
-    unsuited_supports,
-    wants_pressure,
-)
 from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
-from hpcinv.job.states import StateSpec, faults_of_states, given_on_current, rest_of, solve_order
+from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import Material, MaterialLaw
-from hpcinv.materials.formula_law.invariants import fault_of_name
-from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.expressions import LET, Expression, faults
+from hpcinv.quantity.expressions import Expression, faults
 from hpcinv.quantity.keys import JobKey, assigned
-from hpcinv.quantity.plugins import fault_of_plugin, load_file, load_installed
+from hpcinv.quantity.plugins import fault_of_plugin, load_file
 from hpcinv.quantity.quantity import AnyQuantity
 from hpcinv.quantity.schema import (
     Faults,
@@ -62,8 +59,7 @@ from hpcinv.quantity.schema import (
     repeated,
     shown,
 )
-from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, entries
-from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.quantity.spatial_fields import ELSEWHERE, fields_in
 
 MOST_ENTRIES = 10_000
 """entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""
@@ -260,7 +256,7 @@ class Job(Spec):
         }
         job = self.model_copy(update=changes)
         job._state, job._whole = state.name, self
-        job._places = _places_of(number, state)
+        job._places = places_of(number, state)
         return job
 
     def place(self, section: str) -> str:
@@ -270,16 +266,16 @@ class Job(Spec):
     @property
     def laws(self) -> Mapping[str, MaterialLaw]:
         """The material laws by their place in the job: ``material``, or ``material.REGION`` for each region."""
-        return _laws(self.material)
+        return laws_of(self.material)
 
     @property
     def named_effects(self) -> list[tuple[str, Effect]]:
-        return list(_numbered(self.place("effects"), self.effects).items())
+        return list(numbered(self.place("effects"), self.effects).items())
 
     @property
     def families(self) -> dict[str, FibreFamily]:
         """The families of fibres that laws and effects use, by their place in the job."""
-        return _families((*self.laws.values(), *self.effects), self.fibres)
+        return families_of((*self.laws.values(), *self.effects), self.fibres)
 
     @property
     def case_count(self) -> int:
@@ -293,7 +289,7 @@ class Job(Spec):
     def is_mixed(self) -> bool:
         """True if the pressure is an unknown."""
         return self.discretisation.formulation == "mixed" or (
-            self.discretisation.formulation == "auto" and wants_pressure(self.laws)
+            self.discretisation.formulation == "auto" and rules.wants_pressure(self.laws)
         )
 
     @property
@@ -306,15 +302,15 @@ class Job(Spec):
         """What divides the body into layers, with pressures of their own in the mixed form; the same for all states."""
         if self._whole is not None:
             return self._whole.layerings
-        effects = _numbered("effects", self.effects)
+        effects = numbered("effects", self.effects)
         for i, state in enumerate(self.states):
-            effects |= _numbered(_places_of(i, state)["effects"], state.effects)
+            effects |= numbered(places_of(i, state)["effects"], state.effects)
         return layerings_of(self.laws, effects, self.differentiated)
 
     @property
     def differentiated(self) -> list[Parameter]:
         """Parameters by which the results are differentiated, in the order of ``sensitivities``."""
-        return uncertain_parameters(self.sensitivities, _all_owners(dict(self)))
+        return uncertain_parameters(self.sensitivities, self._owners_in_states)
 
     @property
     def unsuited_to_nested_iteration(self) -> str:
@@ -338,44 +334,41 @@ class Job(Spec):
     @property
     def has_derivatives(self) -> bool:
         """True if solutions have derivatives; those of contact with a rigid obstacle have none."""
-        return _have_derivatives(self.effects, self.states)
+        return have_derivatives(self.effects, self.states)
 
     @property
     def owners(self) -> dict[str, Owner]:
         """The parts with numbers by which results can be differentiated, by their place in the job."""
-        return _owners(self.material, self.effects, self.fibres, self.supports, self._places)
+        return owners_of(self.material, self.effects, self.fibres, self.supports, self._places)
+
+    @property
+    def _owners_in_states(self) -> dict[str, Owner]:
+        """The `owners` of the job and of all its states."""
+        return owners_in_states(self.material, self.effects, self.fibres, self.supports, self.states)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle with the plugins, which another rank imports before it unpickles their classes."""
         plugins = [self.resolve(p).resolve() for p in self.plugins]
         return _unpickled, (plugins, pickle.dumps((self.__class__, self.__getstate__())))
 
-    # Rules between sections are validators of the later section, to which the valid earlier sections are known.
-
-    @field_validator("let")
+    @model_validator(mode="before")
     @classmethod
-    def _check_let(cls, given: Mapping[str, Expression], info: ValidationInfo) -> Mapping[str, Expression]:
-        """Also puts the definitions into the validation context of the following sections."""
-        raise_if_any(((name,), text) for name in given if (text := fault_of_name(name, RESERVED)))
-        resolved = resolve(given)
-        if resolved:
-            if info.context is None:
-                raise ValueError("is valid only in jobs that are read by 'load' or 'parse'")
-            info.context[LET] = resolved
-        return resolved
+    def _preamble_first(cls, data: Any, info: ValidationInfo) -> Any:
+        """Load plugins and resolve definitions, on which the other sections depend."""
+        if not isinstance(data, Mapping):
+            return data
+        problems: list[tuple[KeyPath, str]] = []
+        with collected(problems):
+            data = {**data, **read_preamble(data, info)}
+        raise_if_any(problems)
+        return data
 
     @field_validator("plugins")
     @classmethod
-    def _check_plugins(cls, plugins: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
-        load_installed()
+    def _refuse_untrusted_plugins(cls, plugins: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
         if applies(info):
             text = f"is a Python file that a run executes, and is {REFUSED}"
             raise_if_any(((i,), f"{shown(plugin)} {text}") for i, plugin in enumerate(plugins))
-        problems: list[tuple[KeyPath, str]] = []
-        for i, plugin in enumerate(plugins):
-            with collected(problems, i):
-                load_file(directory_of(info) / plugin)
-        raise_if_any(problems)
         return plugins
 
     @field_validator("files")
@@ -387,14 +380,6 @@ class Job(Spec):
             if not is_file(directory_of(info) / file):
                 raise Problems(((i,), f"there is no file '{directory_of(info) / file}'. Paths start from the job file"))
         return files
-
-    @field_validator("material")
-    @classmethod
-    def _check_material(cls, material: Material, info: ValidationInfo) -> Material:
-        for where, law in _laws(material).items():
-            region = tuple(where.split(".", 1)[1:])
-            raise_if_any(((*region, *place), text) for place, text in unknown_families(law, info.data.get("fibres")))
-        return material
 
     @field_validator("load_cases")
     @classmethod
@@ -418,265 +403,90 @@ class Job(Spec):
 
     @field_validator("states")
     @classmethod
-    def _check_states(cls, states: tuple[StateSpec, ...], info: ValidationInfo) -> tuple[StateSpec, ...]:
-        if not states:
-            return states
-        raise_if_any(faults_of_states(states))
-        fibres, cases = info.data.get("fibres"), info.data.get("load_cases")
-        for i, state in enumerate(states):
-            direction: Direction = "inverse" if state.given else "forward"
-            where = f"in a state that is solved {direction}"
-            faults = unsuited_effects(state.effects, {direction}, direction, where, fibres, cases)
-            raise_if_any(((i, "effects", *place), text) for place, text in faults)
-            if state.supports is not None:
-                faults = unsuited_supports(state.supports, state.effects, cases)
-                raise_if_any(((i, "supports", *place), text) for place, text in faults)
-        if any(state.given and state.is_rest for state in states):
-            rest = rest_of(states)
-            parts: list[tuple[KeyPath, Ingredient]] = [
-                (("states", i, "effects", j), e) for i, s in enumerate(states) for j, e in enumerate(s.effects)
-            ]
-            parts += [(("fibres", name), family) for name, family in (fibres or {}).items()]
-            laws = _laws(info.data["material"]) if "material" in info.data else {}
-            parts += [(tuple(where.split(".", 1)), law) for where, law in laws.items()]
-            for owner, part in parts:
-                for place in given_on_current(part):
-                    text = f"{dotted_key((*owner, *place))} is given on the current body, but the given one, '{rest}',"
-                    raise ValueError(
-                        f"{text} is the rest shape: give it on the reference body (in a formula by X, Y, Z)"
-                    )
+    def _check_states(cls, states: tuple[StateSpec, ...]) -> tuple[StateSpec, ...]:
+        raise_if_any(faults_of_states(states) if states else ())
         return states
-
-    @field_validator("effects")
-    @classmethod
-    def _check_effects(cls, effects: tuple[AnyEffect, ...], info: ValidationInfo) -> tuple[AnyEffect, ...]:
-        if effects and info.data.get("states"):
-            raise ValueError(
-                "belong to states in a job with 'states': move them to 'effects' of each state that has them"
-            )
-        analysis, fibres, cases = (info.data.get(key) for key in ("analysis", "fibres", "load_cases"))
-        needed = {"forward", "inverse"} if analysis == "round_trip" else {analysis} if analysis else set[str]()
-        first: Direction = "forward" if "forward" in (analysis, info.data.get("first")) else "inverse"
-        raise_if_any(unsuited_effects(effects, needed, first, f"with 'analysis: {analysis}'", fibres, cases))
-        return effects
-
-    @field_validator("supports")
-    @classmethod
-    def _check_supports(cls, supports: tuple[Support, ...], info: ValidationInfo) -> tuple[Support, ...]:
-        if not {"effects", "states"} <= info.data.keys():  # already reported
-            return supports
-        cases = info.data.get("load_cases")
-        for state in info.data["states"]:
-            if not state.is_rest and state.supports is None:
-                faults = unsuited_supports(supports, state.effects, cases)
-                raise_if_any((place, f"in state '{state.name}': {text}") for place, text in faults)
-        raise_if_any(unsuited_supports(supports, info.data["effects"], cases) if not info.data["states"] else ())
-        return supports
-
-    @field_validator("discretisation")
-    @classmethod
-    def _check_discretisation(cls, discretisation: Discretisation, info: ValidationInfo) -> Discretisation:
-        if "material" in info.data:
-            raise_if_any(unsuited(discretisation, _laws(info.data["material"])))
-        return discretisation
-
-    @field_validator("accuracy", mode="plain")
-    @classmethod
-    def _check_accuracy(cls, given: object, info: ValidationInfo) -> Mapping[str, float]:
-        if "quantities" not in info.data:  # already reported
-            return {}
-        demands = read_demands(given, info.data["quantities"])
-        if demands and info.data.get("identify") is not None:
-            raise ValueError("cannot be combined with 'identify', which needs one mesh for all evaluations")
-        if demands and info.data.get("states"):
-            raise ValueError("is not possible with 'states': find mesh and degree for the given state by itself")
-        if demands and info.data.get("expected_shape") is not None:
-            raise ValueError(
-                "cannot be combined with 'expected_shape', which needs the mesh of the job; remove one of them"
-            )
-        if demands and info.data.get("method", "direct") != "direct":
-            raise ValueError("needs 'method: direct'")
-        if demands and (mesh := info.data.get("mesh")) is not None and mesh.is_partitioned:
-            raise ValueError("needs a mesh that can be refined, not a partitioned one: use its original file")
-        solver = info.data.get("solver")
-        if not demands and solver is not None and "maximum_unknowns" in solver.model_fields_set:
-            raise ValueError("is needed if solver.maximum_unknowns is given, which applies only to it")
-        return demands
-
-    @field_validator("sensitivities", mode="before", json_schema_input_type=_KEYS)
-    @classmethod
-    def _check_sensitivities(cls, given: object, info: ValidationInfo) -> Mapping[str, Uncertain]:
-        if not {"material", "effects", "fibres", "supports"} <= info.data.keys():  # already reported
-            return {}
-        uncertain, problems = read_sensitivities(given, _all_owners(info.data))
-        raise_if_any(problems)
-        if uncertain:
-            _check_differentiable(info.data, "are")
-        return uncertain
-
-    @field_validator("identify")
-    @classmethod
-    def _check_identify(cls, section: Identification | None, info: ValidationInfo) -> Identification | None:
-        needed = {"material", "effects", "fibres", "supports", "states", "quantities"}
-        if section is None or not needed <= info.data.keys():  # already reported
-            return section
-        states, quantities = info.data["states"], info.data["quantities"]
-        given = next((state.name for state in states if state.given), "")
-        names = [state.name for state in states]
-        shapes = [name for name in ([*names, rest_of(states)] if states else []) if name != given]
-        owners = _all_owners(info.data)
-        raise_if_any(faults_of_identification(section, owners, quantities, list(dict.fromkeys(shapes)), given))
-        _check_differentiable(info.data, "is")
-        return section
 
     @field_validator("quantities")
     @classmethod
-    def _check_quantities(
-        cls, quantities: tuple[QuantityOfInterest, ...], info: ValidationInfo
-    ) -> tuple[QuantityOfInterest, ...]:
+    def _check_quantities(cls, quantities: tuple[QuantityOfInterest, ...]) -> tuple[QuantityOfInterest, ...]:
         names = [q.name for q in quantities]
         raise_if_any(((i, "name"), f"'{names[i]}' is the name of an earlier quantity") for i in repeated(names))
-        if not {"supports", "states"} <= info.data.keys():  # already reported
-            return quantities
-        loaded = {state.name: state for state in info.data["states"] if not state.is_rest}
-        raise_if_any(
-            ((i, "state"), f"there is no loaded state '{q.state}'.{did_you_mean(q.state, loaded)}")
-            for i, q in enumerate(quantities)
-            if q.state is not None and q.state not in loaded
-        )
-        numbered = [
-            (i, quantity) for i, q in enumerate(quantities) for quantity in _quantities_of_states(q, list(loaded))
-        ]
-        names = [q.name for _, q in numbered]
-        raise_if_any(
-            ((numbered[i][0], "name"), f"'{names[i]}' is the name of another quantity in a state")
-            for i in repeated(names)
-        )
+        return quantities
+
+    @field_validator("sensitivities", mode="wrap", json_schema_input_type=_KEYS)
+    @classmethod
+    def _leave_sensitivities(cls, given: object, handler: ValidatorFunctionWrapHandler) -> object:
+        return given  # `_completed` reads it
+
+    @field_validator("accuracy", mode="wrap")
+    @classmethod
+    def _leave_accuracy(cls, given: object, handler: ValidatorFunctionWrapHandler) -> object:
+        return given  # `_completed` reads it
+
+    def _completed(self, info: ValidationInfo) -> Self:
+        """The job with the quantities of all states, and with numbers whose dimension is that of another section's."""
         problems: list[tuple[KeyPath, str]] = []
-        for i, quantity in numbered:
-            supports = loaded[quantity.state].supports if quantity.state else None
-            regions = list(dict.fromkeys(s.region for s in (info.data["supports"] if supports is None else supports)))
-            effects = loaded[quantity.state].effects if quantity.state else info.data.get("effects", ())
-            if quantity.prestrain_names and not any(effect.writes_its_stress for effect in effects):
-                state = f" of state '{quantity.state}'" if quantity.state else ""
-                what = f"has '{quantity.prestrain_names[0]}', but there is no prestrain among the effects{state}"
-                problems.append(((i, "of"), what))
-            if quantity.is_contact:
-                problems += _missing_contact(
-                    i, quantity, {name: s.effects for name, s in loaded.items()} or {"": effects}
-                )
-            elif quantity.is_reaction and quantity.on not in regions:
-                where = f"those with supports are {', '.join(regions)}" if regions else "the job has no supports"
-                state = f" in state '{quantity.state}'" if quantity.state else ""
-                held = [name for name, s in loaded.items() if quantity.on in (x.region for x in s.supports or ())]
-                where += _state_to_give(held)
-                problems.append(((i, "on"), f"{shown(quantity.on)} is not the region of a support{state}: {where}"))
+        sections: dict[str, Any] = {}
+        with collected(problems, "quantities"):
+            sections["quantities"] = rules.quantities_of_states(
+                self.quantities, self.supports, self.effects, self.states
+            )
+        with collected(problems, "sensitivities"):
+            sections["sensitivities"] = read_sensitivities(self.sensitivities, self._owners_in_states)
+        with collected(problems, "accuracy"):
+            sections["accuracy"] = rules.read_demands(self.accuracy, sections.get("quantities", self.quantities))
         raise_if_any(problems)
-        return tuple(quantity for _, quantity in numbered)
+        return self.model_copy(update={key: value for key, value in sections.items() if key in self.model_fields_set})
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         for key in ("analysis", "first"):
             if self.states and key in self.model_fields_set:
                 yield (key,), "is not valid with 'states', one of which is the given one; remove it"
-        yield from contradicting_directions(self.analysis, self.first, self.method, self.fixed_point, self.states)
-        yield from contradicting_meshes(self.mesh, self.output, self.expected_shape)
+        yield from rules.contradicting_directions(self.analysis, self.first, self.method, self.fixed_point, self.states)
+        yield from rules.contradicting_meshes(self.mesh, self.output, self.expected_shape)
+        yield from self._unsuited_loading()
+        yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
+        if self.sensitivities:
+            yield from rules.below(("sensitivities",), rules.underivable(self.effects, self.states, "are"))
+        if self.identify is not None:
+            faults = rules.unsuited_identification(self.identify, self._owners_in_states, self.quantities, self.states)
+            yield from rules.below(("identify",), faults)
+            yield from rules.below(("identify",), rules.underivable(self.effects, self.states, "is"))
+        demands = rules.contradicting_demands(
+            self.accuracy, self.mesh, self.states, self.method, self.solver, self.expected_shape, self.identify
+        )
+        yield from rules.below(("accuracy",), demands)
         if self.solver.nested_iteration == "on" and (text := self.unsuited_to_nested_iteration):
             yield ("solver", "nested_iteration"), text
         given_rest = any(state.given and state.is_rest for state in self.states)
         is_reference = given_rest if self.states else self.directions[0] == "forward"
         mesh, shape = ("reference", "undeformed") if is_reference else ("current", "deformed")
         text = f"must be '{mesh}' for a rule, which is evaluated on the mesh of the job, the {shape} body"
-        rules = ((name, family) for name, family in self.fibres.items() if family.rule is not None)
-        yield from ((("fibres", name, "given_on"), text) for name, family in rules if family.given_on != mesh)
+        ruled = ((name, family) for name, family in self.fibres.items() if family.rule is not None)
+        yield from ((("fibres", name, "given_on"), text) for name, family in ruled if family.given_on != mesh)
 
-
-def _quantities_of_states(quantity: QuantityOfInterest, loaded: Sequence[str]) -> list[QuantityOfInterest]:
-    """The quantity, or one for each loaded state, with its name added to that of the quantity, if it names none."""
-    if quantity.state is not None or not loaded:
-        return [quantity]
-    return [quantity.model_copy(update={"name": f"{quantity.name}-{name}", "state": name}) for name in loaded]
-
-
-def _missing_contact(
-    number: int, quantity: QuantityOfInterest, loads: Mapping[str, Iterable[Effect]]
-) -> Iterator[tuple[KeyPath, str]]:
-    """Fault of a result of contact on a region without one, with the effects of each loaded state."""
-    state = quantity.state or ""
-    regions = {name: [e.region for e in effects if isinstance(e, Contact)] for name, effects in loads.items()}
-    if quantity.on in regions[state]:
-        return
-    where = f"those with contact are {', '.join(regions[state])}" if regions[state] else "there is no contact"
-    remedy = _state_to_give([name for name, contact_regions in regions.items() if quantity.on in contact_regions])
-    state_text = f" in state '{state}'" if state else ""
-    yield (number, "on"), f"{shown(quantity.on)} is not the region of a contact{state_text}: {where}{remedy}"
-
-
-def _state_to_give(states: Sequence[str]) -> str:
-    """Return the end of a message that names the states in which a quantity has a value."""
-    return f"; give the quantity the state that has one (state: {' or '.join(states)})" if states else ""
-
-
-def _laws(material: MaterialLaw | Mapping[str, MaterialLaw]) -> dict[str, MaterialLaw]:
-    if isinstance(material, MaterialLaw):
-        return {"material": material}
-    return {f"material.{region}": law for region, law in material.items()}
-
-
-def _families(parts: Iterable[Ingredient], fibres: Mapping[str, FibreFamily]) -> dict[str, FibreFamily]:
-    """The families of fibres that laws and effects use, by their place in the job."""
-    needed = dict.fromkeys(name for part in parts for name in part.families)
-    return {f"fibres.{name}": fibres[name] for name in needed}
-
-
-def _owners(
-    material: Material,
-    effects: Sequence[Effect],
-    fibres: Mapping[str, FibreFamily],
-    supports: Sequence[Support],
-    places: Mapping[str, str],
-) -> dict[str, Owner]:
-    """The parts of a job with numbers by which results can be differentiated, by their place in the job.
-
-    Args:
-        places: of the effects and of the supports in the job, where they are those of a state.
-    """
-    parts = {**_laws(material), **_numbered(places.get("effects", "effects"), effects)}
-    return parts | _families(parts.values(), fibres) | _numbered(places.get("supports", "supports"), supports)
-
-
-def _all_owners(data: Mapping[str, Any]) -> dict[str, Owner]:
-    """The parts with numbers of a job and of all its states, from its sections."""
-    material, fibres, supports = data["material"], data["fibres"], data["supports"]
-    owners = _owners(material, data["effects"], fibres, supports, {})
-    for i, state in enumerate(data.get("states", ())):
-        state_supports = supports if state.supports is None else state.supports
-        owners |= _owners(material, state.effects, fibres, state_supports, _places_of(i, state))
-    return owners
-
-
-def _check_differentiable(data: Mapping[str, Any], verb: str) -> None:
-    """Raise ``ValueError`` if solutions have no derivatives."""
-    if not _have_derivatives(data["effects"], data.get("states", ())):
-        raise ValueError(
-            f"{verb} not possible with contact with a rigid obstacle, whose pressure is found by iteration; give it the"
-            " 'stiffness' of an elastic layer"
-        )
-
-
-def _have_derivatives(effects: Iterable[Effect], states: Iterable[StateSpec]) -> bool:
-    """Return whether solutions have derivatives."""
-    everywhere = [*effects, *(effect for state in states for effect in state.effects)]
-    return not any("multiplier" in effect.functions(1) for effect in everywhere)
-
-
-def _places_of(number: int, state: StateSpec) -> dict[str, str]:
-    """Places of a state's sections in the job, by their names."""
-    own = ["effects"] if state.supports is None else ["effects", "supports"]
-    return {section: f"states[{number}].{section}" for section in own}
-
-
-def _numbered[T](section: str, entries: Sequence[T]) -> dict[str, T]:
-    return {f"{section}[{i}]": entry for i, entry in enumerate(entries)}
+    def _unsuited_loading(self) -> Faults:
+        """Faults of laws, effects and supports that other sections do not allow."""
+        for where, law in self.laws.items():
+            yield from rules.below(tuple(where.split(".", 1)), rules.unknown_families(law, self.fibres))
+        if not self.states:
+            needed, where = set(self.directions), f"with 'analysis: {self.analysis}'"
+            faults = rules.unsuited_effects(
+                self.effects, needed, self.directions[0], where, self.fibres, self.load_cases
+            )
+            yield from rules.below(("effects",), faults)
+            yield from rules.below(("supports",), rules.unsuited_supports(self.supports, self.effects, self.load_cases))
+            return
+        if self.effects:
+            text = "belong to states in a job with 'states': move them to 'effects' of each state that has them"
+            yield ("effects",), text
+        yield from rules.below(("states",), rules.unsuited_states(self.states, self.fibres, self.load_cases))
+        yield from rules.below(("supports",), rules.unsuited_shared(self.supports, self.states, self.load_cases))
+        states = {f"states[{i}]": state for i, state in enumerate(self.states)}
+        effects = {k: v for where, s in states.items() for k, v in numbered(f"{where}.effects", s.effects).items()}
+        fibres = {f"fibres.{name}": family for name, family in self.fibres.items()}
+        yield from rules.below(("states",), rules.given_on_rest(self.states, {**effects, **fibres, **self.laws}))
 
 
 def _unpickled(plugins: list[Path], data: bytes) -> Job:
@@ -761,7 +571,7 @@ def _named_regions(job: Job) -> Iterator[tuple[KeyPath, str]]:
 
 
 def _value_regions(value: object, where: KeyPath) -> Iterator[tuple[KeyPath, str]]:
-    names = dict.fromkeys(name for entry in entries(value) if isinstance(entry, ByRegion) for name in entry.values)
+    names = dict.fromkeys(name for field in fields_in(value) if field.is_regional for name in field.numbers)
     for name in names:
         if name != ELSEWHERE:
             yield (*where, name), name

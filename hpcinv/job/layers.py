@@ -4,7 +4,7 @@ The pressure of a mixed form jumps where one layer meets another, so that each h
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ from hpcinv.job.sensitivities import Parameter, tied_parameters
 from hpcinv.materials import MaterialLaw
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.expressions import LET
-from hpcinv.quantity.spatial_fields import ByRegion, entries
+from hpcinv.quantity.spatial_fields import fields_in
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,10 @@ def layerings_of(
     owners += [(None, where, effect) for where, effect in effects.items() if not effect.is_load]
     for law, where, owner in owners:
         own = {part for place in free if place[0] == where for part in place[1:]}
-        for field in _regional_entries(owner):
-            numbers = [(number, region if region in own else "") for region, number in field.values.items()]
-            values.setdefault((law, tuple(field.values)), []).append(numbers)
+        for field in (field for value, _ in owner.quantities().values() for field in fields_in(value)):
+            if field.is_regional:
+                numbers = [(number, region if region in own else "") for region, number in field.numbers.items()]
+                values.setdefault((law, tuple(field.numbers)), []).append(numbers)
     layerings = [Layering({where.removeprefix("material."): number for where, number in law_layers.items()})]
     layerings += [
         Layering(_classes(dict(zip(regions, zip(*fields, strict=True), strict=True))), law)
@@ -65,12 +66,6 @@ def _text(law: MaterialLaw, where: str, free: set[tuple[Any, ...]]) -> str:
     """Return all of a law as text, with its place if one of its numbers is free."""
     own_place = [where] if any(owner == where for owner, *_ in free) else []
     return json.dumps([law.model_dump(mode="json", context={LET: True}), own_place], sort_keys=True)
-
-
-def _regional_entries(part: Ingredient) -> Iterator[ByRegion]:
-    """Yield the quantities, and the entries of vectors and tensors, that have a value for each region."""
-    for value, _ in part.quantities().values():
-        yield from (entry for entry in entries(value) if isinstance(entry, ByRegion))
 
 
 def _classes(values: Mapping[str, Any]) -> dict[str, int]:

@@ -16,7 +16,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.sections import Support
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.quantity import quantities_of
-from hpcinv.quantity.spatial_fields import VARYING, ByFormula
+from hpcinv.quantity.spatial_fields import Field
 
 _EQUATIONS = {"linear", "petsc", "maximum_iterations", "reuse_tangent"}
 _NUMBER = "#"
@@ -84,10 +84,8 @@ def _marked(value: Any) -> Any:
     """JSON data of a quantity, with a placeholder for each number."""
     if isinstance(value, tuple):
         return [_marked(entry) for entry in value]
-    if isinstance(value, ByFormula):
-        return [value.whole, sorted(value.constants)]
-    if isinstance(value, VARYING):
-        return value.plain()
+    if isinstance(value, Field):
+        return [value.plain(with_definitions=True), sorted(value.numbers)]
     return value if value is None or value == math.inf else _NUMBER
 
 
@@ -95,9 +93,9 @@ def _numbers(value: Any) -> Iterator[float]:
     if isinstance(value, tuple):
         for entry in value:
             yield from _numbers(entry)
-    elif isinstance(value, ByFormula):
-        yield from (value.constants[name] for name in sorted(value.constants))
-    elif value is not None and not isinstance(value, VARYING) and value != math.inf:
+    elif isinstance(value, Field):  # the numbers of regions are values of a function, not entries of a constant
+        yield from (number for _, number in sorted(value.numbers.items()) if not value.is_regional)
+    elif value is not None and value != math.inf:
         yield float(value)
 
 

@@ -1,18 +1,27 @@
-"""Rules between sections of a job; each returns faults with their places in the later section."""
+"""Rules between sections of a job, which hold after all sections are valid by themselves."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from hpcinv.effects import Direction, Effect
+from hpcinv.effects.contact import Contact
+from hpcinv.job.identification import Identification, faults_of_identification
+from hpcinv.job.owners import have_derivatives
 from hpcinv.job.sections import AXES, ExpectedShape, MeshSpec, QuantityOfInterest, Support
-from hpcinv.job.settings import Discretisation, FixedPoint, Output
-from hpcinv.job.states import StateSpec
+from hpcinv.job.sensitivities import Owner
+from hpcinv.job.settings import Discretisation, FixedPoint, Output, Solver
+from hpcinv.job.states import StateSpec, given_on_current, rest_of
 from hpcinv.materials import MaterialLaw
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.quantity import positive
-from hpcinv.quantity.schema import Faults, KeyPath, collected, raise_if_any, shown
+from hpcinv.quantity.schema import Faults, KeyPath, collected, dotted_key, raise_if_any, repeated, shown
 from hpcinv.quantity.suggestions import did_you_mean
 
 NEARLY_INCOMPRESSIBLE = 10.0  # bulk-to-shear ratio above which the displacement form locks
+
+
+def below(place: KeyPath, faults: Faults) -> Faults:
+    """Faults of a part at its place in the whole."""
+    yield from (((*place, *inner_place), text) for inner_place, text in faults)
 
 
 def wants_pressure(laws: Mapping[str, MaterialLaw]) -> bool:
@@ -54,8 +63,8 @@ def unsuited_effects(
     needed: Collection[str],
     first: Direction,
     where: str,
-    fibres: Collection[str] | None,
-    cases: Collection[str] | None,
+    fibres: Collection[str],
+    cases: Collection[str],
 ) -> Faults:
     """Faults of effects that are not possible in a needed direction, or refer to unknown fibres or load cases.
 
@@ -71,7 +80,7 @@ def unsuited_effects(
             yield (i, *place), text
 
 
-def unsuited_supports(supports: Sequence[Support], effects: Sequence[Effect], cases: Collection[str] | None) -> Faults:
+def unsuited_supports(supports: Sequence[Support], effects: Sequence[Effect], cases: Collection[str]) -> Faults:
     """Faults of supports that leave the body free, refer to unknown load cases, or repeat each other."""
     free = set(AXES).difference(*(s.held for s in supports), *(e.holds for e in effects))
     if free:
@@ -88,17 +97,57 @@ def unsuited_supports(supports: Sequence[Support], effects: Sequence[Effect], ca
         taken |= held
 
 
-def unknown_families(part: Ingredient, known: Collection[str] | None) -> Faults:
-    """Faults of a law or effect that needs unknown families of fibres; no check if ``known`` is None."""
+def unsuited_states(states: Sequence[StateSpec], fibres: Collection[str], cases: Collection[str]) -> Faults:
+    """Faults of the effects and supports of states, with their places in the list of states."""
+    for i, state in enumerate(states):
+        direction: Direction = "inverse" if state.given else "forward"
+        where = f"in a state that is solved {direction}"
+        own_effects = unsuited_effects(state.effects, {direction}, direction, where, fibres, cases)
+        yield from below((i, "effects"), own_effects)
+        if state.supports is not None:
+            yield from below((i, "supports"), unsuited_supports(state.supports, state.effects, cases))
+
+
+def unsuited_shared(supports: Sequence[Support], states: Sequence[StateSpec], cases: Collection[str]) -> Faults:
+    """Faults of the supports of a job in the first state in which they have any."""
+    for state in states:
+        if not state.is_rest and state.supports is None:
+            faults = [
+                (place, f"in state '{state.name}': {text}")
+                for place, text in unsuited_supports(supports, state.effects, cases)
+            ]
+            yield from faults
+            if faults:
+                return
+
+
+def given_on_rest(states: Sequence[StateSpec], parts: Mapping[str, Ingredient]) -> Faults:
+    """Fault of laws, fibres and effects that are given on the current body, if the given state is the rest shape.
+
+    Args:
+        parts: laws, families of fibres and effects of the states, by their keys in the job.
+    """
+    if not any(state.given and state.is_rest for state in states):
+        return
+    for owner, part in parts.items():
+        for place in given_on_current(part):
+            text = f"{owner}{dotted_key(('', *place))} is given on the current body, but the given one,"
+            remedy = "give it on the reference body (in a formula by X, Y, Z)"
+            yield (), f"{text} '{rest_of(states)}', is the rest shape: {remedy}"
+            return
+
+
+def unknown_families(part: Ingredient, known: Collection[str]) -> Faults:
+    """Faults of a law or effect that needs unknown families of fibres."""
     for family, field in part.families.items():
-        if known is not None and family not in known:
+        if family not in known:
             hint = did_you_mean(family, known) if known else ""
             yield (field,), f"there are no fibres '{family}'; define them in 'fibres'.{hint}".removesuffix(".")
 
 
-def unknown_case(case: str | None, known: Collection[str] | None) -> Faults:
-    """Fault of an unknown load case; no check if ``known`` is None."""
-    if known is not None and case is not None and case not in known:
+def unknown_case(case: str | None, known: Collection[str]) -> Faults:
+    """Fault of an unknown load case."""
+    if case is not None and case not in known:
         hint = f".{did_you_mean(case, known)}" if known else ""
         yield ("case",), f"'{case}' is not among 'load_cases'{hint}"
 
@@ -130,6 +179,88 @@ def contradicting_meshes(mesh: MeshSpec, output: Output, expected: ExpectedShape
         yield ("expected_shape", "file"), f"{text}: 'hpcinv mesh partition' makes one, with the same --parts"
 
 
+def quantities_of_states(
+    quantities: Sequence[QuantityOfInterest],
+    supports: Sequence[Support],
+    effects: Sequence[Effect],
+    states: Sequence[StateSpec],
+) -> tuple[QuantityOfInterest, ...]:
+    """Return the quantities; for one that names no state, one for each loaded state under names such as NAME-STATE.
+
+    Raises:
+        Problems: names are duplicated, or a state does not have the support, contact or prestrain of a quantity.
+    """
+    loaded = {state.name: state for state in states if not state.is_rest}
+    raise_if_any(
+        ((i, "state"), f"there is no loaded state '{q.state}'.{did_you_mean(q.state, loaded)}")
+        for i, q in enumerate(quantities)
+        if q.state is not None and q.state not in loaded
+    )
+    numbered = [(i, quantity) for i, q in enumerate(quantities) for quantity in _one_for_each_state(q, loaded)]
+    names = [q.name for _, q in numbered]
+    raise_if_any(
+        ((numbered[i][0], "name"), f"'{names[i]}' is the name of another quantity in a state") for i in repeated(names)
+    )
+    effects_of: dict[str, Sequence[Effect]] = {name: state.effects for name, state in loaded.items()} or {"": effects}
+    raise_if_any(
+        ((i, *place), text) for i, q in numbered for place, text in _missing_parts(q, supports, effects_of, loaded)
+    )
+    return tuple(quantity for _, quantity in numbered)
+
+
+def _one_for_each_state(quantity: QuantityOfInterest, loaded: Iterable[str]) -> list[QuantityOfInterest]:
+    """The quantity, or one for each loaded state, with its name added to that of the quantity, if it names none."""
+    if quantity.state is not None or not loaded:
+        return [quantity]
+    return [quantity.model_copy(update={"name": f"{quantity.name}-{name}", "state": name}) for name in loaded]
+
+
+def _missing_parts(
+    quantity: QuantityOfInterest,
+    supports: Sequence[Support],
+    effects_of: Mapping[str, Sequence[Effect]],
+    loaded: Mapping[str, StateSpec],
+) -> Faults:
+    """Faults of a quantity of supports, contact or prestrain that its state does not have.
+
+    Args:
+        effects_of: effects by the names of loaded states; by an empty name in a job without states.
+        loaded: the loaded states by name.
+    """
+    state = quantity.state or ""
+    if quantity.prestrain_names and not any(effect.writes_its_stress for effect in effects_of[state]):
+        where = f" of state '{state}'" if state else ""
+        yield ("of",), f"has '{quantity.prestrain_names[0]}', but there is no prestrain among the effects{where}"
+    if quantity.is_contact:
+        yield from _missing_contact(quantity, effects_of)
+    elif quantity.is_reaction:
+        own_supports = loaded[state].supports if state else None
+        regions = list(dict.fromkeys(s.region for s in (supports if own_supports is None else own_supports)))
+        if quantity.on not in regions:
+            where = f"those with supports are {', '.join(regions)}" if regions else "the job has no supports"
+            state_text = f" in state '{state}'" if state else ""
+            held = [name for name, other in loaded.items() if quantity.on in [s.region for s in other.supports or ()]]
+            text = f"{shown(quantity.on)} is not the region of a support{state_text}: {where}{_state_to_give(held)}"
+            yield ("on",), text
+
+
+def _missing_contact(quantity: QuantityOfInterest, loads: Mapping[str, Iterable[Effect]]) -> Faults:
+    """Fault of a result of contact on a region without one, with the effects of each loaded state."""
+    state = quantity.state or ""
+    regions = {name: [e.region for e in effects if isinstance(e, Contact)] for name, effects in loads.items()}
+    if quantity.on in regions[state]:
+        return
+    where = f"those with contact are {', '.join(regions[state])}" if regions[state] else "there is no contact"
+    remedy = _state_to_give([name for name, contact_regions in regions.items() if quantity.on in contact_regions])
+    state_text = f" in state '{state}'" if state else ""
+    yield ("on",), f"{shown(quantity.on)} is not the region of a contact{state_text}: {where}{remedy}"
+
+
+def _state_to_give(states: Sequence[str]) -> str:
+    """Return the end of a message that names the states in which a quantity has a value."""
+    return f"; give the quantity the state that has one (state: {' or '.join(states)})" if states else ""
+
+
 def read_demands(given: object, quantities: Sequence[QuantityOfInterest]) -> dict[str, float]:
     """Largest errors (SI) by the names of quantities, from the section ``accuracy``.
 
@@ -154,3 +285,52 @@ def read_demands(given: object, quantities: Sequence[QuantityOfInterest]) -> dic
             demands[name] = positive(value, known[name].dimension, "the quantity")
     raise_if_any(problems)
     return demands
+
+
+def contradicting_demands(
+    demands: Mapping[str, float],
+    mesh: MeshSpec,
+    states: Sequence[StateSpec],
+    method: str,
+    solver: Solver,
+    expected: ExpectedShape | None,
+    identify: Identification | None,
+) -> Faults:
+    """Faults of demands on the accuracy that other sections do not allow, or need."""
+    if not demands:
+        if "maximum_unknowns" in solver.model_fields_set:
+            yield (), "is needed if solver.maximum_unknowns is given, which applies only to it"
+    elif identify is not None:
+        yield (), "cannot be combined with 'identify', which needs one mesh for all evaluations"
+    elif states:
+        yield (), "is not possible with 'states': find mesh and degree for the given state by itself"
+    elif expected is not None:
+        yield (), "cannot be combined with 'expected_shape', which needs the mesh of the job; remove one of them"
+    elif method != "direct":
+        yield (), "needs 'method: direct'"
+    elif mesh.is_partitioned:
+        yield (), "needs a mesh that can be refined, not a partitioned one: use its original file"
+
+
+def unsuited_identification(
+    section: Identification,
+    owners: Mapping[str, Owner],
+    quantities: Sequence[QuantityOfInterest],
+    states: Sequence[StateSpec],
+) -> Faults:
+    """Faults of the section ``identify``, with their places in it.
+
+    Args:
+        owners: laws, effects, fibres and supports by their keys.
+    """
+    given = next((state.name for state in states if state.given), "")
+    names = dict.fromkeys([*(state.name for state in states), rest_of(states)] if states else [])
+    shapes = [name for name in names if name != given]
+    yield from faults_of_identification(section, owners, quantities, shapes, given)
+
+
+def underivable(effects: Iterable[Effect], states: Iterable[StateSpec], verb: str) -> Faults:
+    """Fault of a section that needs derivatives of solutions."""
+    if not have_derivatives(effects, states):
+        remedy = "whose pressure is found by iteration; give it the 'stiffness' of an elastic layer"
+        yield (), f"{verb} not possible with contact with a rigid obstacle, {remedy}"

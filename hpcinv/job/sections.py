@@ -26,7 +26,7 @@ from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number, replace_scalar
 from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Size
-from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Problems, Spec, Triple, raise_if_any, shown
+from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Problems, Spec, Triple, collected, raise_if_any, shown
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
@@ -193,18 +193,25 @@ class MeshFile(Spec):
 
     @field_validator("parameters", mode="plain")
     @classmethod
-    def _check_parameters(cls, given: object, info: ValidationInfo) -> Mapping[str, ParameterValue]:
+    def _check_parameters(cls, given: object) -> object:
+        """Leave the values as they are given, which `_completed` reads."""
         if not isinstance(given, Mapping):
             raise ValueError(f"must be a mapping of names to values, not {shown(given)}")
-        if "file" not in info.data:  # already reported
-            return {}
-        path = directory_of(info) / info.data["file"]
+        return given
+
+    def _completed(self, info: ValidationInfo) -> Self:
+        """The mesh with the parameters of its generator."""
+        path = directory_of(info) / self.file
         if not is_generator(path):
-            raise_if_any([((), f"only generators have parameters, and {path.name} is not one")] if given else [])
-            return {}
-        values, problems = read_parameters(path, given, info.data.get("unit", 1.0))
+            text = f"only generators have parameters, and {path.name} is not one"
+            raise_if_any([(("parameters",), text)] if self.parameters else [])
+            return self
+        problems: list[tuple[KeyPath, str]] = []
+        with collected(problems, "parameters"):
+            parameters, faults_of_values = read_parameters(path, self.parameters, self.unit)
+            raise_if_any(faults_of_values)
         raise_if_any(problems)
-        return values
+        return self.model_copy(update={"parameters": parameters}) if parameters else self
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if "unit" not in self.model_fields_set:

@@ -7,7 +7,7 @@ from hpcinv.job.sections import Support
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.keys import JobKey, parse_key
 from hpcinv.quantity.quantity import AnyQuantity, positive
-from hpcinv.quantity.schema import KeyPath, ListOf, Spec, collected, dotted_key, shown
+from hpcinv.quantity.schema import KeyPath, ListOf, Spec, collected, dotted_key, raise_if_any, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
@@ -46,17 +46,17 @@ class Parameter:
     ties: tuple["Parameter", ...] = ()
 
 
-def read_sensitivities(
-    given: object, owners: Mapping[str, Owner]
-) -> tuple[dict[str, Uncertain], list[tuple[KeyPath, str]]]:
-    """Standard deviations (SI) and ties by key, and faults of the ``given`` section with their places.
+def read_sensitivities(given: object, owners: Mapping[str, Owner]) -> dict[str, Uncertain]:
+    """Standard deviations (SI) and ties by key.
 
     Args:
         owners: laws, effects, the families of fibres that they use, and supports, by their keys in the job.
+
+    Raises:
+        Problems: the section has faults.
     """
     if not isinstance(given, Mapping | list | tuple):
-        text = f"must be a list of keys, or a mapping of keys to standard deviations, not {shown(given)}"
-        return {}, [((), text)]
+        raise ValueError(f"must be a list of keys, or a mapping of keys to standard deviations, not {shown(given)}")
     entries: list[tuple[int | str, object, object]]
     if isinstance(given, Mapping):
         entries = [(str(key), key, value) for key, value in given.items()]
@@ -81,7 +81,8 @@ def read_sensitivities(
                     raise ValueError(fault)
             sd = None if deviation is None else positive(deviation, number.dimension, number.key)
             uncertain[number.key] = Uncertain.model_construct(sd=sd, also=tuple(also))
-    return uncertain, problems
+    raise_if_any(problems)
+    return uncertain
 
 
 def _number(key: object, owners: Mapping[str, Owner], known: set[str]) -> Parameter:

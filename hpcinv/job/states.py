@@ -6,10 +6,10 @@ from graphlib import CycleError, TopologicalSorter
 from pydantic import Field, ValidationInfo
 
 from hpcinv.effects import AnyEffect
-from hpcinv.job.sections import AXES, Support
+from hpcinv.job.sections import Support
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Spec, repeated
-from hpcinv.quantity.spatial_fields import ByFormula, entries
+from hpcinv.quantity.spatial_fields import fields_in
 from hpcinv.quantity.suggestions import did_you_mean
 
 REST = "rest"
@@ -93,6 +93,5 @@ def given_on_current(ingredient: Ingredient) -> Iterator[KeyPath]:
         if getattr(ingredient, field, None) == "current":
             yield (field,)
     for name, (value, _) in ingredient.quantities().items():
-        formulas = [v.formula for v in entries(value) if isinstance(v, ByFormula)]
-        if ingredient.is_attached(name) and any(not formula.names.isdisjoint(AXES) for formula in formulas):
+        if ingredient.is_attached(name) and any(field.is_current for field in fields_in(value)):
             yield (name,)

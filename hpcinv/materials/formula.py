@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from typing import Any, ClassVar, Literal
 
-from pydantic import ValidationInfo, field_validator
+from pydantic import ValidationInfo
 
 from hpcinv.materials.formula_law.algebras import FLOATS, ufl_functions
 from hpcinv.materials.formula_law.coefficients import Coefficient, recorded_decisions
@@ -19,6 +19,7 @@ from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.quantity import AnyMeasured, Measured
+from hpcinv.quantity.schema import collected
 from hpcinv.quantity.units import Dimension, parse_unit
 
 _NUMBER, _STRESS = Dimension(), parse_unit("Pa")[1]
@@ -51,19 +52,25 @@ class Formula(IsochoricLaw):
     energy: Expression
     """energy per reference volume, a formula of invariants and parameters, such as mu/2*(I1 - 3) - mu*ln(J)"""
 
-    @field_validator("parameters")
-    @classmethod
-    def _have_unused_names(cls, parameters: Mapping[str, Measured], info: ValidationInfo) -> Mapping[str, Measured]:
-        taken = {*FUNCTIONS, *CONSTANTS} | ({"kappa"} if info.data.get("kappa") is not None else set())
-        raise_if_any(((name,), text) for name in parameters if (text := fault_of_name(name, taken)))
-        return parameters
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        taken = {*FUNCTIONS, *CONSTANTS} | ({"kappa"} if self.kappa is not None else set())
+        names = ((name, fault_of_name(name, taken)) for name in self.parameters)
+        problems: list[tuple[KeyPath, str]] = [(("parameters", name), text) for name, text in names if text]
+        if not problems:
+            with collected(problems, "energy"):
+                self._check_energy()
+        yield from problems
+        if problems:
+            return
+        yield from super()._contradictions(info)
+        for name in sorted(self.parameters.keys() - self.energy.names - self.energy.further_units):
+            yield ("parameters", name), "does not occur in the energy"
+        if self.kappa is None and self.volumetric != type(self).model_fields["volumetric"].default:
+            yield ("volumetric",), "is not valid without kappa"
 
-    @field_validator("energy")
-    @classmethod
-    def _is_stress_free(cls, energy: Expression, info: ValidationInfo) -> Expression:
-        if not {"kappa", "parameters"} <= info.data.keys():  # already reported
-            return energy
-        parameters: Mapping[str, Measured] = info.data["parameters"]
+    def _check_energy(self) -> None:
+        """Raise ``ValueError`` if the energy is not one of a solid that is free of stress at ``F = I``."""
+        energy, parameters = self.energy, self.parameters
         if twice := sorted(parameters.keys() & {name for name, _ in energy.definitions}):
             raise ValueError(
                 f"'{twice[0]}' is a parameter of this law and a formula (let.{twice[0]}); rename one of them"
@@ -87,16 +94,8 @@ class Formula(IsochoricLaw):
         except ValueError as error:
             raise ValueError(f"'{energy}' {error}") from None
         raise_if_any(((), f"'{energy}' {fault}") for fault in faults)
-        if info.data["kappa"] is None and shear > 0 and not bulk > _SMALL * shear:
+        if self.kappa is None and shear > 0 and not bulk > _SMALL * shear:
             raise ValueError(f"'{energy}' does not resist a change of volume: give kappa, or add an energy of J to it")
-        return energy
-
-    def _contradictions(self, info: ValidationInfo) -> Faults:
-        yield from super()._contradictions(info)
-        for name in sorted(self.parameters.keys() - self.energy.names - self.energy.further_units):
-            yield ("parameters", name), "does not occur in the energy"
-        if self.kappa is None and self.volumetric != type(self).model_fields["volumetric"].default:
-            yield ("volumetric",), "is not valid without kappa"
 
     @property
     def formula(self) -> str:  # type: ignore[override]

@@ -16,7 +16,7 @@ from hpcinv.materials.moduli import NAMES, Moduli, moduli_schema, shear_and_bulk
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.schema import Faults, KeyPath, Problems
-from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, is_uniform
+from hpcinv.quantity.spatial_fields import in_each_region, is_uniform
 from hpcinv.quantity.units import Dimension, parse_unit
 
 if TYPE_CHECKING:
@@ -147,14 +147,9 @@ class MaterialLaw(Ingredient):
 
     def cases(self) -> Iterator[Any]:
         """Yield namespaces of numbers (SI), one for each region with different values; none if they are fields."""
-        values = {name: value for name, (value, _) in self.quantities().items()}
-        entries = [e for v in values.values() for e in (v if isinstance(v, tuple) else (v,))]
-        regional = [e for e in entries if isinstance(e, ByRegion)]
-        if not all(is_uniform(e) or isinstance(e, ByRegion) for e in entries):
-            return
-        for region in dict.fromkeys(name for e in regional for name in e.values) or [ELSEWHERE]:
-            if all(e.value_in(region) is not None for e in regional):
-                yield SimpleNamespace(**{name: _regional_value(value, region) for name, value in values.items()})
+        quantities = self.quantities()
+        for _, numbers in in_each_region(tuple(value for value, _ in quantities.values())):
+            yield SimpleNamespace(**dict(zip(quantities, numbers, strict=True)))
 
     def numbers(self) -> dict[KeyPath, Number | str]:
         """Return all numbers, including Young's modulus and Poisson's ratio, whichever moduli the job gives."""
@@ -300,9 +295,3 @@ def _check_number_of_moduli(
     if len(given) < 2:
         others = [name for name in (*NAMES, *(name for name in (shear, bulk) if name)) if name != first]
         raise Problems(((first,), f"needs a second modulus: one of {', '.join(others)}"))
-
-
-def _regional_value(value: Any, region: str) -> Any:
-    if isinstance(value, tuple):
-        return tuple(_regional_value(entry, region) for entry in value)
-    return value.value_in(region) if isinstance(value, ByRegion) else value

@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
-from pydantic import ValidationInfo, field_validator
+from pydantic import ValidationInfo
 
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.materials.material_law import Deformation, StartingValues
-from hpcinv.quantity import Dimensionless, KeyPath, ListOf, StressField, raise_if_any
+from hpcinv.quantity import Dimensionless, Faults, KeyPath, ListOf, StressField
 
 
 class Ogden(IsochoricLaw):
@@ -42,15 +42,15 @@ class Ogden(IsochoricLaw):
     alpha: ListOf[Dimensionless]
     """exponent of each term, of the same sign as its factor in most cases"""
 
-    @field_validator("alpha")
-    @classmethod
-    def _match_factors(cls, alpha: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
-        if not alpha:
-            raise ValueError("must have at least one entry")
-        raise_if_any(((i,), "must not be 0") for i, exponent in enumerate(alpha) if exponent == 0)
-        if "mu" in info.data and (count := len(info.data["mu"])) != len(alpha):
-            raise ValueError(f"must have as many entries as mu, {count}, not {len(alpha)}")
-        return alpha
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        if not self.alpha:
+            yield ("alpha",), "must have at least one entry"
+        elif 0 in self.alpha:
+            yield from ((("alpha", i), "must not be 0") for i, exponent in enumerate(self.alpha) if exponent == 0)
+        elif len(self.mu) != len(self.alpha):
+            yield ("alpha",), f"must have as many entries as mu, {len(self.mu)}, not {len(self.alpha)}"
+        else:
+            yield from super()._contradictions(info)
 
     @classmethod
     def leaves_out(cls, parameter: str, data: Mapping[str, Any]) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.mesh.tetrahedron_rules import ORBITS, tetrahedron_rule
+from hpcinv.mesh.tetrahedron_rules import has_rule, tetrahedron_rule
 
 FACET_KIND = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
 DEGREES = (1, 2)
@@ -37,7 +37,7 @@ def quadrature(kind: str, degree: int) -> tuple[Floats, Floats]:
     vertices of a cell. The rules of Basix on tetrahedra lack the first at degrees 3, 7 and 8, by which a stable body
     may lose its stability, and the second from degree 9 on.
     """
-    if kind == "tetrahedron" and degree in ORBITS:
+    if kind == "tetrahedron" and has_rule(degree):
         return tetrahedron_rule(degree)
     points, weights = basix.make_quadrature(basix.CellType[kind], degree)
     return points, weights
@@ -45,7 +45,7 @@ def quadrature(kind: str, degree: int) -> tuple[Floats, Floats]:
 
 def quadrature_metadata(kind: str, degree: int) -> dict[str, Any]:
     """Metadata of a UFL measure over cells, by which it has the points and weights of `quadrature`."""
-    if kind != "tetrahedron" or degree not in ORBITS:
+    if kind != "tetrahedron" or not has_rule(degree):
         return {"quadrature_degree": degree, "quadrature_rule": "default"}
     points, weights = _nested(degree)
     custom = {"quadrature_points": points, "quadrature_weights": weights}

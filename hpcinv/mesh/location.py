@@ -1,5 +1,6 @@
 """Location of points in a distributed mesh: rank, cell, and reference coordinates."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,22 +30,31 @@ class PointLocation:
 
 def locate(body: Body, point: Floats) -> PointLocation | None:
     """Location of a point (3,) m of the body, the same on all ranks; ``None`` if it is outside; collective."""
+    mesh = body.mesh
+    nearest: tuple[float, int, int] = (np.inf, mesh.comm.rank, -1)
+    coordinates = np.zeros(3)
+    for cell, distance, xi in _cells_near(body, point):
+        if distance < nearest[0]:
+            nearest, coordinates = (distance, mesh.comm.rank, cell), xi
+    least, rank, cell = min(mesh.comm.allgather(nearest))
+    return PointLocation(rank, cell, mesh.comm.bcast(coordinates, root=rank)) if least <= _MARGIN else None
+
+
+def cells_at(body: Body, point: Floats) -> list[int]:
+    """Return the owned cells that contain a point (3,) m, several of them if it is on their border."""
+    return [cell for cell, distance, _ in _cells_near(body, point) if distance == 0.0]
+
+
+def _cells_near(body: Body, point: Floats) -> Iterator[tuple[int, float, Floats]]:
+    """Yield owned cells near a point, its distance outside of each, relative to its size, and its coordinates there."""
     mesh, scaled = body.mesh, point / body.length_scale
-    x, dofmap = mesh.geometry.x, mesh.geometry.dofmaps[0]
     owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     padding = _MARGIN * float(mesh.h(3, owned).max(initial=0.0))
     tree = geometry.bb_tree(mesh, 3, padding=padding, entities=owned)
-    nearest: tuple[float, int, int] = (np.inf, mesh.comm.rank, -1)
-    coordinates = np.zeros(3)
     for cell in np.sort(geometry.compute_collisions_points(tree, scaled).array):
-        xi = _pulled_back(mesh.geometry.cmaps[0], scaled, x[dofmap[cell]])
-        if (
-            xi is not None
-            and (distance := round(max(_distance_outside(body.source.kind, xi), 0.0), _DIGITS)) < nearest[0]
-        ):
-            nearest, coordinates = (distance, mesh.comm.rank, int(cell)), xi
-    least, rank, cell = min(mesh.comm.allgather(nearest))
-    return PointLocation(rank, cell, mesh.comm.bcast(coordinates, root=rank)) if least <= _MARGIN else None
+        xi = _pulled_back(mesh.geometry.cmaps[0], scaled, mesh.geometry.x[mesh.geometry.dofmaps[0][cell]])
+        if xi is not None:
+            yield int(cell), round(max(_distance_outside(body.source.kind, xi), 0.0), _DIGITS), xi
 
 
 def position(body: Body, place: PointLocation, nodes: Floats) -> Floats:

@@ -27,7 +27,7 @@ from hpcinv.model.surface_distance import SurfaceDistance
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.nondimensional import Scales
-from hpcinv.quantity.spatial_fields import VARYING
+from hpcinv.quantity.spatial_fields import Field
 
 _EXACT = 2.0**-16
 """Change of distances from a triangulated surface at which it has settled, in tolerated penetrations."""
@@ -258,7 +258,7 @@ class _OneContact:
     @property
     def has_uniform_penalty(self) -> bool:
         given = self.effect.penalty
-        return self.effect.is_augmented and not isinstance(given, VARYING)
+        return self.effect.is_augmented and not isinstance(given, Field)
 
     @property
     def penalty(self) -> float:
@@ -452,7 +452,7 @@ class _OneContact:
         given = self.effect.penalty
         if self._penalty is not None:
             return float(self._penalty[0]) * scales.stress / scales.length
-        return None if given is None or isinstance(given, VARYING) else float(given)
+        return None if given is None or isinstance(given, Field) else float(given)
 
     def totals(self) -> Floats:
         """Return the present force and area in contact (4,), scaled."""

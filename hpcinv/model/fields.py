@@ -14,7 +14,7 @@ from hpcinv.mesh.data import as_function, distribute
 from hpcinv.mesh.source import DataArray, Floats
 from hpcinv.model.fibre_directions import cell_vectors, rule_directions
 from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRegion, ByRule, Varying
+from hpcinv.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRule, Field
 
 _KINDS = {"physical": "groups of the mesh", "geometric": "regions of the job"}
 _INWARDS = 0.8  # position of samples from a cell's midpoint to its nodes; formulas may be singular on the surface
@@ -35,7 +35,7 @@ class BodyFields:
             self._updated[name] = fem.Function(space, name=name)
         return self._updated[name]
 
-    def function(self, value: ByRegion | ByData | ByRule, scale: float, where: str) -> fem.Function:
+    def function(self, value: Field, scale: float, where: str) -> fem.Function:
         """Return values in units of ``scale`` (SI), constant in each cell or nodal; collective.
 
         Raises:
@@ -52,35 +52,31 @@ class BodyFields:
         function.x.array[:] /= scale
         return function
 
-    def samples(self, value: float | Varying, where: str) -> Floats:
+    def samples(self, value: float | Field, where: str) -> Floats:
         """Return values (SI) at points inside of each local cell; collective.
 
-        They are to be broadcast to (cells, points), those of an array of nine components to (cells, points, 3, 3).
+        They are to be broadcast to (cells, points), vectors to (cells, points, 3), tensors to (cells, points, 3, 3).
         """
         match value:
-            case ByRegion():
-                function = self._regional_function(value, where)
-                return np.asarray(function.x.array[function.function_space.dofmap.list])
+            case ByRule():
+                return _inwards(cell_vectors(rule_directions(self.body, value.rule, where).function))
             case ByData():
                 values = self._data(value) * value.factor
-                return values[..., 0] if value.components == 1 else values.reshape(*values.shape[:2], 3, 3)
+                return values.reshape(*values.shape[:2], *{1: (), 3: (3,), 9: (3, 3)}[value.components])
             case ByFormula():
-                return self._formula(value)
-            case _:
-                return np.full((1, 1), float(value))
+                return formula_values(value, self._points)
+            case Field():
+                function = self._regional_function(value, where)
+                return np.asarray(function.x.array[function.function_space.dofmap.list])
+            case number:
+                return np.full((1, 1), float(number))
 
     def vector_samples(self, value: ByData | ByRule | tuple[ByFormula, ...], where: str) -> Floats:
         """Return vectors as `samples`, (cells, points, 3) after broadcasting; collective."""
-        if isinstance(value, ByRule):
-            return _inwards(cell_vectors(rule_directions(self.body, value.rule, where).function))
-        if isinstance(value, ByData):
-            return self._data(value)
+        if isinstance(value, Field):
+            return self.samples(value, where)
         stacked: Floats = np.stack(np.broadcast_arrays(*(self.samples(v, where) for v in value)), axis=2)
         return stacked
-
-    def _formula(self, value: ByFormula) -> Floats:
-        """Return values of a formula on the undeformed body."""
-        return formula_values(value, self._points)
 
     def _array(self, value: ByData) -> DataArray:
         array = distribute(self.body, value.array)
@@ -105,11 +101,13 @@ class BodyFields:
     def _points(self) -> Floats:
         return _inwards(self.body.given_nodes[self._nodes])
 
-    def _regional_function(self, value: ByRegion, where: str) -> fem.Function:
+    def _regional_function(self, value: Field, where: str) -> fem.Function:
         """Return values (SI), constant in each cell."""
-        number = parts(self.body, value.values, where)
+        number = parts(self.body, value.numbers, where)
         function = fem.Function(fem.functionspace(self.body.mesh, ("DG", 0)))
-        function.x.array[function.function_space.dofmap.list[:, 0]] = np.array([*value.values.values(), np.nan])[number]
+        function.x.array[function.function_space.dofmap.list[:, 0]] = np.array([*value.numbers.values(), np.nan])[
+            number
+        ]
         function.x.scatter_forward()  # only the owner of a ghost is sure to have its region
         return function
 
@@ -117,9 +115,7 @@ class BodyFields:
 def formula_values(value: ByFormula, points: Floats) -> Floats:
     """Return values (…) of a formula at points (…, 3) in m of the body on which it is given."""
     x, y, z = np.moveaxis(points, -1, 0)
-    known = {"x": x, "y": y, "z": z, "X": x, "Y": y, "Z": z} | dict(value.constants)
-    values = value.formula.evaluate(**{n: known[n] for n in value.formula.names})
-    return np.broadcast_to(values, x.shape)
+    return np.broadcast_to(value.values_at({"x": x, "y": y, "z": z, "X": x, "Y": y, "Z": z}), x.shape)
 
 
 def law_cells(body: Body, laws: Mapping[str, Any]) -> tuple[npt.NDArray[np.int32], ...]:

@@ -29,7 +29,7 @@ from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.nondimensional import LengthsOfBody, Scales
-from hpcinv.quantity.spatial_fields import ByData, ByFormula, ByRegion, ByRule
+from hpcinv.quantity.spatial_fields import ByFormula, Field
 from hpcinv.quantity.units import Dimension
 
 
@@ -160,9 +160,9 @@ class Parameters:
                     for i, (p, r) in enumerate(zip(place, rate, strict=True)):
                         follow(p, r, dimension, f"{name}[{i}]")
                 case _Formula():
-                    for name, slope in rate.constants.items():
+                    for name, slope in rate.numbers.items():
                         entries[place.constants[name]] = slope
-                case fem.Function() if isinstance(rate, ByRegion):
+                case fem.Function() if rate.is_regional:
                     functions.append((place, self.fields.function(rate, self._scales.unit_of(dimension), name)))
 
         for where, ingredient_rates in rates.items():
@@ -204,9 +204,9 @@ class Parameters:
         if isinstance(value, ByFormula):
             if self._metre is None:
                 self._metre = self._append(self._scales.length)
-            constants = {name: self._append(constant) for name, constant in value.constants.items()}
+            constants = {name: self._append(constant) for name, constant in value.numbers.items()}
             return _Formula(value.formula, self._append(1 / scale), constants)
-        if isinstance(value, ByRegion | ByData | ByRule):
+        if isinstance(value, Field):
             if where not in self._functions:
                 self._functions[where] = self.fields.function(value, scale, where), dimension
             return self._functions[where][0]

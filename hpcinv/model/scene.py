@@ -33,6 +33,7 @@ from hpcinv.kinematics.kinematics import Deformation, Kinematics, OtherState
 from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.materials import MaterialLaw
 from hpcinv.model.contacts import Contacts
+from hpcinv.model.external_work import external_work
 from hpcinv.model.field_checks import shear_modulus
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
@@ -157,8 +158,8 @@ class Scene:
             residual += kin.dV(ufl.inner(part.P, kin.Grad(unknowns.v)), dx)
             if part.constraint is not None:
                 residual -= kin.dV(part.constraint * unknowns.q, dx)
-        for effect, load, p in effect_data:
-            work = effect.virtual_work(kin, unknowns.v, load, p)
+        for (where, _), (effect, load, p) in zip(job.named_effects, effect_data, strict=True):
+            work = external_work(where, effect, kin, unknowns.v, load, p)
             if work is not None:
                 residual -= work
                 self._works.append(work)

@@ -352,7 +352,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     bounds = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
     omission = ", without that of the geometry" if estimated.get("without_geometry") else ""
     singular = estimated.get("singular")
-    doubt = ", not reliable here" if singular and not singular["reliable"] else ""
+    is_doubted, unreliable = bool(singular and not singular["reliable"]), estimated.get("unreliable", ())
     slopes = statistics["sensitivities"] or {"quantities": {}}
     surface_deviations = (statistics.get("surface_errors") or {}).get("quantities", {})
     reactions, node_reductions = _reactions(statistics), _node_reductions(statistics)
@@ -363,6 +363,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
         if name in bounds:  # only one error of a quantity is printed
             notes.append(f"error at most {_number(bounds[name], 3)}{omission}")
         elif name in estimated["quantities"]:
+            doubt = ", not reliable here" if is_doubted or name in unreliable else ""
             notes.append(f"estimated error {_value(estimated['quantities'][name], digits=2)}{omission}{doubt}")
         elif name in reactions and statistics["certificate"]["estimate"] is not None:
             notes.append("no error estimate for reactions")

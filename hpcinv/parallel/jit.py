@@ -11,6 +11,9 @@ the file ``NAME.c`` without ``NAME.c.cached``: if the process is killed, all oth
 time out. The functions here (with `hpcinv.parallel.kernel_files`) have no such state. Kernels are code: files that
 another user could have written are not loaded. A fourth function of FFCx is replaced since it takes a time that is
 quadratic in the size of a form; the code that FFCx writes is the same.
+
+They are replaced in the releases `KNOWN` only. Others keep their own functions, and one line on stderr says so: kernels
+then compile as DOLFINx does it, a shared directory that is read-only is not used, and forms are derived in each run.
 """
 
 import ctypes
@@ -20,10 +23,11 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from contextvars import ContextVar
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Self
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
@@ -36,10 +40,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import cpp, fem
 from dolfinx.jit import get_options
-from ffcx.ir.analysis.valuenumbering import ValueNumberer
 
 from hpcinv.errors import OutputError
-from hpcinv.parallel.kernel_compiler import DECLARATIONS, NotCompiled, compile_kernel, interface_code
+from hpcinv.parallel.kernel_compiler import NotCompiled, compile_kernel
 from hpcinv.parallel.kernel_files import (
     NotWritten,
     check_room,
@@ -54,6 +57,8 @@ from hpcinv.parallel.ownership import foreign_writer, foreign_writer_above
 from hpcinv.parallel.ranks import wait_for_all
 from hpcinv.parallel.runtime import MPI
 
+KNOWN = "0.11"
+"""Releases of DOLFINx and FFCx whose functions are replaced; of another one, compare those functions with its own."""
 _TRUST = "HPCINV_TRUST_KERNELS"
 _LINES_OF_A_PROCESSOR = 50  # at most, in /proc/cpuinfo, which is long on machines with many
 
@@ -160,18 +165,14 @@ def _find(name: str, directory: Path, suffix: str = ".so") -> Path | None:
     return None
 
 
-_types: dict[str, Any] = {}
-
-
-def _interface(directory: Path) -> Any:
-    """CFFI's description of the C types of kernels, kept as a file among them if that can be written."""
-    if not _types:
-        name = f"ufcx_{hashlib.sha1(f'{cffi.__version__}{DECLARATIONS}'.encode()).hexdigest()}"
-        if (code := read_record(name, directory)) is None:
-            code = interface_code()
-            write_record(name, code, directory)
-        exec(compile(code, name, "exec"), _types)
-    return _types["ffi"]
+@cache
+def _interface() -> Any:
+    """Return CFFI's description of the C types of kernels."""
+    interface = cffi.FFI()
+    interface.cdef(ffcx_jit.UFC_HEADER_DECL.format("float64"))
+    for declarations in (ffcx_jit.UFC_INTEGRAL_DECL, ffcx_jit.UFC_FORM_DECL, ffcx_jit.UFC_EXPRESSION_DECL):
+        interface.cdef(declarations)
+    return interface
 
 
 def read_record(name: str, directory: Path) -> str | None:
@@ -186,9 +187,9 @@ def write_record(name: str, text: str, directory: Path) -> None:
         publish(directory / f"{name}.txt", text.encode())
 
 
-def _load(path: Path, objects: Sequence[str], directory: Path) -> tuple[list[Any], Any]:
+def _load(path: Path, objects: Sequence[str]) -> tuple[list[Any], Any]:
     """The named forms or expressions of a kernel's file, and what DOLFINx calls their module."""
-    ffi, library = _interface(directory), ctypes.CDLL(str(path))
+    ffi, library = _interface(), ctypes.CDLL(str(path))
     kind = "ufcx_form" if path.name.startswith("libffcx_forms") else "ufcx_expression"
     addresses = [ctypes.addressof(ctypes.c_char.in_dll(library, name)) for name in objects]
     module = SimpleNamespace(ffi=ffi, lib=library, file=path.stem, symbols=objects)
@@ -201,14 +202,14 @@ def _get_cached_module(name: str, objects: Sequence[str], directory: Path, _time
     if path is None:
         NOT_FOUND.append(name)
         return None, None
-    return _load(path, objects, Path(directory))
+    return _load(path, objects)
 
 
 def _load_objects(directory: Path, name: str, objects: Sequence[str]) -> tuple[Any, Any]:
     path = _find(name, Path(directory))
     if path is None:
         raise ModuleNotFoundError(f"the kernel {name} was removed from {directory} after its compilation")
-    return _load(path, objects, Path(directory))
+    return _load(path, objects)
 
 
 def _compile_objects(
@@ -251,7 +252,7 @@ def _publish(code: Callable[[], str], name: str, flags: Sequence[str], directory
         return written
 
 
-_jit_here: Callable[..., Any] = dolfinx.jit.ffcx_jit.__wrapped__
+_jit_here: Callable[..., Any] = getattr(dolfinx.jit.ffcx_jit, "__wrapped__", dolfinx.jit.ffcx_jit)
 
 
 class _Missing(Exception):
@@ -314,23 +315,29 @@ def array_type(dtype: npt.DTypeLike) -> Any:
 
 
 class KernelExpression(fem.Expression):  # type: ignore[misc]  # without types
-    """A compiled expression, whose functions and constants are known without its UFL.
+    """A compiled expression.
 
     Attributes:
-        file, symbol: of its kernel.
+        file, symbol: of its kernel; empty if DOLFINx compiled it by itself.
     """
 
-    def __init__(self, kernel: Any, module: Any, functions: Sequence[Any], constants: Sequence[Any]) -> None:
-        self.file, (self.symbol,) = module.file, module.symbols
-        self._ufcx_expression, self._argument_space = kernel, None
+    file = symbol = ""
+
+    @classmethod
+    def loaded(cls, kernel: Any, module: Any, functions: Sequence[Any], constants: Sequence[Any]) -> Self:
+        """Return the expression of a kernel, whose functions and constants are known without its UFL."""
+        expression = cls.__new__(cls)
+        expression.file, (expression.symbol,) = module.file, module.symbols
+        expression._ufcx_expression, expression._argument_space = kernel, None
         order = [kernel.original_coefficient_positions[i] for i in range(kernel.num_coefficients)]
-        self._cpp_object = cpp.fem.create_expression_float64(
+        expression._cpp_object = cpp.fem.create_expression_float64(
             module.ffi.cast("uintptr_t", module.ffi.addressof(kernel)),
             [functions[i]._cpp_object for i in order],
             [constant._cpp_object for constant in constants],
             [],
             None,
         )
+        return expression
 
 
 def compile_expression(
@@ -346,22 +353,24 @@ def compile_expression(
     Args:
         functions, constants: all of the expression, in UFL's order.
     """
+    if dolfinx.jit.ffcx_jit is not _jit:
+        return KernelExpression(expression, points, comm=comm, jit_options=dict(jit_options), dtype=np.float64)
     form_options = {"scalar_type": np.float64}
     kernel, module, _ = _jit(
         comm, (expression, points), form_compiler_options=form_options, jit_options=dict(jit_options)
     )
-    return KernelExpression(kernel, module, functions, constants)
+    return KernelExpression.loaded(kernel, module, functions, constants)
 
 
 def load_expression(
     file: str, symbol: str, functions: Sequence[Any], constants: Sequence[Any], directory: Path
 ) -> KernelExpression | None:
     """Return an expression that `compile_expression` has compiled; ``None`` if its kernel is not there any more."""
-    path = _find(file, directory)
+    path = _find(file, directory) if dolfinx.jit.ffcx_jit is _jit else None
     if path is None:
         return None
-    (kernel,), module = _load(path, [symbol], directory)
-    return KernelExpression(kernel, module, functions, constants)
+    (kernel,), module = _load(path, [symbol])
+    return KernelExpression.loaded(kernel, module, functions, constants)
 
 
 def _get_node_symbols(numberer: Any, expression: Any) -> Any:
@@ -369,8 +378,21 @@ def _get_node_symbols(numberer: Any, expression: Any) -> Any:
     return numberer.V_symbols[numberer.G.e2i[expression]]
 
 
-dolfinx.jit.ffcx_jit = _jit
-ffcx_jit.get_cached_module = _get_cached_module
-ffcx_jit._compile_objects = _compile_objects
-ffcx_jit._load_objects = _load_objects
-ValueNumberer.get_node_symbols = _get_node_symbols
+def _replace_functions() -> None:
+    """Replace the functions of the releases `KNOWN`; note on rank 0 that others keep theirs."""
+    versions = {"DOLFINx": dolfinx.__version__, "FFCx": ffcx.__version__}
+    if all(f"{version}.".startswith(f"{KNOWN}.") for version in versions.values()):
+        from ffcx.ir.analysis.valuenumbering import ValueNumberer
+
+        dolfinx.jit.ffcx_jit = _jit
+        ffcx_jit.get_cached_module = _get_cached_module
+        ffcx_jit._compile_objects = _compile_objects
+        ffcx_jit._load_objects = _load_objects
+        ValueNumberer.get_node_symbols = _get_node_symbols
+    elif MPI.COMM_WORLD.rank == 0:
+        installed = " and ".join(f"{name} {version}" for name, version in versions.items())
+        note = f"{installed} compile kernels by themselves: hpcinv replaces functions of {KNOWN} only"
+        print(f"{note} (docs/how-to/start-up.md)", file=sys.stderr, flush=True)
+
+
+_replace_functions()

@@ -1,10 +1,9 @@
-"""Compilation of a kernel's C code, and the types in it.
+"""Compilation of a kernel's C code.
 
 CFFI would compile each kernel as an extension module of Python. A kernel needs none of Python's headers: as a plain
 shared object it compiles in half the time, with the C compiler alone.
 """
 
-import io
 import os
 import shlex
 from collections.abc import Sequence
@@ -14,17 +13,7 @@ from hpcinv.parallel.children import run_child
 from hpcinv.parallel.runtime import c_compiler  # its import order first
 
 # isort: split
-import cffi
 import ffcx.codegeneration
-import ffcx.codegeneration.jit as ffcx_jit
-
-DECLARATIONS = (
-    ffcx_jit.UFC_HEADER_DECL.format("float64")
-    + ffcx_jit.UFC_INTEGRAL_DECL
-    + ffcx_jit.UFC_FORM_DECL
-    + ffcx_jit.UFC_EXPRESSION_DECL
-)
-"""C types of kernels"""
 
 
 class NotCompiled(Exception):
@@ -58,17 +47,3 @@ def compile_kernel(code: str, name: str, flags: Sequence[str], directory: Path) 
         said = " ".join(done.stderr.decode(errors="replace").split("\n", 3)[:3]).strip()
         raise NotCompiled(f"{failure}: exit code {done.returncode}. {said}".rstrip())
     return target.read_bytes()
-
-
-def interface_code() -> str:
-    """Python code that defines ``ffi``, CFFI's description of the C types of kernels.
-
-    CFFI takes 60 ms to make it from the declarations in C, most of them for importing its parser.
-    """
-    from cffi.recompiler import make_py_source  # with a parser of C, which most processes do not need
-
-    ffi = cffi.FFI()
-    ffi.cdef(DECLARATIONS)
-    code = io.StringIO()
-    make_py_source(ffi, "ufcx", code)
-    return code.getvalue()

@@ -31,7 +31,7 @@ class Ingredient(Spec):
     """Content of its section in a job file, complete and with plausible numbers."""
 
     def quantities(self) -> dict[str, tuple[Any, Dimension]]:
-        """Value and dimension of each quantity by name: a number (SI), a field (`Varying`), or a tuple of these."""
+        """Value and dimension of each quantity by name: a number (SI), a `Field`, or a tuple of these."""
         return {name: (getattr(self, name), d) for name, d in quantities_of(type(self)).items()}
 
     def structure(self) -> Any:

@@ -7,7 +7,7 @@ from typing import Any
 
 from hpcinv.quantity.quantity import Measured
 from hpcinv.quantity.schema import KeyPath
-from hpcinv.quantity.spatial_fields import VARYING, ByFormula, ByRegion
+from hpcinv.quantity.spatial_fields import Field
 from hpcinv.quantity.units import Dimension
 
 POINTS = (-2, -1, 1, 2)
@@ -31,10 +31,10 @@ def scalars(value: Any, place: KeyPath) -> Iterator[tuple[KeyPath, float | str]]
         case tuple():
             for i, entry in enumerate(value):
                 yield from scalars(entry, (*place, i))
-        case ByRegion():
-            for region, entry in value.values.items():
+        case Field() if value.is_regional:
+            for region, entry in value.numbers.items():
                 yield (*place, region), entry
-        case _ if isinstance(value, VARYING):
+        case Field():
             yield place, f"varies over the body ({value.plain()}), and is not a number"
         case _:
             yield place, float(value) if math.isfinite(value) else "is infinite"
@@ -46,8 +46,8 @@ def replace_scalar(value: Any, place: KeyPath, number: float) -> Any:
         return replace(value, value=number) if isinstance(value, Measured) else number
     here, rest = place[0], place[1:]
     match value:
-        case ByRegion():
-            return ByRegion({**value.values, str(here): number})
+        case Field():
+            return replace(value, numbers={**value.numbers, str(here): number})
         case Mapping():
             return {**value, here: replace_scalar(value[here], rest, number)}
         case _:
@@ -83,10 +83,8 @@ def _rate(points: list[float], values: list[Any], step: float) -> Any:
             return tuple(_rate(points, list(entries), step) for entries in zip(*values, strict=True))
         case dict():
             return {name: _rate(points, [v[name] for v in values], step) for name in first}
-        case ByRegion():
-            return ByRegion(_rate(points, [dict(v.values) for v in values], step))
-        case ByFormula():
-            return ByFormula(first.formula, _rate(points, [dict(v.constants) for v in values], step))
+        case Field():
+            return replace(first, numbers=_rate(points, [dict(v.numbers) for v in values], step))
     if all(v == first for v in values):
         return 0.0
     if values == points:
@@ -99,9 +97,7 @@ def vanishes(derivatives: Any) -> bool:
     match derivatives:
         case tuple():
             return all(map(vanishes, derivatives))
-        case ByRegion():
-            return all(map(vanishes, derivatives.values.values()))
-        case ByFormula():
-            return all(map(vanishes, derivatives.constants.values()))
+        case Field():
+            return all(map(vanishes, derivatives.numbers.values()))
         case _:
             return bool(derivatives == 0.0)

@@ -131,6 +131,10 @@ class Spec(BaseModel):
             content["oneOf"] = [{"required": [key]} for key in cls.alternatives]
         return json_schema
 
+    def _completed(self, info: ValidationInfo) -> Self:
+        """Return the part with the values of fields that can be read only with other fields, which are all valid."""
+        return self
+
     def _contradictions(self, info: ValidationInfo) -> Faults:
         """Yield faults between fields that are valid by themselves."""
         yield from ()
@@ -149,6 +153,8 @@ class Spec(BaseModel):
                 for location, text in problems_in(error, cls)
             ]
             raise ValidationError.from_exception_data(cls.__name__, lines) from None
+        if part is not data:  # one that was validated before is complete
+            part = part._completed(info)
         raise_if_any(part._contradictions(info))
         return part
 

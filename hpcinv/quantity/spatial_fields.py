@@ -3,12 +3,14 @@
 Formulas can use the reference position ``X, Y, Z`` and the current position ``x, y, z``, in both analyses.
 """
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, SerializationInfo, ValidationInfo
 from pydantic.json_schema import JsonSchemaValue
@@ -24,36 +26,55 @@ POSITIONS: dict[str, Dimension | None] = dict.fromkeys("XYZxyz", Dimension(lengt
 
 
 @dataclass(frozen=True)
-class ByRegion:
+class Field:
+    """A quantity that varies over the body; its numbers (SI) by region, or by the names of constants in a formula."""
+
+    numbers: Mapping[str, float] = field(default_factory=dict, kw_only=True, hash=False)
+    is_regional: ClassVar = False
+
+    @property
+    def is_current(self) -> bool:
+        """True if it depends on the current position."""
+        return False
+
+    def plain(self, with_definitions: bool = False) -> Any:
+        """Return the field as a job file has it, with the definitions of names in a formula if these are asked for."""
+        return dict(self.numbers)
+
+
+@dataclass(frozen=True)
+class ByRegion(Field):
     """A value (SI) for each region of cells; ``elsewhere`` for all other cells."""
 
-    values: Mapping[str, float]
+    numbers: Mapping[str, float]
+    is_regional: ClassVar = True
 
     def value_in(self, region: str) -> float | None:
         """The value in a region, or ``None``."""
-        return self.values.get(region, self.values.get(ELSEWHERE))
-
-    def plain(self) -> dict[str, Any]:
-        return dict(self.values)
+        return self.numbers.get(region, self.numbers.get(ELSEWHERE))
 
 
 @dataclass(frozen=True)
-class ByFormula:
+class ByFormula(Field):
     """A formula of position and of named constants, in SI."""
 
     formula: Expression
-    constants: Mapping[str, float] = field(default_factory=dict)
-
-    def plain(self) -> str:
-        return str(self.formula)
 
     @property
-    def whole(self) -> str:
-        return self.formula.whole
+    def is_current(self) -> bool:
+        return not self.formula.names.isdisjoint("xyz")
+
+    def plain(self, with_definitions: bool = False) -> str:
+        return self.formula.whole if with_definitions else str(self.formula)
+
+    def values_at(self, positions: Mapping[str, Any]) -> Any:
+        """Return its values where the coordinates X, Y, Z, x, y, z (m) are these arrays."""
+        arguments = {**positions, **self.numbers}
+        return self.formula.evaluate(**{name: arguments[name] for name in self.formula.names})
 
 
 @dataclass(frozen=True)
-class ByData:
+class ByData(Field):
     """A data array of the mesh file, in units of ``factor`` (SI)."""
 
     array: str
@@ -64,36 +85,32 @@ class ByData:
     def factor(self) -> float:
         return as_float(parse_unit(self.unit)[0])
 
-    def plain(self) -> dict[str, str]:
+    def plain(self, with_definitions: bool = False) -> dict[str, str]:
         return {"data": self.array} | ({"unit": self.unit} if self.unit else {})
 
 
 @dataclass(frozen=True)
-class ByRule:
+class ByRule(Field):
     """Unit vectors that follow from the shape of the body by a rule, a part of the job."""
 
     rule: Any
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self, with_definitions: bool = False) -> dict[str, Any]:
         plain: dict[str, Any] = self.rule.model_dump(mode="json")
         return plain
-
-
-type Varying = ByRegion | ByFormula | ByData
-VARYING = (ByRegion, ByFormula, ByData, ByRule)
 
 
 @dataclass(frozen=True)
 class VaryingQuantity(Quantity):
     """Metadata of a field of a law or an effect that may vary over the body."""
 
-    def read(self, value: object, definitions: Mapping[str, Expression] = MappingProxyType({})) -> float | Varying:
+    def read(self, value: object, definitions: Mapping[str, Expression] = MappingProxyType({})) -> float | Field:
         """Number in SI, or description of a field; ``ValueError`` with the reason if it is invalid.
 
         Args:
             definitions: formulas of the names in a formula.
         """
-        if isinstance(value, ByRegion | ByFormula | ByData):
+        if isinstance(value, Field):
             return value
         if isinstance(value, Mapping):
             return self._data(value) if "data" in value else self._regional(value)
@@ -138,10 +155,8 @@ class VaryingQuantity(Quantity):
         def plain(value: Any, info: SerializationInfo) -> Any:
             if isinstance(value, tuple):
                 return [plain(entry, info) for entry in value]
-            if isinstance(value, ByFormula) and writes_definitions(info):
-                return value.whole
-            if isinstance(value, VARYING):
-                return value.plain()
+            if isinstance(value, Field):
+                return value.plain(writes_definitions(info))
             return self.infinite if value == float("inf") else value
 
         def read(value: object, info: ValidationInfo) -> Any:
@@ -186,7 +201,30 @@ TemperatureField = Annotated[Any, VaryingQuantity("K")]
 
 def is_uniform(value: object) -> bool:
     """Return whether a quantity, or each entry of a tuple of quantities, is constant over the body."""
-    return not any(isinstance(entry, VARYING) for entry in entries(value))
+    return not fields_in(value)
+
+
+def fields_in(value: object) -> list[Field]:
+    """Return the fields in a quantity, a vector or a tensor."""
+    return [entry for entry in entries(value) if isinstance(entry, Field)]
+
+
+def in_each_region(value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield a tuple of quantities as numbers in each region that they name; nothing if they vary otherwise.
+
+    If they are uniform, the name of the region is empty. Regions in which one of them has no value are left out.
+    """
+    fields = [field for field in fields_in(value) if isinstance(field, ByRegion)]
+    if len(fields) == len(fields_in(value)):
+        for region in dict.fromkeys(name for field in fields for name in field.numbers) or [""]:
+            if all(field.value_in(region) is not None for field in fields):
+                yield region, _value_in(region, value)
+
+
+def _value_in(region: str, value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_value_in(region, part) for part in value)
+    return value.value_in(region) if isinstance(value, ByRegion) else value
 
 
 def entries(value: object) -> Iterator[Any]:

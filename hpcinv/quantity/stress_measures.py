@@ -1,7 +1,7 @@
 """Scalar stress measures that formulas of quantities can use in addition to the components of the Cauchy stress.
 
-A measure is a function whose arguments are named after the components that it needs; an entry in `MEASURES` makes it
-available in job files, units, tables and ``hpcinv formulas``.
+A measure is a function whose arguments are named after the components that it needs; `measure` makes it available in
+job files, units, tables and ``hpcinv formulas``.
 """
 
 import inspect
@@ -10,21 +10,32 @@ from typing import Any
 
 COMPONENTS = {"sxx": (0, 0), "syy": (1, 1), "szz": (2, 2), "sxy": (0, 1), "syz": (1, 2), "sxz": (0, 2)}
 """row and column of each component in the stress tensor"""
+MEASURES: dict[str, Callable[..., Any]] = {}
+"""measures by their names in formulas"""
 
 
+def measure(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Register a function as the measure ``name``."""
+
+    def register(function: Callable[..., Any]) -> Callable[..., Any]:
+        MEASURES[name] = function
+        return function
+
+    return register
+
+
+@measure("p")
 def pressure(sxx: Any, syy: Any, szz: Any) -> Any:
     """``-tr σ/3``."""
     return -(sxx + syy + szz) / 3
 
 
+@measure("von_mises")
 def von_mises(sxx: Any, syy: Any, szz: Any, sxy: Any, syz: Any, sxz: Any) -> Any:
     """``√(3/2 dev σ : dev σ)``."""
     p = pressure(sxx, syy, szz)
     normal = (sxx + p) ** 2 + (syy + p) ** 2 + (szz + p) ** 2
     return (1.5 * normal + 3 * (sxy**2 + syz**2 + sxz**2)) ** 0.5
-
-
-MEASURES: dict[str, Callable[..., Any]] = {"p": pressure, "von_mises": von_mises}
 
 
 PRESTRAIN = "prestrain_"

@@ -79,12 +79,7 @@ def _given(body: Body, name: str, family: FibreFamily, solution: Solution, cells
     for names, nodes in (("XYZ", solution.reference_nodes), ("xyz", solution.current_nodes)):
         middles = np.einsum("n,cni->ci", shapes, nodes[dofs[cells]])
         positions |= dict(zip(names, middles.T, strict=True))
-    components = []
-    for component in value:
-        known = positions | dict(component.constants)
-        components.append(
-            np.broadcast_to(component.formula.evaluate(**{n: known[n] for n in component.formula.names}), len(cells))
-        )
+    components = [np.broadcast_to(component.values_at(positions), len(cells)) for component in value]
     return np.stack(components, axis=1).astype(float)
 
 

@@ -182,7 +182,7 @@ def _has(effect: Effect, name: str, dimension: Dimension) -> bool:
 def _pressure(equations: Equations, effect: Any, density: float) -> float:
     """Return the weight (Pa) of a column as high as the body, along an effect's acceleration."""
     g = np.array(effect.acceleration, dtype=float)
-    size = float(np.linalg.norm(g))
+    size = math.hypot(*g)  # without the squares, which overflow
     if not size:
         return 0.0
     heights = equations.body.mesh.geometry.x @ (g / size)

@@ -3,6 +3,9 @@
 Parts are sets of cells connected by facets. Each has six rigid motions. Nodes that parts share have the same
 displacement in all of them, and supports and springs hold some components of it; the motions that are left strain
 nothing: the tangent of the unloaded body is singular.
+
+Null pivots of MUMPS (ICNTL 24) show the same motions, but in double precision only: in single precision, as in large
+bodies, sound ones have null pivots too. Multigrid has none, and several states are checked before the first is solved.
 """
 
 from collections.abc import Iterator, Sequence

@@ -41,24 +41,21 @@ class PowerSeries:
         loads: coefficients of the load factor, (orders,).
         load: load factor at ``a = 0``.
         scale: ``s``.
-        products: inner products of the coefficients ``(xₖ/s, λₖ)``, (orders, orders).
-        fractions: of Padé approximants: coefficients of `_orthonormal`.
+        factors: coefficients ``(xₖ/s, λₖ)`` in an orthonormal basis, (orders, orders), lower triangular.
     """
 
     states: Reals
     loads: Reals
     load: float
     scale: float
-    products: Reals
-    fractions: Reals
+    factors: Reals
 
     @classmethod
     def of(cls, states: Reals, loads: Reals, load: float, scale: float, comm: MPI.Intracomm) -> PowerSeries:
         """Return a series of coefficients; collective."""
-        products = comm.allreduce(states @ states.T) / scale**2 + np.outer(loads, loads)
         # The load is counted on one rank.
         rows = np.column_stack([states / scale, loads if comm.rank == 0 else np.zeros_like(loads)])
-        return cls(states, loads, load, scale, products, _orthonormal(rows, comm))
+        return cls(states, loads, load, scale, _orthonormal(rows, comm))
 
     def weights(self, a: float, *, pade: bool, orders: int | None = None) -> Reals:
         """Return the factors of all coefficients at ``a``, by polynomials or by Padé approximants of some orders."""
@@ -84,7 +81,7 @@ class PowerSeries:
             accuracy: largest distance of the two, relative to the distance from the beginning.
         """
         orders = len(self.loads)
-        first, last = np.sqrt(np.diag(self.products)[[0, -1]])
+        first, last = np.linalg.norm(self.factors[[0, -1]], axis=1)
         if last == 0.0:
             return np.inf, False
         polynomial = float((accuracy * first / last) ** (1 / (orders - 1)))
@@ -117,15 +114,15 @@ class PowerSeries:
     def error(self, a: float, *, pade: bool) -> float:
         """Return the distance of the two last orders at ``a``, relative to the distance from the beginning."""
         last, before = (self.weights(a, pade=pade, orders=n) for n in (len(self.loads), len(self.loads) - 1))
-        difference = last - before
-        return float(np.sqrt((difference @ self.products @ difference) / (last @ self.products @ last)))
+        return float(np.linalg.norm((last - before) @ self.factors) / np.linalg.norm(last @ self.factors))
 
     def _denominator(self, orders: int) -> Reals:
         """Return the coefficients of the denominator of a Padé approximant, from order 0 on."""
-        f, d = self.fractions, np.zeros(orders)
+        f, d = self.factors, np.zeros(orders)
         d[0] = 1.0
         for i in range(1, orders):
-            d[i] = -sum(d[j] * f[orders - 1 - j, orders - 1 - i] for j in range(i)) / f[orders - 1 - i, orders - 1 - i]
+            row = orders - 1 - i
+            d[i] = -sum(d[j] * f[orders - 1 - j, row] for j in range(i)) / (f[row, row] or 1.0)
         return d
 
 
@@ -140,6 +137,6 @@ def _orthonormal(rows: Reals, comm: MPI.Intracomm) -> Reals:
             factors[k, :k] += shares
             rest -= shares @ basis[:k]
         size = float(np.sqrt(comm.allreduce(rest @ rest)))
-        factors[k, k] = size or 1.0
-        basis[k] = rest / factors[k, k]
+        factors[k, k] = size
+        basis[k] = rest / (size or 1.0)
     return factors

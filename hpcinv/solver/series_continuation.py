@@ -38,6 +38,9 @@ _REFINEMENTS = 12  # of a coefficient by factors of a near tangent, after which 
 _SMALL = 1e-8
 """Error of a series that Newton's method corrects with one factorization. A larger one ends expansions earlier, but
 slender bodies then take two or three."""
+_TINY = 1e-100
+"""Norm of the rate of the state by the load up to which only the load counts in the parameter: squares of smaller ones
+underflow. With a larger one, the path of such a body would be cut into more ranges."""
 _PATH_TOLERANCE = 1e-8  # of states between expansions; near a limit point of the load it matters
 _LOCATED = 1e-9  # error of a series at a limit point that counts as found; the load there has no error of first order
 _BEFORE_LIMIT = 0.7  # share of the way to a limit point after which the path is expanded again
@@ -228,11 +231,11 @@ class SeriesContinuation:
         t = x.array.copy()
         size = norm(x)
         # It shrinks where the body stiffens, and never grows: at a limit point the range would vanish.
-        scale = self._scale = min(self._scale, size)
+        scale = self._scale = min(self._scale, size if size > _TINY else 1.0)
         first = 1 / np.sqrt((size / scale) ** 2 + 1)
         states, loads = [first * t], [first]
         put(1, states[0], first)
-        slope = size**2 * first / scale**2 + first
+        slope = (size / scale) ** 2 * first + first
         for k in range(2, _ORDERS + 1):
             with system.timings("residual"):
                 taylor.assemble(k, b)

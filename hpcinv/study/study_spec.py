@@ -1,6 +1,6 @@
 """Study file: refinement series of runs, measured quantities, references, and published numbers."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -211,8 +211,6 @@ class Study(Spec):
     def series_called(self, name: str) -> RefinementSeries:
         return next(series for series in self.series if series.name == name)
 
-    # Rules between sections are validators of the later section, which has access to the earlier ones that are valid.
-
     @field_validator("series")
     @classmethod
     def _are_consistent(cls, listed: tuple[RefinementSeries, ...]) -> tuple[RefinementSeries, ...]:
@@ -221,11 +219,8 @@ class Study(Spec):
 
     @field_validator("cases")
     @classmethod
-    def _are_not_too_many(cls, cases: tuple[Axis, ...], info: ValidationInfo) -> tuple[Axis, ...]:
+    def _are_axes(cls, cases: tuple[Axis, ...]) -> tuple[Axis, ...]:
         raise_if_any(axes.faults_between(cases))
-        steps = sum(series.steps for series in info.data.get("series", ()))
-        if (runs := steps * axes.number_of(cases)) > MOST:
-            raise ValueError(f"make {runs:,} runs, but a study can have no more than {MOST:,}; split it")
         return cases
 
     @field_validator("measure")
@@ -236,29 +231,6 @@ class Study(Spec):
         raise_if_any(((i,), f"'{measure[i]}' is duplicated") for i in repeated(measure))
         return measure
 
-    @field_validator("reference")
-    @classmethod
-    def _is_of_measured_quantities(cls, reference: Mapping[str, Reference], info: ValidationInfo) -> Any:
-        measure, names = info.data.get("measure"), _names(info)
-        problems: list[tuple[KeyPath, str]] = [
-            ((key,), f"there is no series '{r.series}'.{did_you_mean(r.series, names)}")
-            for key, r in reference.items()
-            if r.series is not None and names and r.series not in names
-        ]
-        problems += [
-            ((key,), fault)
-            for key, r in reference.items()
-            if (r.series is None or r.series in names)
-            and "series" in info.data
-            and (fault := _missing_extrapolation(r, info.data["series"]))
-        ]
-        if measure is not None:
-            problems += _not_measured({key: r for key, r in reference.items() if key != "all"}, measure)
-            if "all" not in reference:
-                problems += [((), f"is needed for '{key}' too") for key in measure if key not in reference]
-        raise_if_any(problems)
-        return reference
-
     @field_validator("costs")
     @classmethod
     def _have_unique_names(cls, costs: Mapping[str, str]) -> Mapping[str, str]:
@@ -266,24 +238,39 @@ class Study(Spec):
         raise_if_any(((name,), "is the name of another column") for name in costs if name in taken)
         return costs
 
-    @field_validator("beside")
-    @classmethod
-    def _has_known_names(cls, published: Beside | None, info: ValidationInfo) -> Beside | None:
-        if published is None:
-            return None
-        problems: list[tuple[KeyPath, str]] = []
-        names, columns = _names(info), {*STATISTICS, *COSTS, *info.data.get("costs", ()), "ratio", "failed"}
-        for part, content in (("values", published.values), ("statistics", published.statistics)):
-            problems += [((part, *w), text) for w, text in _not_measured(content, info.data.get("measure", content))]
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        steps = sum(series.steps for series in self.series)
+        if (runs := steps * axes.number_of(self.cases)) > MOST:
+            yield ("cases",), f"make {runs:,} runs, but a study can have no more than {MOST:,}; split it"
+        names = [series.name for series in self.series]
+        for key, reference in self.reference.items():
+            if reference.series is not None and reference.series not in names:
+                text = f"there is no series '{reference.series}'.{did_you_mean(reference.series, names)}"
+                yield ("reference", key), text
+            elif fault := _missing_extrapolation(reference, self.series):
+                yield ("reference", key), fault
+        yield from self._not_measured(("reference",), [key for key in self.reference if key != "all"])
+        if "all" not in self.reference:
+            missing = (key for key in self.measure if key not in self.reference)
+            yield from ((("reference",), f"is needed for '{key}' too") for key in missing)
+        if self.beside is not None:
+            yield from self._unknown_names(self.beside, names)
+
+    def _unknown_names(self, published: Beside, names: Sequence[str]) -> Faults:
+        columns = {*STATISTICS, *COSTS, *self.costs, "ratio", "failed"}
+        yield from self._not_measured(("beside", "values"), published.values)
+        yield from self._not_measured(("beside", "statistics"), published.statistics)
         for key, named in published.statistics.items():
             for name, statistics in named.items():
-                where: KeyPath = ("statistics", key, name)
-                if names and name not in names:
-                    problems.append((where, f"there is no such series.{did_you_mean(name, names)}"))
+                where: KeyPath = ("beside", "statistics", key, name)
+                if name not in names:
+                    yield where, f"there is no such series.{did_you_mean(name, names)}"
                 unknown = (column for column in statistics if column not in columns)
-                problems += [((*where, c), f"is no statistic.{did_you_mean(c, columns)}") for c in unknown]
-        raise_if_any(problems)
-        return published
+                yield from (((*where, c), f"is not a statistic.{did_you_mean(c, columns)}") for c in unknown)
+
+    def _not_measured(self, place: KeyPath, keys: Iterable[str]) -> Faults:
+        unknown = (key for key in keys if key not in self.measure)
+        yield from (((*place, key), f"is not measured.{did_you_mean(key, self.measure)}") for key in unknown)
 
 
 def refines(varied: Iterable[str]) -> bool:
@@ -303,14 +290,6 @@ def _missing_extrapolation(reference: Reference, listed: Iterable[RefinementSeri
     if not any(refines(entry.vary) for entry in series):
         return f"richardson needs a series along which nothing but the mesh varies; {remedy}"
     return f"richardson needs a series with {LEAST_MESHES} meshes; {remedy}"
-
-
-def _names(info: ValidationInfo) -> list[str]:
-    return [series.name for series in info.data.get("series", ())]
-
-
-def _not_measured(keys: Mapping[str, Any], measure: Any) -> list[tuple[KeyPath, str]]:
-    return [((key,), f"is not measured.{did_you_mean(key, measure)}") for key in keys if key not in measure]
 
 
 def measured_key(measured: str, quantities: Mapping[str, bool]) -> str:

@@ -20,8 +20,8 @@ from pytest_mpi.plugin import CHILD_PROCESS_FLAG
 from hpcinv.parallel.runtime import MPI
 
 SYSTEM = Path(__file__).parents[1] / "system"
-LARGEST = 16
-"""Tests in a batch: in one process, with all kernels to be compiled, they end within some minutes."""
+LARGEST = 32
+"""Tests in a batch. More of them save starts (5 to 20 s of processor time each); after a failure, each is run alone."""
 IN_BATCH = "HPCINV_TESTS_IN_BATCH"
 """Environment variable that the ranks of a batch have."""
 QUIET = ("--tb=no", "--no-summary", "--no-header", "--disable-warnings", "--show-capture=no")

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from helpers.silicone_beam import beam
 from helpers.verification import box
 
 MATERIALS: dict[str, dict[str, Any]] = {
@@ -14,9 +15,4 @@ SHELF: dict[str, Any] = {
     "effects": [{"effect": "gravity", "acceleration": [0, -1.0, 0], "density": 600}],
     "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
 }
-BEAM: dict[str, Any] = {
-    "mesh": {"file": "../meshes/pdms_beam.py", "parameters": {"size": "4 mm"}, "geometry_degree": 2},
-    "material": {"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 7.965272689e8},
-    "effects": [{"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 963}],
-    "supports": [{"region": "clamp", "fix": ["x", "y", "z"]}],
-}
+BEAM = beam()

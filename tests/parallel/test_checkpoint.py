@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dolfinx import fem
+from helpers.checkpoints import PROBLEM, fields
 from helpers.mesh_cases import spec
 from helpers.solutions import SOLVES
 
@@ -21,7 +21,6 @@ from hpcinv.parallel.runtime import MPI
 
 DAMAGED = "functions.bp or state.json is damaged"
 BOX = {"nx": 3, "ny": 2, "nz": 2}
-PROBLEM = {"material": {"law": "neo-hookean", "mu": 1.0}}
 MESHES: Mapping[str, tuple[str, dict[str, Any]]] = {
     "tetrahedra-metis": ("box.py", {"parameters": BOX}),
     "tetrahedra-scotch": ("box.py", {"parameters": BOX, "partition": "scotch"}),
@@ -33,20 +32,6 @@ MESHES: Mapping[str, tuple[str, dict[str, Any]]] = {
 def body_on(comm: MPI.Intracomm, name: str, meshes: Path) -> Body:
     file, settings = MESHES[name]
     return build_body(spec(meshes / file, **settings), {}, comm, resolve=Path)
-
-
-def fields(body: Body, degree: int, *, filled: bool) -> dict[str, fem.Function]:
-    """A vector of some degree and a scalar of one less, by formulas of the position."""
-
-    def wave(x: np.ndarray) -> np.ndarray:
-        return np.sin(3 * x[0]) + np.cos(2 * x[1]) * x[2] + x[0] * x[1]
-
-    u = fem.Function(fem.functionspace(body.mesh, ("Lagrange", degree, (3,))))
-    p = fem.Function(fem.functionspace(body.mesh, ("Lagrange", max(degree - 1, 1))))
-    if filled:
-        u.interpolate(lambda x: np.stack([wave(x), wave(x) ** 2, wave(-x)]))
-        p.interpolate(wave)
-    return {"displacement-0": u, "pressure-0": p}
 
 
 @pytest.mark.parallel(3)

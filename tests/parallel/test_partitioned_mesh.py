@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.checkpoints import PROBLEM, fields
 from helpers.command_line import BLOCK, NO_CERTIFICATE, write_job
 from helpers.mesh_cases import TETRAHEDRON, conditions, spec, write_msh22
 from helpers.mesh_data_files import ARRAYS, block, linear, values
 from helpers.partitions import input_vertex_sets, owners, slow_edge_cut
+from helpers.solutions import SOLVES
 
 import hpcinv
 from hpcinv.__main__ import main
@@ -198,8 +200,6 @@ def test_a_job_has_the_answers_of_the_whole_mesh_and_its_shape_goes_back(
 def test_a_checkpoint_of_two_ranks_is_read_by_one_and_three(
     comm: MPI.Intracomm, meshes: Path, run_directory: Path
 ) -> None:
-    from test_checkpoint import PROBLEM, SOLVES, fields
-
     path = on_disk(comm, run_directory, lambda: cube(meshes), 6)
     two = comm.Split(0 if comm.rank < 2 else 1)
     directory = run_directory / "checkpoints"

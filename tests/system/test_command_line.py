@@ -173,6 +173,7 @@ def test_a_load_that_is_not_reached_ends_with_a_diagnosis(tmp_path: Path) -> Non
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "converged"
 
 
+@pytest.mark.everyday("MeshError", "ZeroDivisionError")
 @pytest.mark.parametrize(
     ("action", "code", "text"),
     [
@@ -282,6 +283,7 @@ def test_from_python_a_run_gives_its_result_and_writes_nothing(
     assert capsys.readouterr().out == ""
 
 
+@pytest.mark.everyday("certificate1")
 @pytest.mark.parametrize("certificate", [NO_CERTIFICATE, {}])
 def test_a_quantity_that_is_not_finite_costs_no_run_its_results(certificate: dict[str, Any], tmp_path: Path) -> None:
     quantities = [

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import json
+import math
 import os
 import shutil
 import signal
@@ -18,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.command_line import CUBE, PATIENCE, Started, environment, hpcinv, write_job
+from helpers.command_line import CUBE, PATIENCE, ROOT, Started, environment, hpcinv, write_job
 
 from hpcinv.errors import OutputError
 from hpcinv.parallel import kernel_files, ownership
@@ -30,6 +32,12 @@ SMALL: Mapping[str, Any] = {
     "quantities": [{"name": "stress", "of": "von_mises", "on": "block", "reduce": "mean"}],
     "output": {"fields": False, "mesh": []},
 }
+# The command line with another release of DOLFINx.
+OTHER_RELEASE = """import hpcinv.parallel.runtime, dolfinx, runpy, sys
+dolfinx.__version__ = "0.99.0"
+sys.argv[0] = "hpcinv"
+runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
+"""
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
 
 # A compiler that notes which kernel it compiles, and waits before that for as long as there is a file 'hold'.
@@ -102,6 +110,22 @@ def test_runs_that_need_the_same_kernels_compile_each_once(job: Path, compiler: 
     compiled = Counter((tmp_path / "compiled").read_text().split())
     assert {f"{name.stem}.c" for name in tmp_path.glob("cache/fenics/*.so")} == set(compiled)
     assert set(compiled.values()) == {1}
+
+
+def test_an_unknown_release_compiles_kernels_by_its_own_functions(tmp_path: Path) -> None:
+    """Simple shear, of enough cells for compiled moduli."""
+    mesh = {"file": str(ROOT / "meshes" / "box.py"), "parameters": dict.fromkeys(("nx", "ny", "nz"), 7)}
+    job, script = write_job(tmp_path / "job.yaml", SMALL, mesh=mesh), tmp_path / "other.py"
+    script.write_text(OTHER_RELEASE)
+    # The second rank loads what the first compiles.
+    done = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script, XDG_CACHE_HOME=str(tmp_path / "cache"))
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("compile kernels by themselves: hpcinv replaces functions of 0.11 only") == 1
+    shear, modulus = 0.1, 1e6 / 2.6
+    stress = modulus * shear * math.sqrt(3 + shear**2)
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["quantities"]["stress"] == pytest.approx(stress, rel=1e-9)
+    assert list(tmp_path.glob("cache/fenics/libffcx_expressions_*.c.cached"))
 
 
 @pytest.mark.everyday("SIGTERM")

@@ -72,6 +72,9 @@ def test_the_first_words_are_the_verdict(page: Page) -> None:
     assert page.text("h1") == "block <&> beam"
 
 
+@pytest.mark.everyday(
+    "step", "scale", "over", "state", "von-mises", "regions", "error", "axis-x", "fibres", "symbols", "dark"
+)
 @pytest.mark.parametrize(
     ("control", "value"),
     [

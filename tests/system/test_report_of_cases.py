@@ -23,7 +23,7 @@ from hpcinv.study.study_page import write_study_report
 from hpcinv.sweep.sweep_page import write_sweep_report
 from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
 
-COUNT = 40
+COUNT = 16
 JOB: dict[str, Any] = {
     "job": "block",
     "analysis": "forward",
@@ -54,7 +54,7 @@ def finished(directory: Path) -> SweepPlan:
             fails = young < 7e3
             made = summary(status=FAILED) if fails else summary()
             made["quantities"] = {} if fails else {"tip": 1e3 / young}
-            if not fails and case.number % 10 == 0:
+            if not fails and case.number % 5 == 0:
                 run_directory(ledger.directory(case.key) / "run-1-1", 4)
             record = CaseRecord(FAILED if fails else "converged", "Refine the mesh." if fails else "", made, 1.5, 1)
             finish(ledger, case.key, record)

@@ -14,13 +14,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import BEAM, BLOCK, Started, hpcinv, write_job
+from helpers.command_line import BEAM as CURVED_BEAM
+from helpers.command_line import BLOCK, Started, hpcinv, write_job
 from helpers.mesh_cases import spec
+from helpers.silicone_beam import DENSITY, LENGTH
 
 from hpcinv.mesh import read_source
 
 STEPS = 8
-LENGTH = 0.182
+BEAM: dict[str, Any] = {
+    **CURVED_BEAM,
+    "mesh": {**CURVED_BEAM["mesh"], "parameters": {"size": "8 mm"}, "geometry_degree": 1},
+}
+"""Straight cells: those of this size would be inverted if they were curved."""
 ROUND_TRIP: dict[str, Any] = {"analysis": "round_trip", "first": "forward"}
 FIXED: dict[str, Any] = {"strategy": "fixed", "steps": STEPS}
 
@@ -64,10 +70,10 @@ def whole(place: Path) -> Path:
 @pytest.fixture(scope="module")
 def killed(place: Path) -> Path:
     """A run on two ranks that was killed at some moment after two steps of the first solution."""
+    step, moment = random.choice(["load 0.375:", "load 0.75:", "inverse:"]), random.uniform(0.0, 0.2)
+    print(f"killed {moment:.2f} s after {step!r}")
     with Started(2, "run", "beam.yaml", "--output", "killed", cwd=place) as started:
-        started.wait_for("load 0.375:")  # so that the first two are saved
-        moment = random.uniform(0.0, 2.5)
-        print(f"killed {moment:.2f} s after the second step")
+        started.wait_for(step)  # so that at least two steps are saved
         time.sleep(moment)
         started.kill()
     assert not (place / "killed" / "summary.json").exists()
@@ -148,6 +154,7 @@ def test_killed_while_it_wrote_a_checkpoint_it_goes_on_from_the_one_before(place
     assert not list((run / "checkpoints").glob(".partial*"))
 
 
+@pytest.mark.everyday("SIGTERM-ranks", "SIGUSR1-mpirun")
 @pytest.mark.parametrize(
     ("name", "to"), [("SIGTERM", "ranks"), ("SIGTERM", "mpirun"), ("SIGUSR1", "one rank"), ("SIGUSR1", "mpirun")]
 )
@@ -361,6 +368,7 @@ def test_checkpoints_serve_whatever_else_is_asked_of_the_run(changes: dict[str, 
     assert_history_goes_on(copy, position, done.stdout)
 
 
+@pytest.mark.everyday("changes0", "changes2")
 @pytest.mark.parametrize(
     "changes", [{"solver": {"strategy": "arc-length"}}, {"solver": {"strategy": "adaptive"}}, {"method": "anderson"}]
 )
@@ -382,7 +390,7 @@ PATH = 3  # steps of each state
 
 
 def weighed(x: float, y: float) -> list[dict[str, Any]]:
-    return [{"effect": "gravity", "acceleration": [x, y, 0], "density": 963}]
+    return [{"effect": "gravity", "acceleration": [x, y, 0], "density": DENSITY}]
 
 
 @pytest.fixture(scope="module")
@@ -472,7 +480,7 @@ def test_other_loads_of_a_state_are_refused(states: Path, tmp_path: Path) -> Non
     (run / "summary.json").unlink()
     text = (states.parent / "states.yaml").read_text()
     changed = tmp_path / "changed.yaml"
-    changed.write_text(text.replace("density: 963", "density: 900"))
+    changed.write_text(text.replace(f"density: {DENSITY}", "density: 900"))
     assert_refused(run, "--job", changed, because="states[0].effects[0].density: 963.0 -> 900.0")
 
 
@@ -488,6 +496,7 @@ def small_disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]
     subprocess.run(["umount", "-l", path], check=True)
 
 
+@pytest.mark.everyday("40k", "200k")
 def test_a_full_disk_is_told_where_a_checkpoint_is_written(small_disk: Path, tmp_path: Path) -> None:
     mesh = {**BLOCK["mesh"], "parameters": {"nx": 4, "ny": 4, "nz": 4}}
     fixed = {"strategy": "fixed", "steps": 3}

@@ -16,8 +16,7 @@ from typing import Any
 
 import pytest
 import yaml
-
-from tests.helpers.command_line import hpcinv
+from helpers.command_line import hpcinv
 
 SimpleITK = pytest.importorskip("SimpleITK")
 

@@ -201,6 +201,7 @@ runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 """
 
 
+@pytest.mark.everyday("SIGTERM-75-2", "SIGINT-130-0")
 @pytest.mark.parametrize("ranks", [0, 2])
 @pytest.mark.parametrize(("name", "code"), [("SIGTERM", 75), ("SIGINT", 130)])
 def test_a_signal_at_any_moment_of_the_start_ends_with_its_code(
@@ -259,12 +260,6 @@ def test_exit_code_0_from_code_of_a_job_is_no_success(where: str, ranks: int, tm
             "ends.py, line 2: os.execv has ended the process before the command was done",
         ),
         ("import sys\nsys.exit(0)\n", "cannot be imported: SystemExit: 0 (line 2)"),
-        ("import ctypes\nctypes.CDLL(None).exit(0)\n", "code of the job has ended the process with exit code 0"),
-        ("import ctypes\nctypes.CDLL(None)._exit(0)\n", "code of the job has ended the process with exit code 0"),
-        (
-            "import os\nos.kill(os.getpid(), 9)\n",
-            "SIGKILL has ended the process before the command was done",
-        ),
     ],
 )
 def test_a_plugin_that_ends_the_process_is_no_success_of_validate(
@@ -273,7 +268,7 @@ def test_a_plugin_that_ends_the_process_is_no_success_of_validate(
     (tmp_path / "ends.py").write_text(plugin)
     job = write_job(tmp_path / "job.yaml", CUBE, plugins=["ends.py"])
     ended = subprocess.run([*program, "validate", job], env=environment(), capture_output=True, text=True)
-    assert ended.returncode in (1, 2, 137), ended.stdout
+    assert ended.returncode in (1, 2), ended.stdout
     assert message in ended.stderr
     assert "Traceback" not in ended.stderr
 

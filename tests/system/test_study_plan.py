@@ -78,7 +78,7 @@ def series(**changes: Any) -> list[dict[str, Any]]:
         ({"beside": {"source": "x", "values": {"tip": {}}}}, "beside.values.tip: is not measured"),
         (
             {"beside": {"source": "x", "statistics": {"length": {"P2": {"avrage": 1.0}}}}},
-            "beside.statistics.length.P2.avrage: is no statistic. Did you mean 'average'?",
+            "beside.statistics.length.P2.avrage: is not a statistic. Did you mean 'average'?",
         ),
         ({"repeat": 0}, "repeat: must be at least 1, not 0"),
         (

@@ -83,7 +83,7 @@ def every_command(parser: argparse.ArgumentParser, names: tuple[str, ...] = ()) 
         yield from every_command(inner, (*names, name))
 
 
-@pytest.mark.parametrize("parser", every_command(_parser()))
+@pytest.mark.parametrize("parser", list(every_command(_parser())))
 def test_help_has_a_sentence_examples_and_a_page(parser: argparse.ArgumentParser) -> None:
     """`hpcinv.cli.help.add_command` makes such a parser."""
     assert re.fullmatch(r"[A-Z][^.]*(\.\S[^.]*)*\.", parser.description or ""), "one sentence"
@@ -151,7 +151,7 @@ def fragments() -> Iterator[Any]:
                 yield pytest.param(textwrap.dedent(block), bool(mark), id=f"{page.relative_to(ROOT)}:{number}")
 
 
-@pytest.mark.parametrize(("block", "has_files"), fragments())
+@pytest.mark.parametrize(("block", "has_files"), list(fragments()))
 def test_jobs_in_the_pages_are_valid(block: str, has_files: bool, tmp_path: Path) -> None:
     """A fragment is completed by a body of its own, and by families of fibres of the names that it refers to."""
     file = tmp_path / "job.yaml"

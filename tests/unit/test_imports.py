@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -147,3 +148,13 @@ def test_numpy_is_imported_with_one_thread_and_without_huge_pages(module: str) -
     command = [sys.executable, "-c", AT_IMPORT, module]
     done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
     assert done.stdout.split("\n")[0] == "1 0"
+
+
+def test_no_test_file_imports_from_another() -> None:
+    """What several test files need is in tests/helpers."""
+    tests = Path(__file__).parents[1]
+    for path in tests.rglob("test_*.py"):
+        imported = re.findall(
+            r"^\s*(?:from|import) +(?:tests\.|\w+\.)*(test_\w+|tests)\b", path.read_text(), re.MULTILINE
+        )
+        assert {*imported} <= {path.stem}, path

@@ -24,6 +24,7 @@ from hpcinv.job.job import Job, json_schema, parse
 from hpcinv.job.kind_of_file import is_study, is_sweep
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import laws
+from hpcinv.quantity.schema import problems_in
 from hpcinv.study.study_plan import load_study
 from hpcinv.sweep.sweep_plan import load_sweep
 
@@ -341,6 +342,49 @@ def test_all_mistakes_are_told_at_once(problems: Callable[[Edit], list[str]]) ->
         *("analysis", "mesh.parameters.size", "mesh.parameters.sizes", "material.c1", "material.c3"),
         *("effects[0].acceleration[2]", "effects[0].density", "supports[0].fix[0]", "solver.steps"),
     ]
+
+
+FAULTS_BETWEEN_SECTIONS: dict[str, dict[str, Any]] = {
+    "none": {},
+    "a name without definition": {"let": {}},
+    "a law that locks": {"discretisation": {"formulation": "displacement"}},
+    "an unknown load case": {"supports": [{"region": "a", "displacement": ["1 mm", 0, 0], "case": "b"}]},
+    "an unknown key": {"sensitivities": ["material.mu"]},
+    "an unknown quantity": {"accuracy": {"top": "1 mm"}},
+    "an unsuitable method": {"accuracy": {"tip": "1 mm"}, "method": "sellier"},
+    "effects and states": {"states": [{"name": "flat", "given": True, "supports": [{"region": "a", "fix": ["x"]}]}]},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("changes", FAULTS_BETWEEN_SECTIONS.values(), ids=FAULTS_BETWEEN_SECTIONS)
+def test_the_order_of_fields_changes_nothing(load: Loader, tmp_path: Path, changes: dict[str, Any]) -> None:
+    class Reversed(Job):
+        """A job whose fields are validated from the last to the first."""
+
+    Reversed.__pydantic_fields__ = dict(reversed(Job.model_fields.items()))
+    Reversed.model_rebuild(force=True)
+    beam = yaml.safe_load(BEAM) | {
+        "let": {"depth": "max(0, -y)"},
+        "material": {"law": "mooney-rivlin", "c1": "(1 + depth/(1 m))*1 kPa", "c2": 1, "d1": "incompressible"},
+        "quantities": [{"name": "tip", "of": "displacement", "at": [0, 0, 0]}],
+        "sensitivities": {"effects[0].density": "10 kg/m^3"},
+    }  # fmt: skip
+
+    def outcome(kind: type[Job]) -> Any:
+        try:
+            context = {"directory": tmp_path / "jobs", "untrusted": False}
+            return kind.model_validate(beam | changes, context=context).model_dump(mode="json")
+        except ValidationError as error:
+            return sorted(str(place) + text for place, text in problems_in(error))
+
+    assert next(iter(Reversed.model_fields)) == list(Job.model_fields)[-1]
+    assert outcome(Reversed) == outcome(Job)
+    assert isinstance(outcome(Job), dict) == (not changes), outcome(Job)
+
+
+def test_no_validator_reads_the_fields_before_its_own() -> None:
+    sources = Path(hpcinv.__file__).parent.rglob("*.py")
+    assert not [str(path) for path in sources if "info.data" in path.read_text(encoding="utf-8")]
 
 
 def test_an_effect_is_refused_in_a_direction_that_it_cannot_serve(

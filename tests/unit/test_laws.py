@@ -266,12 +266,15 @@ def test_coefficients_of_stress_along_a_line_are_those_of_the_energy(name: str) 
     for H0 in (0.4 * H1, np.zeros((3, 3))):
         leaves = np.zeros((1, 9, stored, LANES))
         leaves[0, :, :2] = np.stack([H0.ravel(), H1.ravel()], axis=1)[..., None]
-        kept, choices = np.empty((1, code.kept, stored, LANES)), np.empty((1, code.choices, LANES), dtype=np.int64)
+        kept, choices = (
+            np.empty((1, code.kept * stored + code.sums, LANES)),
+            np.empty((1, code.choices, LANES), dtype=np.int64),
+        )
         P = np.empty((1, 9, LANES))
         with mp.workdps(DIGITS):
             expected = reference.coefficients(H0, H1, stored)
         for order in range(stored):
-            sweep(1, stored, order, order, 1, leaves, inputs, kept, choices, P)
+            sweep(1, stored, max(order - 1, 0), order, 1, leaves, inputs, kept, choices, P)
             work = float(P[0, :, 0] @ H1.ravel())
             size = float(np.abs(P[0, :, 0] * H1.ravel()).sum())
             errors.append(abs(work - (order + 1) * float(expected[order + 1])) / size if size else 0.0)

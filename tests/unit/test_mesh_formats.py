@@ -42,7 +42,7 @@ except MeshError as error:
 
 def test_the_format_of_the_page_is_one_file(tmp_path: Path) -> None:
     """It is read without a change of another file, its regions are known without numpy, and bad input is refused."""
-    section = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## A mesh format\n")[2]
+    section = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## Add a mesh format\n")[2]
     (code, *_) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     shutil.copytree(ROOT / "hpcinv", tmp_path / "hpcinv", ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "hpcinv" / "formats" / "tets.py").write_text(code)

@@ -105,6 +105,7 @@ def test_a_liver_from_a_scan_runs(tmp_path: Path) -> None:
     assert 1e-3 < float(result.quantities["largest-displacement"]) < 0.05
 
 
+@pytest.mark.everyday("artery")
 @pytest.mark.parametrize("kind", ["artery", "ventricle"])
 def test_the_surfaces_of_a_wall_in_an_image_have_their_names(kind: str, tmp_path: Path) -> None:
     file = tmp_path / "job.yaml"

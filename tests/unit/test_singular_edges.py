@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.verification import box, job
 
+from hpcinv.certificate.discretisation_error import at_singular_fibres
 from hpcinv.certificate.singular_edges import SingularEdges, singular_edges
 from hpcinv.certificate.singular_limit import SingularLimit
 from hpcinv.certificate.wedge_exponents import SMOOTH, Hold, axial_exponent, plane_exponent
@@ -128,3 +129,25 @@ def test_fibres_that_wind_around_an_axis_are_singular_there(comm: MPI.Intracomm)
         assert cells == len(middles)
         if hexahedra:
             assert cells == (8 if axis == 0.5 else 2)
+
+
+@pytest.mark.parallel([1, 2])
+def test_quantities_at_singular_fibres_are_named(comm: MPI.Intracomm) -> None:
+    fibres = {"f": {"direction": ["-(Y - 0.5 m)", "X - 0.5 m", "0 m"], "given_on": "reference"}}
+    smooth = {"f": {"direction": ["1 m", "X", "0 m"], "given_on": "reference"}}
+    for hexahedra, direction in itertools.product((False, True), (fibres, smooth)):
+        its = job(
+            material={"law": "neo-hookean", "mu": 1.0, "lam": 1.0},
+            mesh=box((4, 4, 2), hexahedra=hexahedra),
+            supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
+            effects=[{"effect": "active-stress", "fibre": "f", "stress": 1.0}],
+            fibres=direction,
+            quantities=[
+                {"name": "tip", "of": "uz", "at": [0.5, 0.5, 1.0]},
+                {"name": "side", "of": "uz", "at": [0.9, 0.5, 1.0]},
+                {"name": "top", "of": "uz", "on": "z1", "reduce": "mean"},
+            ],
+        )
+        body = build_body(its.mesh, its.regions, comm, resolve=its.resolve)
+        names = at_singular_fibres(its.quantities, body, singular_edges(its, body))
+        assert names == (("tip",) if direction is fibres else ())

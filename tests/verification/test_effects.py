@@ -100,7 +100,7 @@ def test_tangent_is_the_derivative_of_the_residual(
     equilibrium.destroy()
 
 
-@pytest.mark.everyday("pressure", "prestrain", "growth")
+@pytest.mark.everyday("2-pressure", "prestrain", "growth")
 @pytest.mark.parallel([1, 2])
 @of_every_effect
 def test_there_and_back(name: str, comm: MPI.Intracomm) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from helpers import silicone_beam
 from helpers import thick_cylinder as cylinder
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, hpcinv, write_job
@@ -122,11 +123,8 @@ def test_the_error_of_straight_cells_that_turn(
         return package.run(
             job(
                 analysis="forward",
-                mesh={"file": "../meshes/pdms_beam.py", "parameters": {"size": size}, "geometry_degree": geometry},
-                material={"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 7.965272689e8},
-                effects=[{"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 963}],
-                supports=[{"region": "clamp", "fix": ["x", "y", "z"]}],
-                quantities=[{"name": "tip", "of": "norm(ux, uy, uz)", "at": [0.182, 0, 0]}],
+                **silicone_beam.beam(size, geometry),
+                quantities=[silicone_beam.TIP],
                 discretisation={"displacement": degree},
                 certificate=certificate,
             ),

@@ -18,9 +18,10 @@ LAWS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parallel([1, 2])
 def test_bent_block_keeps_its_volume_and_comes_back(comm: MPI.Intracomm) -> None:
-    for law, material in LAWS.items():
+    for number, (law, material) in enumerate(LAWS.items()):
         for hexahedra in (False, True):
-            for first in ("inverse", "forward"):
+            # On several ranks one direction first: each law and each kind of cells has both.
+            for first in ("inverse", "forward") if comm.size == 1 else (("inverse", "forward")[number ^ hexahedra],):
                 mesh = box((4, 2, 2), lx=2.0, hexahedra=hexahedra) | {"geometry_degree": 2}
                 result = hpcinv.run(
                     job(

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import silicone_beam
 from helpers.verification import job
 from petsc4py import PETSc
 
@@ -22,10 +23,7 @@ def beam(comm: MPI.Intracomm, *, direction: str = "forward", load: float = 1.0, 
     return hpcinv.run(
         job(
             analysis=direction,
-            mesh={"file": "../meshes/pdms_beam.py", "parameters": {"size": "4 mm"}, "geometry_degree": 2},
-            material={"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 7.965272689e8},
-            effects=[{"effect": "gravity", "acceleration": [0, -9.81 * load, 0], "density": 963}],
-            supports=[{"region": "clamp", "fix": ["x", "y", "z"]}],
+            **silicone_beam.beam(load=load),
             solver=solver,
         ),
         comm,
@@ -51,7 +49,7 @@ def test_reuse_and_steps_do_not_change_the_answer(direction: str, comm: MPI.Intr
     default = beam(comm, direction=direction)
     careful = beam(comm, direction=direction, strategy="fixed", steps=10, reuse_tangent=False)
     assert default.solutions[0].factorizations * 3 < careful.solutions[0].factorizations
-    assert np.abs(default.shape - careful.shape).max() < 1e-10 * 0.182
+    assert np.abs(default.shape - careful.shape).max() < 1e-10 * silicone_beam.LENGTH
 
 
 def test_step_that_would_turn_too_far_is_shortened_beforehand(comm: MPI.Intracomm) -> None:
@@ -60,7 +58,7 @@ def test_step_that_would_turn_too_far_is_shortened_beforehand(comm: MPI.Intracom
     assert solves[0].load < 1.0
     assert all(s.outcome.accepted for s in solves)
     small_steps = beam(comm, load=2.0, initial_step=0.05)
-    assert np.abs(result.shape - small_steps.shape).max() < 1e-10 * 0.182
+    assert np.abs(result.shape - small_steps.shape).max() < 1e-10 * silicone_beam.LENGTH
 
 
 def test_step_is_cut_where_newton_fails_and_the_load_is_still_reached(comm: MPI.Intracomm) -> None:
@@ -97,10 +95,7 @@ def test_slender_beam_of_stiff_volume_needs_no_rescue(comm: MPI.Intracomm) -> No
     result = hpcinv.run(
         job(
             analysis="forward",
-            mesh={"file": "../meshes/pdms_beam.py", "parameters": {"size": "4 mm"}, "geometry_degree": 2},
-            material={"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 2.5e10},
-            effects=[{"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 963}],
-            supports=[{"region": "clamp", "fix": ["x", "y", "z"]}],
+            **silicone_beam.beam() | {"material": silicone_beam.MATERIAL | {"d1": 2.5e10}},
             discretisation={"formulation": "displacement"},
         ),
         comm,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import silicone_beam
+from helpers.silicone_beam import C1, C2, DENSITY, DIAMETER, GRAVITY, LENGTH
 from helpers.verification import HERE, job
 
 import hpcinv
@@ -11,19 +13,9 @@ from hpcinv.mesh import reorder_to_source
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 
-LENGTH, DIAMETER = 0.182, 0.0085
-C1, C2, D1, DENSITY, GRAVITY = 101709.668, 151065.460, 7.965272689e8, 963.0, 9.81
-
 
 def beam(size: str, comm: MPI.Intracomm, **changes: object) -> Result:
-    data = {
-        "analysis": "forward",
-        "mesh": {"file": "../meshes/pdms_beam.py", "parameters": {"size": size}, "geometry_degree": 2},
-        "material": {"law": "mooney-rivlin", "c1": C1, "c2": C2, "d1": D1},
-        "effects": [{"effect": "gravity", "acceleration": [0, -GRAVITY, 0], "density": DENSITY}],
-        "supports": [{"region": "clamp", "fix": ["x", "y", "z"]}],
-        "quantities": [{"name": "tip", "of": "norm(ux, uy, uz)", "at": [LENGTH, 0, 0]}],
-    }
+    data = silicone_beam.beam(size) | {"analysis": "forward", "quantities": [silicone_beam.TIP]}
     return hpcinv.run(job(**data | changes), comm)
 
 

@@ -180,7 +180,7 @@ def tensors(points: np.ndarray) -> np.ndarray:
 FORMULAS = [["1 + 0.1*x/(1 m)", "0.05*z/(1 m)", 0], [0, "1 - 0.1*y/(1 m)", 0], [0, 0, "1 + 0.05*x/(1 m)"]]
 
 
-@pytest.mark.parallel([1, 2, 3])
+@pytest.mark.parallel([1, 2])
 def test_data_of_the_mesh_are_the_formula_that_they_come_from(run_directory: Path, comm: MPI.Intracomm) -> None:
     """Curved bodies of quadratic cells, there and back: data belong to the points of the material."""
     file = run_directory / "block.vtu"
@@ -388,13 +388,14 @@ def ring(direction: str, pressure: float, divisions: int, comm: MPI.Intracomm) -
     return np.abs(errors)
 
 
-@pytest.mark.parallel([1, 2, 3])
+@pytest.mark.parallel([1, 2])
 def test_a_ring_that_was_closed_has_its_residual_stress(comm: MPI.Intracomm) -> None:
     """Without pressure, where nothing moves and only stress is left, and with it, in both directions."""
     assert ARTERY.hoop_stress(AT_REST, AT_REST, 0.0) < -0.4
     assert ARTERY.hoop_stress(AT_REST, ARTERY.outer(AT_REST), 0.0) > 0.2
     for direction in ("forward", "inverse"):
-        for pressure in (0.0, 0.2):
+        # On several ranks, one pressure in each direction.
+        for pressure in (0.0, 0.2) if comm.size == 1 else (0.0,) if direction == "forward" else (0.2,):
             errors = np.array([ring(direction, pressure, n, comm) for n in ((3, 6) if comm.size == 1 else (3,))])
             if comm.rank == 0:
                 print(f"{direction}, {pressure} Pa, {comm.size} ranks: errors of radii and stress {digits(errors)}")

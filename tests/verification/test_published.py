@@ -70,8 +70,9 @@ def test_rows_are_judged_by_both_error_bars() -> None:
 
     limit = dataclasses.replace(read("cook")[0], comparison="limit", value="14.74", spread=0.01)
 
-    def row(tip: float, error: float | None, analysis: str = "forward", *, reliable: bool = True) -> Row:
-        estimate = None if error is None else {"quantities": {"tip": error}, "singular": {"reliable": reliable}}
+    def row(tip: float, error: float | None, analysis: str = "forward", *, reliable: bool = True, at: str = "") -> Row:
+        singular = {"singular": {"reliable": reliable}, "unreliable": [at]}
+        estimate = None if error is None else {"quantities": {"tip": error}} | singular
         summary = {
             "quantities": {"tip": tip},
             "certificate": {"estimate": estimate},
@@ -86,6 +87,7 @@ def test_rows_are_judged_by_both_error_bars() -> None:
     assert row(14.755e-3, -1e-5).verdict == "inside"  # by our own error
     assert row(14.745e-3, None).verdict == "not reliable"
     assert row(14.745e-3, 1e-8, reliable=False).verdict == "not reliable"
+    assert row(14.745e-3, 1e-8, at="tip").verdict == "not reliable"
     assert compare(limit, {"failure": "no solution"}).verdict == "failed"
     assert [row(14.745e-3, 1e-8, analysis).inverse for analysis in ("forward", "inverse")] == [False, True]
 

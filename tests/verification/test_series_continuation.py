@@ -79,3 +79,11 @@ def test_without_a_series_load_steps_are_taken(comm: MPI.Intracomm) -> None:
     solution = solved(comm, "series", analysis="forward", effects=[GRAVITY, contact])
     assert solution.solves[-1].outcome is Outcome.CONVERGED
     assert "power series" not in {solve.strategy for solve in solution.solves}
+
+
+def test_path_that_hardly_moves_is_straight(comm: MPI.Intracomm) -> None:
+    """Squares of its displacements are zero as numbers."""
+    solution = solved(comm, "series", analysis="forward", effects=[GRAVITY | {"acceleration": [0, -1e-300, 0]}])
+    (solve,) = solution.solves
+    assert solve.outcome.accepted
+    assert solve.strategy == "power series"

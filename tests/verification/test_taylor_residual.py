@@ -6,6 +6,8 @@ The truncated series is compared with the assembled residual: each order more mu
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -99,3 +101,72 @@ def test_effects_with_switches_have_no_series(name: str, comm: MPI.Intracomm) ->
     model = model_of("forward", "displacement", [name], comm)
     with pytest.raises(NotAnalytic, match="switch"):
         TaylorResidual(model.scene("forward"))
+
+
+@pytest.mark.parallel([1, 2])
+def test_taylor_arithmetic_is_derived_once(
+    comm: MPI.Intracomm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And again, where the record or the kernel of its inputs is not there any more, or is damaged."""
+    directory = Path(comm.bcast(str(tmp_path)))
+    options = {"cffi_extra_compile_args": ["-O0", "-g0"], "cache_dir": directory}
+    derivations = 0
+
+    def derive(*arguments: Any) -> Any:
+        nonlocal derivations
+        derivations += 1
+        return derived(*arguments)
+
+    derived = taylor_residual._derived
+    monkeypatch.setattr(taylor_residual, "_derived", derive)
+
+    def coefficients(names: list[str]) -> tuple[bool, list[np.ndarray]]:
+        """Whether Taylor arithmetic is derived in a new model, and its coefficients."""
+        model, before = model_of("inverse", "displacement", names, comm), derivations
+        deform(model.unknowns)
+        scene, values = model.scene("inverse"), []
+        system, taylor = System(scene, model.supports, Timings()), TaylorResidual(scene, options)
+        taylor.begin(2, 0.7)
+        for order in range(3):
+            taylor.put(order, model.unknowns.state.x.array / (order + 1), 0.3)
+            taylor.assemble(order, system.rhs)
+            values.append(system.rhs.array.copy())
+        return derivations > before, values
+
+    def damage() -> None:
+        for path in directory.glob("taylor_*.txt"):
+            path.write_bytes(path.read_bytes()[:-60] + bytes(60))
+
+    def forget(pattern: str) -> None:
+        for path in directory.glob(pattern):
+            path.unlink()
+
+    is_new, first = coefficients(["pressure"])
+    assert is_new
+    changes: list[tuple[bool, Callable[[], object]]] = [
+        (False, lambda: None),
+        (True, lambda: forget("libffcx_expressions_*.so")),
+        (True, lambda: forget("taylor_*.txt")),
+        (True, damage),
+        (False, lambda: None),
+    ]
+    for expected, change in changes:
+        comm.barrier()
+        if comm.rank == 0:
+            change()
+        comm.barrier()
+        is_new, again = coefficients(["pressure"])
+        assert is_new == expected
+        for a, b in zip(first, again, strict=True):
+            np.testing.assert_array_equal(a, b)
+    assert coefficients(["gravity"])[0]
+
+
+def test_reason_without_a_series_is_recorded(
+    comm: MPI.Intracomm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = {"cffi_extra_compile_args": ["-O0", "-g0"], "cache_dir": tmp_path}
+    for _ in range(2):
+        with pytest.raises(NotAnalytic, match="switch"):
+            TaylorResidual(model_of("forward", "displacement", ["contact"], comm).scene("forward"), options)
+        monkeypatch.setattr(taylor_residual, "_derived", None)  # the second time, nothing is derived

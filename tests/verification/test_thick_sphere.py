@@ -83,6 +83,7 @@ def test_the_job_that_comes_with_the_project(comm: MPI.Intracomm) -> None:
     assert quantities["outer-radius"] == pytest.approx(1.4686181, abs=3e-6)
 
 
+@pytest.mark.everyday("default")
 @pytest.mark.parametrize("solver", [{}, {"initial_step": 0.1}], ids=["default", "small steps"])
 def test_a_pressure_that_no_wall_carries_ends_with_a_diagnosis(solver: dict[str, float], comm: MPI.Intracomm) -> None:
     """A large step can lead to a wall that went through the centre, inside out, with det F > 0: it must not count."""

@@ -20,7 +20,6 @@ _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solut
 _ROOM = 0.8  # share of the memory that factors may take
 _KEPT = 4  # times the memory of multigrid, for which there must be room if it is kept
 _SLENDER = 15  # aspect ratio from which approximate minimum fill orders better than nested dissection
-_FEW_RANKS = 2  # up to which a single factorization with minimum fill was seen to be faster
 _WORTH_NESTED = 2.5  # least gain of nested iteration by the forecast, which is rough
 _TANGENTS: Mapping[Direction, int] = {"inverse": 3, "forward": 6}  # of slender bodies that turn far
 _OWN = frozenset({"ksp_type", "pc_type"})
@@ -91,11 +90,6 @@ class Chooser:
     def can_factorize_symmetric(self) -> bool:
         """True if there is memory for the factors L D Lᵀ, which need half of that."""
         return self.forecast.factors / 2 <= self.room
-
-    @property
-    def one_factorization_has_minimum_fill(self) -> bool:
-        """True if approximate minimum fill, which is found sooner than METIS's ordering, pays in a single one."""
-        return self._is_slender and self._ranks <= _FEW_RANKS
 
     @property
     def can_keep_multigrid(self) -> bool:

@@ -84,6 +84,7 @@ def correction(equilibrium: Equilibrium, *, precise: bool) -> tuple[PETSc.Vec, i
     return x, equilibrium.linear.take_iterations()
 
 
+@pytest.mark.everyday("slender-inverse", "chunky-forward")
 @pytest.mark.parallel([2])
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 @pytest.mark.parametrize("body", ["chunky", "slender"])

@@ -12,6 +12,7 @@ from hpcinv.errors import SolveError
 from hpcinv.job.job import Job
 from hpcinv.parallel.runtime import MPI
 
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 both_ways = pytest.mark.parametrize("analysis", ["inverse", "forward"])
 
 

@@ -11,13 +11,12 @@ from dolfinx import fem
 from dolfinx.fem.petsc import LinearProblem
 from helpers.beam_theory import curled_axis, sagging_tip
 from helpers.hard_case import effort, solve
+from helpers.silicone_beam import C1, C2, DENSITY, DIAMETER, GRAVITY, LENGTH
 
 from hpcinv.model.spaces import Unknowns
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 
-LENGTH, DIAMETER = 0.182, 0.0085
-C1, C2, DENSITY, GRAVITY = 101709.668, 151065.460, 963.0, 9.81
 MU = 2 * (C1 + C2)
 PER_LENGTH = DENSITY * GRAVITY * np.pi * DIAMETER**2 / 4  # N/m
 BENDING = np.pi * DIAMETER**4 / 64  # second moment of the section

@@ -11,6 +11,7 @@ from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE
 from helpers.command_line import hpcinv as command
 from helpers.hard_case import JOBS, effort, fail, solve
+from helpers.silicone_beam import C1, C2, DIAMETER, GRAVITY, LENGTH, weight
 
 from hpcinv.certificate import Line, Verdict
 from hpcinv.output.result import Result
@@ -108,7 +109,7 @@ def test_a_coil_that_passes_through_itself_is_told(comm: MPI.Intracomm) -> None:
 
 
 def test_half_a_turn_does_not_overlap(comm: MPI.Intracomm) -> None:
-    half = {"effect": "gravity", "acceleration": [0, -2 * 9.81, 0], "density": 963}
+    half = weight(2.0)
     result = solve("coil-through-itself", comm, effects=[half], certificate=NO_CERTIFICATE | {"overlap": True})
     assert finding(result, "boundary facets").verdict is Verdict.PASS
 
@@ -119,8 +120,8 @@ def test_half_a_turn_does_not_overlap(comm: MPI.Intracomm) -> None:
 @pytest.mark.parametrize(("share", "unstable"), [(0.95, 0), (1.05, 2), (6.9, 2), (7.5, 4)])
 def test_a_column_higher_than_can_stand_is_told(share: float, unstable: int, comm: MPI.Intracomm) -> None:
     """Greenhill: it falls at ``q L³/(E I) = 7.8373``; its second mode is at 55.98, 7.14 times as much."""
-    stiffness = 3 * 2 * (101709.668 + 151065.460) * 8.5e-3**2 / 16
-    density = share * 7.8373 * stiffness / (9.81 * 0.182**3)
+    stiffness = 3 * 2 * (C1 + C2) * DIAMETER**2 / 16
+    density = share * 7.8373 * stiffness / (GRAVITY * LENGTH**3)
     load = {"effect": "gravity", "acceleration": [-9.81, 0, 0], "density": density}
     result = solve("standing-beam", comm, effects=[load], certificate=NO_CERTIFICATE | {"stability": True})
     line = finding(result, "stability")
