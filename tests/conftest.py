@@ -54,7 +54,7 @@ def is_tested_on_more_ranks(item: pytest.Item) -> bool:
     ranks = [mark.args[0] for mark in item.iter_markers("parallel") if mark.args and isinstance(mark.args[0], list)]
     # The markers that tell `ranks_of` are not attached yet.
     here = getattr(item, "callspec", None)
-    return here is not None and any(here.params.get("_nprocs", max(of)) < max(of) for of in ranks)
+    return here is not None and any(here.params.get("_nprocs", max(allowed)) < max(allowed) for allowed in ranks)
 
 
 def is_left_for_a_release(item: pytest.Item) -> bool:

@@ -198,7 +198,7 @@ def test_damaged_ones_never_push_out_one_that_is_whole(three: Checkpoints, meshe
     assert [p.name for p in sorted(three.directory.iterdir())] == ["0002", "0004"]
 
 
-def test_what_was_left_half_written_is_not_read_and_goes(three: Checkpoints) -> None:
+def test_half_written_checkpoints_are_ignored_and_removed(three: Checkpoints) -> None:
     partial = three.directory / ".partial-0004"
     shutil.copytree(newest(three), partial)
     restart = three.latest()

@@ -99,9 +99,9 @@ def test_moduli_of_straight_cells_at_rest_serve_finer_spaces(
     model = model_of(data, comm)
     finer = Equations(one_degree_more(model.job), model.body, Timings())
     direction = model.job.directions[0]
-    for one in (model, finer):
-        one.unknowns.state.x.array[:] = 0.0
-        one.scene(direction).parameters.set_load(0.7)
+    for equations in (model, finer):
+        equations.unknowns.state.x.array[:] = 0.0
+        equations.scene(direction).parameters.set_load(0.7)
     system = System(finer.scene(direction), finer.supports, Timings())
     system.linearise(0.7)
     x, y = system.matrix.createVecs()

@@ -76,7 +76,7 @@ def test_polynomials_of_the_space_are_transferred_to_rounding_errors(
     assert places.distance.max(initial=0.0) < (0.1 if case == "flat cells" else 1e-9 if geometry == 1 else 0.2)
 
 
-def test_points_far_outside_are_told(comm: MPI.Intracomm, meshes: Path) -> None:
+def test_points_far_outside_are_reported(comm: MPI.Intracomm, meshes: Path) -> None:
     body = build_body(spec(meshes / "pdms_beam.py", parameters=BEAM | {"size": "4 mm"}, geometry_degree=2), {}, comm)
     cells = GatheredCells(body.mesh, body.length_scale)
     assert (cells.find(np.array([[0.1, 0.0, 0.0], [0.0, 1.0, 0.0]])).distance > FARTHEST).all()

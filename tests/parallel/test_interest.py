@@ -86,7 +86,7 @@ def test_points_and_regions_have_the_values_of_the_formulas(comm: MPI.Intracomm,
 
 
 @pytest.mark.parallel([2])
-def test_quantities_that_the_body_does_not_have_are_told_on_all_ranks_before_the_solve(
+def test_quantities_that_the_body_does_not_have_are_reported_on_all_ranks_before_the_solve(
     comm: MPI.Intracomm, meshes: Path
 ) -> None:
     body = build_body(spec(meshes / "box.py", parameters={"lx": "8 mm", "nx": 3}), {}, comm)

@@ -171,15 +171,15 @@ def test_a_pressure_comes_from_the_same_layer_of_another_mesh(way: str, comm: MP
     """At the interface each side gets its own value."""
     models = []
     for pieces in (2, 4):
-        one = lying(pieces, comm, hexahedra=False)
-        body = build_body(one.mesh, one.regions, comm, resolve=one.resolve)
-        models.append(Equations(one, body, Timings()))
+        wall = lying(pieces, comm, hexahedra=False)
+        body = build_body(wall.mesh, wall.regions, comm, resolve=wall.resolve)
+        models.append(Equations(wall, body, Timings()))
     coarse, model = models
     expected = []
-    for one in models:
-        layers = one.unknowns.layers
+    for equations in models:
+        layers = equations.unknowns.layers
         assert layers is not None
-        expected.append(filled(one.unknowns.pressure_space, layers))
+        expected.append(filled(equations.unknowns.pressure_space, layers))
     coarse.put_fields((coarse.state().displacement, expected[0]))
     if way == "accuracy":
         guess = guess_from(solution_of(coarse, "forward", coarse.scene("forward"), ()), coarse.body, model)
@@ -189,18 +189,18 @@ def test_a_pressure_comes_from_the_same_layer_of_another_mesh(way: str, comm: MP
         guess = transferred
     assert guess.pressure is not None
     np.testing.assert_allclose(guess.pressure, expected[1].x.array, rtol=0, atol=1e-9)
-    for one in models:
-        one.destroy()
+    for equations in models:
+        equations.destroy()
 
 
 @pytest.mark.parallel([1, 2])
 def test_iterations_find_what_factors_find(comm: MPI.Intracomm) -> None:
-    found = []
+    fields = []
     for linear in ("direct", "iterative"):
         solved = Solved(lying(2, comm, hexahedra=True, solver={"linear": linear}), comm)
         u, p = solved.model.unknowns.u, solved.model.unknowns.p
-        found.append([solved.integral(p**2), solved.integral(ufl.inner(u, u))])
-    assert found[0] == pytest.approx(found[1], rel=1e-6)
+        fields.append([solved.integral(p**2), solved.integral(ufl.inner(u, u))])
+    assert fields[0] == pytest.approx(fields[1], rel=1e-6)
 
 
 def test_layers_that_become_the_same_are_one_again(comm: MPI.Intracomm) -> None:

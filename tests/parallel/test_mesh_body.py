@@ -124,7 +124,7 @@ def test_regions_hold_the_same_entities_on_any_number_of_ranks(
 
 
 @pytest.mark.parallel([1, 2, 3])
-def test_what_is_written_is_read_back_bit_for_bit(comm: MPI.Intracomm, meshes: Path, run_directory: Path) -> None:
+def test_written_meshes_are_read_back_bit_for_bit(comm: MPI.Intracomm, meshes: Path, run_directory: Path) -> None:
     cases = (
         ("pdms_beam.py", {"size": "4 mm"}, 2),
         ("box.py", {"hexahedra": True}, 2),

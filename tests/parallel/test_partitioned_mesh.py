@@ -314,7 +314,7 @@ def test_a_mesh_that_cannot_be_written_leaves_nothing(comm: MPI.Intracomm, meshe
     assert build_body(spec(run_directory / "one.bp"), {}, MPI.COMM_SELF).partition.method == "parts"
 
 
-def test_what_a_partitioned_mesh_cannot_is_said_when_the_job_is_read(meshes: Path, tmp_path: Path) -> None:
+def test_limits_of_partitioned_meshes_are_reported_when_the_job_is_read(meshes: Path, tmp_path: Path) -> None:
     assert main(["mesh", "partition", str(meshes / "box.py"), str(tmp_path / "box.bp"), "--parts", "2"]) == 0
     mesh = {"file": "box.bp"}
     other = {"file": str(meshes / "box.py")}

@@ -69,18 +69,18 @@ def result(comm: MPI.Intracomm) -> Result:
 
 def read(group: h5py.Group) -> dict[str, Any]:
     """The content of a group as the summary has it."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for name, value in group.attrs.items():
-        found[name] = None if isinstance(value, h5py.Empty) else value.item() if hasattr(value, "item") else value
+        values[name] = None if isinstance(value, h5py.Empty) else value.item() if hasattr(value, "item") else value
     for name, value in group.items():
         if isinstance(value, h5py.Group):
             content = read(value)
-            found[name] = list(content.values()) if "0" in content else content
+            values[name] = list(content.values()) if "0" in content else content
         elif value.dtype.names:
-            found[name] = [dict(zip(value.dtype.names, row.tolist(), strict=True)) for row in value[()]]
+            values[name] = [dict(zip(value.dtype.names, row.tolist(), strict=True)) for row in value[()]]
         else:
-            found[name] = value[()].tolist()
-    return found
+            values[name] = value[()].tolist()
+    return values
 
 
 def same(a: Any, b: Any) -> bool:

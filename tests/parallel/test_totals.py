@@ -101,7 +101,7 @@ def test_loads_that_cancel_have_no_resultant() -> None:
         ),
     ],
 )
-def test_what_looks_like_a_mistake_in_a_unit_is_told_unless_it_is_meant(job: dict[str, Any], text: str) -> None:
+def test_probable_unit_mistakes_are_warned_of_unless_confirmed(job: dict[str, Any], text: str) -> None:
     assert any(text in warning for warning in totals(MPI.COMM_SELF, **job).warnings)
     assert totals(MPI.COMM_SELF, **job, output={"unit_warnings": False}).warnings == ()
 
@@ -119,7 +119,7 @@ def test_moduli_that_are_meant_are_not_told(material: dict[str, Any]) -> None:
 
 
 @pytest.mark.parallel([2])
-def test_loads_that_vanish_in_floating_point_numbers_are_told(comm: MPI.Intracomm) -> None:
+def test_loads_that_vanish_in_floating_point_numbers_are_reported(comm: MPI.Intracomm) -> None:
     def stiff(young: float, **changes: Any) -> dict[str, Any]:
         return block(0.1, material={"law": "neo-hookean", "young": young, "poisson": 0.4}, **changes)
 
@@ -129,7 +129,7 @@ def test_loads_that_vanish_in_floating_point_numbers_are_told(comm: MPI.Intracom
     assert totals(comm, **stiff(1e300, effects=[])).warnings == ()
 
 
-def test_a_body_that_hardly_moves_is_told_at_the_end(tmp_path: Path) -> None:
+def test_a_body_that_hardly_moves_is_reported_at_the_end(tmp_path: Path) -> None:
     """On screen, quiet or not, in the summary and in the log; it changes neither verdict nor exit code."""
     job = write_job(tmp_path / "stiff.yaml", block(0.1, material={"law": "neo-hookean", "young": 3e9, "poisson": 0.4}))
     done = hpcinv(1, "run", job, "--output", "run", "--strict", "-q", cwd=tmp_path)

@@ -94,7 +94,9 @@ def test_the_iterations_find_the_correction(name: str, comm: MPI.Intracomm, monk
     "name",
     ["sphere of straight tetrahedra", "cubic tetrahedra", "kept factors", "multigrid", "prescribed motion"],
 )
-def test_they_find_it_on_more_ranks(name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_iterations_find_the_correction_on_more_ranks(
+    name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
     compare(name, comm, monkeypatch)
 
 
@@ -199,7 +201,7 @@ def test_transfer_interpolates_and_its_transpose_is_one(
     u, p = degrees
     given, finer = Unknowns(mesh, u, p), Unknowns(mesh, u + 1, None if p is None else p + 1)
     transfer, random = Transfer(given, finer), np.random.default_rng(comm.rank)
-    x, r = (one.state.x.petsc_vec.duplicate() for one in (given, finer))
+    x, r = (level.state.x.petsc_vec.duplicate() for level in (given, finer))
     x.array[:], r.array[:] = random.normal(size=x.local_size), random.normal(size=r.local_size)
     x.copy(given.state.x.petsc_vec)
     given.state.x.scatter_forward()

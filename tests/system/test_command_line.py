@@ -56,7 +56,7 @@ def refused(done: subprocess.CompletedProcess[str], code: int, *texts: str) -> N
 
 
 @pytest.mark.parametrize("ranks", [1, 3])
-def test_every_error_in_a_job_is_told_once_and_nothing_is_left(ranks: int, tmp_path: Path) -> None:
+def test_every_error_in_a_job_is_reported_once_and_nothing_is_left(ranks: int, tmp_path: Path) -> None:
     write_job(
         tmp_path / "wrong.yaml",
         CUBE,
@@ -69,12 +69,12 @@ def test_every_error_in_a_job_is_told_once_and_nothing_is_left(ranks: int, tmp_p
     assert files_in(tmp_path) == before
 
 
-def test_a_job_that_is_not_there_is_told(tmp_path: Path) -> None:
+def test_a_job_that_is_not_there_is_reported(tmp_path: Path) -> None:
     refused(hpcinv(2, "run", "nowhere.yaml", cwd=tmp_path), 2, "nowhere.yaml")
     assert files_in(tmp_path) == set()
 
 
-def test_a_region_that_matches_nothing_is_told_before_anything_is_written(tmp_path: Path) -> None:
+def test_a_region_that_matches_nothing_is_reported_before_anything_is_written(tmp_path: Path) -> None:
     supports = [{"region": "clamp", "fix": ["x", "y", "z"]}]
     write_job(tmp_path / "job.yaml", CUBE, regions={"clamp": "x < -1 m"}, supports=supports)
     refused(hpcinv(3, "run", "job.yaml", "--output", "out", cwd=tmp_path), 2, "'clamp'")
@@ -124,13 +124,13 @@ def test_overwrite_never_removes_what_is_not_of_a_run(cube: Path, tmp_path: Path
     assert valuable.read_text() == "years of work"
 
 
-def test_an_output_that_cannot_be_a_directory_is_told(cube: Path, tmp_path: Path) -> None:
+def test_an_output_that_cannot_be_a_directory_is_reported(cube: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     refused(hpcinv(1, "run", cube, "--output", "file", cwd=tmp_path), 2, "file: is a file")
     refused(hpcinv(2, "run", cube, "--output", "file/run", cwd=tmp_path), 2, "cannot be written")
 
 
-def test_a_full_disk_is_told(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported(tmp_path: Path) -> None:
     """A limit on the size of files stands for it."""
     job = write_job(tmp_path / "job.yaml", CUBE, mesh=CUBE["mesh"] | {"parameters": {"nx": 6, "ny": 6, "nz": 6}})
     script = tmp_path / "limited.py"
@@ -148,14 +148,14 @@ def test_a_full_disk_is_told(tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "checkpoints" / "0001").exists()
 
 
-def test_another_number_of_ranks_than_asked_for_is_told(cube: Path, tmp_path: Path) -> None:
+def test_another_number_of_ranks_than_asked_for_is_reported(cube: Path, tmp_path: Path) -> None:
     refused(
         hpcinv(2, "run", cube, "--ranks", 3, cwd=tmp_path), 2, "--ranks 3 was requested, but the launcher started 2"
     )
     assert not (tmp_path / "results").exists()
 
 
-def test_what_is_no_run_cannot_be_resumed(tmp_path: Path) -> None:
+def test_directories_without_a_run_cannot_be_resumed(tmp_path: Path) -> None:
     refused(hpcinv(2, "resume", ".", cwd=tmp_path), 2, "is not the directory of a run")
 
 
@@ -182,7 +182,7 @@ def test_a_load_that_is_not_reached_ends_with_a_diagnosis(tmp_path: Path) -> Non
         ("raise MeshError('on one rank')", 2, "[rank 1] on one rank"),
     ],
 )
-def test_what_fails_on_one_rank_ends_all_within_seconds(
+def test_failure_on_one_rank_ends_all_within_seconds(
     action: str, code: int, text: str, cube: Path, tmp_path: Path
 ) -> None:
     script = tmp_path / "script.py"
@@ -194,7 +194,7 @@ def test_what_fails_on_one_rank_ends_all_within_seconds(
     assert text in done.stderr
 
 
-def test_what_fails_on_rank_0_in_a_task_of_its_own_ends_all(cube: Path, tmp_path: Path) -> None:
+def test_failure_in_a_task_of_rank_0_ends_all(cube: Path, tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(
         "import sys\nimport hpcinv.cli.run\nfrom hpcinv.__main__ import main\n"
@@ -221,7 +221,7 @@ def test_without_a_compiler_cached_kernels_run_and_new_ones_are_explained(cube: 
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
-def test_too_low_a_quadrature_is_told_once_and_nothing_is_left(ranks: int, tmp_path: Path) -> None:
+def test_too_low_a_quadrature_is_reported_once_and_nothing_is_left(ranks: int, tmp_path: Path) -> None:
     mesh = {**CUBE["mesh"], "parameters": {"nx": 1, "ny": 1, "nz": 1, "hexahedra": True}}
     write_job(tmp_path / "job.yaml", CUBE, mesh=mesh, discretisation={"quadrature": 3})
     refused(
@@ -307,7 +307,7 @@ def test_a_quantity_that_is_not_finite_costs_no_run_its_results(certificate: dic
     assert "bad: '1/(ux-ux)' has no finite value somewhere on 'block'; pole: '1/x' has no finite value" in line["note"]
 
 
-def test_a_body_that_a_contact_does_not_hold_is_told_with_file_and_state(tmp_path: Path) -> None:
+def test_a_body_that_a_contact_does_not_hold_is_reported_with_file_and_state(tmp_path: Path) -> None:
     """An obstacle holds the body along its normal in a forward solve; an inverse one knows the pressure alone."""
     obstacle = {"shape": "plane", "point": [0, 0, 1], "normal": [0, 0, -1]}
     layer = {"effect": "contact", "region": "z1", "stiffness": "1 kPa/mm", "stand_off": "1 mm", "obstacle": obstacle}

@@ -83,7 +83,7 @@ def test_the_meshes_that_are_damaged_here_are_right_otherwise(tmp_path: Path) ->
     ],
     ids=lambda value: "-".join(value) if isinstance(value, dict) else "",
 )
-def test_a_damaged_vtu_file_is_told(
+def test_a_damaged_vtu_file_is_reported(
     tmp_path: Path, changes: dict[str, str], message: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     faults = refused(tmp_path / "a.vtu", VTU.format(**IN_VTU | changes))
@@ -128,7 +128,7 @@ def test_a_header_that_ends_in_blanks_is_refused_at_once(tmp_path: Path) -> None
     ],
     ids=lambda value: "-".join(value) if isinstance(value, dict) else "",
 )
-def test_a_damaged_xdmf_file_is_told(
+def test_a_damaged_xdmf_file_is_reported(
     tmp_path: Path, changes: dict[str, str], message: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     import h5py
@@ -142,14 +142,14 @@ def test_a_damaged_xdmf_file_is_told(
     assert capfd.readouterr() == ("", "")  # nothing of HDF5's own
 
 
-def test_a_fingerprint_of_an_xdmf_mesh_without_its_numbers_is_told(tmp_path: Path) -> None:
+def test_a_fingerprint_of_an_xdmf_mesh_without_its_numbers_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "a.xdmf"
     path.write_text(XDMF.format(**IN_XDMF | {"format": "HDF", "nodes": "gone.h5:/a"}))
     with pytest.raises(MeshError, match=r"a.xdmf: .*gone.h5 cannot be read: No such file"):
         file_digest(path)
 
 
-def test_what_ends_gmsh_is_told(tmp_path: Path, meshes: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_crashes_of_gmsh_are_reported(tmp_path: Path, meshes: Path, capfd: pytest.CaptureFixture[str]) -> None:
     mesh = read_source(spec(meshes / "box.py"), meshes / "box.py")
     path = tmp_path / "a.msh"
     save(path, mesh, mesh.points)
@@ -191,14 +191,14 @@ def test_a_mesh_is_read_where_the_directory_of_kernels_is_refused(tmp_path: Path
     assert not list(kernels.iterdir())
 
 
-def test_an_msh_file_cut_anywhere_is_told_or_whole(tmp_path: Path) -> None:
+def test_an_msh_file_cut_anywhere_is_reported_or_whole(tmp_path: Path) -> None:
     path = write_msh22(tmp_path / "a.msh", TETRAHEDRON, [(4, 1, 1, (1, 2, 3, 4))], [(3, 1, "body")])
     lines = path.read_text().splitlines()
     for kept in range(3, len(lines) - 2, 3):
         refused(path, "\n".join(lines[:kept]))
 
 
-def test_a_changed_byte_of_a_partitioned_mesh_is_told_before_adios2_meets_it(tmp_path: Path, meshes: Path) -> None:
+def test_a_changed_byte_of_a_partitioned_mesh_is_reported_before_adios2_meets_it(tmp_path: Path, meshes: Path) -> None:
     """In a process of its own, since ADIOS2 does not survive it."""
     code = "import sys; from hpcinv.__main__ import main; sys.exit(main(sys.argv[1:]))"
     whole = tmp_path / "a.bp"

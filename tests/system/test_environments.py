@@ -40,7 +40,7 @@ def test_a_run_needs_no_home(home: str | None, tmp_path: Path) -> None:
     assert (tmp_path / "results" / "summary.json").exists()
 
 
-def test_options_of_dolfinx_that_cannot_be_read_are_told(tmp_path: Path) -> None:
+def test_options_of_dolfinx_that_cannot_be_read_are_reported(tmp_path: Path) -> None:
     words = hpcinv("run", TETRAHEDRON, "--output", "results")
     assert_refused(run(words, tmp_path, XDG_CONFIG_HOME="/dev/null"), 2, "/dev/null/dolfinx", "XDG_CONFIG_HOME")
     (tmp_path / "dolfinx_jit_options.json").write_text("{")
@@ -48,7 +48,7 @@ def test_options_of_dolfinx_that_cannot_be_read_are_told(tmp_path: Path) -> None
     assert not (tmp_path / "results").exists()
 
 
-def test_a_working_directory_that_was_removed_is_told(tmp_path: Path) -> None:
+def test_a_working_directory_that_was_removed_is_reported(tmp_path: Path) -> None:
     words = ["sh", "-c", 'mkdir gone; cd gone; rmdir ../gone; exec "$@"', "sh", *hpcinv("run", TETRAHEDRON)]
     assert_refused(run(words, tmp_path), 2, "the working directory cannot be used: No such file or directory")
 

@@ -86,7 +86,7 @@ def test_a_job_without_the_section_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.release
-def test_its_kernels_are_compiled_before(job: Path, tmp_path: Path) -> None:
+def test_kernels_of_identify_are_compiled_beforehand(job: Path, tmp_path: Path) -> None:
     done = hpcinv(1, "compile", job, "--cache", tmp_path / "kernels", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     before = set((tmp_path / "kernels").glob("*.so"))

@@ -77,14 +77,14 @@ def test_an_output_directory_that_cannot_be_is_refused(
     "code",
     ["raise KeyboardInterrupt", "raise GeneratorExit('away')", "raise SystemExit(0)", "raise BaseException", "1/0"],
 )
-def test_whatever_a_plugin_raises_is_reported_with_its_line(job: Path, code: str) -> None:
+def test_exceptions_of_a_plugin_are_reported_with_their_line(job: Path, code: str) -> None:
     (job.parent / "plugin.py").write_text(f"import sys\n{code}\n")
     message = refused(job, JOB + "plugins: [plugin.py]")
     assert f"{job}: plugins[0]: '{job.parent / 'plugin.py'}' cannot be imported: " in message
     assert "(line 2)" in message
 
 
-def test_what_a_law_of_a_plugin_raises_where_it_is_checked_is_reported_with_its_line(job: Path) -> None:
+def test_exceptions_in_the_check_of_a_plugin_law_are_reported_with_their_line(job: Path) -> None:
     (job.parent / "plugin.py").write_text(
         "from typing import ClassVar, Literal\n"
         "from hpcinv.effects.effect import Effect\n"
@@ -127,7 +127,7 @@ def test_output_that_cannot_be_written_or_is_closed_is_no_traceback() -> None:
     assert (process.returncode, errors) == (0, b"")
 
 
-def test_names_that_are_no_text_are_told(tmp_path: Path) -> None:
+def test_names_that_are_no_text_are_reported(tmp_path: Path) -> None:
     name = os.fsencode(tmp_path) + b"/\xff.yaml"
     with open(name, "w") as file:  # noqa: PTH123
         file.write(JOB)
@@ -164,7 +164,7 @@ def energy(formula: str) -> dict[str, Any]:
     ],
     ids=lambda text: text if isinstance(text, str) else "",
 )
-def test_formulas_and_numbers_beyond_all_bounds_are_told(job: Path, changes: dict[str, Any], message: str) -> None:
+def test_formulas_and_numbers_beyond_all_bounds_are_reported(job: Path, changes: dict[str, Any], message: str) -> None:
     contents = {
         "mesh": {"file": "m.msh"},
         "material": {"law": "neo-hookean", "mu": 1, "lam": 1},

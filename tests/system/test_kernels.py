@@ -157,11 +157,11 @@ def test_the_compiler_ends_with_its_run(job: Path, compiler: Path, tmp_path: Pat
 
 def commands() -> list[str]:
     """Command lines of all processes."""
-    found = []
+    commands = []
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         with contextlib.suppress(OSError):  # it has ended
-            found.append(path.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
-    return found
+            commands.append(path.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
+    return commands
 
 
 def truncate(kernel: Path) -> None:
@@ -221,7 +221,7 @@ runpy.run_module("hpcinv", run_name="__main__")
 """
 
 
-def test_a_full_disk_is_told(job: Path, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported(job: Path, tmp_path: Path) -> None:
     """A limit on the size of files stands in for it: the compiler fails, and does not say why."""
     script = tmp_path / "limited.py"
     script.write_text(LIMITED)
@@ -236,7 +236,7 @@ def test_a_full_disk_is_told(job: Path, tmp_path: Path) -> None:
     assert not list((tmp_path / "cache").rglob("*.so"))
 
 
-def test_a_cache_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+def test_a_cache_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "full").touch()
     reason = "(Not a directory|File exists)"
     with pytest.raises(kernel_files.NotWritten, match=rf"kernels cannot be written to .*: {reason}"):
@@ -277,7 +277,7 @@ def test_a_lock_is_of_one_kernel_and_is_waited_for_with_patience(tmp_path: Path)
         other.kill()
 
 
-def test_what_a_kill_while_publishing_left_is_removed_later(tmp_path: Path) -> None:
+def test_partly_published_kernels_are_removed_later(tmp_path: Path) -> None:
     old, new = tmp_path / ".k.so.here-1.partial", tmp_path / ".k.so.here-2.partial"
     for path in (old, new):
         path.touch()

@@ -79,9 +79,7 @@ def test_a_partitioned_mesh_is_in_metres_and_gathered_in_the_unit_it_came_from(t
     assert (wrong.returncode, "Write 'unit: in'" in wrong.stderr) == (2, True)
 
 
-def test_what_states_the_unit_is_no_obstacle_to_gmsh_and_what_states_none_is_taken_as_said(
-    meshes: Path, tmp_path: Path
-) -> None:
+def test_mesh_files_with_and_without_a_unit_line_are_read(meshes: Path, tmp_path: Path) -> None:
     body = build_body(spec(meshes / "box.py", unit="mm"), {}, MPI.COMM_SELF)
     path = tmp_path / "shape.msh"
     write_mesh(path, body, body.mesh.geometry.x * body.length_scale)

@@ -77,7 +77,7 @@ def test_the_package_that_factorizes_is_that_of_the_job_or_refused(
 
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize("number", [0, 6], ids=["at the beginning", "at the first tangent"])
-def test_the_message_is_told_once_and_no_directory_is_left(ranks: int, number: int, tmp_path: Path) -> None:
+def test_the_message_is_reported_once_and_no_directory_is_left(ranks: int, number: int, tmp_path: Path) -> None:
     solver, message = REFUSED[number]
     write_job(tmp_path / "job.yaml", CUBE, solver=solver)
     done = hpcinv(ranks, "run", "job.yaml", "--output", "out", cwd=tmp_path)

@@ -136,7 +136,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("page", list(pages()))
-def test_what_a_page_tells_to_type(page: Path, prepared: Path, tmp_path: Path) -> None:
+def test_commands_of_a_page_run(page: Path, prepared: Path, tmp_path: Path) -> None:
     directory = tmp_path / "reader"
     shutil.copytree(prepared, directory, symlinks=True)
     for line in BEFORE.get(page.name, ()):

@@ -157,7 +157,7 @@ FAULTS: dict[str, tuple[str, str]] = {
 }
 
 
-def test_what_is_wrong_in_a_file_is_reported_with_its_line(project: Path) -> None:
+def test_faults_in_a_plugin_file_are_reported_with_their_line(project: Path) -> None:
     expected = []
     for name, (text, told) in FAULTS.items():
         (project / "laws" / name).mkdir()
@@ -178,7 +178,7 @@ def test_what_is_wrong_in_a_file_is_reported_with_its_line(project: Path) -> Non
         assert re.match(rf"{re.escape(str(job))}: plugins\[0\]: {told}", line), line
 
 
-def test_it_is_told_once_on_two_ranks(project: Path) -> None:
+def test_plugin_fault_is_reported_once_on_two_ranks(project: Path) -> None:
     (project / "laws" / "gel.py").write_text("import nothing_of_that_name\n")
     done = hpcinv(2, "run", "jobs/gel.yaml", cwd=project)
     assert done.returncode == 2

@@ -64,7 +64,9 @@ def test_a_run_finds_every_kernel_that_was_compiled_for_it(compiled: tuple[Path,
     assert not (tmp_path / "own").exists()
 
 
-def test_what_lacks_in_a_read_only_directory_goes_to_the_users_own(compiled: tuple[Path, Path], tmp_path: Path) -> None:
+def test_kernels_missing_in_a_read_only_directory_go_to_the_users_cache(
+    compiled: tuple[Path, Path], tmp_path: Path
+) -> None:
     _, directory = compiled
     before = kernels(directory)
     other = {**EVERYTHING, "quantities": [{"name": "height", "of": "X*J", "on": "low", "reduce": "mean"}]}
@@ -78,7 +80,7 @@ def test_what_lacks_in_a_read_only_directory_goes_to_the_users_own(compiled: tup
     assert len(kernels(tmp_path / "fenics")) == 1
 
 
-def test_a_directory_that_cannot_be_is_told(tmp_path: Path) -> None:
+def test_a_directory_that_cannot_be_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     job = write_job(tmp_path / "job.yaml", CUBE)
     done = hpcinv(1, "run", job, cwd=tmp_path, HPCINV_KERNELS=str(tmp_path / "file" / "kernels"))

@@ -63,13 +63,13 @@ def test_a_changed_job_is_a_new_one(tmp_path: Path) -> None:
         ({"x y": 1}, r"block\.yaml: .*is not a key"),
     ],
 )
-def test_a_change_that_cannot_be_is_told(changes: dict[str, Any], told: str, tmp_path: Path) -> None:
+def test_a_change_that_cannot_be_is_reported(changes: dict[str, Any], told: str, tmp_path: Path) -> None:
     job = hpcinv.load(write_job(tmp_path / "block.yaml", BLOCK))
     with pytest.raises(JobError, match=told):
         job.with_(changes)
 
 
-def test_a_result_is_told_in_five_lines(comm: MPI.Intracomm) -> None:
+def test_a_result_is_reported_in_five_lines(comm: MPI.Intracomm) -> None:
     job = hpcinv.load({"job": "block", **BLOCK, "certificate": NO_CERTIFICATE})
     result = hpcinv.run(job, comm)
     lines = repr(result).splitlines()
@@ -124,7 +124,7 @@ def test_a_job_may_be_given_by_its_file_and_a_directory_as_text(
         hpcinv.run(BLOCK, comm, directory=5)  # type: ignore[arg-type]
 
 
-def test_quantities_have_units_and_pictures_are_told_in_one_line(comm: MPI.Intracomm) -> None:
+def test_quantities_have_units_and_pictures_are_reported_in_one_line(comm: MPI.Intracomm) -> None:
     quantities = [
         {"name": "top", "of": "uz", "at": [0.5, 0.5, 1]},
         {"name": "force", "of": "reaction", "region": "z0"},
@@ -144,7 +144,7 @@ def test_quantities_have_units_and_pictures_are_told_in_one_line(comm: MPI.Intra
 
 
 @pytest.mark.parametrize("key", [True, "true", "True"])
-def test_a_key_that_yaml_1_1_has_made_of_on_is_told(key: Any) -> None:
+def test_a_key_that_yaml_1_1_has_made_of_on_is_reported(key: Any) -> None:
     quantity = {"name": "area", "of": "1", "reduce": "integral", "over": "current"}
     given = BLOCK | {"quantities": [quantity | {key: "z1"}]}
     with pytest.raises(JobError, match=r"quantities\[0\]\.[Tt]rue: is what programs for YAML 1.1 make of the key 'on'"):

@@ -119,7 +119,9 @@ def test_a_directory_with_files_of_others_is_never_taken(job: Job, tmp_path: Pat
 
 
 @pytest.mark.parametrize("origin", ["", "{", "[]", '{"job": 3}'])
-def test_an_origin_that_cannot_be_read_is_told_and_can_be_overwritten(origin: str, job: Job, tmp_path: Path) -> None:
+def test_an_origin_that_cannot_be_read_is_reported_and_can_be_overwritten(
+    origin: str, job: Job, tmp_path: Path
+) -> None:
     directory = created(tmp_path / "run", job)
     (directory.path / "origin.json").write_text(origin)
     if origin != '{"job": 3}':

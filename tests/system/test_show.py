@@ -87,7 +87,7 @@ def test_all_states_of_a_run_are_drawn(tmp_path: Path) -> None:
         (["older"], "older: its summary does not have what a picture needs"),
     ],
 )
-def test_what_cannot_be_drawn_gets_one_message(arguments: list[object], message: str, tmp_path: Path) -> None:
+def test_invalid_show_arguments_get_one_message(arguments: list[object], message: str, tmp_path: Path) -> None:
     write_job(tmp_path / "wrong.yaml", BLOCK, supports=[{"region": "bottom", "fix": ["x", "y", "z"]}])
     (run_directory(tmp_path / "damaged", 2) / "surface.npz").write_bytes(b"PK\x03\x04")
     run_directory(tmp_path / "older", 2, job={"supports": []})

@@ -82,7 +82,7 @@ runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 """
 
 
-def test_a_signal_just_before_a_mesh_is_made_is_told_once(tmp_path: Path) -> None:
+def test_a_signal_just_before_a_mesh_is_made_is_reported_once(tmp_path: Path) -> None:
     job = meshing(tmp_path, "Python")
     (tmp_path / "sends.py").write_text(BEFORE_GMSH)
     ended = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=tmp_path / "sends.py")
@@ -281,7 +281,7 @@ def test_a_plugin_that_replaces_the_process_is_no_success_of_a_run(tmp_path: Pat
 
 
 @pytest.mark.parametrize(("command", "ranks"), [("run", 1), ("run", 2), ("validate", 1)])
-def test_a_lack_of_memory_is_told_without_a_traceback(command: str, ranks: int, tmp_path: Path) -> None:
+def test_a_lack_of_memory_is_reported_without_a_traceback(command: str, ranks: int, tmp_path: Path) -> None:
     """Of NumPy, in code of a job."""
     text = "import numpy as np\n\ndef build(gmsh):\n    raise MemoryError\n"
     (tmp_path / "large.py").write_text(text if command == "run" else "raise MemoryError\n")

@@ -176,7 +176,7 @@ def test_only_kernels_that_were_not_found_count_as_compiled(
     assert compiled == [True, False]
 
 
-def test_what_is_done_is_kept_and_a_changed_study_does_only_what_is_new(begin: Begin, tmp_path: Path) -> None:
+def test_changed_study_solves_only_its_new_runs(begin: Begin, tmp_path: Path) -> None:
     first = begin(plan(tmp_path, repeat=2), tmp_path)
     for _ in range(7):
         task = first.next()
@@ -399,7 +399,7 @@ def test_errors_against_the_finest_run_and_richardsons_limit(begin: Begin, tmp_p
         plan(tmp_path, repeat=1, reference={"richardson": "P3"})
 
 
-def test_there_is_no_order_where_more_than_the_mesh_varies(begin: Begin, tmp_path: Path) -> None:
+def test_no_order_is_given_where_more_than_the_mesh_varies(begin: Begin, tmp_path: Path) -> None:
     vary = {"mesh.parameters.nz": [1, 2, 4], "discretisation.displacement": [1, 2, 3]}
     series = [{"name": "all", "vary": vary}]
     with pytest.raises(JobError, match=r"reference\.all: richardson needs a series along which nothing but the mesh"):
@@ -415,7 +415,7 @@ def test_there_is_no_order_where_more_than_the_mesh_varies(begin: Begin, tmp_pat
     assert [row.size for row in rows] == pytest.approx([1, 0.5, 0.25])
 
 
-def test_a_series_of_meshes_that_does_not_refine_is_told(begin: Begin, tmp_path: Path) -> None:
+def test_a_series_of_meshes_that_does_not_refine_is_reported(begin: Begin, tmp_path: Path) -> None:
     def told(*cells: int) -> list[str]:
         directory = tmp_path / "-".join(map(str, cells))
         directory.mkdir()
@@ -721,17 +721,17 @@ def test_killed_at_random_moments_it_repeats_nothing_that_was_committed(place: P
 
 def test_two_allocations_share_a_study_and_both_show_the_same_table(place: Path) -> None:
     command = ("study", "long.yaml", "--output", "shared")
-    with Started(1, *command, cwd=place) as one, Started(1, *command, cwd=place) as other:
+    with Started(1, *command, cwd=place) as first, Started(1, *command, cwd=place) as other:
         while not list(place.glob("shared/store/ledger/*/[!.]*.claim-*")):
-            assert one.mpirun.poll() is None, one.text
+            assert first.mpirun.poll() is None, first.text
             time.sleep(0.01)
-        one.send(signal.SIGSTOP, one.ranks())  # so that it is not done before the other begins
+        first.send(signal.SIGSTOP, first.ranks())  # so that it is not done before the other begins
         other.wait_for("results in shared")
         time.sleep(1.0)
-        one.send(signal.SIGCONT, one.ranks())
-        assert one.exit_code() == 0, one.text
+        first.send(signal.SIGCONT, first.ranks())
+        assert first.exit_code() == 0, first.text
         assert other.exit_code() == 0, other.text
-    texts = one.text, other.text
+    texts = first.text, other.text
     executed = [re.findall(r"^\[\d+/\d+\] (.*): .* s", text, re.MULTILINE) for text in texts]
     assert all(executed), "each of them has had a share"
     assert sum(map(len, executed)) == len(kept(place / "shared"))
@@ -744,7 +744,7 @@ def test_two_allocations_share_a_study_and_both_show_the_same_table(place: Path)
         assert file["times"].shape == (2, 6)
 
 
-def test_a_wrong_study_is_told_once_and_leaves_nothing(place: Path) -> None:
+def test_a_wrong_study_is_reported_once_and_leaves_nothing(place: Path) -> None:
     wrong = STUDY | {"series": [{"name": "P2", "vary": {"mesh.parameters.nz": [1, "x"]}}]}
     (place / "wrong.yaml").write_text(yaml.safe_dump(wrong))
     done = hpcinv(2, "study", "wrong.yaml", cwd=place)

@@ -92,7 +92,7 @@ def series(**changes: Any) -> list[dict[str, Any]]:
         ({"job": "colum.yaml"}, "no such file. Did you mean 'column.yaml'?"),
     ],
 )
-def test_what_is_wrong_with_the_study_is_told(changes: dict[str, Any], expected: str, tmp_path: Path) -> None:
+def test_faults_of_a_study_are_reported(changes: dict[str, Any], expected: str, tmp_path: Path) -> None:
     [problem] = problems(tmp_path, **changes)
     assert expected in problem
 
@@ -126,12 +126,12 @@ def test_what_is_wrong_with_the_study_is_told(changes: dict[str, Any], expected:
         ),
     ],
 )
-def test_what_is_wrong_with_a_run_is_told_once(changes: dict[str, Any], expected: str, tmp_path: Path) -> None:
+def test_faults_of_a_study_run_are_reported_once(changes: dict[str, Any], expected: str, tmp_path: Path) -> None:
     [problem] = problems(tmp_path, **changes)
     assert expected in problem
 
 
-def test_everything_that_is_wrong_with_the_runs_is_told_before_any_begins(tmp_path: Path) -> None:
+def test_everything_that_is_wrong_with_the_runs_is_reported_before_any_begins(tmp_path: Path) -> None:
     series = [
         {"name": "sizes", "vary": {"mesh.parameters.nz": [1, "2 m", 4]}},
         {"name": "degrees", "vary": {"discretisation.displacement": [2, 9]}},

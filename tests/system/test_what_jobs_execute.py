@@ -208,7 +208,7 @@ def test_untrusted_jobs_execute_nothing(door: str, elsewhere: Path, marker: Path
     assert not marker.exists()
 
 
-def test_all_that_is_refused_is_told_at_once(elsewhere: Path, marker: Path, tmp_path: Path) -> None:
+def test_all_that_is_refused_is_reported_at_once(elsewhere: Path, marker: Path, tmp_path: Path) -> None:
     changes: dict[str, Any] = {}
     for sections, _, _ in DOORS.values():
         changes |= sections

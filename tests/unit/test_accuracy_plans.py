@@ -192,7 +192,7 @@ def test_an_estimate_that_sees_too_little_is_found_out(seen: float, order: float
 
 @pytest.mark.parametrize("order", [1.0, 2.0, 3.0])
 @pytest.mark.parametrize("sizes", [(1.0, 0.5), (1.0, 0.5, 0.4), (1.0, 0.8, 0.4, 0.3)])
-def test_what_the_estimate_does_not_see_is_told_by_other_meshes(order: float, sizes: Sequence[float]) -> None:
+def test_other_meshes_bound_a_misleading_estimate(order: float, sizes: Sequence[float]) -> None:
     trials = findings(lambda h: 1e-9 * h**3, sizes, unseen=lambda h: 0.01 * h**order)
     *_, last = judged(trials, min(order, 2.0))
     error = 0.01 * sizes[-1] ** order

@@ -318,7 +318,7 @@ def test_a_written_card_gives_the_law_back(program: ModuleType, name: str, volum
         (febio, '<!DOCTYPE a [<!ENTITY b "c">]><material/>', "entities"),
     ],
 )
-def test_what_has_no_counterpart_is_refused_by_name(program: ModuleType, text: str, message: str) -> None:
+def test_card_options_without_a_counterpart_are_refused_by_name(program: ModuleType, text: str, message: str) -> None:
     with pytest.raises(CardError, match=message):
         program.read(text)
 

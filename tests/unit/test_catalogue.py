@@ -92,5 +92,5 @@ def test_starting_values_of_rubber_follow_the_test_they_come_from(name: str) -> 
         return float(formula.evaluate(**{key: value for key, value in known.items() if key in formula.names}))
 
     for stretch, stress in ((1.24, 2.30), (1.9, 5.10), (3.02, 8.80)):
-        found = (energy(stretch + 1e-5) - energy(stretch - 1e-5)) / 2e-5
-        assert found == pytest.approx(stress * 98066.5, rel=0.3)
+        derivative = (energy(stretch + 1e-5) - energy(stretch - 1e-5)) / 2e-5
+        assert derivative == pytest.approx(stress * 98066.5, rel=0.3)

@@ -104,9 +104,9 @@ def test_absurd_sizes_are_refused_before_surfaces_are_meshed(
     path, began = generator(tmp_path, text), time.process_time()
     with pytest.raises(
         MeshError, match=r"cells expected, more than mesh\.maximum_cells allows \(10,000,000\)"
-    ) as found:
+    ) as caught:
         read_source(spec(path, parameters=parameters), path)
-    assert "raise mesh.maximum_cells" in found.value.advice
+    assert "raise mesh.maximum_cells" in caught.value.advice
     assert time.process_time() - began < 60  # their surfaces alone would take hours
 
 
@@ -129,7 +129,7 @@ def test_the_limit_is_the_jobs_and_holds_for_what_is_made_in_other_ways(tmp_path
         read_source(spec(by_hand, maximum_cells=1), by_hand)
 
 
-def test_a_mesh_to_be_partitioned_is_told_too_and_refused_where_it_is_absurd(tmp_path: Path) -> None:
+def test_a_mesh_to_be_partitioned_is_reported_too_and_refused_where_it_is_absurd(tmp_path: Path) -> None:
     path = generator(tmp_path, BALL)
     cut = hpcinv(1, "mesh", "partition", path, "ball.bp", "--parts", 2, cwd=tmp_path)
     told, done = cut.stdout.splitlines()

@@ -47,7 +47,7 @@ def test_balls_of_two_sizes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert pyvista.read(distances)["distance"] == pytest.approx(-1e-3, rel=0.05)
 
 
-def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
     """In a process of its own, whose files may have 20,000 bytes; VTK would crash."""
     body = ball(tmp_path / "ball.stl")
     code = (
@@ -95,7 +95,7 @@ def test_a_mesh_beside_a_surface(meshes: Path, tmp_path: Path) -> None:
         (["ball.stl", "ball.stl", "--to", "far.stl"], "far.stl: a surface with distances ends in .vtp"),
     ],
 )
-def test_bad_input_is_told(
+def test_bad_input_is_reported(
     arguments: list[str],
     fault: str,
     tmp_path: Path,

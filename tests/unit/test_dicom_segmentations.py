@@ -97,7 +97,7 @@ def test_segments_by_name_and_number(kind: str, tmp_path: Path) -> None:
         assert image.positions(positions[None])[0] * 1e3 == pytest.approx(expected)
 
 
-def test_faults_are_told(tmp_path: Path) -> None:
+def test_faults_are_reported(tmp_path: Path) -> None:
     path = write(tmp_path / "seg.dcm", masks())
     with pytest.raises(MeshError, match=r"has no segment 'Liwer'\. Did you mean 'Liver'"):
         read_labels(path, {"liver": ["Liwer"]}, 1e-3)

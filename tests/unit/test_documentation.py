@@ -118,12 +118,12 @@ def test_outputs_that_pages_show_are_of_scripts_and_tests_that_exist() -> None:
 
 def sweeps_and_studies() -> list[Any]:
     """Sweep and study files in all pages."""
-    found = []
+    blocks = []
     for page in PAGES:
         for number, block in enumerate(re.findall(r"^```yaml\n(.*?)^```", page.read_text(), re.M | re.S), start=1):
             if re.match(r"(sweep|study):", block):
-                found.append(pytest.param(block, id=f"{page.relative_to(ROOT)}:{number}"))
-    return found
+                blocks.append(pytest.param(block, id=f"{page.relative_to(ROOT)}:{number}"))
+    return blocks
 
 
 @pytest.mark.parametrize("block", sweeps_and_studies())

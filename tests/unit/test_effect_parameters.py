@@ -112,7 +112,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("effect", "message"), CASES, ids=[f"{e['effect']}{message[:50]}" for e, message in CASES])
-def test_what_has_no_meaning_is_refused_with_its_place(effect: dict[str, Any], message: str) -> None:
+def test_meaningless_effect_values_are_refused_with_their_place(effect: dict[str, Any], message: str) -> None:
     with pytest.raises(JobError) as caught:
         case(effect, load_cases=["first", "second"])
     (problem,) = caught.value.problems
@@ -165,7 +165,7 @@ def test_a_region_must_be_one_of_the_boundary(name: str, tmp_path: Path) -> None
     assert "two.msh: region 'between' has 1 facets inside the body\n  A surface load needs a region of" in inside
 
 
-def test_a_stretch_that_is_not_positive_somewhere_is_told_before_the_solve() -> None:
+def test_a_stretch_that_is_not_positive_somewhere_is_reported_before_the_solve() -> None:
     message = refused(case({"effect": "growth", "stretch": "1 - 2*X/(1 m)"}))
     assert "box.py: effects[0].stretch must be above 0, but is " in message
 
@@ -178,12 +178,12 @@ def test_a_stretch_that_is_not_positive_somewhere_is_told_before_the_solve() -> 
         {"coefficient": {"block": 1e-2}, "temperature_change": "-150 K * X/(1 m)"},
     ],
 )
-def test_heat_that_leaves_no_stretch_somewhere_is_told_before_the_solve(heat: dict[str, Any]) -> None:
+def test_heat_that_leaves_no_stretch_somewhere_is_reported_before_the_solve(heat: dict[str, Any]) -> None:
     message = refused(case({"effect": "thermal-expansion"} | heat))
     assert "box.py: effects[0]: the stretch 1 + alpha ΔT must be positive, but is -" in message
 
 
-def test_a_prestrain_that_inverts_somewhere_or_has_no_axes_is_told_before_the_solve() -> None:
+def test_a_prestrain_that_inverts_somewhere_or_has_no_axes_is_reported_before_the_solve() -> None:
     def prestrained(**data: Any) -> str:
         axes = {"tensor": ..., "given_on": ...} if "fibres" in data else {}
         fibres = FIBRES | {"other": {"direction": [2, "0*Y/(1 m)", 0], "given_on": "current"}}

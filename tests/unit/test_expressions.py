@@ -137,7 +137,7 @@ def test_a_check_refuses_mixed_dimensions_and_unknown_names(text: str, message: 
         "x\0",
     ],
 )
-def test_whatever_is_no_formula_is_refused(text: str) -> None:
+def test_invalid_formulas_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"formula|unknown|holds|takes|numbers|ambiguous"):
         Expression(text)
 

@@ -197,7 +197,7 @@ def test_conditions_that_share_facets_become_separate_groups(tmp_path: Path) -> 
     assert values[33, 2] == 2
 
 
-def test_what_has_no_counterpart_is_named(tmp_path: Path) -> None:
+def test_features_without_a_counterpart_are_named(tmp_path: Path) -> None:
     from benchmarks.published.febio.conversion import Unsupported, convert
     from hpcinv.cards.card import UnknownLaw
 

@@ -79,7 +79,7 @@ def test_parameters_of_a_gmsh_script_are_its_defined_constants(tmp_path: Path) -
         ("def build(gmsh, a: list[float]): ...", "'a' of build() is a list[float]; a job can give "),
     ],
 )
-def test_what_is_no_generator_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_invalid_generators_are_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "m.py"
     path.write_text(text)
     with pytest.raises(ValueError, match=re.escape(message)):

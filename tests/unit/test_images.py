@@ -98,7 +98,7 @@ def test_a_ball_has_its_volume_and_a_smooth_surface(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", [".nii", ".nrrd", ".mha"])
-def test_it_lies_where_the_header_says(ending: str, tmp_path: Path) -> None:
+def test_image_lies_where_the_header_says(ending: str, tmp_path: Path) -> None:
     """Turned by a quarter and mirrored, with an origin; voxels of three lengths."""
     voxels = np.zeros((20, 16, 12), dtype=np.int16)
     voxels[4:16, 4:12, 3:9] = 3
@@ -170,11 +170,11 @@ def test_voxels_of_64_bits_take_no_more_memory_than_one_copy(tmp_path: Path) -> 
     image = written(tmp_path / "large.mha", voxels)
     tracemalloc.start()
     try:
-        found = read_labels(image, {"a": [5_000_000_000]}, 1e-3, neighbours={"b": [0]})
+        labels = read_labels(image, {"a": [5_000_000_000]}, 1e-3, neighbours={"b": [0]})
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert found.volume(1) == pytest.approx(70**3 * 1e-9)
+    assert labels.volume(1) == pytest.approx(70**3 * 1e-9)
     assert peak < 1.7 * voxels.nbytes  # the array that was read, labels of 16 bits and a mask
 
 
@@ -206,7 +206,7 @@ def test_signals_reach_a_run_after_its_image_was_meshed(tmp_path: Path) -> None:
     assert received == [signal.SIGTERM]
 
 
-def test_small_holes_and_parts_are_told(tmp_path: Path) -> None:
+def test_small_holes_and_parts_are_reported(tmp_path: Path) -> None:
     voxels, said = ball(), list[str]()
     voxels[8, 8, 8] = 0  # a hole
     voxels[12:17, 12:17, 12:17] = 2  # a nodule, and one that is too small for cells
@@ -379,7 +379,7 @@ def many_islands() -> np.ndarray:
         (lambda: ball() * np.float32(0.5), "its values are not whole numbers"),
     ],
 )
-def test_what_cannot_be_meshed_is_told(voxels: Callable[[], np.ndarray], fault: str, tmp_path: Path) -> None:
+def test_unmeshable_images_are_reported(voxels: Callable[[], np.ndarray], fault: str, tmp_path: Path) -> None:
     with pytest.raises(MeshError) as told:
         meshed(written(tmp_path / "image.nii.gz", voxels()))
     assert fault in str(told.value)
@@ -447,12 +447,12 @@ def with_header(path: Path, *changes: tuple[str, int, tuple[float, ...]]) -> Pat
         ([("B", 123, (3,))], "too small or thin for cells of 4 mm"),  # in micrometres
     ],
 )
-def test_contradictory_headers_are_told(changes: list[Any], fault: str, tmp_path: Path) -> None:
+def test_contradictory_headers_are_reported(changes: list[Any], fault: str, tmp_path: Path) -> None:
     with pytest.raises(MeshError, match=fault):
         meshed(with_header(tmp_path / "image.nii.gz", ("h", 252, (1, 1)), *changes))
 
 
-def test_sheared_axes_are_told(tmp_path: Path) -> None:
+def test_sheared_axes_are_reported(tmp_path: Path) -> None:
     head = "type: uint8\ndimension: 3\nspace: left-posterior-superior\nsizes: 24 24 24\nspace origin: (0,0,0)\n"
     axes = "space directions: (1,0,0) (0.5,1,0) (0,0,1)\nencoding: raw\n\n"
     (tmp_path / "image.nrrd").write_bytes(f"NRRD0004\n{head}{axes}".encode() + ball().tobytes())
@@ -460,7 +460,7 @@ def test_sheared_axes_are_told(tmp_path: Path) -> None:
         meshed(tmp_path / "image.nrrd")
 
 
-def test_files_that_are_no_images_are_told(tmp_path: Path) -> None:
+def test_files_that_are_no_images_are_reported(tmp_path: Path) -> None:
     (tmp_path / "image.nii.gz").write_bytes(b"\x1f\x8b no image")
     with pytest.raises(MeshError, match="cannot be read as an image"):
         meshed(tmp_path / "image.nii.gz")
@@ -478,7 +478,7 @@ def test_files_that_are_no_images_are_told(tmp_path: Path) -> None:
         ({"labels": {"ball": 1, "core": [2, 1]}}, "mesh.labels.core: has the number 1, which 'ball' has too"),
     ],
 )
-def test_bad_sections_are_told(changes: dict[str, Any], fault: str, tmp_path: Path) -> None:
+def test_bad_sections_are_reported(changes: dict[str, Any], fault: str, tmp_path: Path) -> None:
     with pytest.raises((JobError, MeshError)) as told:
         meshed(written(tmp_path / "ball.nii.gz", ball()), **changes)
     assert fault in str(told.value)
@@ -620,7 +620,7 @@ def test_nodes_are_held_back_where_cells_would_be_inverted() -> None:
     )
 
     class Inside:
-        def nearest(self, points: np.ndarray, one: Any, other: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        def nearest(self, points: np.ndarray, inner: Any, outer: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
             is_corner = (np.sort(points, axis=1)[:, :2] == 0).all(axis=1) & (points.max(axis=1) != 0.5)
             return np.where(is_corner[:, None], points, 0.3), np.zeros_like(points)
 
@@ -650,7 +650,7 @@ def crossing() -> pyvista.PolyData:
         (pyvista.Sphere, {"labels": {"body": 1}}, "mesh.labels: is for segmented images only"),
     ],
 )
-def test_surfaces_that_cannot_be_meshed_are_told(
+def test_surfaces_that_cannot_be_meshed_are_reported(
     surface: Callable[[], pyvista.PolyData], mesh: dict[str, Any], fault: str, tmp_path: Path
 ) -> None:
     made = surface()

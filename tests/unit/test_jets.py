@@ -250,7 +250,7 @@ def test_the_order_of_a_remainder_tells_whether_it_has_a_kink(text: str, order: 
     assert Expression(text).apply({"y": y}, JET_FUNCTIONS, strains.number).order == order
 
 
-def test_what_vanishes_but_for_rounding_is_zero() -> None:
+def test_rounding_errors_of_coefficients_are_zero() -> None:
     literal = Coefficient.literal
     assert 0.1 * 3 - 0.3 != 0.0
     assert not literal(0.1) * literal(3.0) - literal(0.3)

@@ -264,7 +264,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("change", "message"), CASES, ids=[message[:60] for _, message in CASES])
-def test_each_mistake_is_told_by_its_place(
+def test_each_mistake_is_reported_by_its_place(
     problems: Callable[[Edit], list[str]], change: dict[str, Any], message: str
 ) -> None:
     faults = problems(lambda job: job.update(change))
@@ -295,7 +295,7 @@ def test_nested_iteration_needs_a_generator_and_no_search(problems: Callable[[Ed
 
 
 @pytest.mark.parametrize("key", ["mesh", "material"])
-def test_what_is_missing_is_reported_with_its_meaning(problems: Callable[[Edit], list[str]], key: str) -> None:
+def test_missing_keys_are_reported_with_their_meaning(problems: Callable[[Edit], list[str]], key: str) -> None:
     [problem] = problems(lambda job: job.pop(key))
     assert re.fullmatch(f"{key}: is needed: .{{20,}}", problem)
 
@@ -328,7 +328,7 @@ def test_junk_anywhere_ends_in_a_job_or_in_plain_words(load: Loader, tmp_path: P
         assert not [problem for problem in faults if JARGON.search(problem)]
 
 
-def test_all_mistakes_are_told_at_once(problems: Callable[[Edit], list[str]]) -> None:
+def test_all_mistakes_are_reported_at_once(problems: Callable[[Edit], list[str]]) -> None:
     def edit(job: dict[str, Any]) -> None:
         job["analysis"] = "backward"
         job["mesh"]["parameters"] = {"size": "1 s", "sizes": 1}
@@ -552,7 +552,7 @@ def test_long_lists_are_refused_before_anything_in_them_is_checked(problems: Cal
     ]
 
 
-def test_the_first_of_many_problems_are_told_and_the_others_counted(problems: Callable[[Edit], list[str]]) -> None:
+def test_the_first_of_many_problems_are_reported_and_the_others_counted(problems: Callable[[Edit], list[str]]) -> None:
     faults = problems(lambda j: j.update({f"unknown{i}": 1 for i in range(9000)}))
     assert len(faults) == 51
     assert faults[0].startswith("unknown0: unknown key")

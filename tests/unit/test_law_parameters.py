@@ -128,7 +128,7 @@ def test_a_parameter_that_must_be_positive_is_refused_otherwise(law: str, name: 
         ("holzapfel-ogden", {"a_s": -1}, "material.a_s: must be at least 0"),
     ],
 )
-def test_what_makes_no_sense_is_refused_where_it_stands(law: str, change: dict[str, Any], expected: str) -> None:
+def test_invalid_law_parameters_are_refused_at_their_key(law: str, change: dict[str, Any], expected: str) -> None:
     (problem,) = problems({**LAWS[law].example, **change}, families(law))
     assert problem.startswith(expected)
 
@@ -158,5 +158,5 @@ def test_an_unknown_family_of_fibres_is_reported_with_its_field(law: str) -> Non
         ("gent", {"mu": {"core": "0.2 MPa", "elsewhere": "0.3 MPa"}, "jm": {"core": 40, "elsewhere": 30}}),
     ],
 )
-def test_what_makes_sense_is_taken(law: str, change: dict[str, Any]) -> None:
+def test_valid_law_parameters_are_accepted(law: str, change: dict[str, Any]) -> None:
     job({**LAWS[law].example, **change, "law": law})

@@ -86,7 +86,7 @@ def test_faults_name_the_definition_that_they_are_in() -> None:
     assert "'m' is a parameter of this law and a formula (let.m)" in refusal(let={"m": "2 Pa"}, material=energy)
 
 
-def test_what_is_defined_by_doubling_is_evaluated_once() -> None:
+def test_repeated_definitions_are_evaluated_once() -> None:
     """Put into each other, sixty definitions would be 2^59 operations."""
     let = {f"a{i}": f"a{i - 1} + a{i - 1}" if i else "x" for i in range(60)}
     done = elastic(let=let, material={"law": "neo-hookean", "mu": "1 kPa*(2 + a59/(1 m))", "lam": "1 kPa"})

@@ -75,7 +75,7 @@ def test_keys_are_text_whatever_they_look_like(tmp_path: Path) -> None:
         ("a: ['\\ud800']\nb: \"\\uD800\"", "job.yaml:2: "),
     ],
 )
-def test_what_is_no_job_file_is_reported_with_its_place(tmp_path: Path, text: str, message: str) -> None:
+def test_invalid_job_files_are_reported_with_their_place(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(JobError) as caught:
         read(tmp_path, text)
     assert f"{tmp_path}/{message}" in str(caught.value)
@@ -158,7 +158,7 @@ def test_tags_of_the_core_schema_are_known(tmp_path: Path, text: str, value: obj
         ("[&b 1, {*b : 1}]", "a key must be text"),
     ],
 )
-def test_what_a_tag_or_an_alias_cannot_mean_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+def test_invalid_yaml_tags_and_aliases_are_refused_with_their_line(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(JobError) as caught:
         read(tmp_path, f"before: 1\na: {text}")
     assert f"{tmp_path}/job.yaml:2: {message}" in str(caught.value)
@@ -194,7 +194,7 @@ def bomb(levels: int) -> str:
     ],
     ids=lambda text: text[:12] if text.startswith(":") else "",
 )
-def test_what_is_too_large_is_refused_before_it_takes_long(tmp_path: Path, text: str, message: str) -> None:
+def test_oversized_yaml_is_refused_quickly(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(JobError) as caught:
         read(tmp_path, text)
     assert f"{tmp_path}/job.yaml{message}" in str(caught.value)
@@ -215,6 +215,6 @@ def test_devices_and_pipes_are_refused_without_reading_them(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     "name", ["x" * 300 + ".yaml", "a/" * 3000 + "b.yaml", "\udcff.yaml", "nul\0.yaml", "line\nbreak"]
 )
-def test_a_name_that_no_file_can_have_is_told(tmp_path: Path, name: str) -> None:
+def test_a_name_that_no_file_can_have_is_reported(tmp_path: Path, name: str) -> None:
     with pytest.raises(JobError, match=r"cannot be read|not UTF-8|no such file"):
         read_yaml(tmp_path / name)

@@ -156,7 +156,7 @@ def test_an_empty_physical_group_is_refused(comm: MPI.Intracomm, tmp_path: Path)
     fails_everywhere(comm, "physical group 'nothing' is empty", lambda: build_body(spec(generator), {}, comm))
 
 
-def test_all_problems_of_a_mesh_are_told_at_once(comm: MPI.Intracomm, tmp_path: Path) -> None:
+def test_all_problems_of_a_mesh_are_reported_at_once(comm: MPI.Intracomm, tmp_path: Path) -> None:
     path = write_msh22(tmp_path / "bad.msh", (*TETRAHEDRON, (0.5, 0.5, 0.0)), [FIRST, (4, 0, 2, (1, 2, 3, 5))], [BODY])
     message = fails_everywhere(comm, "no volume", lambda: build_body(spec(path), {}, comm)).message
     assert len(message.splitlines()) == 2

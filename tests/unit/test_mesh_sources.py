@@ -188,7 +188,7 @@ def test_a_file_of_degree_1_becomes_degree_2_with_straight_edges_and_back(
 
 
 @pytest.mark.parametrize("suffix", SAVERS)
-def test_a_full_disk_is_told_and_leaves_nothing(suffix: str, meshes: Path, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_leaves_nothing(suffix: str, meshes: Path, tmp_path: Path) -> None:
     """A limit on the size of files stands for it, in the mesh and in the last section of the data."""
     source = box(meshes, False, 1)
     values = np.arange(9.0 * len(source.points)).reshape(-1, 9)

@@ -107,8 +107,8 @@ def test_rates_are_those_of_the_parameters(name: str, modulus: str) -> None:
             if isinstance(low, tuple)
             else [(low, high, rates[parameter][0])]
         )
-        for a, b, found in pairs:
-            assert found == pytest.approx((b - a) / (2 * step), rel=1e-6, abs=1e-6)
+        for a, b, rate in pairs:
+            assert rate == pytest.approx((b - a) / (2 * step), rel=1e-6, abs=1e-6)
 
 
 def test_a_formula_takes_poissons_ratio_in_place_of_its_bulk_modulus() -> None:

@@ -233,7 +233,7 @@ def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
         ("liver --image scan.nii.gz --label a:b=5 job.yaml", "mesh.labels"),
     ],
 )
-def test_what_does_not_fit_is_refused_and_leaves_nothing(
+def test_unsuitable_arguments_are_refused_and_leave_nothing(
     arguments: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     monkeypatch.chdir(tmp_path)

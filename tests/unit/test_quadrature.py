@@ -28,8 +28,8 @@ def test_weights_are_positive_and_polynomials_of_the_degree_are_integrated_exact
     assert (points >= 0).all()
     for a, b, c in product(range(degree + 1), repeat=3):
         if a + b + c <= degree:
-            found = weights @ (points[:, 0] ** a * points[:, 1] ** b * points[:, 2] ** c)
-            assert found == pytest.approx(integral(kind, a, b, c), rel=1e-13)
+            total = weights @ (points[:, 0] ** a * points[:, 1] ** b * points[:, 2] ** c)
+            assert total == pytest.approx(integral(kind, a, b, c), rel=1e-13)
 
 
 @pytest.mark.parametrize("kind", ["tetrahedron", "triangle"])

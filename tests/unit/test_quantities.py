@@ -98,7 +98,7 @@ def test_a_plain_number_is_si() -> None:
         (Dimensionless, "1 m", "must be a pure number, but '1 m' is a length"),
     ],
 )
-def test_what_is_no_such_quantity_is_refused_with_a_reason(kind: object, value: object, message: str) -> None:
+def test_invalid_quantities_are_refused_with_a_reason(kind: object, value: object, message: str) -> None:
     with pytest.raises(ValidationError) as caught:
         read(kind, value)
     assert message in str(caught.value)

@@ -25,7 +25,7 @@ def documents() -> list[Path]:
 
 
 @pytest.mark.parametrize("path", documents(), ids=lambda path: str(path.relative_to(ROOT)))
-def test_what_it_refers_to_is_there(path: Path) -> None:
+def test_references_of_a_page_exist(path: Path) -> None:
     text = path.read_text()
     named = set(REFERENCE.findall(text)) - set(MADE.findall(text)) - set(RECIPE.findall(text))
     missing = {name for name in named if not WRITTEN.match(name) and not (ROOT / name).exists()}

@@ -142,8 +142,8 @@ def test_pieces_have_the_shape_of_their_parents(name: str, meshes: Path) -> None
     weights = lagrange(source.kind, 1).tabulate(0, nodes)[0, :, :, 0]
     for refined, parent in refinements(source):
         worst = 0.0
-        for cell, of in list(zip(refined.cells, parent, strict=True))[::17]:
-            at = cmap.pull_back(refined.points[cell], source.points[source.cells[of]])
+        for cell, parent_cell in list(zip(refined.cells, parent, strict=True))[::17]:
+            at = cmap.pull_back(refined.points[cell], source.points[source.cells[parent_cell]])
             worst = max(worst, float(np.abs(at - weights @ at[: VERTICES[source.kind]]).max()))
             assert at.min() > -1e-9
             assert at.max() < 1 + 1e-9
@@ -198,7 +198,7 @@ def test_data_go_along(meshes: Path) -> None:
             assert np.array_equal(refined.data["number"].values[:, 0], parent)
 
 
-def test_what_stays_keeps_its_tags_and_a_plane_end_stays_plane(meshes: Path) -> None:
+def test_unrefined_cells_keep_their_tags_and_plane_ends_stay_plane(meshes: Path) -> None:
     for name in ("cylinder", "cylinder, straight"):
         source = source_of(name, meshes)
         for refined, parent in refinements(source):

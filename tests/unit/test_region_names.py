@@ -81,7 +81,7 @@ def write(directory: Path, mesh: str, **changes: Any) -> Path:
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_region_that_the_mesh_has_not_is_told(name: str, tmp_path: Path, block: MeshSource) -> None:
+def test_a_region_that_the_mesh_has_not_is_reported(name: str, tmp_path: Path, block: MeshSource) -> None:
     WRITERS[name](tmp_path / name, block)
     hpcinv.load(write(tmp_path, name))
     path = write(tmp_path, name, **WRONG)
@@ -99,7 +99,7 @@ def test_a_region_that_the_mesh_has_not_is_told(name: str, tmp_path: Path, block
     ]
 
 
-def test_nothing_is_told_where_it_is_not_certain(tmp_path: Path) -> None:
+def test_region_names_are_reported_only_where_certain(tmp_path: Path) -> None:
     tetrahedron = [(4, 1, 1, (1, 2, 3, 4)), (2, 3, 1, (1, 2, 3))]
     plain = {"material": JOB["material"]["block"] | {"mu": 1}, "effects": [], "quantities": []}
     write_msh22(tmp_path / "a.msh", TETRAHEDRON, tetrahedron)  # groups without names
@@ -185,8 +185,8 @@ def simple(tmp_path: Path) -> Callable[..., hpcinv.Job]:
 def test_a_change_of_temperature_or_both_temperatures(
     given: dict[str, Any], change: Any, simple: Callable[..., hpcinv.Job]
 ) -> None:
-    found = simple(**expansion(**given)).effects[0].temperature_change
-    assert (found.plain() if isinstance(change, dict) else found) == pytest.approx(change, abs=1e-12)
+    temperature = simple(**expansion(**given)).effects[0].temperature_change
+    assert (temperature.plain() if isinstance(change, dict) else temperature) == pytest.approx(change, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +226,7 @@ def test_a_change_of_temperature_or_both_temperatures(
     ],
     ids=lambda value: value[:60] if isinstance(value, str) else "",
 )
-def test_temperatures_and_densities_that_cannot_be_are_told(
+def test_temperatures_and_densities_that_cannot_be_are_reported(
     changes: dict[str, Any], message: str, simple: Callable[..., hpcinv.Job]
 ) -> None:
     with pytest.raises(JobError) as caught:

@@ -58,8 +58,8 @@ def test_a_large_surface_keeps_some_of_its_points_and_its_shape(most: int) -> No
     corners = points[small.points][small.triangles]
     volume = np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     assert volume == pytest.approx(SIZE**3, rel=0.1)
-    middles, of = corners.mean(axis=1), points[triangles[small.rows]].mean(axis=1)
-    assert np.linalg.norm(middles - of, axis=1).max() < 3 * SIZE / np.sqrt(most / 6)
+    middles, expected = corners.mean(axis=1), points[triangles[small.rows]].mean(axis=1)
+    assert np.linalg.norm(middles - expected, axis=1).max() < 3 * SIZE / np.sqrt(most / 6)
 
 
 def test_a_thin_plate_keeps_both_sides() -> None:

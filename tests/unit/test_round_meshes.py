@@ -48,15 +48,15 @@ def read(meshes: Path, shape: str, hexahedra: bool, divisions: int, degree: int)
 
 def sizes(source: MeshSource) -> dict[str, float]:
     """Volume or area of each group, by quadrature that is exact for volumes and far better than the mesh for areas."""
-    found = {}
+    sizes = {}
     for group in source.groups:
         kind, nodes = (source.kind, source.cells) if group.dim == 3 else (FACET_KIND[source.kind], source.facets)
         points, weights = basix.make_quadrature(basix.CellType[kind], 12)
         gradients = scalar_element(kind, source.degree).tabulate(1, points)[1:, :, :, 0]
         tangents = np.einsum("dqn,cni->cqid", gradients, source.points[nodes[group.members]])
         gram = np.swapaxes(tangents, 2, 3) @ tangents
-        found[group.name] = float((np.sqrt(np.linalg.det(gram)) @ weights).sum())
-    return found
+        sizes[group.name] = float((np.sqrt(np.linalg.det(gram)) @ weights).sum())
+    return sizes
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -69,7 +69,7 @@ def test_volume_and_areas_converge_with_order_two_flat_and_four_curved(
     coarse, fine = (sizes(read(meshes, shape, hexahedra, divisions, degree)) for divisions in (3, 6))
     assert coarse.keys() == fine.keys() == exact.keys()
     for name, value in exact.items():
-        errors = [abs(found[name] / value - 1) for found in (coarse, fine)]
+        errors = [abs(measured[name] / value - 1) for measured in (coarse, fine)]
         if shape != "octant" and name in ("x0", "y0"):  # rectangles
             assert max(errors) < 1e-14
             continue

@@ -52,7 +52,7 @@ def test_other_values_need_no_other_kernels(comm: MPI.Intracomm) -> None:
     assert signatures(later) == signatures(first)
 
 
-def test_what_is_not_listed_leaves_nothing_behind(comm: MPI.Intracomm) -> None:
+def test_unlisted_effects_leave_no_trace_in_a_scene(comm: MPI.Intracomm) -> None:
     bare = scene(comm)
     loaded = scene(comm, effects=[GRAVITY])
     assert len(bare.residual.constants()[0].value) == 1 + 3  # load factor, c1 c2 d1

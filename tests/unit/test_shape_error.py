@@ -52,15 +52,18 @@ def test_the_headline_is_the_largest_error_with_its_cause(
     mesh: float | None, surface: float | None, gap: float, cause: str, headline: str, advice: str
 ) -> None:
     data = summary(mesh, surface, gap)
-    found, report = shape_error(data), words(data, overlapping=False)
-    assert found is not None
-    assert (found.cause, found.largest) == (cause, max(error for error in (mesh, surface, gap) if error is not None))
+    error_sum, report = shape_error(data), words(data, overlapping=False)
+    assert error_sum is not None
+    assert (error_sum.cause, error_sum.largest) == (
+        cause,
+        max(error for error in (mesh, surface, gap) if error is not None),
+    )
     first, *others = (text for text in report.sure if "µm" in text or " mm" in text)
     assert headline in first
     assert any(advice in text for text in report.next)
     if cause != "mesh":
         assert not any("Refine the mesh" in text for text in [*report.sure, *report.next])
-    assert len(others) == len(found.causes) - 1
+    assert len(others) == len(error_sum.causes) - 1
     assert any("not estimated" in text for text in report.sure) == (mesh is None)
 
 

@@ -48,7 +48,7 @@ def test_all_points_of_a_table_are_read(text: str, tmp_path: Path) -> None:
         ("0.1,0.2," + "3" * 200_000, "line 1: cannot be read: field larger than field limit"),
     ],
 )
-def test_what_could_be_something_else_is_refused(text: str, told: str, tmp_path: Path) -> None:
+def test_ambiguous_tables_are_refused(text: str, told: str, tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     path.write_text(text)
     with pytest.raises(MeshError) as refused:

@@ -50,7 +50,7 @@ def problems(**changes: Any) -> list[str]:
     ("value", "pascal"),
     [(1500, 1500.0), ("1.5 kPa", 1500.0), ("3*(0.5 kPa)", 1500.0), ("1e3 + 0.5e3", 1500.0)],
 )
-def test_what_does_not_depend_on_the_position_is_one_number(value: Any, pascal: float) -> None:
+def test_constant_fields_are_one_number(value: Any, pascal: float) -> None:
     assert mu(value) == pascal
     assert is_uniform(mu(value))
 
@@ -111,7 +111,7 @@ REFUSED: list[tuple[Any, str]] = [
 
 
 @pytest.mark.parametrize(("value", "text"), REFUSED, ids=[str(value) for value, _ in REFUSED])
-def test_what_is_no_such_quantity_is_refused_with_its_field(value: Any, text: str) -> None:
+def test_values_of_the_wrong_dimension_are_refused_with_their_field(value: Any, text: str) -> None:
     [problem] = problems(material=SOFT | {"mu": value})
     assert problem.startswith(f"material.mu: {text}")
 

@@ -163,7 +163,7 @@ def test_files_hold_the_solid(suffix: str, sphere: MeshSource, tmp_path: Path) -
     assert [path.name for path in tmp_path.iterdir()] == [f"a{suffix}"]
 
 
-def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
     """In a process of its own, whose files may have 20,000 bytes; libraries would write half a file, or abort."""
     code = """
 import hpcinv.parallel.ranks, lib3mf, resource, sys  # MPI and a first import need files of their own

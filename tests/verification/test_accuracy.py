@@ -91,12 +91,12 @@ def test_the_promise_holds_on_more_ranks(comm: MPI.Intracomm) -> None:
 def test_a_round_trip_begins_with_the_solution_that_was_made_accurate(comm: MPI.Intracomm) -> None:
     (case,) = (c for c in cases() if c.name == "column, density of the body at rest")
     mesh = case.data["mesh"] | {"geometry_degree": 2}  # with which the way back is exact
-    found = package.run(case.job(analysis="round_trip", mesh=mesh), comm)
-    assert kept(case, found)
-    assert [solution.direction for solution in found.solutions] == ["inverse", "forward"]
-    assert found.errors["round_trip"]["relative"] < 1e-11
-    rows = found.statistics["accuracy"]["steps"]
-    assert found.solutions[0].factorizations == sum(row["factorizations"] for row in rows)
+    result = package.run(case.job(analysis="round_trip", mesh=mesh), comm)
+    assert kept(case, result)
+    assert [solution.direction for solution in result.solutions] == ["inverse", "forward"]
+    assert result.errors["round_trip"]["relative"] < 1e-11
+    rows = result.statistics["accuracy"]["steps"]
+    assert result.solutions[0].factorizations == sum(row["factorizations"] for row in rows)
     # Each step began with the solution of the one before.
     assert all(row["factorizations"] < rows[0]["factorizations"] for row in rows[1:])
 
@@ -249,13 +249,13 @@ def test_solutions_are_taken_from_mesh_to_mesh(comm: MPI.Intracomm, meshes: Path
         p.interpolate(lambda x, length=length: x[0] * length)
         there.put_fields((v, p))
         guess = guess_from(solution_of(there, "forward", there.scene("forward"), ()), there.body, here)
-        found, pressure = here.unloaded().fields
-        found.x.array[:] = guess.displacement
+        displacement, pressure = here.unloaded().fields
+        displacement.x.array[:] = guess.displacement
         assert guess.pressure is not None
         assert pressure is not None
         pressure.x.array[:] = guess.pressure
         length = here.body.length_scale
-        for function, exact in ((found, u), (pressure, lambda x: x[0])):
+        for function, exact in ((displacement, u), (pressure, lambda x: x[0])):
             expected = type(function)(function.function_space)
             expected.interpolate(lambda x, exact=exact, length=length: exact(x * length))
             size = np.abs(expected.x.array).max()
@@ -270,5 +270,5 @@ def test_a_body_with_flat_faces_is_told_from_a_curved_one(comm: MPI.Intracomm, m
         for degree in (1, 2):
             mesh = {"file": f"../meshes/{file}", "geometry_degree": degree}
             its = job(**(clamped(1.0, hexahedra=False).model_dump(exclude_unset=True) | {"mesh": mesh}))
-            found = Meshes(its, comm)
-            assert found.have_one_shape(found.build(found.first)) is flat
+            refinements = Meshes(its, comm)
+            assert refinements.have_one_shape(refinements.build(refinements.first)) is flat

@@ -244,7 +244,7 @@ def test_the_certificate_says_that_another_shape_carries_the_same_load(comm: MPI
 
 
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
-def test_the_largest_tension_is_told(analysis: str, comm: MPI.Intracomm, run_directory: Path) -> None:
+def test_the_largest_tension_is_reported(analysis: str, comm: MPI.Intracomm, run_directory: Path) -> None:
     with pytest.raises(SolveError, match=r"the load reaches a maximum here \(limit point\)") as caught:
         hpcinv.run(cube(1.25, analysis), comm)
     reached = float(str(caught.value).split("load factor ")[1].split(" of")[0])

@@ -131,7 +131,7 @@ def test_the_cascade_goes_on_to_the_next_and_gives_up_in_bounds(
 
 
 @pytest.mark.release
-def test_nothing_is_tried_in_vain(comm: MPI.Intracomm) -> None:
+def test_no_rescue_is_tried_beyond_a_limit_point(comm: MPI.Intracomm) -> None:
     """Beyond a limit point, where no body can be in the state, and where the first tangent is singular."""
     beyond_fold = attempts(tried(cube(1.25), comm))
     no_shape = job(

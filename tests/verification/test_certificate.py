@@ -173,10 +173,10 @@ def test_inertia_counts_signs_of_eigenvalues(options: dict[str, bool], comm: MPI
     values = np.linalg.eigvalsh((dense + dense.T) / 2)
     factors = factorize_symmetric(filled(dense, comm), **options)
     assert factors is not None
-    found = factors.inertia
-    assert (found.negative, found.zero, found.positive) == ((values < 0).sum(), 0, (values > 0).sum())
+    signs = factors.inertia
+    assert (signs.negative, signs.zero, signs.positive) == ((values < 0).sum(), 0, (values > 0).sum())
     # Estimated by one random vector.
-    assert found.asymmetry == pytest.approx(np.linalg.norm(dense - dense.T) / 2 / np.linalg.norm(dense), rel=0.5)
+    assert signs.asymmetry == pytest.approx(np.linalg.norm(dense - dense.T) / 2 / np.linalg.norm(dense), rel=0.5)
 
 
 @pytest.mark.parallel([1, 2])
@@ -364,16 +364,17 @@ def test_fixed_points_are_equilibria_on_straight_cells_too(geometry_degree: int,
 
 def test_a_body_that_hangs_beside_its_rest_does_not_fail(comm: MPI.Intracomm) -> None:
     """The support may be a plane of symmetry or a rest that ends there: nothing in the job tells which."""
-    one = job(
+    block = job(
         mesh=box((2, 2, 2)),
         material={"law": "neo-hookean", "mu": 1.0, "lam": 4.0},
         supports=[{"region": "x1", "fix": ["x", "y", "z"]}, {"region": "z0", "fix": ["z"]}],
     )
-    body = build_body(one.mesh, {}, comm, resolve=one.resolve)
+    body = build_body(block.mesh, {}, comm, resolve=block.resolve)
     given = body.mesh.geometry.x * body.length_scale
     moved = given - [0.0, 0.0, 0.3]
-    solution: Any = SimpleNamespace(job=one, is_on_given_mesh=True, mesh_nodes=given, other_nodes=moved)
-    (depth,) = (one for one in cells(Equations(one, body, Timings()), solution) if one.name.startswith("depth beyond"))
+    solution: Any = SimpleNamespace(job=block, is_on_given_mesh=True, mesh_nodes=given, other_nodes=moved)
+    lines = cells(Equations(block, body, Timings()), solution)
+    (depth,) = (entry for entry in lines if entry.name.startswith("depth beyond"))
     assert depth.verdict is Verdict.WARN
     assert "unless this is a wall" in depth.note
     assert "fail" not in depth.rule
@@ -483,9 +484,9 @@ def test_levels(certificate: Any, checked: set[str], not_checked: set[str], comm
 
 def test_without_a_load_nothing_is_said_of_a_surface_whose_error_is_not_known(comm: MPI.Intracomm) -> None:
     unloaded = column(2).model_copy(update={"effects": ()})
-    found = line(hpcinv.run(unloaded, comm), DISCRETISATION)
-    assert (found.value, found.verdict) == (0.0, Verdict.PASS)
-    assert "surface" not in found.note
+    error_line = line(hpcinv.run(unloaded, comm), DISCRETISATION)
+    assert (error_line.value, error_line.verdict) == (0.0, Verdict.PASS)
+    assert "surface" not in error_line.note
 
 
 @pytest.mark.parametrize("pressures", [{}, {"pressure": 1}])
@@ -525,8 +526,8 @@ def test_signs_of_the_tangent_are_compared_between_equilibria(
     solves = tuple(Solve(1.0, Outcome.CONVERGED, (), 1, of_solve) for of_solve in signs)
     model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=unloaded, p=None))
     solution: Any = SimpleNamespace(solves=solves, start=start)
-    (found,) = limit_points(model, solution, skipped("stability", ""))
-    assert found.verdict is verdict
+    (path_line,) = limit_points(model, solution, skipped("stability", ""))
+    assert path_line.verdict is verdict
 
 
 @pytest.mark.parallel([2])
@@ -540,7 +541,7 @@ def test_seconds_of_the_lines_are_those_of_the_certificate(comm: MPI.Intracomm) 
     assert 0 < total <= result.statistics["timings"]["phases"]["certificate"]["max"] + 0.1
 
 
-def test_what_a_certificate_costs_stands_apart() -> None:
+def test_certificate_time_is_listed_separately() -> None:
     timings = Timings()
     with timings.as_one("certificate"), timings("tangent"):
         timings.move("tangent", "factorization", 1.0)

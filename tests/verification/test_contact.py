@@ -41,8 +41,8 @@ def test_pressed_ball_is_as_hertz_found(comm: MPI.Intracomm) -> None:
     contact = result.solutions[0].contacts[0]
     force, modulus, radius = -4 * contact.force[2], 100e3 / (1 - 0.3**2), 10e-3
     hertz = (3 * force * radius / (4 * modulus)) ** (1 / 3)
-    found = sqrt(4 * contact.area / pi)
-    assert found == pytest.approx(hertz, rel=0.04)
+    contact_radius = sqrt(4 * contact.area / pi)
+    assert contact_radius == pytest.approx(hertz, rel=0.04)
     assert contact.largest_pressure == pytest.approx(3 * force / (2 * pi * hertz**2), rel=0.03)
     assert 0 < contact.penetration < 4 * contact.tolerance
     missed = closing(result)
@@ -105,12 +105,12 @@ def test_block_stands_on_its_weight_there_and_back(comm: MPI.Intracomm, run_dire
 def test_estimated_error_of_a_block_on_a_floor_is_that_against_a_higher_degree(comm: MPI.Intracomm) -> None:
     """The sides are free, so that the block bulges: its pressure is not uniform."""
     top = {"quantities": [{"name": "top", "of": "uz", "at": [0.5, 0.5, 1]}], "supports": [SIDES[0], SIDES[2]]}
-    found, better = (
+    coarse, better = (
         standing(comm, discretisation={"displacement": degree}, certificate=NO_CERTIFICATE | {"estimate": has}, **top)
         for degree, has in ((2, True), (3, False))
     )
-    assert found.estimate is not None
-    effectivity = found.estimate.quantities["top"] / (better.quantities["top"] - found.quantities["top"])
+    assert coarse.estimate is not None
+    effectivity = coarse.estimate.quantities["top"] / (better.quantities["top"] - coarse.quantities["top"])
     print(f"effectivity {effectivity:.2f}")
     assert 0.3 < effectivity < 3
 

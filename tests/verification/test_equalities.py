@@ -60,7 +60,7 @@ def test_rigid_contact_depends_neither_on_axes_nor_on_units(scale: float, tmp_pa
     assert difference < TOLERANCE
 
 
-def test_what_the_penalty_leaves_does_not_depend_on_axes(tmp_path: Path) -> None:
+def test_penetration_does_not_depend_on_axes(tmp_path: Path) -> None:
     """The line of the certificate compares lengths of vectors, and its iterations end at the same place."""
     rng = np.random.default_rng(5)
     scene = pressed(block(rng, hexahedra=False)).changed(certificate=NO_CERTIFICATE | {"stability": True})

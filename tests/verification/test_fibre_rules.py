@@ -240,7 +240,7 @@ def test_a_rule_is_for_the_body_of_the_mesh() -> None:
 
 
 @pytest.mark.parallel(2)
-def test_what_gives_no_direction_is_refused_on_all_ranks(comm: MPI.Intracomm) -> None:
+def test_fibre_rules_without_a_direction_are_refused_on_all_ranks(comm: MPI.Intracomm) -> None:
     sides = {"kind": "tube", "helix": 0, "inner": "x0", "outer": "x1"}
     for rule, text in (
         (sides | {"axis": [1, 0, 0]}, "cells the direction along the wall is not defined"),

@@ -81,11 +81,11 @@ NEEDS_ONE = "fibres.fibre: needs exactly one of 'direction' (three formulas), 'd
         (without(diretion=[1, 0, 0]), "fibres.fibre.diretion: unknown key. Did you mean 'direction'?"),
     ],
 )
-def test_what_is_no_direction_is_refused_with_its_field(fibre: dict[str, Any], text: str) -> None:
+def test_invalid_directions_are_refused_with_their_field(fibre: dict[str, Any], text: str) -> None:
     assert problems(fibre)[0].startswith(text)
 
 
-def test_who_needs_fibres_that_are_not_there_is_told_which() -> None:
+def test_laws_name_their_missing_fibres() -> None:
     law = {"law": "transversely-isotropic", "mu": 1, "k": 1, "kappa": 1}
     missing = "there are no fibres 'grain'; define them in 'fibres'"
     assert problems(FIBRE, material=law | {"fibre": "grain"}) == [f"material.fibre: {missing}. Known: fibre"]
@@ -292,7 +292,7 @@ def test_directions_at_nodes_are_those_of_their_formula(comm: MPI.Intracomm, run
     on_root(comm, lambda: write_with_directions(file, meshes))
 
     def solved(fibre: dict[str, Any]) -> np.ndarray:
-        found = Solved(
+        case = Solved(
             job(
                 mesh={"file": str(file)},
                 regions={"foot": "x < 1 mm"},
@@ -304,7 +304,7 @@ def test_directions_at_nodes_are_those_of_their_formula(comm: MPI.Intracomm, run
             ),
             comm,
         )
-        u: np.ndarray = found.model.unknowns.displacement().x.array
+        u: np.ndarray = case.model.unknowns.displacement().x.array
         return u
 
     formula, data = solved(spiral("current")), solved({"data": "grain", "given_on": "current"})

@@ -266,7 +266,7 @@ def of_a_file(tmp_path: Path) -> dict[str, Any]:
 
 
 @pytest.mark.release
-def test_what_is_printed_says_what_it_leaves_out(tmp_path: Path) -> None:
+def test_printed_error_names_what_it_leaves_out(tmp_path: Path) -> None:
     path = write_job(tmp_path / "job.yaml", of_a_file(tmp_path))
     ended = hpcinv(2, "run", path, "--output", tmp_path / "out", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr

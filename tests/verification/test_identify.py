@@ -203,16 +203,16 @@ def test_shares_of_states() -> None:
         shares_of(whole, 3)
     with pytest.raises(OutputError, match="5 ranks cannot be divided into teams"):
         teams_of(5, 2)
-    found = []
+    parts = []
     for i, share in enumerate(shares_of(whole, teams_of(6, 3))):
         part = share.job(whole.with_({"identify": None}))
         names = [
             observation.name for observation in whole.identify.observations if share.has(observation, first=i == 0)
         ]
         keys = {p.key: [t.key for t in p.ties] for p in part.differentiated}
-        found.append(([state.name for state in part.states], names, [q.name for q in part.quantities], keys))
+        parts.append(([state.name for state in part.states], names, [q.name for q in part.quantities], keys))
     density = "states[{}].effects[0].density".format
-    assert found == [
+    assert parts == [
         (
             ["standing", "free", "lying", "turned"],
             ["free", "turned", "volume"],
@@ -333,7 +333,7 @@ def texts_deviation(estimated: Any) -> float:
     return float(combination.deviation / np.abs(combination.vector).max())
 
 
-def test_what_the_observations_cannot_determine_is_refused(comm: MPI.Intracomm) -> None:
+def test_undetermined_parameters_are_refused(comm: MPI.Intracomm) -> None:
     with Workspace(comm) as workspace:
 
         def refused(parameters: dict[str, Any], message: str, **observed: Any) -> None:

@@ -155,7 +155,7 @@ def test_layers_of_one_material_that_grow_differently(effect: dict[str, Any], co
 @CELLS
 def test_ranks_agree_and_the_way_back_closes(hexahedra: bool, comm: MPI.Intracomm) -> None:
     """Also for pressures that another rank owns, since only that has cells of the layer there."""
-    found: list[list[float]] = []
+    pressures: list[list[float]] = []
     for some in (comm, MPI.COMM_SELF):
         solved = Solved(wall(2, hexahedra=hexahedra, analysis="round_trip"), some)
         unknowns = solved.model.unknowns
@@ -167,9 +167,9 @@ def test_ranks_agree_and_the_way_back_closes(hexahedra: bool, comm: MPI.Intracom
         size = some.allreduce(float(np.abs(u).max()), op=MPI.MAX)
         back = some.allreduce(float(np.abs(solved.again() - u).max()), op=MPI.MAX) / size
         assert back < 1e-9
-        found.append([unknowns.pressure_size, *norms, *(some.allreduce(entry, op=MPI.SUM) for entry in sums)])
-    print(f"{found[0][0]} pressures, of which {'; '.join(digits(entry, '.16g') for entry in found)}")
-    assert found[0] == pytest.approx(found[1], rel=1e-9)
+        pressures.append([unknowns.pressure_size, *norms, *(some.allreduce(entry, op=MPI.SUM) for entry in sums)])
+    print(f"{pressures[0][0]} pressures, of which {'; '.join(digits(entry, '.16g') for entry in pressures)}")
+    assert pressures[0] == pytest.approx(pressures[1], rel=1e-9)
 
 
 @pytest.mark.parametrize("mu", [MU, dict.fromkeys(MU, 50e3)], ids=["different", "the same"])

@@ -63,7 +63,9 @@ def test_a_column_on_both_sides_of_its_critical_load(law: str, comm: MPI.Intraco
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("share", [0.1, 0.97, 1.06, 9.2])
-def test_as_the_inertia(law: str, share: float, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lowest_eigenvalue_agrees_with_the_inertia(
+    law: str, share: float, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Next to the second critical load an eigenvalue next to zero hides the lowest one from the first steps."""
     by_inertia = line_of(column(share, law), comm)
     monkeypatch.setattr(ForwardFactors, "affordable", False)

@@ -271,7 +271,7 @@ def bent(comm: MPI.Intracomm, mesh: Path, material: Any) -> np.ndarray:
 
 
 @pytest.mark.parallel([1, 2])
-def test_what_describes_the_same_material_gives_the_same_shape(
+def test_equal_materials_written_differently_give_the_same_shape(
     comm: MPI.Intracomm, run_directory: Path, meshes: Path
 ) -> None:
     file = run_directory / "box.vtu"
@@ -354,7 +354,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parallel(2)
-def test_what_the_mesh_does_not_bear_out_is_refused_before_anything_is_solved(comm: MPI.Intracomm) -> None:
+def test_regions_that_the_mesh_lacks_are_refused_before_the_solve(comm: MPI.Intracomm) -> None:
     regions = {"lower": "z < 0.26 m", "upper": "z > 0.49 m", "most": "z < 0.76 m", "all": "z < 2 m"}
     for changes, text in REFUSED:
         data = {"material": NEO_HOOKEAN, "supports": CONFINED, "discretisation": LINEAR, "regions": regions}

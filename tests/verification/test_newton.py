@@ -147,7 +147,7 @@ def test_converged_means_that_the_error_left_is_small_not_the_last_correction() 
     assert monitored(1.0)[1] is None
 
 
-def test_what_the_linear_solver_leaves_counts_as_well() -> None:
+def test_linear_residual_counts_in_the_newton_criterion() -> None:
     monitor = NewtonMonitor(1e-10, limit=30, reuse=0.3, inexact=0.03)
     outcomes = [monitor.judge(NewtonIteration(c, 1.0, 1.0, True)) for c in (1.0, 1e-2, 1e-7, 2e-9)]
     assert outcomes == [None, None, None, Outcome.CONVERGED]  # 3 % of 1e-7 would be too much

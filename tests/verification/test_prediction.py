@@ -39,10 +39,10 @@ def equations(
     return model, model.equilibrium(model.scene(direction))
 
 
-def field(model: Equations, of: Any) -> PETSc.Vec:
+def field(model: Equations, formula: Any) -> PETSc.Vec:
     """A displacement by its values at positions (3, n), and no pressure, as a vector of unknowns."""
     u = model.unknowns.displacement()
-    u.interpolate(of)
+    u.interpolate(formula)
     kept = model.unknowns.state.x.array.copy()
     model.unload()
     model.unknowns.set_displacement(u.x.array)
@@ -72,9 +72,7 @@ def test_a_spin_turns_by_its_angle_and_a_strain_stretches_wherever_the_body_lies
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_what_the_extrapolated_stress_adds_vanishes_with_the_square_of_the_step_and_keeps_symmetry(
-    form: str, comm: MPI.Intracomm
-) -> None:
+def test_mixed_integration_point_term_is_symmetric_and_of_second_order(form: str, comm: MPI.Intracomm) -> None:
     model, equilibrium = equations(comm, form=form)
     before = field(model, lambda X: 0.1 * np.array([X[2] ** 2, 0 * X[0], X[0] * X[2]]))
     step = field(model, lambda X: np.array([X[2] * X[1], -(X[2] ** 2), X[0] * X[2]]))
@@ -94,7 +92,7 @@ def test_what_the_extrapolated_stress_adds_vanishes_with_the_square_of_the_step_
 
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("form", FORMS)
-def test_it_is_added_alike_by_compiled_forms_and_in_place(form: str, comm: MPI.Intracomm) -> None:
+def test_mixed_integration_point_term_is_equal_by_compiled_forms_and_in_place(form: str, comm: MPI.Intracomm) -> None:
     products = []
     for cells in (1, 1_000_000):
         with as_for(cells):
@@ -117,7 +115,7 @@ def added_to_tangent(equilibrium: Equilibrium, before: PETSc.Vec) -> PETSc.Mat:
     return equilibrium.system.matrix - without
 
 
-def test_what_a_spin_from_the_unstressed_body_adds_is_all_stress_taken_away(comm: MPI.Intracomm) -> None:
+def test_pure_spin_adds_minus_the_whole_stress(comm: MPI.Intracomm) -> None:
     """A linear step that only turns promises Ŝ = 0 and p̂ = 0, whatever it stretches: ψ(E) in closed form."""
     model, equilibrium = equations(comm)
     W = np.cross(3 * SPIN, np.eye(3)).T  # u = W X

@@ -199,15 +199,15 @@ def test_data_of_the_mesh_are_the_formula_that_they_come_from(run_directory: Pat
         "supports": [{"region": "base", "fix": ["x", "y", "z"]}],
         "solver": {"tolerance": 1e-12},
     }
-    found = []
+    shapes = []
     for analysis, tensor in (("round_trip", {"data": "F0"}), ("inverse", FORMULAS)):
         effect = {"effect": "prestrain", "tensor": tensor, "given_on": "current"}
         result = hpcinv.run(job(analysis=analysis, effects=[effect], **common), comm)
         largest = result.solutions[0].largest_displacement
         assert largest > 0.03
         assert analysis == "inverse" or result.errors["round_trip"]["max"] < 1e-11 * largest
-        found.append(result.solutions[0].u)
-    assert comm.allreduce(float(np.abs(found[1] - found[0]).max(initial=0.0)), op=MPI.MAX) < 1e-11
+        shapes.append(result.solutions[0].u)
+    assert comm.allreduce(float(np.abs(shapes[1] - shapes[0]).max(initial=0.0)), op=MPI.MAX) < 1e-11
 
 
 def test_a_tensor_for_each_region_and_the_fields_that_are_written(tmp_path: Path, comm: MPI.Intracomm) -> None:
@@ -381,10 +381,10 @@ def ring(direction: str, pressure: float, divisions: int, comm: MPI.Intracomm) -
         ),
         comm,
     )
-    found: Any = result.quantities
-    errors = [found["inner"] / sought - 1, found["outer"] / ARTERY.outer(sought) - 1]
+    values: Any = result.quantities
+    errors = [values["inner"] / sought - 1, values["outer"] / ARTERY.outer(sought) - 1]
     for name, r in (("inner", loaded), ("outer", ARTERY.outer(loaded))):
-        errors.append(found[f"{name}-stress"] - ARTERY.hoop_stress(loaded, r, pressure))
+        errors.append(values[f"{name}-stress"] - ARTERY.hoop_stress(loaded, r, pressure))
     return np.abs(errors)
 
 
@@ -442,9 +442,9 @@ def test_the_artery_of_the_example_has_the_radii_that_its_header_tells(comm: MPI
     assert all(f"{radius * 1e3:.4f} mm" in tutorial for radius in radii)
     assert f"| by quadrature | {A * 1e3:.5f} mm | {lower[0]:.1f} kPa | {lower[1]:.1f} kPa |" in tutorial
     result = hpcinv.run(example.with_({"certificate": "off"}), comm)
-    found: Any = result.quantities
-    print(found, stress)
-    assert found["inner-radius"] == pytest.approx(A, rel=1e-4)
-    assert found["outer-radius"] == pytest.approx(B, rel=1e-4)
-    assert found["hoop-stress-inside"] == pytest.approx(stress[0], rel=1e-2)
-    assert found["hoop-stress-outside"] == pytest.approx(stress[1], rel=1e-2)
+    values: Any = result.quantities
+    print(values, stress)
+    assert values["inner-radius"] == pytest.approx(A, rel=1e-4)
+    assert values["outer-radius"] == pytest.approx(B, rel=1e-4)
+    assert values["hoop-stress-inside"] == pytest.approx(stress[0], rel=1e-2)
+    assert values["hoop-stress-outside"] == pytest.approx(stress[1], rel=1e-2)

@@ -76,7 +76,7 @@ def test_no_result_depends_on_the_numbering_of_the_mesh(degree: int, material: d
     source = bar()
     other = renumbered(source)
     sources = {"a": source, "b": other}
-    first, second = (solved(tmp_path / f"{name}.vtu", of, degree, material) for name, of in sources.items())
+    first, second = (solved(tmp_path / f"{name}.vtu", mesh, degree, material) for name, mesh in sources.items())
     assert second.quantities == pytest.approx(first.quantities, rel=1e-9)
     if degree == 2:
         assert first.estimate is not None

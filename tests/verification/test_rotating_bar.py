@@ -66,8 +66,8 @@ def test_lengthening_converges_with_order_four(direction: str, density_in: str, 
     exact = lengthening(direction, density_in)
     errors = [rotated(direction, n, comm, density_in=density_in)["end"] / exact - 1 for n in (8, 16, 32)]
     orders = np.log2(np.abs(errors[:-1]) / np.abs(errors[1:]))
-    of = f"{direction}, density per {density_in} volume"
-    print(f"{of}: {exact:.7f} m, errors {digits(errors)}, orders {orders.round(2)}")
+    title = f"{direction}, density per {density_in} volume"
+    print(f"{title}: {exact:.7f} m, errors {digits(errors)}, orders {orders.round(2)}")
     assert orders.min() > 3.9
     assert abs(errors[-1]) < 1e-8
 

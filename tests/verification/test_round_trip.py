@@ -102,7 +102,7 @@ CHANGES = {
 @pytest.mark.parametrize("direction", ["inverse", "forward"])
 @pytest.mark.parametrize("form", ["displacement", "mixed"])
 @pytest.mark.parametrize("curved", [True, False])
-def test_what_is_no_solution_does_not_pass(direction: str, form: str, curved: bool, comm: MPI.Intracomm) -> None:
+def test_perturbed_solutions_fail_the_round_trip(direction: str, form: str, curved: bool, comm: MPI.Intracomm) -> None:
     case = Case(cantilever(direction, form, curved=curved), comm)
     for name, change in CHANGES.items():
         print(name)
@@ -163,7 +163,7 @@ def test_multigrid_stands_in_for_factors(
     assert line.value == pytest.approx(with_factors.value, rel=0.15, abs=1e-5)
 
 
-def test_what_is_left_of_a_sequence() -> None:
+def test_limit_of_a_geometric_sequence() -> None:
     assert remaining([1.0]) == float("inf")
     assert remaining([1.0, 0.5, 0.25]) == pytest.approx(0.25)
     assert remaining([1.0, 0.5, 0.001]) == pytest.approx(0.001)  # one good step proves no contraction

@@ -373,7 +373,7 @@ TIES = [
 
 
 @pytest.mark.parametrize(("entry", "told"), TIES, ids=[told for _, told in TIES])
-def test_what_cannot_change_together_is_refused(entry: dict[str, Any], told: str) -> None:
+def test_incompatible_sensitivity_parameters_are_refused(entry: dict[str, Any], told: str) -> None:
     with pytest.raises(JobError) as caught:
         squeezed(sensitivities={"material.mu": entry})
     assert told in str(caught.value)
@@ -393,7 +393,7 @@ def test_numbers_that_change_together_count_once(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.parametrize(("key", "told"), FAULTS.items(), ids=list(FAULTS))
-def test_what_is_no_number_is_refused(key: str, told: str) -> None:
+def test_non_numbers_are_refused_as_sensitivity_parameters(key: str, told: str) -> None:
     with pytest.raises(JobError) as caught:
         squeezed(sensitivities=[key])
     assert caught.value.problems[0].split(": ", 1)[1].startswith("sensitivities[0]: ")
@@ -420,7 +420,7 @@ def test_what_is_no_number_is_refused(key: str, told: str) -> None:
         ),
     ],
 )
-def test_what_has_no_derivative_is_refused(law: dict[str, Any], key: str, told: str) -> None:
+def test_parameters_without_a_derivative_are_refused(law: dict[str, Any], key: str, told: str) -> None:
     with pytest.raises(JobError) as caught:
         squeezed(material=law, sensitivities={key: None}, discretisation={"displacement": 2, "formulation": "mixed"})
     assert f"sensitivities.{key}: {key} {told}" in str(caught.value) or told in str(caught.value)

@@ -52,7 +52,7 @@ def test_series_and_load_steps_end_in_the_same_state(name: str, comm: MPI.Intrac
     series, steps = (solved(comm, continuation, **PATHS[name]) for continuation in ("series", "steps"))
     assert {solve.strategy for solve in series.solves} == {"power series"}
     assert all(solve.outcome.accepted for solve in series.solves)
-    states = [one.model.unknowns.geometry_values(one.model.unknowns.displacement()) for one in (series, steps)]
+    states = [result.model.unknowns.geometry_values(result.model.unknowns.displacement()) for result in (series, steps)]
     error = np.abs(states[0] - states[1]).max() / np.abs(states[1]).max()
     counts = factorizations(series), factorizations(steps)
     print(f"{name}: difference {error:.1e}, factorizations {counts[0]} and {counts[1]}")

@@ -98,7 +98,7 @@ def test_stress_energy_and_shape_are_exact(
 
 
 @pytest.mark.parallel([3])
-def test_they_are_exact_on_more_ranks_and_for_several_shears(comm: MPI.Intracomm) -> None:
+def test_shears_are_exact_on_more_ranks(comm: MPI.Intracomm) -> None:
     """Each shear in both directions, each of two cases in both directions."""
     for direction, cases in (("forward", CASES[1:3]), ("inverse", CASES[2:0:-1])):
         for k, (_, material, exact, mesh, discretisation) in zip((1e-6, 0.1, 1.0), itertools.cycle(cases)):

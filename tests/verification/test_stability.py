@@ -334,7 +334,7 @@ def test_a_column_of_all_sorts_buckles(share: float, unstable: int, comm: MPI.In
 # What cannot be decided, and what it does
 
 
-def test_what_cannot_be_confirmed_is_not_decided() -> None:
+def test_unconfirmed_instability_is_not_decided() -> None:
     lines = [
         _unstable(2, confirmed, is_mixed=mixed) for confirmed in (None, Confirmed(0, 0.0)) for mixed in (True, False)
     ]
@@ -357,7 +357,7 @@ def test_a_tangent_that_is_not_finite_has_no_inertia(comm: MPI.Intracomm) -> Non
     assert inertia(matrix) is None
 
 
-def test_not_decided_on_screen_in_the_summary_and_in_the_exit_code(tmp_path: Path) -> None:
+def test_undecided_verdict_on_screen_in_the_summary_and_in_the_exit_code(tmp_path: Path) -> None:
     """Also when all is compiled beforehand: what confirms a negative eigenvalue is among it."""
     block = half_block(0.75, 4, hexahedra=True)
     data: dict[str, Any] = {

@@ -204,8 +204,8 @@ def test_a_sphere_in_three_states(comm: MPI.Intracomm) -> None:
     assert quantities["inner-fuller"] == pytest.approx(exact["inner-fuller"], rel=1e-5)
 
     # Pressures are p = 2 c1 g(A, a): twice the modulus and both pressures leave both radii as they were.
-    def slope(of: Callable[[float], float], at: float) -> float:
-        return (of(at + 1e-5) - of(at - 1e-5)) / 2e-5
+    def slope(function: Callable[[float], float], at: float) -> float:
+        return (function(at + 1e-5) - function(at - 1e-5)) / 2e-5
 
     a = exact["inner-fuller"]
     by_a, by_A = slope(lambda a: pressure(A, a), a), slope(lambda A: pressure(A, a), A)

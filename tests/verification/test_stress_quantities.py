@@ -97,8 +97,8 @@ def test_a_homogeneous_state_has_its_stress_everywhere(comm: MPI.Intracomm) -> N
             (named(name, on="x1", reduce="mean"), component)
             for name, component in zip(("nx", "ny", "nz"), normal / np.linalg.norm(normal), strict=True)
         ]
-        found = values(comm, direction, lambda x: H @ x, [q for q, _ in asked])  # noqa: B023
-        for (q, value), got in zip(asked, found, strict=True):
+        evaluated = values(comm, direction, lambda x: H @ x, [q for q, _ in asked])  # noqa: B023
+        for (q, value), got in zip(asked, evaluated, strict=True):
             assert got == pytest.approx(value, rel=1e-11, abs=1e-13 * MU * ("J" not in q.of.names)), q
 
 
@@ -137,7 +137,7 @@ def test_a_varying_state_is_averaged_over_volume_and_area_law_by_law(comm: MPI.I
     ]
     asked += [(named("y", on="high", reduce="mean"), 0.75), (named("uy", on="high", reduce="max"), 0.0)]  # at nodes
     for direction in ("forward", "inverse"):
-        found = values(
+        evaluated = values(
             comm,
             direction,
             lambda x: k * np.stack([x[1] ** 2, 0 * x[1], 0 * x[1]]),
@@ -145,7 +145,7 @@ def test_a_varying_state_is_averaged_over_volume_and_area_law_by_law(comm: MPI.I
             material=material,
             regions=regions,
         )
-        for (q, value), got in zip(asked, found, strict=True):
+        for (q, value), got in zip(asked, evaluated, strict=True):
             assert got == pytest.approx(value, rel=1e-11, abs=1e-12 * (stiff if q.fields else 1)), q
 
 
@@ -163,7 +163,7 @@ def test_volumes_and_areas_of_curved_bodies_before_and_after(hexahedra: bool, co
         )
         off = []
         for name, parameters, volume, area, grown, wider in bodies:
-            found = values(
+            evaluated = values(
                 comm,
                 "forward",
                 lambda x: np.array([[0.2], [0.2], [0.5]]) * x,
@@ -179,10 +179,10 @@ def test_volumes_and_areas_of_curved_bodies_before_and_after(hexahedra: bool, co
                 },
                 supports=sides,
             )
-            assert found[1] / found[0] == pytest.approx(grown, rel=1e-12)
-            off += [found[0] / volume - 1, found[2] / area - 1]
+            assert evaluated[1] / evaluated[0] == pytest.approx(grown, rel=1e-12)
+            off += [evaluated[0] / volume - 1, evaluated[2] / area - 1]
             if wider is not None:  # only the side of the tube, which is upright, is still one
-                off.append(found[3] / (area * wider) - 1)
+                off.append(evaluated[3] / (area * wider) - 1)
         return np.abs(off)
 
     coarse, fine = errors(2), errors(4)
@@ -222,8 +222,8 @@ def test_stresses_in_a_thick_sphere_at_a_point_and_on_its_boundary(comm: MPI.Int
             comm,
         )
         solution = solution_of(solved.model, "inverse", solved.scene, tuple(solved.solves))
-        found = evaluate([q for q, _ in asked], solved.body, solution, solved.model)
-        return np.abs([found[q.name] / value - 1 for q, value in asked])
+        evaluated = evaluate([q for q, _ in asked], solved.body, solution, solved.model)
+        return np.abs([evaluated[q.name] / value - 1 for q, value in asked])
 
     coarse, fine = errors(4), errors(8)
     print("relative errors", dict(zip([q.name for q, _ in asked], zip(coarse, fine, strict=True), strict=True)))
@@ -245,7 +245,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("given", "told"), WRONG, ids=[told[:40] for _, told in WRONG])
-def test_what_cannot_be_asked_is_told(given: dict[str, Any], told: str) -> None:
+def test_invalid_stress_quantities_are_refused(given: dict[str, Any], told: str) -> None:
     with pytest.raises(JobError) as caught:
         job(**GOOD, quantities=[{"name": "a", **given}])
     assert f"quantities[0].{told}" in str(caught.value)
@@ -283,5 +283,5 @@ def test_a_formula_without_a_finite_value_is_not_a_number_on_all_ranks(comm: MPI
     for reduce in ("max", "min", "mean", "integral"):
         over = {"over": "reference"} if reduce == "integral" else {}
         bad = quantity("root", "sqrt(x - 0.5) + 0*energy", on="block", reduce=reduce, **over)
-        (found,) = values(comm, "forward", lambda x: 0.1 * x, [bad])
-        assert np.isnan(found)
+        (evaluated,) = values(comm, "forward", lambda x: 0.1 * x, [bad])
+        assert np.isnan(evaluated)

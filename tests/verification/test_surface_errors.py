@@ -110,15 +110,15 @@ def test_shapes_and_quantities_follow_the_nodes_of_the_surface(comm: MPI.Intraco
         corner = points[np.abs(source.points - 1.0).sum(axis=1).argmin()].tolist()
         quantities = [{**q, "at": corner} if "at" in q else q for q in plain.data["quantities"]]
         ends.append(hpcinv.run(block(mesh={"file": str(path)}, quantities=quantities), comm))
-    for name, found in (("rest", first), ("lying", second)):
+    for name, slopes in (("rest", first), ("lying", second)):
         shapes = [reorder_to_source(end.body, end.shapes[name]) for end in ends]
         whole = [_whole(comm, shape) for shape in shapes]
         expected = (whole[1] - whole[0]) / 2e-3
-        nodes_of = _whole(comm, reorder_to_source(body, found.nodes["w"]))
+        nodes_of = _whole(comm, reorder_to_source(body, slopes.nodes["w"]))
         error = np.abs(nodes_of - expected).max() / np.abs(expected).max()
         print(f"{name}: {error:.1e}")
         assert error < 1e-5
-        for quantity, by_key in found.slopes.items():
+        for quantity, by_key in slopes.slopes.items():
             difference = np.subtract(*(np.array(end.quantities[quantity]) for end in ends[::-1])) / 2e-3
             np.testing.assert_allclose(by_key["w"], difference, rtol=1e-4, atol=1e-7, err_msg=quantity)
 

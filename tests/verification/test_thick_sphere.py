@@ -61,11 +61,11 @@ def test_the_closed_form_has_the_radii_known_for_it() -> None:
 @pytest.mark.parametrize(("hexahedra", "order", "best"), [(True, 3.2, 6e-7), (False, 2.6, 2e-5)])
 def test_radii_converge(hexahedra: bool, order: float, best: float, comm: MPI.Intracomm) -> None:
     divisions = np.array([2, 4, 6])
-    found = np.abs([errors(0.0, n, hexahedra, comm) for n in divisions.tolist()])
-    largest = found.max(axis=1)
+    magnitudes = np.abs([errors(0.0, n, hexahedra, comm) for n in divisions.tolist()])
+    largest = magnitudes.max(axis=1)
     orders = np.log(largest[:-1] / largest[1:]) / np.log(divisions[1:] / divisions[:-1])
     cells = "hexahedra" if hexahedra else "tetrahedra"
-    print(f"{cells}: errors {digits(found)}, orders of the larger {orders.round(2).tolist()}")
+    print(f"{cells}: errors {digits(magnitudes)}, orders of the larger {orders.round(2).tolist()}")
     assert orders.min() > order
     assert largest[-1] < best
 

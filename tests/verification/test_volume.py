@@ -95,7 +95,7 @@ def test_growth_is_no_elastic_change_of_volume(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.parallel([1, 2])
-def test_only_what_is_nearly_incompressible_counts(comm: MPI.Intracomm) -> None:
+def test_only_nearly_incompressible_regions_count(comm: MPI.Intracomm) -> None:
     """The soft foam below changes its volume by tens of per cent; what lies on it hardly does."""
     line = unaccounted(
         job(

@@ -99,7 +99,7 @@ STRATEGIES: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", STRATEGIES)
-def test_every_strategy_reaches_it(name: str, comm: MPI.Intracomm) -> None:
+def test_every_strategy_reaches_zero_displacement(name: str, comm: MPI.Intracomm) -> None:
     result = hpcinv.run(case(**({"analysis": "forward"} | STRATEGIES[name])), comm)
     check(result, comm, most=7)
     assert result.quantities["stress"] == pytest.approx(heated_stress(), rel=1e-10)
@@ -123,7 +123,7 @@ BALANCES: dict[str, list[dict[str, Any]]] = {
 
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
-def test_what_is_balanced_moves_nothing_and_passes(direction: str, comm: MPI.Intracomm) -> None:
+def test_balanced_loads_move_nothing_and_pass(direction: str, comm: MPI.Intracomm) -> None:
     for name, in_balance in BALANCES.items():
         result = hpcinv.run(
             case(analysis=direction, effects=in_balance, supports=ROLLERS, certificate="standard"), comm

@@ -49,7 +49,7 @@ def test_both_presets_give_one_answer(material: str, analysis: str, comm: MPI.In
 
 
 @pytest.mark.parallel([1, 3])
-def test_they_do_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
+def test_configurations_solve_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
     agree_on("nearly incompressible", "inverse", comm)
 
 

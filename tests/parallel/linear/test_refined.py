@@ -65,7 +65,9 @@ def test_rounded_and_kept_factors_give_the_answer_of_double_precision(
     assert {sign for solve in of_single.solves for sign in solve.signs} == {
         sign for solve in of_double.solves for sign in solve.signs
     }
-    counts = [sum(len(solve.iterations) for solve in of.solves) for of in (of_double, of_single)]
+    counts = [
+        sum(len(solve.iterations) for solve in solver_statistics.solves) for solver_statistics in (of_double, of_single)
+    ]
     assert counts[1] <= counts[0] + 2
 
 
@@ -125,34 +127,34 @@ def test_a_job_may_have_double_precision_or_single_at_any_size(
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_the_tolerance_of_a_job_counts_with_factors_in_single_precision(analysis: str, comm: MPI.Intracomm) -> None:
     data = {**SHELF, "material": MATERIALS["compressible"], "analysis": analysis}
-    found = {}
+    shapes = {}
     for tolerance in (1e-3, 1e-10):
         result, linear = solved(comm, **data, solver={"linear": "direct", "petsc": {"ksp_rtol": tolerance}})
         assert linear["fallback"] is None
         assert linear["note"].startswith("factors in single precision")
-        found[tolerance] = result, linear["iterations"]
-    (rough, few), (exact, many) = found.values()
+        shapes[tolerance] = result, linear["iterations"]
+    (rough, few), (exact, many) = shapes.values()
     assert few < many
     assert difference(comm, rough, exact) < 1e-8
 
 
 @pytest.mark.parallel([1, 2])
-def test_what_is_no_correction_is_solved_to_ten_digits(comm: MPI.Intracomm) -> None:
+def test_systems_without_newton_are_solved_to_ten_digits(comm: MPI.Intracomm) -> None:
     body = Solved(job(**BEAM | {"analysis": "inverse"}), comm)
     system = System(body.scene, body.model.supports, Timings())
     system.linearise(1.0)
     system.residual(system.rhs)
     system.rhs.setRandom()
-    found = []
+    solutions = []
     for choice in (Choice("direct", ""), SINGLE):
         linear = LinearSolver(system, {}, choice)
         x = system.rhs.duplicate()
         assert linear.solve(system.rhs, x)
-        found.append(x)
+        solutions.append(x)
         linear.destroy()
-    size = norm(found[0])
-    found[0].axpy(-1.0, found[1])
-    assert norm(found[0]) < 1e-8 * size  # rounding errors of double precision times the condition of the beam
+    size = norm(solutions[0])
+    solutions[0].axpy(-1.0, solutions[1])
+    assert norm(solutions[0]) < 1e-8 * size  # rounding errors of double precision times the condition of the beam
     system.destroy()
 
 

@@ -234,18 +234,18 @@ def main() -> int:
     options = parser.parse_args()
     options.keep.mkdir(parents=True, exist_ok=True)
     chosen = [options.only] if options.only else list(KINDS)
-    found = 0
+    faults = 0
     for kind in chosen:
         source = random.Random(options.seed)
         with tempfile.TemporaryDirectory() as directory:
             until = time.monotonic() + options.seconds / len(chosen)
             for content, fault in KINDS[kind](Path(directory), source, options.count, until):
-                found += 1
-                kept = options.keep / f"{kind}-{options.seed}-{found}"
+                faults += 1
+                kept = options.keep / f"{kind}-{options.seed}-{faults}"
                 kept.write_bytes(content)
                 print(f"{kept}: {fault}\n", flush=True)
-    print(f"{found} wrong answers to {', '.join(f'{n} {kind}' for kind, n in TRIED.items())}")
-    return 1 if found else 0
+    print(f"{faults} wrong answers to {', '.join(f'{n} {kind}' for kind, n in TRIED.items())}")
+    return 1 if faults else 0
 
 
 if __name__ == "__main__":

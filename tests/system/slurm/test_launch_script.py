@@ -67,7 +67,7 @@ def test_a_run_that_usr1_has_stopped_and_that_is_saved_is_requeued(
     assert launched(tmp_path, 75, *signals) == (75, "requeue 17")
 
 
-def test_so_is_one_that_is_preempted_whose_ranks_alone_got_a_signal(tmp_path: Path) -> None:
+def test_preempted_job_whose_ranks_alone_got_a_signal_is_requeued(tmp_path: Path) -> None:
     assert launched(tmp_path, 75, PREEMPTED="2026-11-22T00:00:41") == (75, "requeue 17")
 
 
@@ -78,7 +78,9 @@ def test_a_task_of_an_array_is_requeued_alone(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("code", "signals"), [(75, (TERM,)), (75, (USR1, TERM)), (75, (TERM, USR1)), (75, ()), (0, (USR1,)), (3, (USR1,))]
 )
-def test_no_other_end_is(code: int, signals: tuple[signal.Signals, ...], tmp_path: Path) -> None:
+def test_jobs_that_ended_otherwise_are_not_requeued(
+    code: int, signals: tuple[signal.Signals, ...], tmp_path: Path
+) -> None:
     """Cancelled, stopped by something else, finished or failed."""
     assert launched(tmp_path, code, *signals) == (code, "")
 
@@ -120,7 +122,7 @@ def test_a_run_that_saves_nothing_is_requeued_twice_in_a_row_at_most(
 
 
 @pytest.mark.parametrize(("limit", "is_told"), [("00:02:00", True), ("00:02:01", False), ("1-00:00:00", False)])
-def test_a_time_limit_within_the_lead_is_told_before_the_run(limit: str, is_told: bool, tmp_path: Path) -> None:
+def test_a_time_limit_within_the_lead_is_reported_before_the_run(limit: str, is_told: bool, tmp_path: Path) -> None:
     """By the last option of the script, as Slurm takes it."""
     scontrol = tmp_path / "scontrol"
     scontrol.write_text(SCONTROL)
@@ -136,7 +138,7 @@ def test_a_time_limit_within_the_lead_is_told_before_the_run(limit: str, is_told
     assert done.stderr.startswith(text) if is_told else not done.stderr
 
 
-def test_it_is_not_requeued_for_ever(tmp_path: Path) -> None:
+def test_job_without_progress_is_not_requeued_for_ever(tmp_path: Path) -> None:
     assert launched(tmp_path, 75, USR1, SLURM_RESTART_COUNT="50") == (75, "")
 
 

@@ -100,7 +100,7 @@ def test_tasks_of_an_array_begin_with_different_shares() -> None:
     assert shares == {"1/3", "2/3", "3/3"}
 
 
-def test_where_there_is_no_slurm_that_is_said(sweep: Path, tmp_path: Path) -> None:
+def test_missing_slurm_is_reported(sweep: Path, tmp_path: Path) -> None:
     done = submit(sweep, "--ntasks", 2, path=str(tmp_path))
     assert done.returncode == 2
     assert done.stderr.startswith("the command sbatch of Slurm was not found")
@@ -132,7 +132,7 @@ def test_time_limits_above_the_lead_are_taken(limit: str, sweep: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_a_store_that_cannot_be_used_is_told_before_anything_is_submitted(sweep: Path) -> None:
+def test_a_store_that_cannot_be_used_is_reported_before_anything_is_submitted(sweep: Path) -> None:
     (sweep.parent / "store").write_text("a file")
     done = submit(sweep, "--ntasks", 1, "--dry-run")
     assert done.returncode == 2

@@ -90,7 +90,7 @@ def test_a_cancelled_sweep_is_not_requeued_and_goes_on_when_it_is_submitted_agai
     assert (facts["JobState"], facts["Restarts"]) == ("CANCELLED", "0")
 
 
-def test_what_sbatch_refuses_is_told_in_its_own_words(batch: Batch) -> None:
+def test_refusals_of_sbatch_are_quoted(batch: Batch) -> None:
     done = submit(batch, "--ntasks", 1, "--sbatch", "partition=nowhere")
     assert done.returncode == 2
     assert "sbatch refuses results/stiffness/slurm/run.sbatch" in done.stderr

@@ -67,7 +67,7 @@ def statuses(sweep: Path) -> list[str]:
 
 
 @pytest.mark.parametrize(("ranks", "per_case"), [(2, 1), pytest.param(2, 2, marks=pytest.mark.release)])
-def test_cases_that_crash_are_told_and_all_others_are_solved(ranks: int, per_case: int, tmp_path: Path) -> None:
+def test_cases_that_crash_are_reported_and_all_others_are_solved(ranks: int, per_case: int, tmp_path: Path) -> None:
     how = ["SIGSEGV", "abort", "exit 0", "MPI_Abort"] if per_case == 1 else ["SIGSEGV", "exit 0"]
     sweep = crashing(tmp_path, how, good=4)
     ended = hpcinv(ranks, "sweep", "run", sweep, "--ranks-per-case", per_case, cwd=tmp_path)
@@ -130,7 +130,7 @@ def test_kills_of_whole_allocations_are_not_the_fault_of_the_case(
     assert statuses(sweep) == ["converged" if solved else "the process that ran it was killed 7 times"]
 
 
-def test_cases_that_take_too_long_are_told_and_all_others_are_solved(tmp_path: Path) -> None:
+def test_cases_that_take_too_long_are_reported_and_all_others_are_solved(tmp_path: Path) -> None:
     """One that can stop itself at the next step, and two that cannot."""
     sweep = crashing(tmp_path, ["loop", "stuck"], good=2, limit="2 s")
     content = sweep.read_text().replace("- 8500", "- 8500\n          solver: [{strategy: fixed, steps: 4000}, {}]")
@@ -165,7 +165,7 @@ def test_a_signal_while_a_case_is_stuck_gives_it_back(tmp_path: Path) -> None:
     assert list(tmp_path.glob("store/ledger/*/*.released-1-1"))
 
 
-def test_where_processes_cannot_be_started_again_cases_are_solved_by_the_launcher_s_ranks(tmp_path: Path) -> None:
+def test_without_restarts_the_launchers_ranks_solve_the_cases(tmp_path: Path) -> None:
     sweep = crashing(tmp_path, ["abort"], good=2)
     ended = hpcinv(2, "sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
     assert ended.returncode not in (0, 3)

@@ -42,10 +42,10 @@ def test_a_block_at_small_strain(tmp_path: Path) -> None:
     whole = (1 + v) * (1 + w) - 1
     data = json.loads(output.read_text())
     top = data["quantities"]["top"]
-    for of in (top, data["shape"]):
+    for table in (top, data["shape"]):
         for key, x, y in (("effects[0].density", v, w), ("material.young", w, v)):
-            assert of["indices"][key]["first"]["value"] == pytest.approx(x / whole, abs=2e-3)
-            assert of["indices"][key]["total"]["value"] == pytest.approx(x * (1 + y) / whole, abs=2e-3)
+            assert table["indices"][key]["first"]["value"] == pytest.approx(x / whole, abs=2e-3)
+            assert table["indices"][key]["total"]["value"] == pytest.approx(x * (1 + y) / whole, abs=2e-3)
     assert top["standard_deviation"]["value"] == pytest.approx(math.sqrt(whole) * abs(top["mean"]["value"]), rel=2e-3)
 
     field = read_vtu(shape)

@@ -42,7 +42,7 @@ def test_a_mapping_is_a_sweep_and_cases_are_solved_once(tmp_path: Path, comm: MP
     assert len(lines) == 2
 
 
-def test_a_case_that_fails_is_told_in_the_table(tmp_path: Path, comm: MPI.Intracomm) -> None:
+def test_a_case_that_fails_is_reported_in_the_table(tmp_path: Path, comm: MPI.Intracomm) -> None:
     write_sweep(tmp_path, [{"grid": {"material.mu": ["10 kPa", "1 Pa"]}}])
     table = hpcinv.sweep(tmp_path / "sweep.yaml", comm)
     assert table["status"][0] == "converged"
@@ -50,7 +50,7 @@ def test_a_case_that_fails_is_told_in_the_table(tmp_path: Path, comm: MPI.Intrac
     assert table["top"][1] is None
 
 
-def test_what_is_wrong_is_raised(tmp_path: Path, comm: MPI.Intracomm) -> None:
+def test_faulty_sweeps_raise_an_error(tmp_path: Path, comm: MPI.Intracomm) -> None:
     with pytest.raises(JobError, match=r"\(mapping\): axes"):
         hpcinv.sweep({"job": "block.yaml", "axes": 3}, comm, directory=tmp_path)
     with pytest.raises(JobError, match="is not a sweep, since it has no 'axes'"):

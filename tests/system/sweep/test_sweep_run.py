@@ -88,7 +88,7 @@ def test_sweeps_that_share_a_store_share_their_cases(tmp_path: Path) -> None:
     assert re.findall(r"(?<!first: )case (\d+), ", ended.stdout) == ["1"]
 
 
-def test_a_case_that_fails_is_told_and_the_others_go_on(tmp_path: Path) -> None:
+def test_a_case_that_fails_is_reported_and_the_others_go_on(tmp_path: Path) -> None:
     """The softest block cannot have stood up; a region that is not in the mesh is found only where there is one."""
     axes = [{"zip": {"material.mu": ["10 kPa", "20 Pa", "12 kPa"], "material.lam": ["40 kPa", "40 Pa", "40 kPa"]}}]
     sweep = write_sweep(tmp_path, axes)
@@ -150,7 +150,7 @@ def test_a_signal_saves_the_case_at_hand_and_the_next_run_goes_on_with_it(tmp_pa
         )
 
 
-def test_whatever_a_kill_has_left_of_a_run_directory_the_case_is_solved(tmp_path: Path) -> None:
+def test_case_is_solved_from_any_remains_of_a_killed_run(tmp_path: Path) -> None:
     """Each case was claimed by a process that died, and left a directory in another state."""
     sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000 + 500 * i for i in range(9)]}}])
     plan = load_sweep(sweep)
@@ -238,7 +238,7 @@ def test_the_case_of_a_vanished_node_is_taken_over_after_the_lease(tmp_path: Pat
     assert "must be 15 or more" in refused.stderr
 
 
-def test_who_is_taken_over_lets_go(tmp_path: Path) -> None:
+def test_superseded_process_stops_writing(tmp_path: Path) -> None:
     """A process that slept for longer than the lease on another machine finds its directory gone, and goes on."""
     sweep = write_sweep(tmp_path, slow(2), job={**BLOCK, "checkpoint": {"every": 1, "seconds": 0}})
     plan = load_sweep(sweep)
@@ -265,7 +265,7 @@ def test_who_is_taken_over_lets_go(tmp_path: Path) -> None:
     assert sorted(r.status for r in records_of(sweep).values() if r is not None) == ["by another", "converged"]
 
 
-def test_a_full_disk_is_told_and_the_same_command_goes_on(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_the_same_command_goes_on(tmp_path: Path) -> None:
     store = tmp_path / "store"
     store.mkdir()
     mounted = subprocess.run(
@@ -303,7 +303,7 @@ def test_a_case_with_a_damaged_record_is_solved_again_by_the_next_start(tmp_path
     assert top(records_of(sweep)[2]) == pytest.approx(top(before[2]), rel=1e-9)
 
 
-def test_where_all_is_finished_no_process_starts_to_solve(tmp_path: Path) -> None:
+def test_finished_sweeps_start_no_solver_process(tmp_path: Path) -> None:
     """Importing PETSc takes longer than reading thousands of records."""
     sweep = write_sweep(tmp_path, GRID)
     assert hpcinv(1, "sweep", "run", sweep, cwd=tmp_path).returncode == 0

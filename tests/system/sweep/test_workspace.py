@@ -152,7 +152,7 @@ def test_a_run_after_another_finds_what_it_finds_alone(pair: str, comm: MPI.Intr
     ).max() < 1e-8 * np.abs(alone.solutions[0].cauchy_stress.x.array).max(initial=1.0)
 
 
-def test_what_two_runs_share_is_made_once(comm: MPI.Intracomm) -> None:
+def test_objects_shared_by_two_runs_are_built_once(comm: MPI.Intracomm) -> None:
     with Workspace(comm) as workspace:
         run(block(), comm, workspace=workspace)
         body, (model,) = workspace._body, workspace._equations.values()
@@ -209,7 +209,7 @@ def test_a_name_in_a_formula_counts_by_its_value(section: str) -> None:
     assert content_key(first) != content_key(other)
 
 
-def test_what_decides_about_a_mesh_or_a_check_counts(tmp_path: Path) -> None:
+def test_settings_of_mesh_and_checks_are_part_of_the_key(tmp_path: Path) -> None:
     """The unit of an image that is left out is mm; surfaces have names; an assumed error changes a certificate."""
     (tmp_path / "a.stl").write_text("solid a")
     (tmp_path / "b.stl").write_text("solid b")

@@ -123,7 +123,7 @@ def test_large_chunky_bodies_are_solved_iteratively_and_others_directly(
         (0.5, "direct", "multigrid would take about 2 times as long as factorizations"),
     ],
 )
-def test_the_reason_that_is_told_is_the_one_that_decided(
+def test_the_reason_that_is_reported_is_the_one_that_decided(
     ratio: float, configuration: str, why: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)
@@ -198,8 +198,8 @@ def test_nested_iteration_is_taken_where_it_clearly_pays(
     chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)
     chooser.room = 1e12
     directions: tuple[Any, ...] = ("inverse", "forward")
-    found = {direction for direction in directions if chooser.is_nested_iteration_worth(Solver(), direction)}
-    assert found == expected
+    nested = {direction for direction in directions if chooser.is_nested_iteration_worth(Solver(), direction)}
+    assert nested == expected
     assert not chooser.is_nested_iteration_worth(Solver(linear="iterative"), "forward")
     chooser._ranks = 1000  # the coarser mesh is made on one
     assert not chooser.is_nested_iteration_worth(Solver(), "forward")

@@ -181,14 +181,14 @@ def test_intervals_contain_the_indices_as_often_as_they_say(kind: str) -> None:
         if kind == "kinks":
             values = np.prod(1 + c * np.abs(points), axis=1)
         indices = indices_of(points, [False] * 2, values)
-        of = np.array([*indices.first, *indices.total])
-        inside.append((of[:, 1] <= exact) & (exact <= of[:, 2]))
+        intervals = np.array([*indices.first, *indices.total])
+        inside.append((intervals[:, 1] <= exact) & (exact <= intervals[:, 2]))
     coverage = np.mean(inside, axis=0)
     print(kind, coverage)
     assert np.all(coverage >= 0.89)
 
 
-def test_intervals_that_a_long_tail_makes_too_narrow_are_told() -> None:
+def test_intervals_that_a_long_tail_makes_too_narrow_are_reported() -> None:
     """Of exp(0.8 z₁ + 0.5 z₂), whose indices are those of a product of lognormal factors."""
     rng = np.random.default_rng(11)
     s = np.array([0.8, 0.5])
@@ -199,8 +199,8 @@ def test_intervals_that_a_long_tail_makes_too_narrow_are_told() -> None:
     for _ in range(100):
         points = rng.standard_normal((60, 2))
         indices = indices_of(points, [True] * 2, np.exp(points @ s))
-        of = np.array([*indices.first, *indices.total])
-        inside.append((of[:, 1] <= exact) & (exact <= of[:, 2]))
+        intervals = np.array([*indices.first, *indices.total])
+        inside.append((intervals[:, 1] <= exact) & (exact <= intervals[:, 2]))
         told.append(indices.has_long_tail)
     print("long tail", np.mean(inside, axis=0), np.mean(told))
     assert np.mean(told) > 0.9
@@ -282,7 +282,7 @@ def test_a_quantity_that_the_parameters_do_not_explain_is_not_decided(
 
 
 @pytest.mark.parametrize(("kind", "left"), [("sobol", 20 - 6), ("random", 20 - 6), ("latin_hypercube", 20)])
-def test_the_cost_is_told_before_the_sweep(
+def test_the_cost_is_reported_before_the_sweep(
     kind: str, left: int, tmp_path: Path, solve: Callable[..., None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     plan = draw(tmp_path, 16, kind=kind)

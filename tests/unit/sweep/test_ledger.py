@@ -61,7 +61,7 @@ def test_a_record_is_read_as_it_was_written() -> None:
     assert str(again) == str(record)  # tells 1 from 1.0 and 0.0 from -0.0
 
 
-def test_what_is_not_finite_is_null_in_a_record() -> None:
+def test_non_finite_values_are_null_in_a_record() -> None:
     record = CaseRecord("diverged", "", {"a": [float("nan"), (float("inf"), 1.0)]}, 1.0, 1)
     assert CaseRecord.decoded(record.encoded()).statistics == {"a": [None, [None, 1.0]]}
 
@@ -150,7 +150,7 @@ def begun_again(ledger: Ledger, meanwhile: Ledger) -> None:
 
 @pytest.mark.parametrize("history", [begun, given_back, finished, to_be_tried_again, begun_again])
 @pytest.mark.parametrize("before", [0, 1])
-def test_who_hesitates_between_looking_and_claiming_gets_nothing(
+def test_late_claims_of_a_taken_case_fail(
     ledger: Ledger,
     store: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -401,7 +401,7 @@ def identity(**changes: Any) -> Identity:
         (identity(job="cluster/7", restart=0), False),  # it is there, whatever Slurm counts
     ],
 )
-def test_who_is_dead_at_once(store: Path, other: Identity, dead: bool) -> None:
+def test_processes_known_to_be_dead(store: Path, other: Identity, dead: bool) -> None:
     me = identity(job="cluster/7", restart=1)
     assert liveness.Watch(store, me, 60.0).is_dead(other) is dead
     outside = identity(job="")
@@ -456,7 +456,7 @@ def everything(path: Path) -> set[Path]:
     return {p for p in path.rglob("*") if p.name != "filler"}
 
 
-def test_a_full_disk_is_told_and_leaves_nothing_behind(small_disk: Path) -> None:
+def test_a_full_disk_is_reported_and_leaves_nothing_behind(small_disk: Path) -> None:
     store = small_disk / "store"
     with Holder(store, beat=0.05) as me:
         ledger = Ledger(store, me)
@@ -507,7 +507,7 @@ def test_a_store_that_may_only_be_read_can_be_read(small_disk: Path) -> None:
         Holder(store).__enter__()
 
 
-def test_a_store_that_vanishes_is_told_and_not_made_again(ledger: Ledger, store: Path) -> None:
+def test_a_store_that_vanishes_is_reported_and_not_made_again(ledger: Ledger, store: Path) -> None:
     claim = ledger.claim(KEY)
     assert claim is not None
     shutil.rmtree(store)
@@ -524,7 +524,7 @@ def test_a_store_that_vanishes_is_told_and_not_made_again(ledger: Ledger, store:
     assert not store.exists()
 
 
-def test_a_store_below_a_file_is_told(tmp_path: Path) -> None:
+def test_a_store_below_a_file_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match=r"file/store: Not a directory"), Holder(tmp_path / "file" / "store"):
         pass
@@ -624,9 +624,7 @@ def test_any_other_error_of_a_link_is_raised_and_leaves_nothing(
 # What it costs
 
 
-def test_where_10_000_cases_stand_costs_a_scan_for_each_first_two_digits(
-    ledger: Ledger, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_status_of_10_000_cases_costs_a_scan_per_two_digits(ledger: Ledger, monkeypatch: pytest.MonkeyPatch) -> None:
     keys = [f"{number % 256:02x}{number:018x}" for number in range(10_000)]
     for key in keys[:128]:
         claim = ledger.claim(key)

@@ -180,12 +180,12 @@ def test_sampled_values_have_twelve_digits(tmp_path: Path) -> None:
         ([{"grid": {MU: [1] * 2000, DENSITY: [1] * 2000}}], "axes: make 4,000,000 cases, but a sweep can have no more"),
     ],
 )
-def test_what_is_wrong_with_the_file_is_told(axes: list[dict[str, Any]], expected: str, tmp_path: Path) -> None:
+def test_faults_of_the_sweep_file_are_reported(axes: list[dict[str, Any]], expected: str, tmp_path: Path) -> None:
     [problem] = problems(tmp_path, *axes)
     assert expected in problem
 
 
-def test_everything_wrong_is_told_at_once_with_the_number_of_cases(tmp_path: Path) -> None:
+def test_everything_wrong_is_reported_at_once_with_the_number_of_cases(tmp_path: Path) -> None:
     assert problems(tmp_path, {"grid": {"effects[1].density": [1, 2]}}) == [
         "case 0, density 1 (and 1 more case): cannot set effects[1].density: [1] is not an entry of a list of 1"
     ]
@@ -315,7 +315,7 @@ def test_the_same_case_has_the_same_key_in_every_sweep(tmp_path: Path) -> None:
     assert key(other, {"grid": {MU: [drawn.parameters[MU]]}}) == drawn.key
 
 
-def test_whatever_changes_the_result_changes_the_key(tmp_path: Path) -> None:
+def test_changes_of_the_result_change_the_key(tmp_path: Path) -> None:
     mesh = tmp_path / "box.py"
     mesh.write_bytes((ROOT / "meshes" / "box.py").read_bytes())
     length = COLUMN["quantities"][0]

@@ -136,7 +136,7 @@ def test_the_outlook_tells_cases_sizes_and_time(tmp_path: Path, commit: Callable
     )
 
 
-def test_a_mesh_that_cannot_be_made_is_told_in_the_outlook(tmp_path: Path) -> None:
+def test_a_mesh_that_cannot_be_made_is_reported_in_the_outlook(tmp_path: Path) -> None:
     (tmp_path / "broken.py").write_text("def build(gmsh):\n    raise RuntimeError('no such shape')\n")
     meshes = [BLOCK["mesh"], {"file": "broken.py"}]
     sweep_plan = plan(tmp_path, {"grid": {"mesh": meshes}})
@@ -414,7 +414,7 @@ def test_scales_are_logarithmic_where_values_are_even_in_that() -> None:
         ("failures", [MU], "the map of failures is over two parameters"),
     ],
 )
-def test_what_cannot_be_drawn_is_told(quantity: str, over: list[str], expected: str, tmp_path: Path) -> None:
+def test_impossible_diagrams_are_reported(quantity: str, over: list[str], expected: str, tmp_path: Path) -> None:
     sweep_plan = plan(tmp_path, {"grid": {MU: [1e4, 2e4]}})
     with pytest.raises(JobError) as caught:
         plot(sweep_plan, {sweep_plan.cases[0].key: good()}, quantity, over)
@@ -478,7 +478,7 @@ def test_a_store_of_another_format_is_refused_by_all_commands(
     assert [path.name for path in sweep_plan.store.iterdir()] == ["store.json"]
 
 
-def test_damaged_records_are_told_and_nothing_is_written(
+def test_damaged_records_are_reported_and_nothing_is_written(
     tmp_path: Path, commit: Callable[[Case, CaseRecord], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     sweep_plan = plan(tmp_path, {"grid": {MU: [1e4, 2e4, 3e4]}})

@@ -39,7 +39,9 @@ SOFT = {
 
 @both_ways
 @pytest.mark.parametrize("extreme", STIFF.values(), ids=STIFF)
-def test_what_hardly_moves_is_solved(extreme: dict[str, float], analysis: str, comm: MPI.Intracomm) -> None:
+def test_extremely_small_displacements_are_solved(
+    extreme: dict[str, float], analysis: str, comm: MPI.Intracomm
+) -> None:
     case = block(analysis, **extreme)
     result = hpcinv.run(case, comm)
     require_finite(result.statistics)
@@ -52,7 +54,7 @@ def test_what_hardly_moves_is_solved(extreme: dict[str, float], analysis: str, c
 
 @both_ways
 @pytest.mark.parametrize("extreme", SOFT.values(), ids=SOFT)
-def test_what_nothing_holds_is_told(extreme: dict[str, float], analysis: str, comm: MPI.Intracomm) -> None:
+def test_extremely_large_loads_are_reported(extreme: dict[str, float], analysis: str, comm: MPI.Intracomm) -> None:
     with pytest.raises(SolveError, match="stopped at load factor 0 of 1") as caught:
         hpcinv.run(block(analysis, **extreme), comm)
     print(caught.value)

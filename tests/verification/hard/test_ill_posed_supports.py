@@ -54,7 +54,7 @@ def held(**faces: str) -> dict[str, Any]:
 
 
 @pytest.mark.parallel(3)
-def test_what_is_left_free_is_named(comm: MPI.Intracomm) -> None:
+def test_free_rigid_motions_are_named(comm: MPI.Intracomm) -> None:
     about_x = "supports: leave the body free to turn about the axis through (0, 0, 0) m along x"
     assert refusal(comm) == about_x
     faults = refusal(comm, supports=held(x0="x")["supports"], effects=[SPRINGS])
@@ -77,7 +77,7 @@ HOLDING = {
 
 
 @pytest.mark.parametrize("supports", HOLDING.values(), ids=HOLDING)
-def test_what_holds_is_let_be(supports: dict[str, Any], comm: MPI.Intracomm) -> None:
+def test_sufficient_supports_are_accepted(supports: dict[str, Any], comm: MPI.Intracomm) -> None:
     model(comm, **supports)
 
 

@@ -52,7 +52,7 @@ def test_newton_from_rest_would_leave_the_domain_of_the_law(comm: MPI.Intracomm)
     assert first.correction > 10 * (LIMIT - 1)
 
 
-def test_gent_beyond_its_limit_is_told(comm: MPI.Intracomm, run_directory: Path) -> None:
+def test_gent_beyond_its_limit_is_reported(comm: MPI.Intracomm, run_directory: Path) -> None:
     code, text = fail("gent-beyond-its-limit", comm, run_directory)
     print(text)
     assert code == 3

@@ -98,7 +98,7 @@ def test_the_limit_point_is_reported_with_the_load_it_carries(comm: MPI.Intracom
 # A shape that overlaps itself
 
 
-def test_a_coil_that_passes_through_itself_is_told(comm: MPI.Intracomm) -> None:
+def test_a_coil_that_passes_through_itself_is_reported(comm: MPI.Intracomm) -> None:
     """By theory (test_hard_beams.py) the axis turns more than once around, on a radius less than the beam is thick."""
     result = solve("coil-through-itself", comm, certificate=NO_CERTIFICATE | {"overlap": True})
     assert result.solutions[0].J_range[0] > 0.5  # nothing in the interior says so
@@ -118,7 +118,7 @@ def test_half_a_turn_does_not_overlap(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.parametrize(("share", "unstable"), [(0.95, 0), (1.05, 2), (6.9, 2), (7.5, 4)])
-def test_a_column_higher_than_can_stand_is_told(share: float, unstable: int, comm: MPI.Intracomm) -> None:
+def test_a_column_higher_than_can_stand_is_reported(share: float, unstable: int, comm: MPI.Intracomm) -> None:
     """Greenhill: it falls at ``q L³/(E I) = 7.8373``; its second mode is at 55.98, 7.14 times as much."""
     stiffness = 3 * 2 * (C1 + C2) * DIAMETER**2 / 16
     density = share * 7.8373 * stiffness / (GRAVITY * LENGTH**3)
