@@ -1,7 +1,7 @@
 """Preconditioner for displacements and pressures: the right factor of the block factorization of the tangent."""
 
 from collections.abc import Callable
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -59,6 +59,10 @@ class BlockTriangular:
         set_levels(self.displacements, self._operator, tangent)
         self._right: PETSc.Vec = tangent.createVecRight()
         self._left: PETSc.Vec = tangent.createVecLeft()
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        """Report a failure of the preconditioner of A."""
+        pc.setFailedReason(cast(Any, self.displacements.getFailedReason()))
 
     def apply(self, _pc: PETSc.PC, residual: PETSc.Vec, correction: PETSc.Vec) -> None:
         pressures = cast(Floats, residual.array_r)[self._pressures] * self._inverse

@@ -1,8 +1,8 @@
 """Multigrid for displacements of a degree above 1, whose coarse space are displacements of degree 1.
 
 Aggregation of the nodes of degree 2 makes coarse levels that are expensive and converge slowly. Galerkin's product with
-the interpolation from degree 1 on the same cells, an eighth of the nodes, is the tangent of degree 1, which suits
-algebraic multigrid.
+the interpolation from degree 1 on the same cells, an eighth of the nodes, is the tangent of degree 1. It is factorized
+where that is cheap, and suits algebraic multigrid elsewhere.
 
 Vectors have all unknowns; pressures are zero in them. So the tangent need not be copied without its pressures, which
 would take as much memory as the tangent itself.
@@ -23,6 +23,7 @@ from petsc4py import PETSc
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
+from hpcinv.solver.linear.cost_model import Forecast, shape_of
 from hpcinv.solver.linear.near_null_space import near_null_space
 from hpcinv.solver.petsc_options import OptionValue
 
@@ -30,6 +31,11 @@ type Integers = npt.NDArray[np.integer[Any]]
 type Booleans = npt.NDArray[np.bool_]
 
 _ROWS = 10_000  # rows whose entries are searched at once; more take more memory
+_CURVED = 1e-8  # offset of a node of a curved cell, by reference coordinates; below are rounding errors
+
+# Operations of a factorization of degree 1, by the aspect ratio, up to which it replaces aggregation; more take more
+# time on compact bodies. On the silicone beam after large rotations, aggregation does not converge.
+_FACTORIZED = 1e10
 
 COARSE: Mapping[str, OptionValue] = {
     "pc_type": "gamg",
@@ -40,6 +46,8 @@ COARSE: Mapping[str, OptionValue] = {
 }
 """Options of algebraic multigrid, without prefix."""
 
+_FACTORS: Mapping[str, OptionValue] = {"pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
+
 
 class DegreeLevels:
     """Levels of multigrid for the tangents of a scene; all methods are collective.
@@ -48,21 +56,23 @@ class DegreeLevels:
         options: PETSc options of the preconditioner, without prefix.
     """
 
-    options: Mapping[str, OptionValue] = {
-        "pc_type": "mg",
-        "mg_levels_ksp_type": "chebyshev",
-        "mg_levels_ksp_max_it": 2,
-        "mg_levels_pc_type": "mat",  # inverted blocks of the nodes
-        "mg_coarse_ksp_type": "preonly",
-        **{f"mg_coarse_{name}": value for name, value in COARSE.items()},
-    }
-
     def __init__(self, scene: Scene) -> None:
         self._scene, self._unknowns = scene, scene.unknowns
         mesh, dofmap = self._unknowns.mesh, self._unknowns.space.dofmap
         self._owned = dofmap.index_map.size_local * dofmap.index_map_bs
         cell = mesh.basix_cell()
         self._space = fem.functionspace(mesh, basix.ufl.element("Lagrange", cell, 1, shape=(3,)))
+        forecast = Forecast(self._unknowns.size, self._unknowns.scalar_elements[0].degree, shape_of(self._unknowns))
+        limit = _FACTORIZED * forecast.shape.aspect
+        coarse = _FACTORS if forecast.degree_forecast(1).operations <= limit else COARSE
+        self.options: Mapping[str, OptionValue] = {
+            "pc_type": "mg",
+            "mg_levels_ksp_type": "chebyshev",
+            "mg_levels_ksp_max_it": 2,
+            "mg_levels_pc_type": "mat",  # inverted blocks of the nodes
+            "mg_coarse_ksp_type": "preonly",
+            **{f"mg_coarse_{name}": value for name, value in coarse.items()},
+        }
         linear = basix.ufl.element("Lagrange", cell, 1).basix_element
         table = basix.compute_interpolation_operator(linear, self._unknowns.scalar_elements[0].basix_element)
         table[np.abs(table) < 1e-12] = 0.0
@@ -71,6 +81,9 @@ class DegreeLevels:
         cells, node = np.divmod(places[first < self._owned], dofs.shape[1])  # a cell of each owned node
         self._nodes = dofs[cells, node]  # (nodes, 3)
         self._weights: Floats = table[node]  # of the vertices of that cell, (nodes, vertices)
+        points = self._unknowns.scalar_elements[0].basix_element.points
+        self._slopes: Floats = np.moveaxis(linear.tabulate(1, points)[1:, :, :, 0], 0, 2)[node]  # (nodes, vertices, 3)
+        self._places = self._unknowns.displacement_space.dofmap.list[cells, node]
         self._vertices = self._space.dofmap.list[cells]
         self._order = np.argsort(self._nodes.ravel())
 
@@ -82,7 +95,7 @@ class DegreeLevels:
             matrix: the tangent with all rows.
         """
         blocks = self._inverted_blocks(matrix)
-        interpolation = self._interpolation(matrix, _identity_rows(matrix))
+        interpolation = self.interpolation(matrix)
         coarse = matrix.ptap(interpolation)
         coarse.setNearNullSpace(self._near_null_space())
         pc.setMGLevels(2)
@@ -93,18 +106,18 @@ class DegreeLevels:
         pc.getMGSmoother(1).setOperators(operator, blocks)
         pc.setUp()
 
-    def _interpolation(self, matrix: PETSc.Mat, is_prescribed: Booleans) -> PETSc.Mat:
-        """Return the interpolation in the rows of a matrix.
+    def interpolation(self, matrix: PETSc.Mat) -> PETSc.Mat:
+        """Return the interpolation of displacements of degree 1 in the rows of a tangent.
 
         Prescribed unknowns get zero. The coarse unknowns of prescribed vertices have no effect but there, so that
         Galerkin's product has ones on their diagonal.
         """
         index_map = self._space.dofmap.index_map
-        fixed = is_prescribed[self._nodes]
+        fixed = _identity_rows(matrix)[self._nodes]
         at_vertex = self._weights == 1.0
         coarse_fixed = self._prescribed_vertices(fixed, at_vertex)[self._vertices]  # (nodes, vertices, 3)
         keeps = np.where(at_vertex[:, :, None], coarse_fixed == fixed[:, None], ~(coarse_fixed | fixed[:, None]))
-        weights = self._weights[:, :, None] * keeps
+        weights = self._straight_weights()[:, :, None] * keeps
         numbers = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
         columns = 3 * index_map.local_to_global(numbers)[self._vertices][:, :, None] + np.arange(3)
         rows = [part.transpose(0, 2, 1).reshape(self._nodes.size, -1)[self._order] for part in (columns, weights)]
@@ -112,6 +125,22 @@ class DegreeLevels:
         columns, weights = (np.take_along_axis(part, order, axis=1) for part in rows)
         kept = weights != 0.0
         return self._matrix(3 * index_map.size_local, kept.sum(axis=1), columns[kept], weights[kept])
+
+    def _straight_weights(self) -> Floats:
+        """Return weights of the vertices that give the present position of each node, (nodes, vertices).
+
+        Nodes of curved cells are off the straight cells by an offset, by which displacements of degree 1 are extended
+        with their gradient. So the coarse space contains rotations; without them, bodies that bend do not converge.
+        """
+        nodes = self._unknowns.displacement_space.tabulate_dof_coordinates()[self._places]
+        vertices = self._space.tabulate_dof_coordinates()[self._vertices]
+        offsets = nodes - np.einsum("nv,nvi->ni", self._weights, vertices)
+        jacobians = np.einsum("nvi,nvj->nij", vertices, self._slopes)
+        shifts = np.einsum("nij,nj->ni", _inverted(jacobians), offsets)
+        sizes = np.abs(shifts).max(axis=1, keepdims=True)
+        shifts *= (sizes > _CURVED) & (sizes < 1.0)  # straight cells may be nearly flat
+        weights: Floats = self._weights + np.einsum("nvj,nj->nv", self._slopes, shifts)
+        return weights
 
     def _matrix(self, owned_columns: int, lengths: Integers, columns: Any, values: Floats) -> PETSc.Mat:
         """Return a matrix with rows of these lengths at the unknowns of the nodes, and no entries in other rows."""
