@@ -37,6 +37,10 @@ _CURVED = 1e-8  # offset of a node of a curved cell, by reference coordinates; b
 # time on compact bodies. On the silicone beam after large rotations, aggregation does not converge.
 _FACTORIZED = 1e10
 
+# Added share of the diagonal of degree 1. An incompressible body may be free to swell but for its pressure, so that
+# its displacements alone have a singular tangent. More damps the bending of slender bodies.
+_SHIFT = 1e-6
+
 COARSE: Mapping[str, OptionValue] = {
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.01,
@@ -97,6 +101,10 @@ class DegreeLevels:
         blocks = self._inverted_blocks(matrix)
         interpolation = self.interpolation(matrix)
         coarse = matrix.ptap(interpolation)
+        diagonal = coarse.getDiagonal()
+        diagonal.scale(1.0 + _SHIFT)
+        coarse.setDiagonal(diagonal)
+        diagonal.destroy()
         coarse.setNearNullSpace(self._near_null_space())
         pc.setMGLevels(2)
         pc.setOperators(operator, blocks)
