@@ -77,7 +77,7 @@ class Iterative(LinearConfiguration):
         # Aggregates by the motions of an earlier state are poor after rotations, so they are computed again.
         pc.reset()
         pc.setType(PETSc.PC.Type.NONE)
-        pc.setFailedReason(PETSc.PC.FailedReason.NOERROR)  # else a failure of the direct solver stays
+        pc.setFailedReason("NOERROR")  # else a failure of the direct solver stays
         ksp.setOperators(matrix)
         ksp.setTolerances(rtol=_RESIDUAL)
         ksp.setFromOptions()

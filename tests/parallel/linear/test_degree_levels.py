@@ -45,7 +45,7 @@ def test_coarse_displacements_contain_the_rigid_motions_of_curved_cells(material
     unknowns, interpolation = model.unknowns, DegreeLevels(model.scene("inverse")).interpolation(system.matrix)
     vertices = fem.functionspace(unknowns.mesh, ("Lagrange", 1, (3,)))
     owned = vertices.dofmap.index_map.size_local
-    coarse, fine = interpolation.createVecs()
+    coarse, fine = interpolation.createVecRight(), interpolation.createVecLeft()
     nodes, dofs = unknowns.owned_displacement_points(), unknowns.owned_displacement_dofs
     corners = vertices.tabulate_dof_coordinates()[:owned]
     clamped = comm.allreduce(float(nodes[:, 0].min(initial=np.inf)), op=MPI.MIN)
