@@ -18,7 +18,7 @@ doi:10.1137/0730031; Vaněk, Mandel & Brezina, Computing 56, 179–196, 1996, do
 """
 
 from collections.abc import Mapping
-from typing import cast
+from typing import Any, cast
 
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
@@ -77,7 +77,8 @@ class Iterative(LinearConfiguration):
         # Aggregates by the motions of an earlier state are poor after rotations, so they are computed again.
         pc.reset()
         pc.setType(PETSc.PC.Type.NONE)
-        pc.setFailedReason("NOERROR")  # else a failure of the direct solver stays
+        no_error: Any = PETSc.PC.FailedReason.NOERROR  # an int, whatever its stub says
+        pc.setFailedReason(no_error)  # a failure of the direct solver stays otherwise
         ksp.setOperators(matrix)
         ksp.setTolerances(rtol=_RESIDUAL)
         ksp.setFromOptions()
