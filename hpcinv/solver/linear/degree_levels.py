@@ -2,7 +2,7 @@
 
 Aggregation of the nodes of degree 2 makes coarse levels that are expensive and converge slowly. Galerkin's product with
 the interpolation from degree 1 on the same cells, an eighth of the nodes, is the tangent of degree 1. It is factorized
-where that is cheap, and suits algebraic multigrid elsewhere.
+for slender bodies, and suits algebraic multigrid for others.
 
 Vectors have all unknowns; pressures are zero in them. So the tangent need not be copied without its pressures, which
 would take as much memory as the tangent itself.
@@ -33,9 +33,10 @@ type Booleans = npt.NDArray[np.bool_]
 _ROWS = 10_000  # rows whose entries are searched at once; more take more memory
 _CURVED = 1e-8  # offset of a node of a curved cell, by reference coordinates; below are rounding errors
 
-# Operations of a factorization of degree 1, by the aspect ratio, up to which it replaces aggregation; more take more
-# time on compact bodies. On the silicone beam after large rotations, aggregation does not converge.
-_FACTORIZED = 1e10
+# Least aspect ratio of bodies whose tangent of degree 1 is factorized, if that takes so many operations at most. On the
+# silicone beam after large rotations, aggregation does not converge. Compact incompressible bodies need a third fewer
+# iterations with aggregation, so that a lower ratio takes more of them. More operations take more memory.
+_SLENDER, _OPERATIONS = 10.0, 2e11
 
 # Added share of the diagonal of degree 1. An incompressible body may be free to swell but for its pressure, so that
 # its displacements alone have a singular tangent. More damps the bending of slender bodies.
@@ -67,8 +68,8 @@ class DegreeLevels:
         cell = mesh.basix_cell()
         self._space = fem.functionspace(mesh, basix.ufl.element("Lagrange", cell, 1, shape=(3,)))
         forecast = Forecast(self._unknowns.size, self._unknowns.scalar_elements[0].degree, shape_of(self._unknowns))
-        limit = _FACTORIZED * forecast.shape.aspect
-        coarse = _FACTORS if forecast.degree_forecast(1).operations <= limit else COARSE
+        is_factorized = forecast.shape.aspect >= _SLENDER and forecast.degree_forecast(1).operations <= _OPERATIONS
+        coarse = _FACTORS if is_factorized else COARSE
         self.options: Mapping[str, OptionValue] = {
             "pc_type": "mg",
             "mg_levels_ksp_type": "chebyshev",
