@@ -80,7 +80,8 @@ class DegreeLevels:
         }
         linear = basix.ufl.element("Lagrange", cell, 1).basix_element
         table = basix.compute_interpolation_operator(linear, self._unknowns.scalar_elements[0].basix_element)
-        table[np.abs(table) < 1e-12] = 0.0
+        for weight in (0.0, 1.0):  # without rounding errors
+            table[np.abs(table - weight) < 1e-12] = weight
         dofs = self._unknowns.dofs_of_cells()[0]
         first, places = np.unique(dofs[:, :, 0].ravel(), return_index=True)
         cells, node = np.divmod(places[first < self._owned], dofs.shape[1])  # a cell of each owned node

@@ -86,3 +86,14 @@ def test_bodies_that_only_their_pressure_keeps_from_swelling_converge(comm: MPI.
     planes = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
     clamped = iterations(comm, **bar, supports=[{"region": "x0", "fix": ["x", "y", "z"]}])
     assert iterations(comm, **bar, supports=planes) <= clamped
+
+
+@pytest.mark.parametrize("divisions", [1, 2])
+def test_prescribed_vertices_are_alone_in_their_coarse_rows(divisions: int, comm: MPI.Intracomm) -> None:
+    held = [{"region": "boundary", "fix": ["x", "y", "z"]}]
+    block = {"mesh": box((divisions,) * 3), "material": MATERIALS["compressible"], "supports": held}
+    model, system = unloaded(comm, {**block, "effects": []})
+    interpolation = DegreeLevels(model.scene("inverse")).interpolation(system.matrix)
+    coarse = system.matrix.ptap(interpolation).convert("dense").getDenseArray()
+    free = 3 * (divisions - 1) ** 3  # inner vertices
+    assert np.count_nonzero(np.abs(coarse - np.eye(len(coarse))).max(axis=1)) == free
