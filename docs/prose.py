@@ -14,7 +14,7 @@ WRITTEN = ("docs", "hpcinv", "tests", "README.md", "ARCHITECTURE.md", "CONTRIBUT
 GENERATED = ("docs/reference/", "docs/notes/", "docs/verification/published.md")
 ODDITIES = {
     "that of": r"\b(?:that|those) of\b",
-    "is no": r"\b(?:is|are|was|were) no\b(?! longer| more| need)",
+    "is no": r"(?<!there )\b(?:is|are|was|were) no\b(?! longer| more| need)",
     "of which": r", (?:by|of|from|in|with|for|to|on|at) (?:which|whose|whom)\b",
     "beside": r"\bbeside\b",
     "tells": r"\b(?:tells?|told)\b",
@@ -43,7 +43,7 @@ def texts(path: Path) -> Iterator[tuple[int, str]]:
 
 def oddities(text: str, is_page: bool) -> Iterator[str]:
     """Yield the kind of each oddity of a text."""
-    text = re.sub(r"`[^`]*`|\$[^$]*\$|\]\([^)]*\)", "x", text)
+    text = re.sub(r"`+[^`]*`+|\$[^$]*\$|\]\([^)]*\)", "x", text)
     for kind, pattern in ODDITIES.items():
         if is_page or kind != "two colons":  # sections of docstrings, keys of dictionaries
             yield from [kind] * len(re.findall(pattern, text, re.IGNORECASE))

@@ -72,7 +72,7 @@ def pattern_of(unknowns: Unknowns) -> Pattern:
     for cell in number[np.concatenate([part[:owned_cells, :, 0] for part in cell_dofs], axis=1)]:
         pattern.insert(cell, cell)
     pattern.finalize()
-    graph = la.matrix_csr(pattern, dtype=np.float32)  # which tells the map of the columns, unlike the pattern
+    graph = la.matrix_csr(pattern, dtype=np.float32)  # which has the map of the columns, unlike the pattern
     starts, columns = graph.indptr, graph.indices
     described = la.vector(graph.index_map(1), 2, dtype=np.int64)  # first unknown and components
     entries = described.array.reshape(-1, 2)

@@ -27,6 +27,7 @@ _MESH = {
     "unit",
     "geometry_degree",
     "labels",
+    "array_labels",
     "neighbours",
     "size",
     "grade",
@@ -89,6 +90,8 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
         or digest(job.resolve(job.mesh.file)),
         "unit": job.mesh.metres,  # of an image by default mm
     }
+    if faces := job.mesh.faces:
+        mesh["faces"] = {name: [digest(job.resolve(file)) for file in files] for name, files in faces.items()}
     discretisation: dict[str, Any] = {
         "formulation": "mixed" if job.is_mixed else "displacement",
         "displacement": job.discretisation.displacement,

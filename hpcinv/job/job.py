@@ -23,6 +23,7 @@ from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.errors import JobError
 from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
+from hpcinv.formats import SAVED
 from hpcinv.job import rules
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification
@@ -31,7 +32,7 @@ from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
 from hpcinv.job.preamble import read_preamble
 from hpcinv.job.region_names import unknown_regions
-from hpcinv.job.region_rules import RegionRule, RegionUnion
+from hpcinv.job.region_rules import EXCEPT, RegionRule, RegionUnion
 from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
@@ -64,7 +65,7 @@ from hpcinv.quantity.spatial_fields import ELSEWHERE, fields_in
 MOST_ENTRIES = 10_000
 """entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""
 
-UNNAMED = "(mapping)"  # in place of the file name of a job that was made in Python
+UNNAMED = "(mapping)"  # instead of the file name of a job that was made in Python
 _KEYS: Any = Mapping[str, str | float | Uncertain | None] | list[str]  # as in a file
 
 
@@ -117,7 +118,7 @@ class Job(Spec):
     load_cases: ListOf[Name] = ()
     """names of successive load cases; by default there is one"""
     states: ListOf[StateSpec] = ()
-    """states of one body, in place of 'analysis' and 'effects': the given one, the rest shape, and others"""
+    """states of one body, instead of 'analysis' and 'effects': the given one, the rest shape, and others"""
     effects: ListOf[AnyEffect] = ()
     """loads and inelastic strains of the body"""
     supports: Annotated[ListOf[Support], Field(validate_default=True)] = ()
@@ -200,7 +201,8 @@ class Job(Spec):
     def shape_formats(self) -> tuple[str, ...]:
         if self.output.mesh is not None:
             return self.output.mesh
-        return ("bp",) if self.mesh.is_partitioned else ("msh", "vtu")
+        given = Path(self.mesh.file).suffix.removeprefix(".")
+        return ("bp",) if self.mesh.is_partitioned else (given if given in SAVED else "msh", *({"vtu"} - {given}))
 
     @property
     def directions(self) -> tuple[Direction, ...]:
@@ -260,7 +262,7 @@ class Job(Spec):
         return job
 
     def place(self, section: str) -> str:
-        """Place of a section of this job in its file, where that of a state differs."""
+        """Place of a section of this job in its file, where a state's place differs."""
         return self._places.get(section, section)
 
     @property
@@ -396,7 +398,7 @@ class Job(Spec):
         raise_if_any(faults((((name,), formula) for name, formula in conditions.items()), REGION_NAMES, True))
         names = list(regions)
         for i, (name, rule) in enumerate(regions.items()):
-            later = [m for m in rule.members if m in names[i:]] if isinstance(rule, RegionUnion) else []
+            later = [m for m in rule.names if m in names[i:]] if isinstance(rule, RegionUnion) else []
             if later:
                 raise Problems(((name,), f"names '{later[0]}', which is not defined above it; change the order"))
         return regions
@@ -425,7 +427,7 @@ class Job(Spec):
         return given  # `_completed` reads it
 
     def _completed(self, info: ValidationInfo) -> Self:
-        """The job with the quantities of all states, and with numbers whose dimension is that of another section's."""
+        """The job with the quantities of all states, and with numbers whose dimension follows from another section."""
         problems: list[tuple[KeyPath, str]] = []
         sections: dict[str, Any] = {}
         with collected(problems, "quantities"):
@@ -536,7 +538,9 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
             raise
         raise JobError(f"{path}: plugins: a law or effect failed where it was checked: {fault}") from error
     job._path, job._data, job._untrusted = path, data, untrusted
-    unknown = unknown_regions(job.resolve(job.mesh.file), job.regions, _named_regions(job))
+    # names by the values of an array are known when the mesh is read
+    named = () if job.mesh.array_labels is not None else _named_regions(job)
+    unknown = unknown_regions(job.resolve(job.mesh.file), {*job.regions, *job.mesh.faces}, named)
     if lines := [f"{path}: {dotted_key(where)}: {what}" for where, what in unknown]:
         raise JobError(*lines)
     return job
@@ -547,8 +551,8 @@ def _named_regions(job: Job) -> Iterator[tuple[KeyPath, str]]:
     sections: list[tuple[KeyPath, Sequence[Support], Sequence[Effect]]] = [((), job.supports, job.effects)]
     sections += [(("states", i), state.supports or (), state.effects) for i, state in enumerate(job.states)]
     for name, rule in job.regions.items():
-        for i, member in enumerate(rule.members if isinstance(rule, RegionUnion) else ()):
-            yield ("regions", name, i), member
+        for i, entry in enumerate(rule.entries if isinstance(rule, RegionUnion) else ()):
+            yield ("regions", name, i), entry.removeprefix(EXCEPT).strip()
     for place, supports, effects in sections:
         for i, support in enumerate(supports):
             yield (*place, "supports", i, "region"), support.region

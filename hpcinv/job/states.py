@@ -26,7 +26,7 @@ class StateSpec(Spec):
     effects: ListOf[AnyEffect] = ()
     """loads and inelastic strains of this state"""
     supports: ListOf[Support] | None = Field(default=None, exclude_if=lambda supports: supports is None)
-    """supports of this state; by default those of the job"""
+    """supports of this state; by default the job's"""
     start: Name | None = Field(default=None, exclude_if=lambda start: start is None)
     """state at which its load path begins; by default the rest shape"""
 

@@ -350,7 +350,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
         lines.append(f"shape: estimated error {error.text}")
     estimated = statistics["certificate"]["estimate"] or {"quantities": {}, "without_geometry": ""}
     bounds = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
-    omission = ", without that of the geometry" if estimated.get("without_geometry") else ""
+    omission = ", without the error of the geometry" if estimated.get("without_geometry") else ""
     singular = estimated.get("singular")
     is_doubted, unreliable = bool(singular and not singular["reliable"]), estimated.get("unreliable", ())
     slopes = statistics["sensitivities"] or {"quantities": {}}

@@ -1,7 +1,7 @@
 """Quantities of interest: formulas at a point, or over a region, reduced to one number, and reactions of supports.
 
-Formulas of position and displacement alone are taken at a region's nodes; those of stress, energy and volume ratio, and
-integrals of any, at quadrature points in its cells, or on its facets if it has no cells.
+Formulas of position and displacement alone are taken at a region's nodes. Formulas of stress, energy and volume ratio,
+and integrals of any, are taken at quadrature points in its cells, or on its facets if it has no cells.
 """
 
 import math

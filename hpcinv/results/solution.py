@@ -7,6 +7,7 @@ from dolfinx.fem import Function
 
 from hpcinv.effects import Direction
 from hpcinv.mesh.source import Floats
+from hpcinv.methods.method import Guess
 from hpcinv.methods.nested_iteration import CoarseSolve
 from hpcinv.model.contacts import ContactReport
 from hpcinv.model.scene import Scene
@@ -78,6 +79,12 @@ class Solution(State):
     @property
     def factorizations(self) -> int:
         return sum(s.factorizations for s in self.solves)
+
+    def as_guess(self) -> Guess:
+        """Return the solution as the initial guess of a similar problem, with its sign if it had only one."""
+        signs = {sign for solve in self.solves if solve.outcome.accepted for sign in solve.signs}
+        pressure = None if self.pressure is None else self.pressure.x.array.copy()
+        return Guess(self.displacement.x.array.copy(), pressure, signs.pop() if len(signs) == 1 else 0)
 
 
 def solution_of(
