@@ -539,7 +539,7 @@ def _gallery() -> Iterator[str]:
     yield from _prose(
         """
         The jobs in `jobs/`, each with the question that it answers. Pictures of results are made by `hpcinv
-        show results/NAME`, those of jobs by `hpcinv show` with the job.
+        show results/NAME`, pictures of jobs by `hpcinv show` with the job.
         """
     )
     for path in sorted((ROOT / "jobs").glob("*.yaml")):
