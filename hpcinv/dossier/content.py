@@ -143,7 +143,18 @@ def _limits(summary: Mapping[str, Any]) -> Iterator[str]:
 def _hashes(directory: Path) -> Iterator[tuple[str, str]]:
     """Yield name and SHA-256 of the files of a run that decide about it, and of its shapes."""
     for path in sorted(directory.iterdir()):
-        if path.is_file() and path.suffix in (".yaml", ".json", ".h5", ".msh", ".inp", ".vtu", ".xdmf", ".npz", ".log"):
+        if path.is_file() and path.suffix in (
+            ".yaml",
+            ".json",
+            ".h5",
+            ".msh",
+            ".inp",
+            ".feb",
+            ".vtu",
+            ".xdmf",
+            ".npz",
+            ".log",
+        ):
             try:
                 with path.open("rb") as file:
                     yield path.name, hashlib.file_digest(file, "sha256").hexdigest()

@@ -67,6 +67,13 @@ def _inp(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
     return read_inp(path)
 
 
+def _feb(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
+    from hpcinv.reading.feb_files import read_feb
+
+    limit(limits)
+    return read_feb(path)
+
+
 def _surface(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
     from hpcinv.reading.surfaces import read_surface
 
@@ -106,6 +113,7 @@ ACTIONS: dict[str, Callable[[Path, Limits], tuple[dict[str, Any], dict[str, Any]
     "msh": _msh,
     "vtu": _vtu,
     "inp": _inp,
+    "feb": _feb,
     "image": _image,
     "surface": _surface,
 }
