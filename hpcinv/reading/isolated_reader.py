@@ -60,6 +60,13 @@ def _vtu(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
     return read_vtu(path)
 
 
+def _cad(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
+    from hpcinv.reading.cad_files import read_cad
+
+    limit(limits)
+    return read_cad(path)
+
+
 def _inp(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
     from hpcinv.reading.inp_files import read_inp
 
@@ -112,6 +119,7 @@ def _image(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
 ACTIONS: dict[str, Callable[[Path, Limits], tuple[dict[str, Any], dict[str, Any]]]] = {
     "msh": _msh,
     "vtu": _vtu,
+    "cad": _cad,
     "inp": _inp,
     "feb": _feb,
     "image": _image,

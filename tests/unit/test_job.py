@@ -150,7 +150,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"mesh": {}}, "mesh.file: is needed: path from the job file"),
     ({"mesh": {"file": "../meshes/baem.py"}}, "mesh.file: there is no file"),
     ({"mesh": {"file": "../meshes/baem.py"}}, "Did you mean 'beam.py'?"),
-    ({"mesh": {"file": "../meshes/beam.step"}}, "mesh.file: '../meshes/beam.step' is not a readable mesh"),
+    ({"mesh": {"file": "../meshes/beam.sldprt"}}, "mesh.file: '../meshes/beam.sldprt' is not a readable mesh"),
     ({"mesh": {"file": "../meshes/beam.py", "parameters": {"sise": 1}}}, "mesh.parameters.sise: beam.py has no such"),
     ({"mesh": {"file": "../meshes/beam.py", "parameters": {"size": "1 kg"}}}, "mesh.parameters.size: must be a length"),
     ({"mesh": {"file": "../meshes/beam.geo", "unit": "mm"}}, "mesh.unit: is not valid with a .geo script"),
