@@ -193,6 +193,8 @@ def read_source(
             source = image_mesh(path, spec, report)
         else:
             source = FILES[path.suffix](path)
+            for note in source.notes:
+                report(note)
             if not FORMATS[path.suffix].is_partitioned:  # partitioned meshes are in metres
                 check_unit(path, source.unit, spec.unit)
                 source = source.convert_to_metres(spec.unit)

@@ -11,6 +11,7 @@ from hpcinv.reading.fault import Fault, shown
 
 _SOLID = {"tet4": 4, "tet10": 10, "hex8": 8, "hex20": 20}
 _FLAT = ("tri", "quad", "line", "truss", "q4ans", "q4eas")  # shells, surfaces and trusses, which are left out
+_GENERAL = ("Module", "Globals", "Control", "Output", "MeshDomains")
 _FACETS = {"tri3": 3, "tri6": 3, "quad4": 4, "quad8": 4, "quad9": 4}  # with their vertices
 
 
@@ -51,7 +52,7 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     arrays: dict[str, Any] = {
         "points": np.array(list(nodes.values())),
         "node_tags": np.array(list(nodes), dtype=np.int64),
-        "cells": np.array([[_row(row, node, "element") for node in cell] for cell in cells], dtype=np.int64),
+        "cells": np.array([[_row(row, node, "an element") for node in cell] for cell in cells], dtype=np.int64),
         "cell_tags": np.array(cell_tags, dtype=np.int64),
     }
     for name, tags in blocks.items():
@@ -62,12 +63,14 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         if not rows:
             continue
         if key.startswith("nodes:"):
-            arrays[key] = np.unique([_row(row, tag, "node set") for tag in rows])
+            arrays[key] = np.unique([_row(row, tag, "a node set") for tag in rows])
         elif len({len(facet) for facet in rows}) > 1:
             raise Fault(f"surface '{shown(key[7:])}' has triangles and quadrilaterals", "Use one kind of elements.")
         else:
-            arrays[key] = np.array([[_row(row, node, "surface") for node in facet] for facet in rows], dtype=np.int64)
-    return {}, arrays
+            arrays[key] = np.array([[_row(row, node, "a surface") for node in facet] for facet in rows], dtype=np.int64)
+    return {
+        "ignored": [part.tag for part in root if part is not mesh and part.tag not in _GENERAL and len(part)]
+    }, arrays
 
 
 def _elements(mesh: ET.Element) -> tuple[list[list[int]], list[int], dict[str, list[int]]]:
@@ -98,7 +101,7 @@ def _elements(mesh: ET.Element) -> tuple[list[list[int]], list[int], dict[str, l
 
 def _row(rows: dict[int, int], tag: int, owner: str) -> int:
     if tag not in rows:
-        raise Fault(f"a {owner} has node {tag}, which is not defined")
+        raise Fault(f"{owner} has node {tag}, which is not defined")
     return rows[tag]
 
 

@@ -62,6 +62,7 @@ def test_parts_sets_and_surfaces_are_regions(text: str, tmp_path: Path) -> None:
     assert surfaces == {"top": 1, "foot": 1, "Object": 10}
     assert source.node_tags.tolist() == [1, 2, 3, 4, 11, 12, 13, 14, 21, 22, 23, 24]
     assert source.cell_tags.tolist() == [1, 5]
+    assert source.notes == ("not used: Material; state them in the job",)
     shown = FORMATS[".feb"].groups(path)
     assert shown is not None
     assert {"lower", "both", "top", "foot", "Object"} <= shown.names
@@ -93,7 +94,7 @@ def test_there_and_back_nodes_and_sets_are_equal(hexahedra: bool, degree: int, t
         ('type="hex8"', 'type="quad4"', "has no solid elements"),
         ('type="hex8"', 'type="penta6"', "elements 'penta6' are not supported"),
         ('<elem id="1">1,', '<elem id="1">', "element 1 has 7 nodes, not 8"),
-        ('<elem id="1">1,', '<elem id="1">99,', "a element has node 99, which is not defined"),
+        ('<elem id="1">1,', '<elem id="1">99,', "an element has node 99, which is not defined"),
         ('<node id="1">0,', '<node id="1">nan,', "node 1 has no three finite coordinates"),
         ('<node id="1">', '<node id="one">', "<node> has id 'one', not a number"),
         ('<NodeSet name="foot">1,', '<NodeSet name="foot">77,', "a node set has node 77, which is not defined"),

@@ -5,7 +5,7 @@ completed to 27 by the shape functions of 20 nodes, which leaves their geometry 
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,23 +35,28 @@ _EDGES = {
 """vertices of the edges whose middle nodes follow the vertices"""
 
 
-def source_of_elements(path: Path, arrays: Mapping[str, npt.NDArray[Any]]) -> MeshSource:
+def source_of_elements(path: Path, arrays: Mapping[str, npt.NDArray[Any]], ignored: Sequence[str]) -> MeshSource:
     """Return the mesh of nodes, elements and sets.
 
     Args:
         arrays: ``points`` (n, 3), ``node_tags`` (n,), ``cells`` (m, k), ``cell_tags`` (m,), and sets by their names:
             ``cells:NAME`` and ``nodes:NAME`` (rows), ``faces:NAME`` (cell, face), ``facets:NAME`` (vertices of each).
+        ignored: parts of the file that are not read.
     """
     cells, points, tags = arrays["cells"], arrays["points"], arrays["node_tags"]
     kind = "tetrahedron" if cells.shape[1] in (4, 10) else "hexahedron"
     degree = 1 if cells.shape[1] in (4, 8) else 2
+    notes = [f"not used: {', '.join(ignored)}; state them in the job"] if ignored else []
     if cells.shape[1] == 20:
         cells, points, tags = _completed(cells, points, tags)
+        notes.append("its elements of 20 nodes were completed to 27")
     elif cells.shape[1] == 27:  # the centre comes before the faces
         cells = cells[:, [*range(20), *range(21, 27), 20]]
     order = node_order(kind, degree, _reference_nodes(kind)[: cells.shape[1]])
     no_facets = np.zeros((0, len(scalar_element(kind, degree).entity_closure_dofs[2][0])), dtype=np.int64)
-    source = MeshSource(path, kind, degree, points, tags, cells[:, order], arrays["cell_tags"], no_facets)
+    source = MeshSource(
+        path, kind, degree, points, tags, cells[:, order], arrays["cell_tags"], no_facets, notes=tuple(notes)
+    )
     return _with_sets(source, arrays, cells)
 
 

@@ -26,8 +26,8 @@ def read_feb(path: Path) -> MeshSource:
     Raises:
         MeshError: the file cannot be read, or is not a mesh.
     """
-    _, arrays = read_isolated("feb", path, "cannot be read as a model of FEBio", "Is the file complete?")
-    return source_of_elements(path, arrays)
+    head, arrays = read_isolated("feb", path, "cannot be read as a model of FEBio", "Is the file complete?")
+    return source_of_elements(path, arrays, head["ignored"])
 
 
 def save_feb(path: Path, source: MeshSource, points: Floats) -> None:

@@ -26,8 +26,8 @@ def read_inp(path: Path) -> MeshSource:
     Raises:
         MeshError: the file cannot be read, or is not a mesh.
     """
-    _, arrays = read_isolated("inp", path, "cannot be read as an input file", "Is the file complete?")
-    return source_of_elements(path, arrays)
+    head, arrays = read_isolated("inp", path, "cannot be read as an input file", "Is the file complete?")
+    return source_of_elements(path, arrays, head["ignored"])
 
 
 def save_inp(path: Path, source: MeshSource, points: Floats) -> None:
