@@ -1,6 +1,7 @@
 """Model files of FEBio: parts, node sets, element sets and surfaces are regions."""
 
 import re
+from html import unescape
 from pathlib import Path
 
 from hpcinv.formats.mesh_format import Groups, MeshFormat
@@ -21,4 +22,4 @@ class Feb(MeshFormat):
         if path.stat().st_size > _LARGEST:
             return None
         text = path.read_text(encoding="utf-8", errors="replace")
-        return Groups(frozenset(_NAMED.findall(text)), patterns=(_UNNAMED,))
+        return Groups(frozenset(map(unescape, _NAMED.findall(text))), patterns=(_UNNAMED,))

@@ -1,8 +1,8 @@
 """Meshes in model files of FEBio, read (formats 2.5 to 4.0) and written (4.0)."""
 
 from collections.abc import Iterator
+from html import escape
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -53,14 +53,14 @@ def _lines(source: MeshSource, points: Floats, elements: Ints) -> Iterator[str]:
         yield f'<node id="{tag}">{x!r},{y!r},{z!r}</node>'
     yield "</Nodes>"
     whole = [group.name for group in source.groups if group.dim == 3 and len(group.members) == len(source.cells)]
-    name = quoteattr(whole[0] if whole else "all elements")  # format 4 needs one
-    yield f'<Elements type="{_NAMES[source.kind, source.degree]}" name={name}>'
+    name = escape(whole[0] if whole else "all elements")  # format 4 needs one
+    yield f'<Elements type="{_NAMES[source.kind, source.degree]}" name="{name}">'
     for tag, nodes in zip(source.cell_tags.tolist(), tags[elements].tolist(), strict=True):
         yield f'<elem id="{tag}">{",".join(map(str, nodes))}</elem>'
     yield "</Elements>"
     for group in source.groups:
         if group.dim == 3:
-            yield f"<ElementSet name={quoteattr(group.name)}>{_listed(source.cell_tags[group.members])}</ElementSet>"
+            yield f'<ElementSet name="{escape(group.name)}">{_listed(source.cell_tags[group.members])}</ElementSet>'
         else:
             yield from _surface(source, group, elements, used)
     yield "</Mesh>"
@@ -70,12 +70,12 @@ def _lines(source: MeshSource, points: Floats, elements: Ints) -> Iterator[str]:
 def _surface(source: MeshSource, group: Group, elements: Ints, used: Ints) -> Iterator[str]:
     local = FACES[vertex_count(source.kind)]
     kind = "tri3" if len(local[0]) == 3 else "quad4"
-    yield f"<Surface name={quoteattr(group.name)}>"
+    yield f'<Surface name="{escape(group.name)}">'
     for number, (cell, face) in enumerate(faces_of(source, group, elements), 1):
         yield f'<{kind} id="{number}">{_listed(source.node_tags[elements[cell, list(local[face])]])}</{kind}>'
     yield "</Surface>"
     nodes = np.intersect1d(source.facets[group.members], used)
-    yield f"<NodeSet name={quoteattr(group.name)}>{_listed(source.node_tags[nodes])}</NodeSet>"
+    yield f'<NodeSet name="{escape(group.name)}">{_listed(source.node_tags[nodes])}</NodeSet>'
 
 
 def _listed(numbers: Ints) -> str:
