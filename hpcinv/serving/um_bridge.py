@@ -18,7 +18,8 @@ from hpcinv.job.settings import LEVELS
 from hpcinv.serving.job_model import Evaluation
 
 LONGEST = 1_000_000
-"""bytes of a request; longer ones are refused before they are read"""
+"""bytes of a request; longer ones are refused"""
+_DISCARDED = 20 * LONGEST  # bytes of a longer request that are read before it is refused; more take longer
 _FEATURES = {"Evaluate": True, "Gradient": True, "ApplyJacobian": True, "ApplyHessian": False}
 _ANSWERED = {"Evaluate": "", "Gradient": "sens", "ApplyJacobian": "vec"}  # requests that need a solve, and their vector
 
@@ -114,6 +115,9 @@ class Server:
                     length = int(self.headers.get("Content-Length") or 0)
                     if not 0 <= length <= LONGEST:
                         self.close_connection = True
+                        for _ in range(0, min(length, _DISCARDED), LONGEST):  # else the client sees a reset, no answer
+                            self.rfile.read(min(length, LONGEST))
+                            length -= LONGEST
                         raise Refusal("InvalidInput", f"a request may have {LONGEST} bytes")
                     content = answer(self.rfile.read(length))
                 except (Refusal, ValueError) as exc:
