@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import node_order, scalar_element, vertex_count
-from hpcinv.mesh.facet_groups import add_facets
+from hpcinv.mesh.facet_groups import add_facets, facets_and_cells_inside
+from hpcinv.mesh.io.isolated import read_isolated
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, distinct_tags
 from hpcinv.mesh.topology import FacetTable, unique_rows
 from hpcinv.reading.inp_files import FACES
@@ -35,7 +36,13 @@ _EDGES = {
 """vertices of the edges whose middle nodes follow the vertices"""
 
 
-def source_of_elements(path: Path, arrays: Mapping[str, npt.NDArray[Any]], ignored: Sequence[str]) -> MeshSource:
+def read_elements(path: Path, action: str, failure: str) -> MeshSource:
+    """Return the mesh of a file by an action of ``hpcinv.reading.isolated_reader``; `read_isolated` says more."""
+    head, arrays = read_isolated(action, path, failure, "Is the file complete?")
+    return _source_of_elements(path, arrays, head["ignored"])
+
+
+def _source_of_elements(path: Path, arrays: Mapping[str, npt.NDArray[Any]], ignored: Sequence[str]) -> MeshSource:
     """Return the mesh of nodes, elements and sets.
 
     Args:
@@ -125,7 +132,6 @@ def _with_sets(source: MeshSource, arrays: Mapping[str, npt.NDArray[Any]], eleme
         if place == "cells":
             groups.append(Group(name, 3, 0, rows))
             continue
-        is_facet = np.zeros(len(table.vertices), dtype=bool)
         if place in ("faces", "facets"):
             vertices_of_rows = rows if place == "facets" else elements[rows[:, 0, None], local[rows[:, 1]]]
             facets = table.find(vertices_of_rows)
@@ -134,17 +140,13 @@ def _with_sets(source: MeshSource, arrays: Mapping[str, npt.NDArray[Any]], eleme
                     f"{(facets < 0).sum():,} of {len(facets):,} facets of surface '{name}' belong to no solid element"
                 )
                 raise MeshError(f"{source.path}: {text}", "Save the surface of the solid elements.")
-            is_facet[facets] = True
         else:
             is_inside = np.zeros(len(source.points), dtype=bool)
             is_inside[rows] = True
-            inner = np.flatnonzero(is_inside[vertices].all(axis=1))
-            is_facet = (table.sharing == 1) & is_inside[table.vertices].all(axis=1)
-            if len(inner) and name not in {group.name for group in groups}:
-                groups.append(Group(name, 3, 0, inner))
-        if is_facet.any():
-            owner = np.argwhere(is_facet[table.cell_facets])
-            _, first = np.unique(table.cell_facets[owner[:, 0], owner[:, 1]], return_index=True)
-            before = sides.get(name, np.zeros((0, 2), dtype=np.int64))
-            sides[name] = np.unique(np.concatenate([before, owner[first]]), axis=0)
+            facets, cells = facets_and_cells_inside(table, vertices, is_inside)
+            if len(cells) and name not in {group.name for group in groups}:
+                groups.append(Group(name, 3, 0, cells))
+        if len(facets):
+            earlier = sides.get(name, np.zeros((0, 2), dtype=np.int64))
+            sides[name] = np.unique(np.concatenate([earlier, table.owners(facets)]), axis=0)
     return add_facets(dataclasses.replace(source, groups=distinct_tags(groups)), sides)

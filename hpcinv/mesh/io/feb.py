@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.mesh.cells import vertex_count
-from hpcinv.mesh.io.elements import elements_of, faces_of, source_of_elements
-from hpcinv.mesh.io.isolated import read_isolated
+from hpcinv.mesh.io.elements import elements_of, faces_of, read_elements
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.reading.inp_files import FACES
 
@@ -26,8 +25,7 @@ def read_feb(path: Path) -> MeshSource:
     Raises:
         MeshError: the file cannot be read, or is not a mesh.
     """
-    head, arrays = read_isolated("feb", path, "cannot be read as a model of FEBio", "Is the file complete?")
-    return source_of_elements(path, arrays, head["ignored"])
+    return read_elements(path, "feb", "cannot be read as a model of FEBio")
 
 
 def save_feb(path: Path, source: MeshSource, points: Floats) -> None:

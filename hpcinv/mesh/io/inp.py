@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.io.elements import elements_of, faces_of, source_of_elements
-from hpcinv.mesh.io.isolated import read_isolated
+from hpcinv.mesh.io.elements import elements_of, faces_of, read_elements
 from hpcinv.mesh.source import Floats, MeshSource
 
 _NAMES = {
@@ -26,8 +25,7 @@ def read_inp(path: Path) -> MeshSource:
     Raises:
         MeshError: the file cannot be read, or is not a mesh.
     """
-    head, arrays = read_isolated("inp", path, "cannot be read as an input file", "Is the file complete?")
-    return source_of_elements(path, arrays, head["ignored"])
+    return read_elements(path, "inp", "cannot be read as an input file")
 
 
 def save_inp(path: Path, source: MeshSource, points: Floats) -> None:
