@@ -20,7 +20,9 @@ from hpcinv.__main__ import main
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import read_source
+from hpcinv.mesh.io import isolated
 from hpcinv.mesh.source import MeshSource
+from hpcinv.parallel import jit
 from hpcinv.parallel.runtime import MPI
 
 MODELS = {
@@ -131,6 +133,23 @@ def test_damaged_files_get_a_message(cad: Callable[[str], Path], tmp_path: Path)
             read(path)
         messages.append(refused.value.message)
     assert not [text for text in messages if "Traceback" in text]
+
+
+def test_a_file_that_gmsh_has_read_is_not_tried_again(
+    cad: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, tried = tmp_path / "box.step", list[str]()
+    path.write_bytes(cad("box.step").read_bytes())
+    monkeypatch.setattr(jit, "DIRECTORY", tmp_path / "records")
+    monkeypatch.setattr(jit, "_PLACES", (tmp_path / "records",))
+    run = isolated.run_isolated
+    monkeypatch.setattr(isolated, "run_isolated", lambda action, *rest: tried.append(action) or run(action, *rest))
+    first, second = read(path), read(path)
+    assert tried == ["cad"]
+    assert np.array_equal(first.points, second.points)
+    path.write_bytes(cad("cylinder.step").read_bytes())  # another content under the same name
+    read(path)
+    assert len(tried) == 2
 
 
 def test_a_job_on_a_cad_file_runs(cad: Callable[[str], Path], tmp_path: Path) -> None:

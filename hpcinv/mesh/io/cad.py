@@ -16,7 +16,7 @@ from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored
 from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.gmsh_model import extract, session
-from hpcinv.mesh.io.isolated import read_isolated
+from hpcinv.mesh.io.isolated import check_cad
 from hpcinv.mesh.source import MeshSource
 from hpcinv.quantity.units import readable
 
@@ -41,7 +41,7 @@ def cad_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None], size_fac
         MeshError: the file cannot be read, has no solid, or its solids overlap or miss each other by a hair.
     """
     assert spec.size is not None
-    read_isolated("cad", path, "cannot be read as CAD", "Export it again, as STEP.")
+    check_cad(path)
     unit = spec.metres
     with session(path.stem, size_factor) as gmsh:
         names, faces = _imported(gmsh, path, report)  # STEP and IGES in mm, whatever their unit
