@@ -34,6 +34,7 @@ from hpcinv.quantity.schema import (
     Name,
     Problems,
     Spec,
+    TextOrTexts,
     Triple,
     collected,
     raise_if_any,
@@ -90,11 +91,6 @@ Numbers = Annotated[
     ListOf[Annotated[int, Field(strict=True)]],
     BeforeValidator(lambda v: [v] if isinstance(v, int) and not isinstance(v, bool) else v),
     WithJsonSchema({"anyOf": [{"type": "integer"}, {"type": "array", "items": {"type": "integer"}}]}),
-]
-Files = Annotated[
-    ListOf[str],
-    BeforeValidator(lambda v: [v] if isinstance(v, str) else v),
-    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}),
 ]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
 CAVITY_QUANTITIES = {"volume": CUBIC, "pressure": STRESS}
@@ -329,13 +325,13 @@ class MeshSpec(MeshFile):
     array_labels: Annotated[ArrayLabels | None, Field(exclude_if=lambda labels: labels is None)] = None
     """of a mesh file (written as 'labels'): an array of integers whose values are regions, such as
     {array: material, names: {plaque: 2}}"""
-    faces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda faces: not faces)] = {}
+    faces: Annotated[Mapping[Name, TextOrTexts], Field(exclude_if=lambda faces: not faces)] = {}
     """of a mesh file: surfaces of triangles with the facets of further regions, in the unit of the mesh, such as
     {inlet: mesh-surfaces/inlet.vtp}"""
     neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
     is the region LABEL|NEIGHBOUR instead of LABEL|outside"""
-    surfaces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda surfaces: not surfaces)] = {}
+    surfaces: Annotated[Mapping[Name, TextOrTexts], Field(exclude_if=lambda surfaces: not surfaces)] = {}
     """closed surfaces instead of 'file': the files of each region, which is between a shell and those in it, such as
     {wall: [outer.stl, inner.stl]}; a region in another one is cut out of it"""
     orientation: Annotated[Orientation, Field(exclude_if=lambda frame: frame == "LPS")] = "LPS"
