@@ -73,7 +73,7 @@ def compilation_explained(comm: MPI.Intracomm) -> Iterator[None]:
 
 
 def c_compiler() -> list[str]:
-    """Command of the C compiler: that of CC, else that of the Python in use, else cc."""
+    """Command of the C compiler: CC, else the compiler of the Python in use, else cc."""
     if asked := os.environ.get("CC"):
         return shlex.split(asked)
     own = shlex.split(sysconfig.get_config_var("CC") or "cc")
