@@ -24,6 +24,7 @@ from hpcinv.job.sections import IMAGES, SURFACES
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.materials import laws
 from hpcinv.quantity.schema import NAME_OF_FILE
+from hpcinv.reading.suffix import suffix_of
 
 if TYPE_CHECKING:  # validation loads no numpy
     import numpy as np
@@ -138,7 +139,7 @@ def _new(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> None:
     """Raise an error if options do not fit each other."""
-    if options.output.suffix not in (".yaml", ".yml"):
+    if suffix_of(options.output) not in (".yaml", ".yml"):
         raise OutputError(f"{options.output}: is not a name of a job", "Name it *.yaml.")
     if not re.fullmatch(NAME_OF_FILE, options.output.stem):
         raise OutputError(
@@ -162,7 +163,7 @@ def _check(options: argparse.Namespace) -> None:
         raise JobError("--unit: is needed with --surface, since its formats have no unit: such as --unit mm")
     for name, endings in (("image", IMAGES), ("surface", SURFACES)):
         path = getattr(options, name)
-        if path is not None and path.suffix not in endings:
+        if path is not None and suffix_of(path) not in endings:
             raise JobError(f"--{name} {path}: is not in a format of {name}s; the endings are {', '.join(endings)}")
         if path is not None and not path.is_file():
             raise JobError(f"--{name} {path}: no such file")

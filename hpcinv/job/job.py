@@ -62,6 +62,7 @@ from hpcinv.quantity.schema import (
     shown,
 )
 from hpcinv.quantity.spatial_fields import ELSEWHERE, fields_in
+from hpcinv.reading.suffix import suffix_of
 
 MOST_ENTRIES = 10_000
 """entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""
@@ -205,7 +206,7 @@ class Job(Spec):
     def shape_formats(self) -> tuple[str, ...]:
         if self.output.mesh is not None:
             return self.output.mesh
-        given = Path(self.mesh.file).suffix.removeprefix(".")
+        given = suffix_of(self.mesh.file).removeprefix(".")
         return ("bp",) if self.mesh.is_partitioned else (given if given in SAVED else "msh", *({"vtu"} - {given}))
 
     @property
