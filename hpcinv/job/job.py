@@ -533,6 +533,7 @@ class Job(Spec):
             yield ("effects",), text
         yield from rules.below(("states",), rules.unsuited_states(self.states, self.fibres, self.load_cases))
         yield from rules.below(("supports",), rules.unsuited_shared(self.supports, self.states, self.load_cases))
+        yield from rules.rigid_motions(self.supports, self.states)
         states = {f"states[{i}]": state for i, state in enumerate(self.states)}
         effects = {k: v for where, s in states.items() for k, v in numbered(f"{where}.effects", s.effects).items()}
         fibres = {f"fibres.{name}": family for name, family in self.fibres.items()}

@@ -25,7 +25,7 @@ from hpcinv.formats import mesh_fault
 from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_generator, read_parameters
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number, replace_scalar
-from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Size
+from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Quantity, Size
 from hpcinv.quantity.schema import (
     WRITTEN_AS,
     Faults,
@@ -466,28 +466,75 @@ class MeshSpec(MeshFile):
                         yield (key, name), f"has the number {number}, which '{other}' has too"
 
 
-class Support(Spec):
-    """Prescribed displacement on a region: zero for the components in ``fix``, or by formulas."""
+Turn = Annotated[
+    float,
+    Quantity("", at_least=-1.5707963267948968, at_most=1.5707963267948968, remedy="write degrees as '60 deg'"),
+]
 
-    alternatives: ClassVar[tuple[str, ...]] = ("fix", "displacement")
+
+class Motion(Spec):
+    """A rigid motion: a rotation about an axis, then a displacement."""
+
+    rotate: Turn = 0.0
+    """angle, by the right-hand rule"""
+    axis: Triple[float] = (0.0, 0.0, 1.0)
+    """direction of the axis, of any length"""
+    about: Triple[Length] = (0.0, 0.0, 0.0)
+    """a point on the axis, in the unloaded body"""
+    move: Triple[Length] = (0.0, 0.0, 0.0)
+    """displacement of that point"""
+
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        if not any(self.axis):
+            yield ("axis",), "must not be zero"
+
+
+class Support(Spec):
+    """Prescribed displacement on a region: zero for the components in ``fix``, by formulas, or a rigid motion.
+
+    ``fix: [normal]`` lets a region slide: no motion along the normal of the given mesh, at each node.
+    """
+
+    alternatives: ClassVar[tuple[str, ...]] = ("fix", "displacement", "motion")
 
     region: str
     """physical group of the mesh, a name from 'regions', or 'boundary' for the whole of it"""
-    fix: ListOf[Literal["x", "y", "z"]] | None = None
-    """fixed components, some of x, y, z"""
+    fix: ListOf[Literal["x", "y", "z", "normal"]] | None = None
+    """fixed components, some of x, y, z and normal, the normal of the given mesh"""
+    normal: Triple[float] | None = None
+    """direction that 'normal' stands for, of any length; by default the normal of each node's surface"""
     displacement: Triple[Expression | None] | None = None
     """three formulas of x, y, z in the given mesh, with null for a free component"""
+    motion: Motion | None = None
+    """rigid motion of the region from the unloaded to the loaded body, in all three components"""
     constants: Mapping[str, AnyQuantity] = {}
     """values of further names in the formulas"""
     case: Name | None = None
     """load case (a name from 'load_cases') of the displacement; by default the first"""
 
     @property
+    def moves(self) -> bool:
+        """True if the region is moved, not only held."""
+        return self.fix is None
+
+    @property
     def held(self) -> frozenset[AxisName]:
         """The components that the support prescribes."""
+        if self.motion is not None:
+            return frozenset(AXES)
         if self.displacement is None:
-            return frozenset(self.fix or ())
+            return frozenset(axis for axis in AXES if axis in (self.fix or ()))
         return frozenset(a for a, formula in zip(AXES, self.displacement, strict=True) if formula is not None)
+
+    @property
+    def slides(self) -> bool:
+        """True if the region is fixed along its normal, which need not be an axis."""
+        return "normal" in (self.fix or ())
+
+    @property
+    def components(self) -> list[str]:
+        """Names of what is prescribed, for messages."""
+        return [*sorted(self.held), *(["normal"] if self.slides else [])]
 
     def numbers(self) -> dict[KeyPath, Number | str]:
         """The constants of the formulas by place."""
@@ -498,17 +545,23 @@ class Support(Spec):
         return self.model_copy(update={"constants": replace_scalar(self.constants, place[1:], number)})
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
-        if (self.fix is None) == (self.displacement is None):
-            yield (), "needs exactly one of 'fix' (fixed components) and 'displacement' (three formulas)"
-        elif not self.held:
-            yield (), "prescribes no component; remove it or name some of x, y, z"
+        if [self.fix, self.displacement, self.motion].count(None) != 2:
+            parts = "'fix' (fixed components), 'displacement' (three formulas) and 'motion' (a rigid motion)"
+            yield (), f"needs exactly one of {parts}"
+        elif not self.components:
+            yield (), "prescribes no component; remove it or name some of x, y, z, normal"
         elif self.displacement is not None:
             yield from faults_with_constants("displacement", self.displacement, self.constants, COORDINATES, LENGTH)
         else:
-            if self.case is not None:
+            if self.case is not None and not self.moves:
                 yield ("case",), "is not valid without 'displacement': what is fixed is fixed in every load case"
             if self.constants:
                 yield ("constants",), "are not valid without 'displacement'"
+        if self.normal is not None:
+            if not self.slides:
+                yield ("normal",), "is valid with 'fix: [normal]' only"
+            elif not any(self.normal):
+                yield ("normal",), "must not be zero"
 
 
 def is_of_nodes(quantity: Mapping[str, Any], let: Mapping[str, Any]) -> bool:

@@ -64,8 +64,6 @@ class SeriesContinuation:
         self._equilibrium, self._system, self._linear = equilibrium, system, equilibrium.linear
         with system.timings("compile"):
             self._taylor = TaylorResidual(system.scene)
-        held = [dofs[:count] for dofs, count in (condition.dof_indices() for condition in system.supports.conditions)]
-        self._held = np.unique(np.concatenate([*held, np.zeros(0, dtype=np.int32)])).astype(np.int32)
         self._scale = np.inf
 
     def follow(self, steps: AdaptiveSteps, tolerance: float, load: float) -> Iterator[Solve]:
@@ -266,7 +264,7 @@ class SeriesContinuation:
             with system.timings("residual"):
                 taylor.assemble(k, b)
             b.scale(-1.0)
-            b.array[self._held] = 0.0
+            self._system.supports.free(b.array)
             if failure := fault():
                 return failure
             w = x.array.copy()
@@ -302,7 +300,7 @@ class SeriesContinuation:
     def _lift(self, b: PETSc.Vec, load: float) -> None:
         """Set the rows of prescribed unknowns of ``b`` to their rates, and add what these cause in the others."""
         system, supports = self._system, self._system.supports
-        b.array[self._held] = 0.0
+        self._system.supports.free(b.array)
         if supports.prescribe_motion:
             forces = b.copy()
             supports.scale_rates(system.scene.parameters.load_rates(load))
