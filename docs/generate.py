@@ -69,6 +69,7 @@ REMEDIES = {
     " What to do about 'not decided' is [on its page](../theory/stability.md#the-verdicts).",
     "limit points": "The body may carry this load in two shapes: [what was found](../theory/newton.md#limit-points).",
     "loads on parts": "Remove the load or the support.",
+    "equation of cavity": "Lower `solver.tolerance`.",
     "contact": "[Contact](contact.md#what-determines-the-pressure).",
     "error of": "Raise `solver.maximum_unknowns`, take a machine with more memory, or demand less.",
 }
@@ -231,6 +232,11 @@ def _sections(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> dict
             is_section = key not in ("material", "effects") and "properties" in _object(definitions[name])
             if is_section and name not in found.values():
                 found[f"{key}[]" if value.get("type") == "array" else key] = name
+    for section, part in list(found.items()):
+        for key, value in _object(definitions[part])["properties"].items():
+            for name in re.findall(r"'\$ref': '#/\$defs/(\w+)'", str(value)):
+                if "properties" in _object(definitions[name]) and name not in found.values():
+                    found[f"{section}.{key}"] = name
     return found
 
 

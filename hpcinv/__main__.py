@@ -33,12 +33,14 @@ COMMANDS = {
     "explain": "explain",
     "show": "show",
     "report": "report",
+    "dossier": "dossier",
     "export": "export",
     "laws": "laws",
     "effects": "laws",
     "formulas": "laws",
     "fit": "fit",
     "identify": "identify",
+    "serve": "serve",
     "mesh": "mesh",
     "compare": "compare",
     "compile": "compile",
@@ -59,7 +61,7 @@ not decided (--strict), 75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command and return its exit code; without arguments, those of this process, which ends with it."""
+    """Run one command and return its exit code; without arguments, this process's, which ends with it."""
     sys.stdout = sys.stdout or io.StringIO()  # it may be closed
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text

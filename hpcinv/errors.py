@@ -20,7 +20,7 @@ class HpcinvError(Exception):
 
 
 def described(error: BaseException) -> str:
-    """Return kind and text of an error in code of others; that of a lack of memory often has no text."""
+    """Return kind and text of an error in code of others; a lack of memory often has no text."""
     text = str(error) or ("there is not enough memory" if isinstance(error, MemoryError) else "")
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 

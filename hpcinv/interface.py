@@ -33,7 +33,7 @@ def run(
         directory: of checkpoints and results; ``None`` writes nothing.
         overwrite: whether results of another run may be replaced.
         resume: continue from the last checkpoint in ``directory``, if there is one.
-        progress: whether rank 0 prints what ``hpcinv run`` prints; or an object that is told of it.
+        progress: whether rank 0 prints what ``hpcinv run`` prints; or an object that receives it.
         further: ``stop_asked``, ``workspace`` and ``guesses`` of `hpcinv.driver.run`.
 
     Raises:

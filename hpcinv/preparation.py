@@ -14,6 +14,7 @@ from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.sections import CUT
 from hpcinv.job.states import StateSpec
 from hpcinv.mesh import Body
+from hpcinv.model.cavities import check_cavities
 from hpcinv.output.progress import Progress
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
@@ -76,6 +77,8 @@ def _given(job: Job, workspace: Workspace, progress: Progress, timings: Timings,
             progress.warn(_FREE_CUT)
         expected = read_expected(job, body)
         check_points(job.quantities, body)
+        for text in check_cavities(job, body):
+            progress.warn(text)
     _end_if_asked(comm, stop)
     equations = workspace.equations(job, body, timings)
     _end_if_asked(comm, stop)

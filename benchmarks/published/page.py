@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from hpcinv.version import __version__
+
 from .comparison import Row, Verdict
 from .references import FOLDER, Reference
 
 PAGE = Path("docs/verification/published.md")
+COUNTS = Path("hpcinv/dossier/published.json")
 PICTURE = Path("docs/pictures/published.png")
 VERDICTS: tuple[Verdict, ...] = ("inside", "outside", "not reliable", "failed", "skipped")
 HEADER = """<!-- Written by python -m benchmarks.published: do not edit. -->
@@ -37,20 +41,34 @@ mpirun -n 2 python -m benchmarks.published {first}
 def write(rows: Sequence[Row], root: Path) -> None:
     """Write page and picture below the root of the repository."""
     (root / PAGE).write_text(page(rows))
+    (root / COUNTS).write_text(json.dumps(counts_of(rows), indent=1) + "\n")
     draw(rows, root / PICTURE)
+
+
+def counts_of(rows: Sequence[Row]) -> dict[str, int | str]:
+    """Return the counts that dossiers of runs show, with the version of hpcinv."""
+    verdicts = Counter(row.verdict for row in rows)
+    solved = [row for row in rows if not row.missing]
+    return {
+        "version": __version__,
+        "values": len(solved),
+        "sources": len({row.reference.folder for row in solved}),
+        "recovered": sum(row.inverse for row in solved),
+        "inside": verdicts["inside"],
+        "outside": verdicts["outside"],
+        "unreliable": verdicts["not reliable"],
+    }
 
 
 def page(rows: Sequence[Row]) -> str:
     """Return the page."""
     names = list(dict.fromkeys(row.reference.folder for row in rows))
-    counts = Counter(row.verdict for row in rows)
-    solved = [row for row in rows if not row.missing]
-    sources = len({row.reference.folder for row in solved})
-    inverse = sum(row.inverse for row in solved)
-    summary = ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
+    verdicts, counts = Counter(row.verdict for row in rows), counts_of(rows)
+    summary = ", ".join(f"{verdicts[verdict]} {verdict}" for verdict in VERDICTS if verdicts[verdict])
     parts = [
         HEADER.format(first=names[0] if names else ""),
-        f"{len(solved)} values of {sources} sources, {inverse} of them recovered unloaded shapes: {summary}.\n",
+        f"{counts['values']} values of {counts['sources']} sources, {counts['recovered']} of them recovered unloaded"
+        f" shapes: {summary}.\n",
     ]
     for name in names:
         own = [row for row in rows if row.reference.folder == name]

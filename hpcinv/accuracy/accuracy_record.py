@@ -58,7 +58,7 @@ class AccuracyStep:
         errors = ", ".join(
             f"{name} ± {'?' if bound is None else f'{bound:.3g}'}" for name, bound in self.bounds.items()
         )
-        excess = "one mesh cannot tell" if self.excess is None else f"{self.excess:.2g} of what is allowed"
+        excess = "one mesh cannot show" if self.excess is None else f"{self.excess:.2g} of what is allowed"
         return (
             f"  {self.mesh}: {self.cells} cells, degree {self.degree}, {self.unknowns} unknowns,"
             f" {self.factorizations} factorizations, {self.seconds:.1f} s: {errors} ({excess}){self.left_out}"

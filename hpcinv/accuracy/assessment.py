@@ -29,7 +29,7 @@ class Finding:
     Attributes:
         size: of the cells, as in `forecast.Step`.
         corrected: these values plus the estimated errors.
-        ratio: least ratio of its errors to those of the finding before, by singular edges; 0 if nothing is known.
+        ratio: least ratio of its errors to the errors of the finding before, by singular edges; 0 if nothing is known.
         is_reliable: whether its estimate is, by itself.
     """
 

@@ -1,4 +1,4 @@
-"""Regions that a job gives by conditions: their borders are those of cells and facets, and move from mesh to mesh."""
+"""Regions that a job gives by conditions: their borders follow cells and facets, and move from mesh to mesh."""
 
 from collections.abc import Iterator, Mapping
 

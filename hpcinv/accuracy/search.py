@@ -27,7 +27,7 @@ from hpcinv.solver.observer import Observer, Stopped
 USABLE = 0.7  # share of the free memory before the first mesh is made
 # The factors of a three-dimensional problem have O(N^(4/3)) entries: George (1973), doi:10.1137/0710032.
 FILL = 4 / 3
-LEAST = 50e6  # bytes, below which the memory that was used is no basis of a prediction
+LEAST = 50e6  # bytes, below which the memory that was used is not a basis of a prediction
 MOST_STEPS = 15
 INTERFACE = 1.0  # order of errors by the border of a region that moves with the mesh; a larger one promises less error
 MOSTLY = 0.5  # share of the error at singular edges from which lines name them; a larger one names fewer

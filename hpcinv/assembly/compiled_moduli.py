@@ -51,7 +51,7 @@ def compiled_moduli(
     """Return the moduli of a residual or of a `Term`, of a record or derived; collective; errors as of `moduli_of`.
 
     Args:
-        degree: quadrature degree at whose points they are evaluated, if it is not that of the form.
+        degree: quadrature degree at whose points they are evaluated, if it is not the form's.
     """
     whole = ufl.replace(form.form, dict(form.factors)) if isinstance(form, Term) else form
     mesh, functions, constants = unknowns.mesh, whole.coefficients(), whole.constants()

@@ -136,9 +136,9 @@ class _Rows:
         dofmap = unknowns.space.dofmap
         self._find = code.find
         self._nodes, self._bs = nodes, bs = dofmap.index_map, dofmap.index_map_bs
-        pattern = pattern_of(unknowns)
+        pattern, indices = pattern_of(unknowns)
         self._pattern = pattern
-        indptr, indices, names = pattern.starts, pattern.columns, pattern.names.astype(PETSc.IntType)
+        indptr, names = pattern.starts, pattern.names.astype(PETSc.IntType)
         self.owned, self.count = bs * nodes.size_local, len(indptr) - 1
         self._dofs = _unrolled(dofmap.list, bs)
         end = int(indptr[self.owned])  # of the owned rows
@@ -148,7 +148,7 @@ class _Rows:
         preceding = np.zeros(self.owned + 1, dtype=np.int32)  # number of such entries before each row
         preceding[1:] = np.cumsum(np.bincount(row, minlength=self.owned))
         starts, self._diagonal = indptr[: self.owned + 1] - preceding, end - len(other)
-        self._indptr, self._indices, self._other, self._preceding = indptr, indices, other, preceding
+        self._indptr, self._other, self._preceding = indptr, other, preceding
         self._off_diagonal_lengths = np.zeros(
             self.count, dtype=np.int32
         )  # row lengths in the off-diagonal and in the diagonal block
@@ -165,7 +165,7 @@ class _Rows:
     def _place(self) -> Integers:
         """Place of each entry of the pattern."""
         end = int(self._indptr[self.owned])
-        place = np.arange(len(self._indices), dtype=np.int32)
+        place = np.arange(self._indptr[-1], dtype=np.int32)
         place[:end] -= np.repeat(self._preceding[:-1], np.diff(self._indptr[: self.owned + 1]))
         place[self._other] = np.arange(self._diagonal, end)
         return place
@@ -203,12 +203,17 @@ class _Rows:
         They are kept for the next matrix, which mostly has the same supports.
         """
         if self._last is None or not np.array_equal(self._last[0], unknowns):
-            columns = np.zeros(len(self._pattern.names), dtype=bool)
-            columns[: len(unknowns)] = unknowns
-            rows = np.repeat(unknowns, np.diff(self._indptr))
-            chosen = self._placed(np.flatnonzero(rows | columns[self._indices]).astype(np.int32))
-            owned = np.flatnonzero(unknowns[: self.owned]).astype(np.int32)
-            self._last = unknowns, chosen, self.entry_places(owned, owned)
+            own_rows, ghost_rows = unknowns[: self.owned], unknowns[self.owned :]
+            names = self._pattern.names[: len(unknowns)][unknowns]
+            (starts, inner), (other_starts, other), (ghost_starts, ghosts) = *self._blocks, self._ghost_rows
+            chosen = [
+                np.repeat(own_rows, np.diff(starts)) | unknowns[inner],
+                np.repeat(own_rows, np.diff(other_starts)) | np.isin(other, names),
+                np.repeat(ghost_rows, np.diff(ghost_starts)) | np.isin(ghosts, names),
+            ]
+            places = np.flatnonzero(np.concatenate(chosen)).astype(np.int32)
+            diagonal = np.flatnonzero(own_rows).astype(np.int32)
+            self._last = unknowns, places, self.entry_places(diagonal, diagonal)
         return self._last[1:]
 
     def places(self, matrices: ElementMatrices) -> list[_Places]:

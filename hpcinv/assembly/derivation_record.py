@@ -24,7 +24,7 @@ from hpcinv.parallel.runtime import MPI
 
 
 class DerivationRecord:
-    """A record beside the kernels; methods are collective.
+    """A record next to the kernels; methods are collective.
 
     Args:
         kind: first part of the record's name.

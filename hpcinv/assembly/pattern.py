@@ -22,8 +22,7 @@ class Pattern:
     """Rows of local unknowns, those of ghosts included, in the manner of CSR.
 
     Attributes:
-        starts, columns: where each row begins, and its columns in ascending order: local unknowns, then those of nodes
-            that are not on this rank.
+        starts: where each row begins, and the end.
         names: global number of each column, (all columns,).
         nodes, components: node of each local unknown, and its number there.
         pairs: pairs of nodes in the manner of CSR: starts, columns, and the place of the second node's first unknown
@@ -31,7 +30,6 @@ class Pattern:
     """
 
     starts: Integers
-    columns: Integers
     names: npt.NDArray[np.int64]
     nodes: Integers
     components: Integers
@@ -51,8 +49,11 @@ class Pattern:
         return self.starts[rows] + places[pair] + self.components[columns]
 
 
-def pattern_of(unknowns: Unknowns) -> Pattern:
-    """Return the pattern of integrals over cells; collective.
+def pattern_of(unknowns: Unknowns) -> tuple[Pattern, Integers]:
+    """Return the pattern of integrals over cells, and the column of each entry; collective.
+
+    Columns ascend in each row: local unknowns, then those of nodes that are not on this rank. Matrices have them in an
+    order of their own, so that the pattern does not keep them.
 
     The unknowns of each node must be consecutive (`Unknowns.has_whole_nodes`).
     """
@@ -72,7 +73,7 @@ def pattern_of(unknowns: Unknowns) -> Pattern:
     for cell in number[np.concatenate([part[:owned_cells, :, 0] for part in cell_dofs], axis=1)]:
         pattern.insert(cell, cell)
     pattern.finalize()
-    graph = la.matrix_csr(pattern, dtype=np.float32)  # which tells the map of the columns, unlike the pattern
+    graph = la.matrix_csr(pattern, dtype=np.float32)  # which has the map of the columns, unlike the pattern
     starts, columns = graph.indptr, graph.indices
     described = la.vector(graph.index_map(1), 2, dtype=np.int64)  # first unknown and components
     entries = described.array.reshape(-1, 2)
@@ -82,7 +83,7 @@ def pattern_of(unknowns: Unknowns) -> Pattern:
     rows, row_columns, places = _unrolled(starts, columns, widths[: len(starts) - 1], widths)
     pairs = starts.astype(np.int32), columns, places
     node_components = np.arange(len(number), dtype=np.int32) - first.astype(np.int32)[number]
-    return Pattern(rows, row_columns, _ranges(names, widths), number, node_components, pairs)
+    return Pattern(rows, _ranges(names, widths), number, node_components, pairs), row_columns
 
 
 def _node_map(unknowns: Any, bs: int, first: npt.NDArray[np.int64]) -> Any:

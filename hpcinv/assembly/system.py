@@ -22,7 +22,7 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 
 _BALANCED = 1e-9
-"""Nodal force, in shear moduli times the body's length squared, that is no obstacle to small load steps. With a larger
+"""Nodal force, in shear moduli times the body's length squared, that does not hinder small load steps. With a larger
 one, obstacles may press so much at the beginning of the path that no step is small enough."""
 
 
@@ -201,7 +201,7 @@ class System:
             return self._admissibility.fault()
 
     def fault_of_solution(self) -> Outcome | None:
-        """Return the reason why the present state is no physical solution, ``None`` if it may be one."""
+        """Return the reason why the present state is not a physical solution, ``None`` if it may be one."""
         with self.timings("admissibility check"):
             return self._admissibility.fault_of_solution()
 

@@ -3,7 +3,7 @@
 The moduli are evaluated once, at quadrature points of the residual or of the vectors; from the former they are extended
 to the latter by polynomials, in each product where these are few. A product takes the gradients of the vector at the
 points, the duals of these by the moduli, and the integrals of the duals times the basis functions, in C and in single
-precision (``tangent_product.c``). The spaces of the vectors may have another degree than those of the state at which
+precision (``tangent_product.c``). The spaces of the vectors may have another degree than the state at which
 the moduli are evaluated, and their mesh another geometry, with the same cells on the same ranks.
 """
 

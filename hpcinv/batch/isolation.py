@@ -200,7 +200,7 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 def _mpiexec() -> str | None:
-    """Return the path of mpiexec: that of this Python's MPI is in the same directory."""
+    """Return the path of mpiexec, which this Python's MPI has in the same directory."""
     return shutil.which("mpiexec", path=str(Path(sys.executable).parent)) or shutil.which("mpiexec")
 
 

@@ -164,7 +164,10 @@ def _given_up(claim: Claim) -> tuple[str, str] | None:
         return status, "See what it printed last."
     if claim.died >= DEADLY or claim.lost >= LOST:
         status = f"the process that ran it was killed {claim.died + claim.lost} times"
-        return status, "It, or a case beside it, may have run out of memory: use more memory or a coarser mesh."
+        return (
+            status,
+            "It, or a case that ran at the same time, may have run out of memory: use more memory or a coarser mesh.",
+        )
     return None
 
 

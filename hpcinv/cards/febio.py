@@ -1,4 +1,4 @@
-"""Materials of FEBio (``<material>``, format 4.0); the energies are those of its source (``FEBioMech``)."""
+"""Materials of FEBio (``<material>``, format 4.0); with the energies of its source (``FEBioMech``)."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 
+from hpcinv.certificate.cavity_check import cavities, judged_at_given_pressure, no_limit_points
 from hpcinv.certificate.check import Certificate, Line, Verdict, skipped, upper_bound_line
 from hpcinv.certificate.contact_check import contacts, penalties
 from hpcinv.certificate.discretisation_error import LINEAR, Correction, Estimate, estimate, finer_forecast
@@ -73,6 +74,9 @@ def certify(
 
     def discretisation() -> Iterable[Line]:
         nonlocal estimated
+        if solution.cavities:
+            yield skipped(DISCRETISATION, "is not estimated where the pressure of a cavity is unknown")
+            return
         if estimated is None and solution.job.certificate.estimate:
             estimated = estimate(equations, solution, computed, given, observer)
         yield _discretisation(equations, solution, estimated, uncertain)
@@ -83,7 +87,15 @@ def certify(
         else:
             checked = iter([closure_error(equations, solution, solutions[1].u)])
         largest = max(uncertain, 0.0 if estimated is None or not isfinite(estimated.shape) else estimated.shape)
+        checked = judged_at_given_pressure(checked) if solution.cavities and len(solutions) == 1 else checked
         return (_way_back(line, displacement_scale(equations, solution).length, largest) for line in checked)
+
+    def stable_state() -> Iterable[Line]:
+        checked = stability(equations, forward, observer)
+        return judged_at_given_pressure(checked) if solution.cavities else checked
+
+    def path() -> Iterable[Line]:
+        return no_limit_points() if solution.cavities else limit_points(equations, solution, stable)
 
     forward = ForwardFactors(equations, solution)
     is_checked = solution.job.certificate.level != "off"
@@ -93,13 +105,15 @@ def certify(
                 check("equilibrium", lambda: equilibrium_residual(equations, solution))
                 if solution.contacts:
                     check("contact", lambda: contacts(equations, solution))
+                if solution.cavities:
+                    check("cavities", lambda: cavities(solution))
                 check("volume", lambda: volume(equations, solution))
             check("discretisation error", discretisation)
             if is_checked:
                 check("cells", lambda: cells(equations, solution))
             check("overlap", lambda: self_overlap(equations, solution))
             check("round trip", way_back)
-            (stable,) = check("stability", lambda: stability(equations, forward, observer))
+            (stable,) = check("stability", stable_state)
             if (
                 is_checked
                 and solution.job.certificate.stability
@@ -107,7 +121,7 @@ def certify(
             ):
                 check("penalty", lambda: penalties(equations, solution, forward))
         if is_checked:
-            check("limit points", lambda: limit_points(equations, solution, stable))
+            check("limit points", path)
             check("ineffective loads", lambda: ineffective_loads(equations, solution))
     return Certificate(tuple(lines)), estimated
 

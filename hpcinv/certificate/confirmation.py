@@ -139,7 +139,7 @@ def _added(scene: Scene, part: Part, trial: Any) -> Any:
     compliance: Any = 0
     if (modulus := part.volumetric_modulus) is not None:
         alpha = ufl.min_value(alpha, modulus)
-        # The pressures are left with Λ - α, as 1/(Λ - α) in place of the 1/Λ that the tangent has.
+        # The pressures are left with Λ - α, as 1/(Λ - α) instead of the 1/Λ that the tangent has.
         compliance = 1 / (modulus - (1 - _OVERLAP) * alpha) - 1 / modulus
     volumes = ufl.inner(slope, kin.Grad(unknowns.v)) * ufl.inner(slope, kin.Grad(w))
     return margin + volume * (alpha * volumes - compliance * dp * unknowns.q)

@@ -20,7 +20,7 @@ def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[L
     """Compare ``‖R‖`` at the free displacements with the nodal loads and reactions; collective.
 
     The load is the difference that the load factor makes to ``R``, or the reactions of the supports where those are
-    larger (prescribed motion is no force). It has a floor relative to the forces that balance each other.
+    larger (prescribed motion is not a force). It has a floor relative to the forces that balance each other.
     """
     comm = equations.body.mesh.comm
     dofs = equations.unknowns.owned_displacement_dofs

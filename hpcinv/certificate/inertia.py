@@ -83,10 +83,10 @@ def factorize_symmetric(
     Args:
         kept: factors L D Lᵀ of similar matrices; the first ones that have the inertia of this one are taken.
         rounded: whether factors in single precision will do. They are tested, and made in double precision if their
-            inertia might not be that of the matrix.
+            inertia might not be the matrix's.
         low_rank: whether blocks of rounded factors are compressed.
         minimum_fill: whether to order by approximate minimum fill; else MUMPS chooses METIS.
-        unknowns: those of the matrix, whose nodes are ordered; without them the unknowns themselves are.
+        unknowns: the matrix's, whose nodes are ordered; without them the unknowns themselves are.
     """
     asymmetry = asymmetry_of(matrix)
     if not math.isfinite(asymmetry):

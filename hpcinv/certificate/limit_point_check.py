@@ -41,10 +41,9 @@ def _removal_line(line: Line, start: str) -> Line:
 def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
     """Return the line, for the sign of the unloaded body's tangent.
 
-    Only the last tangent of a solve counts: it has the sign of that at the solution, since corrections with it have
-    contracted. Others are of states that Newton's method passed, and the first of a path is that of the undeformed body
-    under the load of its first step, which is no equilibrium. Only on a path from another state does that one tell the
-    sign there.
+    Only the last tangent of a solve counts: it has the sign at the solution, since corrections with it have contracted.
+    Other tangents belong to states that Newton's method passed. The first tangent of a path belongs to the undeformed
+    body under the load of its first step, which is not an equilibrium. It counts on a path from another state only.
     """
     rule = "the determinant of the tangent must keep its sign from the unloaded body to the loaded one"
     turned = sum(s.limit_point for s in solution.solves)

@@ -46,7 +46,7 @@ _RESIDUAL = 2e-3  # of a solution that begins with a Ritz vector: that of Newton
 
 @dataclass(frozen=True)
 class Lowest:
-    """An eigenvalue that is the lowest as far as one can tell.
+    """The eigenvalue that the iteration found to be the lowest.
 
     Attributes:
         is_negative: proven; else the eigenvalue is positive by the estimate.

@@ -19,7 +19,7 @@ class MultigridSolver:
 
     Args:
         matrix: a tangent of the scene, or another matrix of the same structure, which must not change afterwards.
-        scene: its state and mesh must be those of the matrix.
+        scene: its state and mesh must be the matrix's.
 
     Attributes:
         matrix: the symmetric part.

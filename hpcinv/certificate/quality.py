@@ -7,7 +7,7 @@ hexahedra            scaled Jacobian: the least ``det(e₁ e₂ e₃) / |e₁||e
 curved cells, also   ``min det ∂x/∂ξ / max det ∂x/∂ξ`` in the cell: 1 where nothing is curved
 ===================  ============================================================================
 
-Each is negative in a cell that is inside out. The first two are those of the straight cells between the corners.
+Each is negative in a cell that is inside out. The first two measure the straight cells between the corners.
 
 Source: Liu & Joe, "Relationship between tetrahedron shape measures" (1994), doi:10.1007/BF01955874; Knupp, "Achieving
 finite element mesh quality …, part II" (2000), doi:10.1002/(SICI)1097-0207(20000720)48:8<1165::AID-NME940>3.0.CO;2-Y;

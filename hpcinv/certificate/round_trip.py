@@ -88,7 +88,7 @@ def _difference(equations: Equations, solution: Solution, back: np.ndarray) -> f
 
 
 def way_back(solution: Solution) -> Direction:
-    """Return the direction opposite to that of a solution."""
+    """Return the direction opposite to a solution's."""
     return "forward" if solution.direction == "inverse" else "inverse"
 
 

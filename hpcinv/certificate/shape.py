@@ -36,8 +36,8 @@ def cells(equations: Equations, solution: Solution) -> Iterator[Line]:
         yield lower_bound_line(f"worst cell, by its {worst.measure}", worst.value, warn=enough, fail=fail, note=note)
     for plane in symmetry_planes(solution.job, body, given, moved):
         name = f"depth beyond the plane of symmetry '{plane.region}', relative to the body"
-        note = f"{plane.crossed:.3g} m inside of its mirror image, unless this is a wall beside which the body may pass"
-        # A rest that is no larger than the region is held in the same way.
+        note = f"{plane.crossed:.3g} m inside of its mirror image, unless this is a wall that the body may pass"
+        # A rest that is not larger than the region is held in the same way.
         depth = plane.crossed / body.length_scale
         yield upper_bound_line(name, depth, warn=1e-9, fail=math.inf, note=note if plane.crossed else "")
 

@@ -27,9 +27,9 @@ from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import unique_rows
 from hpcinv.parallel.runtime import on_root
 
-CURVED = math.radians(60)  # rad: a re-entrant edge up to which facets may be those of a curved surface
+CURVED = math.radians(60)  # rad: a re-entrant edge up to which facets may be a curved surface's
 LEAST = math.radians(30)  # rad: below it they always are
-SHARPER = 2.0  # least ratio of its angle to those beside it, of an edge that is not of a curved surface
+SHARPER = 2.0  # least ratio of an edge's angle to its neighbours'; larger takes more edges for a curved surface
 LIMITING = 0.95  # exponents above it hardly limit anything, and are left out
 FIBRES = "singular fibres"
 SCALE_FREE = 0.999

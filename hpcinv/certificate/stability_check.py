@@ -92,7 +92,7 @@ def _unstable(count: int, confirmed: Confirmed | None, *, is_mixed: bool) -> Lin
     """Return the line for ``count`` eigenvalues of the tangent that are not positive, some of them ``confirmed``."""
     if confirmed is not None and confirmed.directions:
         # For a tangent that is not symmetric, the symmetric part can prove stability but not instability. The
-        # asymmetry is that of the confirmation, since the solve's quadrature can make follower loads asymmetric.
+        # asymmetry is the confirmation's, since the solve's quadrature can make follower loads asymmetric.
         kind = _potential_note(confirmed.asymmetry)
         does = "might buckle, snap away or flutter" if kind else "would buckle or snap away from this state"
         note = f"confirmed negative eigenvalues: the loaded body {does}"

@@ -63,7 +63,7 @@ def correct(equations: Equations, direction: Direction, finer: Equations, observ
 
     Iterations are not made where the body is much stiffer than by its shear modulus, as against stiff fibres, or
     changes of volume in the displacement form: they would end long before they have found the correction, since the
-    diagonal does not tell soft motions from stiff ones there. Collective.
+    diagonal does not separate soft motions from stiff ones there. Collective.
 
     Args:
         equations: in the state of the solution, with the factors of its last tangent.

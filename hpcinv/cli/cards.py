@@ -43,7 +43,7 @@ def convert(options: argparse.Namespace) -> int:
         print(text, end="")
         return 0
     if not options.output.parent.is_dir():
-        raise OutputError(f"{options.output}: cannot be written: there is no directory {options.output.parent}")
+        raise OutputError(f"{options.output}: cannot be written: there is not a directory {options.output.parent}")
     write_output(options.output, text.encode())
     return 0
 

@@ -37,7 +37,7 @@ def add_compare(commands: Any) -> None:
         "one", type=Path, help="a mesh, a closed surface (.stl, .ply, .obj, .vtp, .vtk), a segmented image, or a run"
     )
     parser.add_argument("other", type=Path, help="the body to compare with, in any of these forms")
-    parser.add_argument("--unit", help="length unit of the files that are no runs (default: mm of images, else m)")
+    parser.add_argument("--unit", help="length unit of the files that are not runs (default: mm of images, else m)")
     parser.add_argument(
         "--label",
         type=_labels,

@@ -86,7 +86,7 @@ def _fit(options: argparse.Namespace) -> int:
             raise OutputError(f"{path}: must end in {' or '.join(endings)}")
     for path in (options.plot, options.material, options.output):
         if path is not None and not path.parent.is_dir():
-            raise OutputError(f"{path}: cannot be written: there is no directory {path.parent}")
+            raise OutputError(f"{path}: cannot be written: there is not a directory {path.parent}")
     fixed = _fixed(options.fix)
     candidates = _candidates(options, fixed)
     _check_fixed(fixed, candidates)

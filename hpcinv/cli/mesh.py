@@ -169,7 +169,7 @@ def _what_to_give(options: argparse.Namespace, missing: list[str]) -> str:
 
 def _check_ending(path: Path, endings: tuple[str, ...], kind: str) -> None:
     if path.suffix not in endings:
-        raise OutputError(f"{path}: is no {kind}; the endings are {', '.join(endings)}")
+        raise OutputError(f"{path}: is not in a format of {kind}s; the endings are {', '.join(endings)}")
 
 
 def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, given: dict[str, Any]) -> int:
@@ -234,7 +234,7 @@ def _partition(options: argparse.Namespace) -> int:
 
 def _gather(options: argparse.Namespace) -> int:
     if options.input.suffix != SUFFIX:
-        raise OutputError(f"{options.input}: is no partitioned mesh ({SUFFIX})")
+        raise OutputError(f"{options.input}: is not a partitioned mesh ({SUFFIX})")
     if is_asked() and (fault := mesh_fault(options.input.parent, options.input.name)):
         raise JobError(f"{options.input}: {fault}")
     check_one_process("mesh")

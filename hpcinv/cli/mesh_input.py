@@ -34,7 +34,7 @@ def mesh_spec(path: Path, given: Mapping[str, Any]) -> MeshSpec:
 def length_unit(symbol: str) -> float:
     """Return the size (m) of the unit in ``--unit``; raises ``OutputError`` if it is none of length."""
     if symbol not in LENGTH_UNITS:
-        raise OutputError(f"--unit {symbol}: is no unit of length.{did_you_mean(symbol, LENGTH_UNITS)}")
+        raise OutputError(f"--unit {symbol}: is not a unit of length.{did_you_mean(symbol, LENGTH_UNITS)}")
     return parse_quantity(f"1 {symbol}")[0]
 
 

@@ -61,7 +61,7 @@ class _Source:
     Attributes:
         box: box (m) around the body; ``None`` if its regions have names.
         frame: what is known of its position in space, for a comment.
-        mesh_file: a file of the mesh that is written beside the job.
+        mesh_file: a file of the mesh that is written next to the job.
         write: writes that file.
         is_example: the body is an example.
         ends: names of the ends of a wall.
@@ -124,7 +124,7 @@ def _new(options: argparse.Namespace) -> int:
         if source.mesh_file is not None and source.write is not None:
             with output_errors(source.mesh_file):
                 source.write(source.mesh_file)
-        parse(read_text(text, str(output)), output)  # before it is written, but beside its mesh
+        parse(read_text(text, str(output)), output)  # before it is written, but next to its mesh
         write_output(output, text.encode())
     except Exception:
         if source.mesh_file is not None and not existing:
@@ -139,19 +139,19 @@ def _new(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> None:
     """Raise an error if options do not fit each other."""
     if options.output.suffix not in (".yaml", ".yml"):
-        raise OutputError(f"{options.output}: is no name of a job", "Name it *.yaml.")
+        raise OutputError(f"{options.output}: is not a name of a job", "Name it *.yaml.")
     if not re.fullmatch(NAME_OF_FILE, options.output.stem):
         raise OutputError(
             f"{options.output}: cannot be the name of a job", "Use letters, digits, _, - and dots, a letter first."
         )
     if not options.output.parent.is_dir():
-        raise OutputError(f"{options.output.parent}: is no directory", "Make it first.")
+        raise OutputError(f"{options.output.parent}: is not a directory", "Make it first.")
     if options.image is not None and options.surface is not None:
         raise JobError("--surface: a job has one mesh, and --image gives it, too")
     given = options.image or options.surface
     if options.surface is not None and options.kind in _WALLS:
         raise JobError(
-            f"--surface: of the wall of {_article(options.kind)}, it does not tell the cavity from the outside;"
+            f"--surface: of the wall of {_article(options.kind)}, it does not distinguish the cavity from the outside;"
             " give an --image, or put a mesh with named surfaces into the example"
         )
     if options.image is None and options.label:
@@ -163,7 +163,7 @@ def _check(options: argparse.Namespace) -> None:
     for name, endings in (("image", IMAGES), ("surface", SURFACES)):
         path = getattr(options, name)
         if path is not None and path.suffix not in endings:
-            raise JobError(f"--{name} {path}: is no {name}; the endings are {', '.join(endings)}")
+            raise JobError(f"--{name} {path}: is not in a format of {name}s; the endings are {', '.join(endings)}")
         if path is not None and not path.is_file():
             raise JobError(f"--{name} {path}: no such file")
 
@@ -177,7 +177,7 @@ def _example(options: argparse.Namespace) -> _Source:
 
 
 def _labels(options: argparse.Namespace, example: str) -> dict[str, list[int]]:
-    """The labels that are asked for; ``JobError`` with those of the image if there are none."""
+    """The labels that are asked for; ``JobError`` with the image's labels if there are none."""
     from hpcinv.mesh.imaging.label_image import labels_in
 
     if not options.label:

@@ -33,7 +33,7 @@ def add_run(commands: Any) -> None:
     )
     run.add_argument("--overwrite", action="store_true", help="replace the results of the run in --output")
     run.add_argument(
-        "--certificate", choices=LEVELS, help="level of the certificate, in place of the job's section of that name"
+        "--certificate", choices=LEVELS, help="level of the certificate, instead of the job's section of that name"
     )
     run.set_defaults(command=_run)
 

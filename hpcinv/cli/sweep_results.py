@@ -163,7 +163,7 @@ def _plot(options: argparse.Namespace) -> int:
 
 
 def _read(plan: SweepPlan, ledger: Ledger) -> dict[str, CaseRecord]:
-    """Return the records of the finished cases; tell on standard error how many are left out since they are damaged."""
+    """Return the records of the finished cases; report on standard error how many damaged ones are left out."""
     records = results(plan, ledger)
     left = dict.fromkeys(case.key for case in plan.cases if case.key not in records)
     if damaged := len(ledger.damaged(left)):

@@ -66,7 +66,7 @@ class Contact(Effect):
     """known contact pressure, for an inverse analysis"""
     penalty: StiffnessField | None = None
     """pressure per penetration of a rigid obstacle in each solve; by default 64 shear moduli per length of the body,
-    which grow up to 64 times that; 0 beside a known pressure"""
+    which grow up to 64 times that; 0 with a known pressure"""
     penetration: Size | None = None
     """largest penetration of a rigid obstacle at vertices; by default 1/65536 of the length of the body"""
 

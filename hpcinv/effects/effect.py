@@ -38,7 +38,7 @@ class Effect(Ingredient):
 
     @property
     def is_load(self) -> bool:
-        """True if it acts in space; fields of other effects are attached to the material, as those of laws are."""
+        """True if it acts in space; fields of other effects are attached to the material, as fields of laws are."""
         return type(self).virtual_work is not Effect.virtual_work
 
     @property
@@ -63,13 +63,13 @@ class Effect(Ingredient):
         return frozenset()
 
     def faults(self, first: Direction) -> Faults:
-        """Yield faults, with their places, if the given body is that of the ``first`` direction solved."""
+        """Yield faults, with their places, if the given body is the body of the ``first`` direction."""
         yield from ()
 
     def functions(self, degree: int) -> Mapping[str, tuple[int, int]]:
         """Return number of components and Lagrange degree, by name, of functions that the solver updates.
 
-        ``par`` holds them beside the quantities. ``degree`` is that of the displacement.
+        ``par`` holds them in addition to the quantities. ``degree`` is the degree of the displacement.
         """
         return {}
 

@@ -48,7 +48,7 @@ class ThermalExpansion(Effect):
     coefficient: ExpansionField
     """coefficient of linear expansion, alpha"""
     temperature_change: TemperatureField
-    """temperature of the deformed body less that of the undeformed one, ΔT, in K; or give both temperatures"""
+    """temperature of the deformed body less the undeformed one's, ΔT, in K; or give both temperatures"""
 
     @model_validator(mode="before")
     @classmethod

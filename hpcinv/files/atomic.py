@@ -130,7 +130,7 @@ def _link(partial: Path, path: Path, fallback: Callable[[Path, Path], None]) -> 
         return False
     except FileNotFoundError:
         path.parent.stat()  # raises if the directory is missing
-        return False  # the first writer has removed partial files, with that of this process
+        return False  # the first writer has removed partial files, with this process's
     return True
 
 

@@ -70,7 +70,7 @@ class CheckedFit:
         if fit.deviations_known and fit.scatter > _POOR:
             messages.append(
                 f"{self.label} does not describe the tests within their standard deviations: residuals are"
-                f" {fit.scatter:.3g} of them, so that those of the parameters are too small"
+                f" {fit.scatter:.3g} of them, so that the parameters' deviations are too small"
             )
         for p, value in zip(fit.candidate.parameters, fit.values, strict=True):
             for bound in (p.lower, p.upper):

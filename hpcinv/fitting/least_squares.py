@@ -252,7 +252,7 @@ class _LeastSquares:
         if free := linear.free():
             involved = [names[i] for i in free[-1].involved]
             raise FitError(
-                f"{label}: the tests do not tell {' and '.join(involved)} apart; fix all but one of them "
+                f"{label}: the tests do not separate {' and '.join(involved)}; fix all but one of them "
                 f"(--fix {involved[-1]}=…), add a test of another mode, or choose a law with fewer parameters"
             )
 

@@ -9,7 +9,7 @@ import numpy as np
 from hpcinv.quantity.arrays import Floats
 
 DEPENDENT = 1e-9
-"""ratio of singular values below which parameters cannot be told apart"""
+"""ratio of singular values below which parameters cannot be distinguished"""
 _INVOLVED = 0.1  # smallest share of a parameter in a combination that is named
 
 

@@ -400,6 +400,8 @@ def set_deviations(tests: list[Test], given: list[str]) -> list[Test]:
     for test in tests:
         deviation = np.hypot(absolute, relative * test.stress) if test.deviation is None else test.deviation
         if not (deviation > 0).all():
-            raise JobError(f"{test.name}: {relative:.3g} of a stress of 0 is no standard deviation; add --sd '1 kPa'")
+            raise JobError(
+                f"{test.name}: {relative:.3g} of a stress of 0 is not a standard deviation; add --sd '1 kPa'"
+            )
         weighted.append(replace(test, deviation=deviation))
     return weighted

@@ -32,6 +32,7 @@ class Header:
         files: size in bytes and SHA-256 of each file written by ADIOS2; the hash is empty for files with the arrays,
             which have checksums.
         unit: length unit (m) of the original mesh file; the partitioned mesh itself is in metres.
+        overlapping: whether a cell or facet is in several groups; the arrays of groups are masks then.
     """
 
     name: str
@@ -47,17 +48,24 @@ class Header:
     checksums: Mapping[str, str]
     files: Mapping[str, tuple[int, str]]
     unit: float = 1.0
+    overlapping: bool = False
 
     def write(self, path: Path) -> None:
-        content = {"format": _FORMAT} | asdict(self)
+        content = {"format": _FORMAT} | self._content()
         text = json.dumps(content | {"sha256": _digest(content)}, ensure_ascii=False)
         (path / HEADER).write_text(text + "\n", encoding="utf-8")
 
     def digest(self) -> str:
         """SHA-256 of the mesh, independent of the distribution of its arrays over files."""
-        content = asdict(self)
+        content = self._content()
         del content["name"], content["files"], content["unit"]
         return _digest(content)
+
+    def _content(self) -> dict[str, Any]:
+        content = asdict(self)
+        if not self.overlapping:  # so that earlier versions read the mesh
+            del content["overlapping"]
+        return content
 
 
 def _digest(content: Mapping[str, Any]) -> str:

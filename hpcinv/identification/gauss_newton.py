@@ -55,7 +55,7 @@ class ParameterEstimate:
 
     Attributes:
         values: in SI, (k,).
-        scales: sizes of the parameters in combinations, (k,): those of the values, if they are not zero.
+        scales: sizes of the parameters in combinations, (k,): the values', if they are not zero.
         jacobian: of the residuals in standard deviations, (n, k), without priors.
         priors: mean and standard deviation by parameter, ``None`` without one.
         bound_flags: whether parameters are at a bound.
@@ -125,7 +125,7 @@ class ParameterEstimate:
 
     @property
     def probability(self) -> float | None:
-        """Probability of at least this χ², with that of the priors, if model and standard deviations are right."""
+        """Probability of at least this χ², with the priors', if model and standard deviations are right."""
         if self.freedom <= 0:
             return None
         total = self.chi_squared + sum(

@@ -96,7 +96,7 @@ def warnings(estimate: ParameterEstimate) -> list[str]:
     if free:
         texts.append(f"the observations do not determine {' and '.join(free)}: the values are one choice of many")
     texts += [
-        f"{p.key} is at its bound: its standard deviation is that of linear least squares without bounds"
+        f"{p.key} is at its bound: its standard deviation is from linear least squares without bounds"
         for p, bound in zip(estimate.parameters, estimate.bound_flags, strict=True)
         if bound
     ]
@@ -104,7 +104,7 @@ def warnings(estimate: ParameterEstimate) -> list[str]:
     if probability is not None and probability < _UNLIKELY:
         texts.append(
             "the observations differ from the model by more than their standard deviations: these, or the model, are"
-            " wrong, and those of the parameters are too small"
+            " wrong, and the deviations of the parameters are too small"
         )
     return texts
 

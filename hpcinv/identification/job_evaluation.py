@@ -25,13 +25,12 @@ from hpcinv.identification.shares import Share
 from hpcinv.job.fingerprint import content_key, file_digest
 from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job
-from hpcinv.job.sensitivities import Parameter
+from hpcinv.job.sensitivities import Parameter, stated_values
 from hpcinv.mesh.source import Floats
 from hpcinv.methods.method import Guess
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
 from hpcinv.parallel.ranks import MPI, agree, on_root, wait_for_all
-from hpcinv.results.solution import Solution
 from hpcinv.solver.workspace import Workspace
 from hpcinv.version import __version__
 
@@ -150,7 +149,7 @@ class Evaluations:
             Interrupted: on all ranks, if the run was asked to stop.
         """
         try:
-            job = self._base.with_(texts(self.parameters, values))
+            job = self._base.with_(stated_values(self.parameters, values))
         except JobError as error:
             return self._failed(error.message)
         path = on_root(self.comm, lambda: self._path(job))
@@ -174,7 +173,7 @@ class Evaluations:
             failure = error.message
         except Interrupted as error:
             stopped = error
-        self._guesses = tuple(_guess(solution) for solution in result.solutions) if result else ()
+        self._guesses = tuple(solution.as_guess() for solution in result.solutions) if result else ()
         if self.comm.size > team.size:
             wait_for_all(self.comm)
         agree(self.comm, stopped)
@@ -250,19 +249,3 @@ class Evaluations:
         observed = hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
         key = content_key(job, self._digest, observed=observed, **self._circumstances())
         return self._directory / f"{key}.npz"
-
-
-def texts(parameters: Sequence[Parameter], values: Floats) -> dict[str, float | str]:
-    """Return values (SI) as a job may state them, by key, exactly, with what is tied to a parameter."""
-    stated: dict[str, float | str] = {}
-    for parameter, value in zip(parameters, values, strict=True):
-        unit = parameter.dimension.unit if parameter.dimension is not None else ""
-        text = f"{float(value)!r} {unit}" if unit else float(value)
-        stated |= {number.key: text for number in (parameter, *parameter.ties)}
-    return stated
-
-
-def _guess(solution: Solution) -> Guess:
-    signs = {sign for solve in solution.solves if solve.outcome.accepted for sign in solve.signs}
-    pressure = None if solution.pressure is None else solution.pressure.x.array.copy()
-    return Guess(solution.displacement.x.array.copy(), pressure, signs.pop() if len(signs) == 1 else 0)

@@ -34,7 +34,7 @@ from hpcinv.results.shape_distance import read_same_cells
 _REMEDY = "What is observed is on the surface of the body: name a region of the boundary."
 _LARGEST_TABLE = 50_000_000
 """bytes of a table of points; a larger one is refused, since reading it takes minutes"""
-_SIZE = 5.0  # factor by which the size of what was observed may differ from that of the body
+_SIZE = 5.0  # factor by which the size of what was observed may differ from the body's
 _DIVISIONS = (1, 2, 4, 8, 16)  # of each side of a curved facet into triangles
 _FLAT = 0.02  # distance of these from the facet that is allowed, in standard deviations
 

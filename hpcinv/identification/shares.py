@@ -58,7 +58,7 @@ class Share:
         return f"states[{self.states.index(number)}]{rest}" if number in self.states else None
 
     def has(self, observation: Observation, *, first: bool) -> bool:
-        """Return whether the share predicts an observation; ``first``: whether it also does those of the rest shape."""
+        """Return whether the share predicts an observation; ``first``: whether it also does the rest shape's."""
         if self.states is None:
             return True
         quantity = next((q for q in self.whole.quantities if q.name == observation.quantity), None)

@@ -92,7 +92,7 @@ class TubeRule(FibreRule):
     outlet: str | None = None
     """region of the boundary: the other end"""
     axis: Triple[Annotated[float, Quantity("")]] | None = None
-    """direction of a straight tube, in place of 'inlet' and 'outlet'"""
+    """direction of a straight tube, instead of 'inlet' and 'outlet'"""
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         yield from super()._contradictions(info)

@@ -29,9 +29,9 @@ class FibreFamily(Ingredient):
     direction: Triple[Expression] | None = None
     """three formulas of X, Y, Z, x, y, z"""
     data: str | None = None
-    """an array of the mesh file with three components, in place of 'direction'"""
+    """an array of the mesh file with three components, instead of 'direction'"""
     rule: AnyRule | None = None
-    """a rule for the wall of a ventricle or a tube, in place of 'direction'"""
+    """a rule for the wall of a ventricle or a tube, instead of 'direction'"""
     given_on: Configuration
     """body on which the direction is given: the reference (undeformed) or the current (deformed) one"""
     constants: Mapping[Name, AnyQuantity] = {}

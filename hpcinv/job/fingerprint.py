@@ -21,12 +21,13 @@ _PHYSICS = {"analysis", "regions", "fibres", "material", "load_cases", "effects"
 WITH_DEFINITIONS = {LET: True}
 """Serialization context in which formulas include the definitions that they use."""
 _SETTINGS = {"solver", "method", "fixed_point", "certificate", "quantities"}
-_OPTIONAL = {"accuracy", "sensitivities"}
+_OPTIONAL = {"accuracy", "cavities", "sensitivities"}
 _MESH = {
     "parameters",
     "unit",
     "geometry_degree",
     "labels",
+    "array_labels",
     "neighbours",
     "size",
     "grade",
@@ -89,6 +90,8 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
         or digest(job.resolve(job.mesh.file)),
         "unit": job.mesh.metres,  # of an image by default mm
     }
+    if faces := job.mesh.faces:
+        mesh["faces"] = {name: [digest(job.resolve(file)) for file in files] for name, files in faces.items()}
     discretisation: dict[str, Any] = {
         "formulation": "mixed" if job.is_mixed else "displacement",
         "displacement": job.discretisation.displacement,
@@ -103,6 +106,8 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
     physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True, context=WITH_DEFINITIONS)
     if job.states:
         physics |= job.model_dump(mode="json", include={"states"}, exclude_none=True, context=WITH_DEFINITIONS)
+    if job.controlled_cavities:
+        physics |= job.model_dump(mode="json", include={"cavities"}, exclude_none=True)
     if job.plugins:
         plugins = [job.resolve(plugin) for plugin in job.plugins]
         physics["plugins"] = [digest(path) for path in plugins]

@@ -94,7 +94,7 @@ class Observation(Spec):
 
     @property
     def file(self) -> str | None:
-        """Path of its file, relative to that of the job."""
+        """Path of its file, relative to the job's."""
         return self.mesh or self.surface or (self.landmarks if isinstance(self.landmarks, str) else None)
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
@@ -138,7 +138,7 @@ class Identification(Spec):
     observations: ListOf[Observation]
     """what was observed of the body in other states than the given one"""
     given_sd: Size | None = None
-    """standard deviation of each coordinate of the given mesh; it is added to that of observed positions"""
+    """standard deviation of each coordinate of the given mesh; it is added to the deviation of observed positions"""
     maximum_evaluations: Annotated[int, Field(ge=1)] = 100
     """largest number of evaluations: solves of all states"""
 

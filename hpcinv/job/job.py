@@ -23,7 +23,9 @@ from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.errors import JobError
 from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
+from hpcinv.formats import SAVED
 from hpcinv.job import rules
+from hpcinv.job.cavities import Cavity, cavities_of_state, unknown_cavities, unsuited_controls
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification
 from hpcinv.job.layers import Layering, layerings_of
@@ -31,7 +33,7 @@ from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
 from hpcinv.job.preamble import read_preamble
 from hpcinv.job.region_names import unknown_regions
-from hpcinv.job.region_rules import RegionRule, RegionUnion
+from hpcinv.job.region_rules import EXCEPT, RegionRule, RegionUnion
 from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
@@ -64,7 +66,7 @@ from hpcinv.quantity.spatial_fields import ELSEWHERE, fields_in
 MOST_ENTRIES = 10_000
 """entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""
 
-UNNAMED = "(mapping)"  # in place of the file name of a job that was made in Python
+UNNAMED = "(mapping)"  # instead of the file name of a job that was made in Python
 _KEYS: Any = Mapping[str, str | float | Uncertain | None] | list[str]  # as in a file
 
 
@@ -117,11 +119,14 @@ class Job(Spec):
     load_cases: ListOf[Name] = ()
     """names of successive load cases; by default there is one"""
     states: ListOf[StateSpec] = ()
-    """states of one body, in place of 'analysis' and 'effects': the given one, the rest shape, and others"""
+    """states of one body, instead of 'analysis' and 'effects': the given one, the rest shape, and others"""
     effects: ListOf[AnyEffect] = ()
     """loads and inelastic strains of the body"""
     supports: Annotated[ListOf[Support], Field(validate_default=True)] = ()
     """prescribed displacements; not needed if springs (effect: elastic-foundation) hold the body"""
+    cavities: Mapping[Name, Cavity] = Field(default={}, exclude_if=lambda cavities: not cavities)
+    """hollows of the body by name, such as {lv: {surface: endo}}, whose volumes are possible quantities; their
+    pressures may be unknown, with a given volume or gas"""
     discretisation: Discretisation = Discretisation()
     """finite-element spaces"""
     solver: Solver = Solver()
@@ -200,7 +205,8 @@ class Job(Spec):
     def shape_formats(self) -> tuple[str, ...]:
         if self.output.mesh is not None:
             return self.output.mesh
-        return ("bp",) if self.mesh.is_partitioned else ("msh", "vtu")
+        given = Path(self.mesh.file).suffix.removeprefix(".")
+        return ("bp",) if self.mesh.is_partitioned else (given if given in SAVED else "msh", *({"vtu"} - {given}))
 
     @property
     def directions(self) -> tuple[Direction, ...]:
@@ -247,10 +253,12 @@ class Job(Spec):
     def _job_of_state(self, number: int) -> Job:
         """The job of one of the loaded states by itself."""
         state = self.states[number]
+        cavities = cavities_of_state(self.cavities, state)
         changes = {
             "analysis": "inverse" if state.given else "forward",
             "states": (),
-            "effects": state.effects,
+            "cavities": cavities,
+            "effects": (*state.effects, *(effect for cavity in cavities.values() for effect in cavity.pressures)),
             "supports": self.supports if state.supports is None else state.supports,
             "quantities": tuple(q for q in self.quantities if q.state == state.name),
         }
@@ -260,8 +268,38 @@ class Job(Spec):
         return job
 
     def place(self, section: str) -> str:
-        """Place of a section of this job in its file, where that of a state differs."""
+        """Place of a section of this job in its file, where a state's place differs."""
         return self._places.get(section, section)
+
+    @property
+    def controlled_cavities(self) -> dict[str, Cavity]:
+        """The cavities of unknown pressure by name."""
+        return {name: cavity for name, cavity in self.cavities.items() if cavity.is_controlled}
+
+    @property
+    def own_effect_count(self) -> int:
+        """Number of the effects of the file; those of the unknown pressures of cavities follow them."""
+        return len(self.effects) - sum(len(cavity.pressures) for cavity in self.cavities.values())
+
+    def cavity_effects(self, name: str) -> list[int]:
+        """Return the places among the effects of a cavity's unknown pressure."""
+        first = self.own_effect_count
+        for other, cavity in self.cavities.items():
+            places = range(first, first + len(cavity.pressures))
+            if other == name:
+                return list(places)
+            first = places.stop
+        raise KeyError(name)
+
+    def with_pressures(self, pressures: Mapping[str, float]) -> Job:
+        """Return the job with pressures (Pa) of all cavities of unknown pressure as given ones."""
+        effects = list(self.effects)
+        for name, pressure in pressures.items():
+            for place in self.cavity_effects(name):
+                effects[place] = effects[place].model_copy(update={"pressure": pressure})
+        known = {"volume": None, "unloaded_volume": None, "gas": None}
+        cavities = {name: cavity.model_copy(update=known) for name, cavity in self.cavities.items()}
+        return self.model_copy(update={"effects": tuple(effects), "cavities": cavities})
 
     @property
     def laws(self) -> Mapping[str, MaterialLaw]:
@@ -325,6 +363,8 @@ class Job(Spec):
             return "needs 'strategy: adaptive': other strategies are chosen for the path that they take"
         if self.method != "direct" and first.direction == "inverse":
             return "needs 'method: direct'"
+        if first.job.controlled_cavities:
+            return "is not possible with cavities of unknown pressure"
         if self.accuracy:
             return "cannot be combined with 'accuracy', whose search begins with the solution on the mesh before"
         if first.direction == "forward" and any(effect.functions(1) for effect in first.job.effects):
@@ -396,7 +436,7 @@ class Job(Spec):
         raise_if_any(faults((((name,), formula) for name, formula in conditions.items()), REGION_NAMES, True))
         names = list(regions)
         for i, (name, rule) in enumerate(regions.items()):
-            later = [m for m in rule.members if m in names[i:]] if isinstance(rule, RegionUnion) else []
+            later = [m for m in rule.names if m in names[i:]] if isinstance(rule, RegionUnion) else []
             if later:
                 raise Problems(((name,), f"names '{later[0]}', which is not defined above it; change the order"))
         return regions
@@ -425,7 +465,7 @@ class Job(Spec):
         return given  # `_completed` reads it
 
     def _completed(self, info: ValidationInfo) -> Self:
-        """The job with the quantities of all states, and with numbers whose dimension is that of another section's."""
+        """The job with the quantities of all states, and with numbers whose dimension follows from another section."""
         problems: list[tuple[KeyPath, str]] = []
         sections: dict[str, Any] = {}
         with collected(problems, "quantities"):
@@ -437,7 +477,10 @@ class Job(Spec):
         with collected(problems, "accuracy"):
             sections["accuracy"] = rules.read_demands(self.accuracy, sections.get("quantities", self.quantities))
         raise_if_any(problems)
-        return self.model_copy(update={key: value for key, value in sections.items() if key in self.model_fields_set})
+        sections = {key: value for key, value in sections.items() if key in self.model_fields_set}
+        if pressures := [effect for cavity in self.cavities.values() for effect in cavity.pressures]:
+            sections["effects"] = (*self.effects, *pressures)
+        return self.model_copy(update=sections)
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         for key in ("analysis", "first"):
@@ -445,8 +488,10 @@ class Job(Spec):
                 yield (key,), "is not valid with 'states', one of which is the given one; remove it"
         yield from rules.contradicting_directions(self.analysis, self.first, self.method, self.fixed_point, self.states)
         yield from rules.contradicting_meshes(self.mesh, self.output, self.expected_shape)
+        yield from unsuited_controls(self)
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
+        yield from rules.below(("quantities",), unknown_cavities(self.quantities, self.cavities, self.states))
         if self.sensitivities:
             yield from rules.below(("sensitivities",), rules.underivable(self.effects, self.states, "are"))
         if self.identify is not None:
@@ -536,7 +581,9 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
             raise
         raise JobError(f"{path}: plugins: a law or effect failed where it was checked: {fault}") from error
     job._path, job._data, job._untrusted = path, data, untrusted
-    unknown = unknown_regions(job.resolve(job.mesh.file), job.regions, _named_regions(job))
+    # names by the values of an array are known when the mesh is read
+    named = () if job.mesh.array_labels is not None else _named_regions(job)
+    unknown = unknown_regions(job.resolve(job.mesh.file), {*job.regions, *job.mesh.faces}, named)
     if lines := [f"{path}: {dotted_key(where)}: {what}" for where, what in unknown]:
         raise JobError(*lines)
     return job
@@ -547,8 +594,8 @@ def _named_regions(job: Job) -> Iterator[tuple[KeyPath, str]]:
     sections: list[tuple[KeyPath, Sequence[Support], Sequence[Effect]]] = [((), job.supports, job.effects)]
     sections += [(("states", i), state.supports or (), state.effects) for i, state in enumerate(job.states)]
     for name, rule in job.regions.items():
-        for i, member in enumerate(rule.members if isinstance(rule, RegionUnion) else ()):
-            yield ("regions", name, i), member
+        for i, entry in enumerate(rule.entries if isinstance(rule, RegionUnion) else ()):
+            yield ("regions", name, i), entry.removeprefix(EXCEPT).strip()
     for place, supports, effects in sections:
         for i, support in enumerate(supports):
             yield (*place, "supports", i, "region"), support.region
@@ -565,6 +612,11 @@ def _named_regions(job: Job) -> Iterator[tuple[KeyPath, str]]:
     for name, family in job.fibres.items():
         for field, region in family.rule.surfaces.items() if family.rule is not None else ():
             yield ("fibres", name, "rule", field), region
+    for name, cavity in job.cavities.items():
+        for region in cavity.surface:
+            yield ("cavities", name, "surface"), region
+        if cavity.lid_region is not None:
+            yield ("cavities", name, "lid", "region"), cavity.lid_region
     for i, quantity in enumerate(job.quantities):
         if quantity.on is not None:
             yield ("quantities", i, "on"), quantity.on

@@ -36,10 +36,10 @@ class Layering:
 def layerings_of(
     laws: Mapping[str, MaterialLaw], effects: Mapping[str, Effect], varied: list[Parameter]
 ) -> tuple[Layering, ...]:
-    """Return what divides a body into layers, that of the laws first; nothing if it is one.
+    """Return what divides a body into layers, the laws first; nothing if it is one.
 
     Args:
-        laws, effects: by their places in the job; the laws are those of all regions.
+        laws, effects: by their places in the job; the laws of all regions.
         varied: numbers by which results are differentiated. Regions that have such numbers of their own are never the
             same, since they differ as soon as one of the numbers changes.
     """

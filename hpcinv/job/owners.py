@@ -33,7 +33,7 @@ def owners_of(
     """The parts of a job with numbers by which results can be differentiated, by their place in the job.
 
     Args:
-        places: of the effects and of the supports in the job, where they are those of a state.
+        places: of the effects and of the supports in the job, where they are a state's.
     """
     parts = {**laws_of(material), **numbered(places.get("effects", "effects"), effects)}
     return parts | families_of(parts.values(), fibres) | numbered(places.get("supports", "supports"), supports)

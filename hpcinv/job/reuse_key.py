@@ -38,6 +38,8 @@ def reuse_group_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str
             "solver": job.solver.model_dump(mode="json", include=_EQUATIONS),
         }
     )
+    if controlled := job.controlled_cavities:
+        content["cavities"] = {name: [cavity.regions, cavity.apex] for name, cavity in controlled.items()}
     if job.states:
         content["states"] = [_skeleton_of_loads(solve.job) | {"state": solve.job.state} for solve in job.plan]
         content["order"] = [[solve.mesh, solve.start] for solve in job.plan]

@@ -209,7 +209,7 @@ def quantities_of_states(
 
 
 def _one_for_each_state(quantity: QuantityOfInterest, loaded: Iterable[str]) -> list[QuantityOfInterest]:
-    """The quantity, or one for each loaded state, with its name added to that of the quantity, if it names none."""
+    """The quantity, or one for each loaded state, with its name added to the quantity's, if it names none."""
     if quantity.state is not None or not loaded:
         return [quantity]
     return [quantity.model_copy(update={"name": f"{quantity.name}-{name}", "state": name}) for name in loaded]

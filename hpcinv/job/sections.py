@@ -26,7 +26,19 @@ from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number, replace_scalar
 from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Size
-from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Problems, Spec, Triple, collected, raise_if_any, shown
+from hpcinv.quantity.schema import (
+    WRITTEN_AS,
+    Faults,
+    KeyPath,
+    ListOf,
+    Name,
+    Problems,
+    Spec,
+    Triple,
+    collected,
+    raise_if_any,
+    shown,
+)
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
@@ -34,6 +46,7 @@ from hpcinv.quantity.units import Dimension
 type AxisName = Literal["x", "y", "z"]
 AXES: tuple[AxisName, ...] = ("x", "y", "z")
 LENGTH = Dimension(length=1)
+CUBIC = Dimension(length=3)
 COORDINATES: dict[str, Dimension | None] = dict.fromkeys(AXES, LENGTH)
 POSITIONS = COORDINATES | dict.fromkeys(("X", "Y", "Z", "ux", "uy", "uz"), LENGTH)
 REGION_NAMES = COORDINATES | dict.fromkeys(("nx", "ny", "nz", "cavity"), Dimension())
@@ -68,17 +81,24 @@ def _right_handed(orientation: str) -> str:
     is_even = axes in ([0, 1, 2], [1, 2, 0], [2, 0, 1])
     mirrored = sum(letter in "RAI" for letter in orientation) % 2 == 1
     if sorted(axes) != [0, 1, 2] or is_even == mirrored:
-        raise ValueError(f"{shown(orientation)} is no right-handed frame of three letters, such as LPS or RAS")
+        raise ValueError(f"{shown(orientation)} is not a right-handed frame of three letters, such as LPS or RAS")
     return orientation
 
 
 Orientation = Annotated[str, AfterValidator(_right_handed)]
+Numbers = Annotated[
+    ListOf[Annotated[int, Field(strict=True)]],
+    BeforeValidator(lambda v: [v] if isinstance(v, int) and not isinstance(v, bool) else v),
+    WithJsonSchema({"anyOf": [{"type": "integer"}, {"type": "array", "items": {"type": "integer"}}]}),
+]
 Files = Annotated[
     ListOf[str],
     BeforeValidator(lambda v: [v] if isinstance(v, str) else v),
     WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}),
 ]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
+CAVITY_QUANTITIES = {"volume": CUBIC, "pressure": STRESS}
+"""quantities of cavities with their dimensions"""
 REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
 FORMATS = (".py", ".geo", *MESHES)
 """suffixes of generators and meshes"""
@@ -105,8 +125,8 @@ class MeshFile(Spec):
     """A mesh: a file, or a generator that is run when the mesh is needed."""
 
     file: str
-    """path from the job file to a gmsh generator (.py, .geo), a mesh (.msh, .xdmf, .vtu), or a partitioned mesh made by
-    'hpcinv mesh partition' (.bp), of which each rank reads a part"""
+    """path from the job file to a gmsh generator (.py, .geo), a mesh (.msh, .inp, .xdmf, .vtu), or a partitioned mesh
+    made by 'hpcinv mesh partition' (.bp), of which each rank reads a part"""
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a mesh file, or of a Python generator, such as mm: lengths are passed to it in
     that unit, for bodies too small or too large for gmsh's absolute tolerances in metres"""
@@ -127,7 +147,7 @@ class MeshFile(Spec):
         """JSON schema with the keys that stand for ``file``."""
         json_schema = super().__get_pydantic_json_schema__(schema, handler)
         content = handler.resolve_ref_schema(json_schema)
-        kinds = {"image": "a segmented image, in place of 'file'", "surface": "a closed surface, in place of 'file'"}
+        kinds = {"image": "a segmented image, instead of 'file'", "surface": "a closed surface, instead of 'file'"}
         content["properties"] |= {
             key: {"type": "string", "description": kinds[key]} for key in cls.sources if key in kinds
         }
@@ -158,7 +178,7 @@ class MeshFile(Spec):
         sources = [key for key in ("image", "surface") if isinstance(data, Mapping) and key in data]
         if len(sources) > 1 or (sources and "file" in data):
             other = "file" if "file" in data else sources[0]
-            raise Problems(((sources[-1],), f"is given beside '{other}': a mesh is made from one of them"))
+            raise Problems(((sources[-1],), f"is given together with '{other}': a mesh is made from one of them"))
         return {("file" if key in sources else key): value for key, value in data.items()} if sources else data
 
     @property
@@ -230,7 +250,7 @@ class MeshFile(Spec):
 
 class ExpectedShape(MeshFile):
     """The body that a run should find: a mesh with the nodes of the given one, a closed surface (written as 'surface'
-    in place of 'file'), or a segmented image ('image')."""
+    instead of 'file'), or a segmented image ('image')."""
 
     labels: ListOf[Annotated[int, Field(strict=True)]] = ()
     """numbers of the body's voxels in an image; by default all but 0"""
@@ -264,30 +284,53 @@ class SurfaceError(Spec):
     """random surfaces, of which each takes a linear solve; m of them give a standard deviation to 1/√(2m)"""
 
 
+class ArrayLabels(Spec):
+    """Regions of a mesh by the values of an array of integers, in its cells, surface cells or nodes."""
+
+    array: str
+    """name of the array; a value in nodes is the region of boundary facets and cells all of whose vertices have it"""
+    names: Mapping[Name, Numbers] = {}
+    """values by name of the region; a value may be in several regions, and one without a name is a region such as
+    material-2"""
+
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        for name in self.names.keys() & {*RESERVED}:
+            yield ("names", name), "is the name of another region; choose another"
+
+
+WRITTEN_AS["array_labels"] = "labels"
+
+
 class MeshSpec(MeshFile):
     """The mesh on which the job is solved: of the reference body in a forward analysis, else of the current body."""
 
     geometry_degree: Annotated[Literal[1, 2] | None, BeforeValidator(_not_true)] = None
-    """degree of the geometry of the given cells; by default that of the file, and 1 for generators (2 for curved bodies
+    """degree of the geometry of the given cells; by default the file's, and 1 for generators (2 for curved bodies
     in a search for an accuracy). The recovered body has the degree of the displacement in any case"""
     maximum_cells: Annotated[int, Field(ge=1)] = 10_000_000
     """largest number of cells of a generated mesh; if more are expected, meshing stops early"""
     partition: Literal["metis", "scotch"] = "metis"
     """partitioner of the cells; a partitioned mesh (.bp) keeps its partition, unless scotch partitions it again"""
     labels: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
-    """of a segmented image (written as 'image' in place of 'file'): the numbers of the voxels of each region,
+    """of a segmented image (written as 'image' instead of 'file'): the numbers of the voxels of each region,
     or names of segments of a DICOM segmentation"""
+    array_labels: Annotated[ArrayLabels | None, Field(exclude_if=lambda labels: labels is None)] = None
+    """of a mesh file (written as 'labels'): an array of integers whose values are regions, such as
+    {array: material, names: {plaque: 2}}"""
+    faces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda faces: not faces)] = {}
+    """of a mesh file: surfaces of triangles with the facets of further regions, in the unit of the mesh, such as
+    {inlet: mesh-surfaces/inlet.vtp}"""
     neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
-    is the region LABEL|NEIGHBOUR in place of LABEL|outside"""
+    is the region LABEL|NEIGHBOUR instead of LABEL|outside"""
     surfaces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda surfaces: not surfaces)] = {}
-    """closed surfaces in place of 'file': the files of each region, which is between a shell and those in it, such as
+    """closed surfaces instead of 'file': the files of each region, which is between a shell and those in it, such as
     {wall: [outer.stl, inner.stl]}; a region in another one is cut out of it"""
     orientation: Annotated[Orientation, Field(exclude_if=lambda frame: frame == "LPS")] = "LPS"
     """of a segmented image: sides of the patient to which x, y and z of the mesh point, such as RAS: letters of left or
     right, posterior or anterior, superior or inferior"""
     size: Annotated[Size | None, Field(exclude_if=lambda size: size is None)] = None
-    """largest length of edges in the mesh of an image, or of a closed surface (as 'surface' in place of 'file')"""
+    """largest length of edges in the mesh of an image, or of a closed surface (as 'surface' instead of 'file')"""
     grade: Annotated[Annotated[float, Field(ge=1, le=20)] | None, Field(exclude_if=lambda grade: grade is None)] = None
     """ratio of 'size' and the smallest size of cells, which thin walls and strong curvatures have: 1 for cells of one
     size; by default at most 4 in walls, as far as there are not more than four times as many cells"""
@@ -306,7 +349,31 @@ class MeshSpec(MeshFile):
     @property
     def files(self) -> tuple[str, ...]:
         """All files from which the mesh is made."""
-        return tuple(file for group in self.surfaces.values() for file in group) or (self.file,)
+        main = tuple(file for group in self.surfaces.values() for file in group) or (self.file,)
+        return main + tuple(file for group in self.faces.values() for file in group)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """JSON schema in which labels of images and of arrays are one key."""
+        json_schema = super().__get_pydantic_json_schema__(schema, handler)
+        properties = handler.resolve_ref_schema(json_schema)["properties"]
+        if "array_labels" in properties:
+            arrays = [kind for kind in properties.pop("array_labels")["anyOf"] if kind.get("type") != "null"]
+            described = properties["labels"]
+            text = f"{described.pop('description')}; of a mesh file {{array: material, names: {{plaque: 2}}}}"
+            properties["labels"] = {"description": text, "anyOf": [described, *arrays]}
+        return json_schema
+
+    @model_validator(mode="before")
+    @classmethod
+    def _labels_of_array(cls, data: Any) -> Any:
+        """Tell labels of a mesh, which name an array, from an image's, which are numbers by region."""
+        labels = data.get("labels") if isinstance(data, Mapping) else None
+        if not isinstance(labels, Mapping) or not isinstance(labels.get("array"), str) or "image" in data:
+            return data
+        return {key: value for key, value in data.items() if key != "labels"} | {"array_labels": labels}
 
     @model_validator(mode="before")
     @classmethod
@@ -319,10 +386,10 @@ class MeshSpec(MeshFile):
         if not isinstance(first, str):
             raise Problems((("surfaces",), "must be names of regions and their files, such as {body: body.stl}"))
         if others := [key for key in ("file", "image", "surface") if key in data and data[key] != first]:
-            raise Problems((("surfaces",), f"is given beside '{others[0]}': a mesh is made from one of them"))
+            raise Problems((("surfaces",), f"is given together with '{others[0]}': a mesh is made from one of them"))
         return {**data, "file": first}
 
-    @field_validator("surfaces")
+    @field_validator("surfaces", "faces")
     @classmethod
     def _check_surfaces(cls, surfaces: Mapping[str, tuple[str, ...]], info: ValidationInfo) -> Mapping[str, Any]:
         for name, files in surfaces.items():
@@ -332,7 +399,7 @@ class MeshSpec(MeshFile):
                 raise Problems(((name,), "has no file"))
             for file in files:
                 if Path(file).suffix not in SURFACES:
-                    raise Problems(((name,), f"{shown(file)} is no surface; the suffixes are {', '.join(SURFACES)}"))
+                    raise Problems(((name,), f"{shown(file)} is not a surface; the suffixes are {', '.join(SURFACES)}"))
                 try:
                     cls._check_file(file, info)
                 except ValueError as error:
@@ -342,11 +409,15 @@ class MeshSpec(MeshFile):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         yield from super()._contradictions(info)
         if self.geometry_degree is not None and self.is_partitioned:
-            text = "is that of the partitioned mesh; pass it to 'hpcinv mesh partition' as --geometry-degree"
+            text = "is the degree of the partitioned mesh; pass it to 'hpcinv mesh partition' as --geometry-degree"
             yield ("geometry_degree",), text
         for key in ("labels", "orientation", "neighbours"):
             if key in self.model_fields_set and getattr(self, key) and not self.is_image:
                 yield (key,), "is for segmented images only, and 'file' is none"
+        is_read = Path(self.file).suffix in MESHES and not self.is_partitioned
+        for key in ("array_labels", "faces"):
+            if getattr(self, key) and not is_read:
+                yield (key,), "is for mesh files that are read whole"
         yield from self._faults_of_labels()
         if self.is_image and not self.labels:
             yield ("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"
@@ -433,8 +504,8 @@ def is_of_nodes(quantity: Mapping[str, Any], let: Mapping[str, Any]) -> bool:
 
 
 class QuantityOfInterest(Spec):
-    """A reported result: the displacement or a formula at a point, a formula reduced over a region, or the force or
-    moment of the supports of a region.
+    """A reported result: the displacement or a formula at a point, a formula reduced over a region, the volume of a
+    cavity, or the force or moment of the supports of a region.
 
     Formulas can use the reference position X, Y, Z, the current position x, y, z, the displacement ux, uy, uz, the
     volume ratio J, the Cauchy stress sxx, syy, szz, sxy, syz, sxz, stress measures such as p = -(sxx + syy + szz)/3 and
@@ -443,26 +514,28 @@ class QuantityOfInterest(Spec):
     reference shape, prestrain_sxx, …, prestrain_p, prestrain_von_mises.
     """
 
-    alternatives: ClassVar[tuple[str, ...]] = ("at", "on", "region")
+    alternatives: ClassVar[tuple[str, ...]] = ("at", "on", "region", "cavity")
 
     name: Name
     """its name in the summary"""
     of: Expression
     """'displacement' (the vector, at a point), 'reaction' (the force that the supports of a region exert on the body),
     'reaction_moment' (its moment), 'contact_force', 'contact_area', 'contact_penetration' (of contact on a region),
-    or a formula"""
+    'volume' (of a cavity), 'pressure' (of a cavity where it is unknown), or a formula"""
     at: Triple[Length] | None = None
     """a point in the given mesh"""
     on: str | None = None
     """region over which the formula is reduced: positions over its nodes, other fields over its cells or, if it has
     none, facets; or the region of a support for a reaction"""
+    cavity: Name | None = Field(default=None, exclude_if=lambda cavity: cavity is None)
+    """cavity (a name from 'cavities') of a volume or pressure"""
     reduce: Literal["max", "min", "mean", "max_abs", "rms", "integral"] | None = None
     """reduction of the values on a region to one value; mean and rms of positions are of the nodes, all with the same
     weight, unless 'over' makes them means over volume or area; max and min of stresses, J and energy are over the
     quadrature points, which lie inside the cells or facets"""
     over: Literal["reference", "current"] | None = None
     """body over whose volume or area an integral, mean or rms is taken; by default the reference body for means and rms
-    of stresses"""
+    of stresses. Body of which a cavity's volume is; by default the current one"""
     state: Name | None = Field(default=None, exclude_if=lambda state: state is None)
     """state of the body in which it is evaluated; by default each loaded one, under names such as NAME-STATE"""
     about: Triple[Length] | None = Field(default=None, exclude_if=lambda about: about is None)
@@ -505,6 +578,11 @@ class QuantityOfInterest(Spec):
         return self.of.source.strip() == "displacement"
 
     @property
+    def is_of_cavity(self) -> bool:
+        """True if it is the volume or the pressure of a cavity."""
+        return self.of.source.strip() in CAVITY_QUANTITIES
+
+    @property
     def is_reaction(self) -> bool:
         """True if it is the force or the moment of supports, or a result of a contact."""
         return self.of.source.strip() in REACTIONS
@@ -544,6 +622,8 @@ class QuantityOfInterest(Spec):
         """Dimension of a displacement or formula; ``None`` if numbers leave it open, or only the mesh defines it."""
         if self.is_displacement:
             return LENGTH
+        if self.is_of_cavity:
+            return CAVITY_QUANTITIES[self.of.source.strip()]
         dimension = self.of.check(POSITIONS | FIELDS)
         # That of an integral depends on whether its region is a volume or a surface.
         return dimension if isinstance(dimension, Dimension) and self.reduce != "integral" else None
@@ -556,7 +636,22 @@ class QuantityOfInterest(Spec):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.about is not None and not self.is_moment:
             yield ("about",), "is valid only with 'of: reaction_moment'"
-        yield from self._faults_of_reaction() if self.is_reaction else self._faults_of_formula()
+        if self.is_of_cavity:
+            yield from self._faults_of_cavity()
+        elif self.cavity is not None:
+            yield ("cavity",), "is valid only with 'of: volume' and 'of: pressure'"
+        elif self.is_reaction:
+            yield from self._faults_of_reaction()
+        else:
+            yield from self._faults_of_formula()
+
+    def _faults_of_cavity(self) -> Faults:
+        source = self.of.source.strip()
+        if self.cavity is None:
+            yield ("cavity",), f"is needed for a {source}: a name from 'cavities'"
+        for field in ("at", "on", "reduce", *(["over"] if source == "pressure" else [])):
+            if getattr(self, field) is not None:
+                yield (field,), f"is not valid with the {source} of a cavity"
 
     def _faults_of_reaction(self) -> Faults:
         if self.on is None:

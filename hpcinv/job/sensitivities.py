@@ -114,6 +114,16 @@ def tied_parameters(parameters: Sequence[Parameter]) -> list[Parameter]:
     return [number for parameter in parameters for number in (parameter, *parameter.ties)]
 
 
+def stated_values(parameters: Sequence[Parameter], values: Iterable[float]) -> dict[str, float | str]:
+    """Return values (SI) exactly, as a job may state them, by key, with what changes with each parameter."""
+    stated: dict[str, float | str] = {}
+    for number, value in zip(parameters, values, strict=True):
+        unit = number.dimension.unit if number.dimension is not None else ""
+        text = f"{float(value)!r} {unit}" if unit else float(value)
+        stated |= {tied.key: text for tied in (number, *number.ties)}
+    return stated
+
+
 def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) -> Parameter:
     """The parameter of a key; ``ValueError`` if the key is not a number of one of the owners."""
     location, known = tuple(parse_key(key)), dict[KeyPath, str]()

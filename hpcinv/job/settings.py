@@ -100,7 +100,7 @@ class Solver(Spec):
     rescue: ListOf[Rescue] = ("bulk-modulus", "arc-length", "line-search", "anderson")
     """fallbacks, in this order, if the strategy (adaptive or arc-length) fails; [] for none"""
     patience: Annotated[int, Field(ge=1)] = 500
-    """factorizations in solves that fail, those of fallbacks included, after which a direction is given up"""
+    """factorizations in solves that fail, also in fallbacks, after which a direction is given up"""
     maximum_iterations: Annotated[int, Field(ge=1)] = 25
     """largest number of Newton iterations in a step"""
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-12
@@ -205,7 +205,7 @@ CountOrNone = Annotated[
     BeforeValidator(lambda value: 0 if value is False else value),
     WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 0}, {"const": False}]}),
 ]
-"""A number, or false in place of 0."""
+"""A number, or false instead of 0."""
 
 
 class Checkpoint(Spec):

@@ -1,13 +1,15 @@
 """The section ``states`` of a job: loads and supports of one body in each of its states."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
+from typing import Annotated
 
 from pydantic import Field, ValidationInfo
 
 from hpcinv.effects import AnyEffect
 from hpcinv.job.sections import Support
 from hpcinv.quantity.component import Ingredient
+from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Spec, repeated
 from hpcinv.quantity.spatial_fields import fields_in
 from hpcinv.quantity.suggestions import did_you_mean
@@ -26,20 +28,37 @@ class StateSpec(Spec):
     effects: ListOf[AnyEffect] = ()
     """loads and inelastic strains of this state"""
     supports: ListOf[Support] | None = Field(default=None, exclude_if=lambda supports: supports is None)
-    """supports of this state; by default those of the job"""
+    """supports of this state; by default the job's"""
+    volumes: Mapping[Name, Annotated[float, Quantity("m^3", above=0.0)]] = Field(default={}, exclude_if=lambda v: not v)
+    """volumes of cavities in this state by name, whose pressures are unknown"""
+    unloaded_volumes: Mapping[Name, Annotated[float, Quantity("m^3", above=0.0)]] = Field(
+        default={}, exclude_if=lambda v: not v
+    )
+    """of the given state: volumes of cavities in the rest shape by name, whose pressures in this state are unknown"""
     start: Name | None = Field(default=None, exclude_if=lambda start: start is None)
     """state at which its load path begins; by default the rest shape"""
 
     @property
     def is_rest(self) -> bool:
         """True for the body without loads and supports."""
-        return not self.effects and self.supports is None
+        return not self.effects and self.supports is None and not self.controlled
+
+    @property
+    def controlled(self) -> set[str]:
+        """Names of the cavities of unknown pressure."""
+        return {*self.volumes, *self.unloaded_volumes}
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.start is not None and self.is_rest:
             yield ("start",), "is not valid for the rest shape, a state without effects and supports"
         elif self.start is not None and self.given:
             yield ("start",), "is not valid for the given state, from which the rest shape is found"
+        elif self.start is not None and self.controlled:
+            yield ("start",), "is not possible with 'volumes': their path begins with the rest shape"
+        if self.given and self.volumes:
+            yield ("volumes",), "are known: the mesh is the body in this state. Give 'unloaded_volumes'"
+        elif self.unloaded_volumes and not self.given:
+            yield ("unloaded_volumes",), "are valid for the given state only. Give 'volumes'"
 
 
 def faults_of_states(states: Sequence[StateSpec]) -> Faults:

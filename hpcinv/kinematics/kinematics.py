@@ -245,9 +245,13 @@ class Kinematics(ABC):
         """Gradient of the map from the mesh to the other body, less ``I``."""
         return self.sign * ufl.grad(self.u)
 
-    def _reference_and_current(self, mesh: Any, other: Any) -> tuple[Any, Any]:
+    def reference_and_current(self, mesh: Any, other: Any) -> tuple[Any, Any]:
         """Return the value of the reference and the value of the current body."""
         return (mesh, other) if self.sign > 0 else (other, mesh)
+
+    def unknown_body_value[T](self, reference: T, current: T) -> T:
+        """Return the value of the unknown body, of the values of the reference and of the current body."""
+        return current if self.sign > 0 else reference
 
     def load_factors(self, load: Any, growing: Any = 0) -> tuple[Any, Any]:
         """Return two factors at a load factor: of forces given by the current position, and of motions in space.
@@ -274,12 +278,12 @@ class Kinematics(ABC):
     @cached_property
     def N(self) -> Any:
         """Outward unit normal of the reference body."""
-        return self._reference_and_current(self._normal, self._area_vector / self._area)[0]
+        return self.reference_and_current(self._normal, self._area_vector / self._area)[0]
 
     @cached_property
     def n(self) -> Any:
         """Outward unit normal of the current body."""
-        return self._reference_and_current(self._normal, self._area_vector / self._area)[1]
+        return self.reference_and_current(self._normal, self._area_vector / self._area)[1]
 
     @property
     def J(self) -> Any:
@@ -289,12 +293,12 @@ class Kinematics(ABC):
     @property
     def volumes(self) -> tuple[Any, Any]:
         """Volume of the reference and of the current body per volume of the mesh."""
-        return self._reference_and_current(1, self.mesh_J)
+        return self.reference_and_current(1, self.mesh_J)
 
     @property
     def areas(self) -> tuple[Any, Any]:
         """Area of the boundary of the reference and of the current body per area of the mesh."""
-        return self._reference_and_current(1, self._area)
+        return self.reference_and_current(1, self._area)
 
     def dV(self, integrand: Any, measure: Any = None) -> Any:
         """Return the integral over the reference volume, of the whole body or of ``measure``."""
@@ -331,7 +335,7 @@ class Kinematics(ABC):
         Args:
             least_degree: quadrature degree, if that of the scene is lower.
         """
-        n_da = self._reference_and_current(self._normal, self._area_vector)[1]
+        n_da = self.reference_and_current(self._normal, self._area_vector)[1]
         return ufl.inner(vector, n_da) * self.integration.surface(region, least_degree)
 
     @cached_property

@@ -133,7 +133,7 @@ class Formula(IsochoricLaw):
         return decisions
 
     def numbers(self) -> dict[KeyPath, Number | str]:
-        absent = "is 0, so that its term is no part of the law; give it a small value"  # by Coefficient.parameter
+        absent = "is 0, so that its term is not in the law; give it a small value"  # by Coefficient.parameter
         return super().numbers() | {
             ("parameters", name): Number(p.value, p.dimension) if p.value else absent
             for name, p in self.parameters.items()

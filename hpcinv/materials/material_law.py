@@ -7,14 +7,14 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from pydantic import ConfigDict, ValidationInfo, model_validator
+from pydantic import ConfigDict, ModelWrapValidatorHandler, PrivateAttr, ValidationInfo, model_validator
 
 from hpcinv.materials.formula_law.evaluation import evaluate_of_any_parameters
-from hpcinv.materials.moduli import NAMES, Moduli, moduli_schema, shear_and_bulk, young_and_poisson
+from hpcinv.materials.moduli import NAMES, Moduli, moduli_schema, rates, shear_and_bulk, young_and_poisson
 from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.parameter_paths import Number
+from hpcinv.quantity.parameter_paths import Number, replace_scalar
 from hpcinv.quantity.schema import Faults, KeyPath, Problems
 from hpcinv.quantity.spatial_fields import in_each_region, is_uniform
 from hpcinv.quantity.units import Dimension, parse_unit
@@ -73,6 +73,8 @@ class MaterialLaw(Ingredient):
     ``None`` for laws with fibres."""
     bulk_measure: ClassVar[str] = "bulk_modulus"
     """The modulus, among `Moduli`, that corresponds to the second of these parameters."""
+    _stated: Mapping[str, Any] | None = PrivateAttr(None)
+    """What the job gives, if that includes moduli of `Moduli`: values (SI) of these and of parameters of the law."""
 
     @property
     @abstractmethod
@@ -145,6 +147,13 @@ class MaterialLaw(Ingredient):
             return math.inf
         return max((self.bulk_modulus(par) / self.shear_modulus(par) for par in self.cases()), default=None)
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether parameters are equal, whatever moduli gave them."""
+        return type(self) is type(other) and self.__dict__ == other.__dict__
+
+    def __hash__(self) -> int:
+        return hash((type(self), *self.__dict__))
+
     def cases(self) -> Iterator[Any]:
         """Yield namespaces of numbers (SI), one for each region with different values; none if they are fields."""
         quantities = self.quantities()
@@ -152,31 +161,53 @@ class MaterialLaw(Ingredient):
             yield SimpleNamespace(**dict(zip(quantities, numbers, strict=True)))
 
     def numbers(self) -> dict[KeyPath, Number | str]:
-        """Return all numbers, including Young's modulus and Poisson's ratio, whichever moduli the job gives."""
+        """Return all numbers, moduli that the job gives, and in any case Young's modulus and Poisson's ratio."""
         numbers = super().numbers()
+        if self._stated is not None:
+            for name in NAMES:
+                if math.isfinite(value := self._stated.get(name, math.inf)):
+                    numbers[name,] = Number(value, Dimension() if name == "poisson" else _STRESS)
         if self.replaceable is not None and self.replaceable[0] is not None and self._is_uniform:
             young, poisson = self._young_and_poisson()
             numbers["young",] = Number(young, _STRESS)
             numbers["poisson",] = "is 0.5, the end of its range" if poisson == 0.5 else Number(poisson, Dimension())
         return numbers
 
+    def number_replaced(self, place: KeyPath, number: float) -> Self:
+        """Return a copy with another number; of what the job gives, the moduli that it gives stay as they are."""
+        name, *rest = place
+        if self._stated is None or name not in self._stated:
+            return super().number_replaced(place, number)
+        value = number if name in NAMES else replace_scalar(getattr(self, str(name)), tuple(rest), number)
+        return type(self).model_validate({**self._stated, str(name): value})
+
     def rates(self, place: KeyPath) -> dict[str, tuple[Any, Dimension]]:
-        if place not in (("young",), ("poisson",)):
+        """Return derivatives by a number, with the others fixed that the job gives.
+
+        By Young's modulus and Poisson's ratio, where the job does not give them, the other one of the two is fixed.
+        """
+        stated = self._stated or {}
+        if place not in (("young",), ("poisson",)) or (place == ("young",) and "young" in stated):
             return super().rates(place)
         assert self.replaceable is not None
         shear, bulk = self.replaceable
-        assert shear is not None
-        (young, poisson), mu = self._young_and_poisson(), self.shear_modulus(self._parameters())
-        if place == ("young",):
-            shear_rate, bulk_rate = mu / young, math.inf if poisson == 0.5 else self._bulk() / young
+        mu, kappa = self.shear_modulus(self._parameters()), self._bulk()
+        fixed = "young" if place == ("poisson",) else "poisson"
+        if place == ("poisson",) and "poisson" in stated:
+            own = "shear_modulus" if shear is None or shear in stated else self.bulk_measure
+            fixed = next((name for name in NAMES if name in stated and name != "poisson"), own)
+        if math.isinf(kappa):
+            shear_rate, bulk_rate = mu / self._young_and_poisson()[0], math.inf
         else:
-            shear_rate, bulk_rate = -mu / (1 + poisson), 2 * young / (3 * (1 - 2 * poisson) ** 2)
-        change = shear_rate / self._slope(self.shear_modulus, self.place_of(shear))
-        rates = {shear: (self._parameter_value(shear, change), _STRESS)}
-        if math.isfinite(bulk_rate):
+            shear_rate, bulk_rate = rates(str(place[0]), fixed, mu, kappa)
+        changes: dict[str, tuple[Any, Dimension]] = {}
+        if shear is not None and shear_rate:
+            change = shear_rate / self._slope(self.shear_modulus, self.place_of(shear))
+            changes[shear] = (self._parameter_value(shear, change), _STRESS)
             bulk_rate -= change * self._slope(self.bulk_modulus, self.place_of(shear))
-            rates[bulk] = (bulk_rate / self._slope(self.bulk_modulus, self.place_of(bulk)), _STRESS)
-        return rates
+        if math.isfinite(bulk_rate):
+            changes[bulk] = (bulk_rate / self._slope(self.bulk_modulus, self.place_of(bulk)), _STRESS)
+        return changes
 
     @classmethod
     def known_keys(cls) -> tuple[str, ...]:
@@ -214,12 +245,13 @@ class MaterialLaw(Ingredient):
         """Return the derivative of a modulus by a number in which it is linear."""
         # A step of the size of the moduli loses no digits.
         step = float(self.shear_modulus(self._parameters()))
-        start, end = (self.number_replaced(place, x)._parameters() for x in (0.0, step))
+        start, end = (Ingredient.number_replaced(self, place, x)._parameters() for x in (0.0, step))
         return float(modulus(end) - modulus(start)) / step
 
     def _solved(self, modulus: Callable[[Any], Any], value: float, place: KeyPath) -> float:
         """Return the number at a place for which a modulus has a given value."""
-        return (value - float(modulus(self.number_replaced(place, 0.0)._parameters()))) / self._slope(modulus, place)
+        start = Ingredient.number_replaced(self, place, 0.0)._parameters()
+        return (value - float(modulus(start))) / self._slope(modulus, place)
 
     def _parameter_value(self, parameter: str, value: float) -> Any:
         """Return a value at the place of a parameter, with 0 in the other entries of a list."""
@@ -234,7 +266,7 @@ class MaterialLaw(Ingredient):
         """Replace elastic moduli by parameters of the law."""
         if cls.replaceable is None or not isinstance(data, Mapping) or data.keys().isdisjoint(NAMES):
             return data
-        moduli = Moduli.model_validate({n: data[n] for n in NAMES if n in data}).model_dump(exclude_none=True)
+        moduli = _moduli_in(data)
         own = {name: value for name, value in data.items() if name not in NAMES}
         shear, bulk = cls.replaceable
         finds_shear, finds_bulk = shear is not None and cls.leaves_out(shear, own), cls.leaves_out(bulk, own)
@@ -263,6 +295,20 @@ class MaterialLaw(Ingredient):
             own = cls.put(bulk, law._solved(law.bulk_modulus, kappa, (bulk,)) if finite else "incompressible", own)
         return own
 
+    @model_validator(mode="wrap")
+    @classmethod
+    def _keep_stated(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Keep what a job gives if that includes moduli."""
+        law = handler(data)
+        if cls.replaceable is None or not isinstance(data, Mapping) or data.keys().isdisjoint(NAMES):
+            return law
+        own: dict[str, Any] = {name: getattr(law, name, value) for name, value in data.items() if name not in NAMES}
+        shear = cls.replaceable[0]
+        if shear is not None and shear in own and cls.leaves_out(shear, data):  # a list without its last entry
+            own[shear] = own[shear][:-1]
+        law._stated = own | _moduli_in(data)
+        return law
+
     def _contradictions(self, info: ValidationInfo) -> Faults:
         sheet = getattr(self, "sheet", None)
         if sheet is not None and sheet == getattr(self, "fibre", None):
@@ -274,6 +320,12 @@ class MaterialLaw(Ingredient):
             for name, modulus in moduli.items():
                 if not (value := modulus(par)) > 0:
                     yield (), f"the {name} that follows from these parameters must be positive, but is {value:g} Pa"
+
+
+def _moduli_in(data: Mapping[str, Any]) -> dict[str, float]:
+    """Return the moduli (SI; a ratio) that a job gives."""
+    given = Moduli.model_validate({name: data[name] for name in NAMES if name in data})
+    return given.model_dump(exclude_none=True)
 
 
 def _check_number_of_moduli(

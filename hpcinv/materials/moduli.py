@@ -12,7 +12,7 @@ from hpcinv.quantity.schema import Spec
 
 
 class Moduli(Spec):
-    """Elastic moduli (Pa) of the undeformed material that a job may give in place of a law's own parameters."""
+    """Elastic moduli (Pa) of the undeformed material that a job may give instead of a law's own parameters."""
 
     young: Stress | None = None
     """Young's modulus of the undeformed material"""
@@ -75,6 +75,25 @@ def young_and_poisson(mu: float, kappa: float) -> tuple[float, float]:
     if isinf(kappa):
         return 3 * mu, 0.5
     return 9 * kappa * mu / (3 * kappa + mu), (3 * kappa - 2 * mu) / (2 * (3 * kappa + mu))
+
+
+def slopes(name: str, mu: float, kappa: float) -> tuple[float, float]:
+    """Return the derivatives of a modulus by the shear and the bulk modulus; the latter must be finite."""
+    whole = 3 * kappa + mu
+    return {
+        "young": (27 * kappa**2 / whole**2, 9 * mu**2 / whole**2),
+        "poisson": (-9 * kappa / (2 * whole**2), 9 * mu / (2 * whole**2)),
+        "shear_modulus": (1.0, 0.0),
+        "bulk_modulus": (0.0, 1.0),
+        "lame": (-2 / 3, 1.0),
+    }[name]
+
+
+def rates(varied: str, fixed: str, mu: float, kappa: float) -> tuple[float, float]:
+    """Return the derivatives of the shear and the bulk modulus by one modulus with another one fixed."""
+    (a, b), (c, d) = slopes(varied, mu, kappa), slopes(fixed, mu, kappa)
+    determinant = a * d - b * c
+    return d / determinant, -c / determinant
 
 
 def _young_and_bulk(young: float, kappa: float) -> tuple[float, float]:

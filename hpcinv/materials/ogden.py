@@ -13,7 +13,7 @@ from hpcinv.quantity import Dimensionless, Faults, KeyPath, ListOf, StressField
 class Ogden(IsochoricLaw):
     """Ogden with isochoric principal stretches and any number of terms.
 
-    The shear modulus is ``½ Σ muᵢ alphaᵢ``. Some texts write ``2 muᵢ/alphaᵢ²`` in place of ``muᵢ/alphaᵢ``: what they
+    The shear modulus is ``½ Σ muᵢ alphaᵢ``. Some texts write ``2 muᵢ/alphaᵢ²`` instead of ``muᵢ/alphaᵢ``: what they
     call ``muᵢ`` is ``muᵢ alphaᵢ/2`` here.
 
     Source: Ogden (1972), doi:10.1098/rspa.1972.0026.

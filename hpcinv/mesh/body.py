@@ -28,7 +28,10 @@ from hpcinv.mesh.checks import CHUNK, check, check_nodes
 from hpcinv.mesh.distributed.partition import Partition, partition_of, partitioner
 from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.mesh.face_files import add_face_files
+from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.io.length_unit import check_unit
+from hpcinv.mesh.label_groups import add_label_groups
 from hpcinv.mesh.readers import FILES, GENERATORS
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geometry, surface_geometry
@@ -46,7 +49,7 @@ class Body:
     of the other body.
 
     Attributes:
-        source: the mesh as it was read, whose cells may have fewer nodes than those of ``mesh``.
+        source: the mesh as it was read, whose cells may have fewer nodes than ``mesh``.
         source_geometry: nodes of the source's cells in the partition of ``mesh``, where they were read.
         given_nodes: coordinates of the local geometry nodes of ``mesh`` as it was given, (n, 3) in m; read-only.
     """
@@ -193,8 +196,19 @@ def read_source(
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     check_nodes(source)
-    source = source.drop_unused_nodes()
+    source = join_facets(_with_sets(source, spec, path).drop_unused_nodes())
     return source if spec.geometry_degree is None else change_degree(source, spec.geometry_degree)
+
+
+def _with_sets(source: MeshSource, spec: MeshSpec, path: Path) -> MeshSource:
+    """Return the mesh with the regions that a job makes of its arrays, and of surfaces in other files."""
+    if spec.faces:
+        faces = {n: [sibling_path(path, spec.file, f) for f in files] for n, files in spec.faces.items()}
+        source = add_face_files(source, faces, spec.unit)
+    if spec.array_labels is not None:
+        source = add_label_groups(source, spec.array_labels)
+        check_nodes(source)
+    return replace(source, surface_cells=None) if source.surface_cells is not None else source
 
 
 def sibling_path(path: Path, file: str, other: str) -> Path:
@@ -219,7 +233,7 @@ def build_body(
     Args:
         resolve: makes the path in the job one that can be opened.
         degree: of the displacement; cells of a lower degree get the nodes of that degree, at places of the given cells.
-        given: on rank 0, a mesh to use in place of the file's, such as a refined one.
+        given: on rank 0, a mesh to use instead of the file's, such as a refined one.
         report: called on rank 0 with the expected number of cells before a generator makes them.
 
     Raises:

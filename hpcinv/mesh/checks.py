@@ -19,7 +19,7 @@ def check(source: MeshSource) -> None:
 
     Raises:
         MeshError: for node coordinates that are not finite or are duplicated, cells that are duplicated, overlap, are
-            inverted or flat, and groups that are empty, overlap, omit cells, or contain facets of no cell.
+            inverted or flat, and groups that are empty or contain facets of no cell. Groups may overlap.
     """
     if not np.isfinite(source.points).all():
         raise MeshError(f"{source.path}: some node coordinates are not finite", "Write the mesh again.")
@@ -85,7 +85,7 @@ def _overlaps(source: MeshSource, table: FacetTable) -> MeshProblems:
         cells = np.flatnonzero(crowded[table.cell_facets].any(axis=1))
         yield (
             f"{crowded.sum()} facets have more than two cells ({_first_of(source.cell_tags[cells], 'cell')})",
-            "Remove duplicate or overlapping cells, such as those of a volume that was saved in two physical groups.",
+            "Remove duplicate or overlapping cells, such as cells of a volume that was saved in two physical groups.",
         )
 
 
@@ -104,7 +104,7 @@ def _bad_cells(source: MeshSource) -> MeshProblems:
         yield (
             f"{inverted.sum()} cells are inverted, with det J < 0 ({_first_of(source.cell_tags[inverted], 'cell')})",
             "Refine the mesh where it is curved (gmsh: model.mesh.optimize('HighOrder')), or reverse the cells whose"
-            " node numbering is opposite to that of the others (gmsh: model.mesh.reverseElements).",
+            " node numbering is opposite to the others' (gmsh: model.mesh.reverseElements).",
         )
 
 
@@ -140,35 +140,6 @@ def _bad_groups(source: MeshSource, table: FacetTable) -> MeshProblems:
                 f"{(facet_rows[group.members] < 0).sum()} facets of physical group '{group.name}' belong to no cell",
                 "A surface group must lie on the boundary of, or between, meshed volumes.",
             )
-    yield from _shared(source, 2, facet_rows)
-    yield from _shared(source, 3, np.arange(len(source.cells)))
-    grouped = np.zeros(len(source.cells), dtype=bool)
-    for group in source.groups:
-        if group.dim == 3:
-            grouped[group.members] = True
-    if grouped.any() and not grouped.all():
-        ungrouped = np.flatnonzero(~grouped)
-        yield (
-            f"{len(ungrouped)} cells are in no physical group ({_first_of(source.cell_tags[ungrouped], 'cell')});"
-            " others are",
-            "Put them in a physical volume, or delete them if they are not part of the body.",
-        )
-
-
-def _shared(source: MeshSource, dim: int, place: Ints) -> MeshProblems:
-    groups = [g for g in source.groups if g.dim == dim]
-    rows = [np.stack([place[g.members], np.full(len(g.members), i)], axis=1) for i, g in enumerate(groups)]
-    if not rows:
-        return
-    distinct, _ = unique_rows(np.concatenate(rows))
-    distinct = distinct[distinct[:, 0] >= 0]
-    twice = np.flatnonzero(distinct[1:, 0] == distinct[:-1, 0])
-    if len(twice):
-        names = sorted({f"'{groups[distinct[i, 1]].name}' and '{groups[distinct[i + 1, 1]].name}'" for i in twice})
-        yield (
-            f"{len(twice)} {'cells' if dim == 3 else 'facets'} are in several physical groups: {'; '.join(names)}",
-            "Keep one group for each, and define what has both as their union (regions: {skin: [endo, epi]}).",
-        )
 
 
 def _first_of(tags: Ints, what: str) -> str:

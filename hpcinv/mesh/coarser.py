@@ -36,7 +36,7 @@ def coarser_body(
     def read_on_root() -> None:
         source = read_source(spec, resolve(spec.file), size_factor=size_factor)
         if len(source.cells) > most * cells:
-            raise MeshError(f"its generator makes {len(source.cells):,} coarser cells in place of {cells:,}")
+            raise MeshError(f"its generator makes {len(source.cells):,} coarser cells instead of {cells:,}")
         sources.append(source)
 
     on_root(comm, read_on_root)

@@ -75,7 +75,7 @@ class GatheredCells:
     def find(self, points: Floats) -> Places:
         """Return the places of points (n, 3); those outside all cells are in the nearest one, to be extrapolated.
 
-        Among flat cells one may be taken beside that of the point, up to 0.1 of it. Where no cell around a point has
+        Among flat cells a cell next to the point's own may be taken, up to 0.1 of it. Where no cell around a point has
         it, nor nearly, its distance is large, at most infinite.
         """
         cells, xi, distance = np.zeros(len(points), dtype=np.int64), np.empty((len(points), 3)), np.empty(len(points))
@@ -135,7 +135,7 @@ class GatheredCells:
         for _ in range(_STEPS):
             shapes = element.tabulate(1, xi)[:, :, :, 0]
             position, a, b, c = (shapes.transpose(1, 0, 2) @ nodes).transpose(1, 0, 2)
-            # Cramer's rule, which is no error where a Jacobian is singular, far outside a curved cell.
+            # Cramer's rule, which is not an error where a Jacobian is singular, far outside a curved cell.
             adjugate = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):
                 step = (

@@ -14,7 +14,8 @@ from hpcinv.mesh.boundary_shells import Mesh as Mesh
 from hpcinv.mesh.boundary_shells import cavities, outer_facets
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
-from hpcinv.mesh.source import Ints, MeshSource
+from hpcinv.mesh.label_groups import integer_arrays
+from hpcinv.mesh.source import MASK_BITS, Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, agree
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.suggestions import did_you_mean
@@ -43,7 +44,7 @@ def build_regions(
     A geometric region contains the boundary facets and the cells all of whose vertices satisfy its condition in SI
     coordinates; if the condition is one of outer normals (``nx``, ``ny``, ``nz``) or cavities, only boundary facets.
     The comparison has no tolerance: write ``x < 1e-6 m``, not ``x == 0``. A union has all facets and cells of its
-    members.
+    members but those of the regions that it leaves out.
 
     Raises:
         MeshError: on all ranks, if a condition matches nothing, cannot be evaluated, or has the name of a physical
@@ -66,9 +67,14 @@ def build_regions(
     points = mesh.geometry.x * length_scale
     for name, condition in rules.items():
         if isinstance(condition, RegionUnion):
-            members = [find(regions, member, source) for member in condition.members]
-            facets = np.unique(np.concatenate([member.facets for member in members]))
-            regions[name] = _region(mesh, name, "union", facets, np.unique(np.concatenate([m.cells for m in members])))
+            members, without = (
+                [find(regions, member, source) for member in names] for names in (condition.members, condition.without)
+            )
+            facets = np.setdiff1d(_joined([m.facets for m in members]), _joined([m.facets for m in without]))
+            cells = np.setdiff1d(_joined([m.cells for m in members]), _joined([m.cells for m in without]))
+            regions[name] = region = _region(mesh, name, "union", facets, cells)
+            if region.facet_count == region.cell_count == 0:
+                problems.append(f"region '{name}': nothing is left of {condition}")
             continue
         if "cavity" in condition.names and cavity is None:
             cavity = cavities(mesh, exterior)
@@ -95,6 +101,10 @@ def build_regions(
             " a condition must be true at all vertices of a facet or a cell.",
         )
     return regions
+
+
+def _joined(parts: list[LocalIndices]) -> LocalIndices:
+    return np.concatenate([np.zeros(0, dtype=np.int32), *parts])
 
 
 def evaluate(name: str, condition: Expression, points: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
@@ -144,9 +154,11 @@ def find(regions: Mapping[str, Region], name: str, source: MeshSource) -> Region
         hint = ": it is a physical group of points or curves, and regions are surfaces or volumes"
     physical = [r.name for r in regions.values() if r.origin == "physical"]
     no_groups = "" if physical else " The mesh has no physical groups."
+    arrays = "; ".join(integer_arrays(source))  # on rank 0, whose message is shown
+    labels = f" Arrays of integers can be regions (mesh.labels: {{array: …}}): {arrays}." if arrays else ""
     raise MeshError(
         f"{source.path}: no region '{name}'{hint}",
-        f"The regions are: {', '.join(sorted(regions))}.{no_groups}"
+        f"The regions are: {', '.join(sorted(regions))}.{no_groups}{labels}"
         f" Name surfaces and volumes in the mesh (physical groups), or in the job: regions: {{{name}: 'x < 1e-6 m'}}",
     )
 
@@ -158,18 +170,32 @@ def _physical(mesh: Mesh, source: MeshSource) -> dict[str, Region]:
     regions = {}
     for name in names:
         parts = {}
-        for dim, (entities, labels) in local.items():
-            group_numbers = [i for i, g in enumerate(source.groups) if g.name == name and g.dim == dim]
-            parts[dim] = entities[np.isin(labels, group_numbers)]
+        for dim, entities in local.items():
+            members = [entities[i] for i, g in enumerate(source.groups) if g.name == name and g.dim == dim]
+            parts[dim] = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *members]))
         regions[name] = _region(mesh, name, "physical", parts[2], parts[3])
     return regions
 
 
-def _distribute(mesh: Mesh, source: MeshSource, dim: int) -> tuple[LocalIndices, LocalIndices]:
-    """Local entities of dimension ``dim`` that are in a group, and the index of the group in the source."""
-    nodes, label = source.cells if dim == 3 else source.facets, source.labels(dim).astype(np.int32)
-    known = label >= 0
-    entities, labels = dolfinx.io.distribute_entity_data(mesh, dim, nodes[known], label[known])
+def _distribute(mesh: Mesh, source: MeshSource, dim: int) -> dict[int, LocalIndices]:
+    """Local entities of dimension ``dim`` of each group of the source, by its index."""
+    nodes = source.cells if dim == 3 else source.facets
+    members = [i for i, group in enumerate(source.groups) if group.dim == dim]
+    if not mesh.comm.allreduce(source.groups_overlap(dim), MPI.LOR):
+        entities, labels = _tagged(mesh, dim, nodes, source.labels(dim), -1)
+        return {i: entities[labels == i] for i in members}
+    parts: dict[int, LocalIndices] = {}
+    masks = source.masks(dim)
+    for word in range(masks.shape[1]):
+        entities, labels = _tagged(mesh, dim, nodes, masks[:, word], 0)
+        parts |= {i: entities[labels >> (i % MASK_BITS) & 1 > 0] for i in members if i // MASK_BITS == word}
+    return parts
+
+
+def _tagged(mesh: Mesh, dim: int, nodes: Ints, values: Ints, none: int) -> tuple[LocalIndices, LocalIndices]:
+    """Local entities with values above ``none``, and those, from the rows of ``nodes`` on all ranks; collective."""
+    known = values > none
+    entities, labels = dolfinx.io.distribute_entity_data(mesh, dim, nodes[known], values[known].astype(np.int32))
     mesh.topology.create_connectivity(dim, 0)
     tags = dolfinx.mesh.meshtags_from_entities(mesh, dim, dolfinx.graph.adjacencylist(entities), labels)
     return tags.indices, tags.values

@@ -11,6 +11,7 @@ from hpcinv.job.region_rules import RegionRule, RegionUnion
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.cells import coordinate_element, vertex_count
 from hpcinv.mesh.distributed.partition import partition_of
+from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.refine.finer_geometry import FinerGeometry
 from hpcinv.mesh.regions import Region, build_regions, evaluate, is_facet_condition
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
@@ -68,7 +69,7 @@ def _place_rules(rules: Mapping[str, RegionRule]) -> dict[str, RegionRule]:
     place_rules: dict[str, RegionRule] = {}
     for name, rule in rules.items():
         others = rules.keys() - place_rules.keys()
-        if not is_facet_condition(rule) and not (isinstance(rule, RegionUnion) and others & {*rule.members}):
+        if not is_facet_condition(rule) and not (isinstance(rule, RegionUnion) and others & {*rule.names}):
             place_rules[name] = rule
     return place_rules
 
@@ -125,7 +126,7 @@ def _separated(source: MeshSource, chosen: Ints) -> MeshSource:
             facets += [[place[int(node)] for node in facet] for facet in group_facets[mine]]
         groups.append(replace(group, members=np.arange(facet_count, len(facets))))
     data = source.nodal_data(lambda values: values[nodes.ravel()])
-    return replace(
+    part = replace(
         source,
         points=source.points[nodes.ravel()],
         node_tags=new.ravel() + 1,
@@ -136,3 +137,4 @@ def _separated(source: MeshSource, chosen: Ints) -> MeshSource:
         data={n: replace(a, values=a.values[chosen]) if a.place == "cells" else a for n, a in data.items()},
         parts=(),
     )
+    return join_facets(part)

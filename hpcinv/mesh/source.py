@@ -15,6 +15,8 @@ from hpcinv.quantity.arrays import Ints as Ints
 
 type Place = Literal["nodes", "cells"]
 
+MASK_BITS = 31
+"""groups in a word of `MeshSource.masks`, which DOLFINx distributes as 32-bit numbers with a sign"""
 COMPONENTS = (1, 3, 9)  # of scalars, vectors and tensors (row by row)
 
 
@@ -56,7 +58,7 @@ def data_arrays(candidates: Iterable[tuple[str, Place, npt.NDArray[np.generic]]]
 
 @dataclass(frozen=True)
 class CadSurface:
-    """Facets of a mesh, and where the surfaces of its CAD model are beside them.
+    """Facets of a mesh, and the nearest points of the surfaces of its CAD model.
 
     Attributes:
         vertices: tags (f, v) of the vertices of each facet.
@@ -67,6 +69,14 @@ class CadSurface:
     degree: int
     vertices: Ints
     nodes: Floats
+
+
+@dataclass(frozen=True)
+class SurfaceCells:
+    """All surface cells of a mesh file: ``nodes`` as `MeshSource.facets`, and integers in them by name of the array."""
+
+    nodes: Ints
+    values: Mapping[str, Ints]
 
 
 @dataclass(frozen=True)
@@ -96,6 +106,7 @@ class MeshSource:
     unit: float | None = None
     voxel: float = 0.0  # size (m) of the voxels of the image from which it was made, 0 without one
     inputs: Mapping[str, str] = field(default_factory=dict)  # files that its generator read, see `files.inputs`
+    surface_cells: SurfaceCells | None = None  # until regions are made of their values (`label_groups`)
     surface: CadSurface | None = None  # of the CAD model that was meshed, if there is one
 
     @property
@@ -104,12 +115,25 @@ class MeshSource:
         return bool(self.parts)
 
     def labels(self, dim: int) -> Ints:
-        """Index in ``groups`` of the group of each facet (``dim`` 2) or cell (3), -1 for none."""
+        """Index in ``groups`` of the last group of each facet (``dim`` 2) or cell (3), -1 for none."""
         label = np.full(len(self.cells if dim == 3 else self.facets), -1, dtype=np.int64)
         for i, group in enumerate(self.groups):
             if group.dim == dim:
                 label[group.members] = i
         return label
+
+    def groups_overlap(self, dim: int) -> bool:
+        """Return whether a facet (``dim`` 2) or cell (3) of these rows is in several groups."""
+        members = sum(len(group.members) for group in self.groups if group.dim == dim)
+        return bool(members > np.count_nonzero(self.labels(dim) >= 0))
+
+    def masks(self, dim: int) -> Ints:
+        """Groups of each facet (``dim`` 2) or cell (3), (n, words): bit b of word w is ``groups[31 w + b]``."""
+        masks = np.zeros((len(self.cells if dim == 3 else self.facets), mask_words(self.groups)), dtype=np.int64)
+        for i, group in enumerate(self.groups):
+            if group.dim == dim:
+                masks[group.members, i // MASK_BITS] |= 1 << (i % MASK_BITS)
+        return masks
 
     def select(self, nodes: Ints, cells: Ints, facets: Ints) -> Self:
         """The mesh with these rows of nodes, cells and facets, in this order; other nodes are replaced by -1."""
@@ -133,7 +157,7 @@ class MeshSource:
     def header(self) -> Self:
         """The same source with empty arrays, for ranks other than 0."""
         none: Ints = np.zeros(0, dtype=np.int64)
-        return dataclasses.replace(self.select(none, none, none), surface=None)
+        return dataclasses.replace(self.select(none, none, none), surface=None, surface_cells=None)
 
     def convert_to_metres(self, unit: float) -> Self:
         """The same mesh in metres, from coordinates in ``unit`` (m)."""
@@ -157,6 +181,16 @@ class MeshSource:
             name: dataclasses.replace(a, values=change(a.values)) if a.place == "nodes" else a
             for name, a in self.data.items()
         }
+
+
+def mask_words(groups: Sequence[object]) -> int:
+    """Return the number of words that say in which of some groups an entity is."""
+    return max(1, -(-len(groups) // MASK_BITS))
+
+
+def in_mask(masks: Ints, group: int) -> npt.NDArray[np.bool_]:
+    """Return which rows of masks (n, words) have the group with an index."""
+    return np.asarray(masks[:, group // MASK_BITS] >> (group % MASK_BITS) & 1 > 0)
 
 
 def distinct_tags(groups: Sequence[Group]) -> tuple[Group, ...]:

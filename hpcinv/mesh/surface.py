@@ -95,7 +95,7 @@ class Surface:
 
         Args:
             middles_on_facets: whether these middles are on curved facets, which could invert thin parts; otherwise they
-                are those of the corners.
+                are the corners'.
         """
         lattice, triangles, weights = _pattern(self.kind, divisions)
         element = scalar_element(self.kind, self.degree)
@@ -192,7 +192,7 @@ def _pattern(kind: str, divisions: int) -> tuple[Floats, Ints, Ints]:
         hanging = [((i + 1, j), (i + 1, j + 1), (i, j + 1)) for i, j in points if i + j < divisions - 1]
         triangles, steps, corners = upright + hanging, divisions, [(0, 0)]
     else:
-        # Midpoints are those of the corners, not of the facet, which could invert thin curved parts.
+        # Midpoints are those between the corners, not on the facet, which could invert thin curved parts.
         steps, corners = 2 * divisions, [(-1, -1), (1, -1), (1, 1), (-1, 1)]
         points = [(i, j) for i in range(steps + 1) for j in range(steps + 1) if i % 2 == j % 2]
         sides = list(zip(corners, corners[1:] + corners[:1], strict=True))

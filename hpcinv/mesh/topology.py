@@ -50,7 +50,7 @@ class FacetTable:
         return cls(vertices, np.bincount(place, minlength=len(vertices)), place.reshape(-1, len(local)))
 
     def find(self, facets: Ints) -> Ints:
-        """Rows of the table for ``facets`` given by their vertices in any order; -1 if it is no facet of the mesh."""
+        """Rows for ``facets`` given by their vertices in any order; -1 if it is not a facet of the mesh."""
         return find_rows(np.sort(facets, axis=1), self.vertices)
 
     def separates(self, label: Ints) -> npt.NDArray[np.bool_]:

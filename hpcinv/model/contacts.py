@@ -161,7 +161,7 @@ class Contacts:
     def restore(
         self, reports: Sequence[ContactReport], scales: Scales, transfer: Callable[[fem.Function], fem.Function]
     ) -> None:
-        """Set the pressures and penalties of rigid obstacles to those of a solution.
+        """Set the pressures and penalties of rigid obstacles to a solution's.
 
         Args:
             transfer: returns a function of the solution's mesh on that of these contacts, which has the same cells.
@@ -184,7 +184,7 @@ class Contacts:
         return True
 
     def check_start(self) -> None:
-        """Check the present state, that of the unloaded body, before the first solve.
+        """Check the present state, the unloaded body's, before the first solve.
 
         Raises:
             MeshError: on all ranks, if a rigid obstacle overlaps the undeformed body, or if no contact pressure acts on

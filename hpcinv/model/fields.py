@@ -149,7 +149,7 @@ def parts(body: Body, names: Iterable[str] | Mapping[str, Any], where: str) -> n
         if name != ELSEWHERE:
             with naming_field(where):
                 body.cells(name)  # raises an error for unknown and empty regions
-            groups[body.regions[name].origin].append((i, name))
+            groups["physical" if body.regions[name].origin == "physical" else "geometric"].append((i, name))
     for origin, members in groups.items():
         members_there = np.full_like(number, -1)
         for i, name in members:

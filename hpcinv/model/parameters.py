@@ -138,6 +138,11 @@ class Parameters:
         place: int = self._places[index][name]
         self.constant.value[place] = factor * self._values[place]
 
+    def set_number(self, index: int, name: str, value: float) -> None:
+        """Set a uniform quantity of the ``index``-th ingredient to a scaled value."""
+        place: int = self._places[index][name]
+        self.constant.value[place] = self._values[place] = value
+
     @property
     def functions(self) -> tuple[fem.Function, ...]:
         """Quantities of the forms that are functions."""

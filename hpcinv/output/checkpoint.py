@@ -181,7 +181,7 @@ class Checkpoints:
             )
         if digest != _digest(state, path / "functions.bp"):
             raise _Damaged("functions.bp or state.json is damaged: the digest does not match")
-        try:  # after the digest: what is whole, but not known here, is no damage, after which it would be removed
+        try:  # after the digest: what is whole, but not known here, is not damage, after which it would be removed
             problem, functions = state["problem"], tuple(state["functions"])
             position = Position.from_json(state["position"])
         except (ValueError, KeyError, TypeError, AttributeError) as exc:
@@ -233,7 +233,7 @@ def _remove_partial(directory: Path) -> None:
 def _create(partial: Path, size: int) -> None:
     """Create the directory of a checkpoint of ``size`` bytes.
 
-    A full disk is found here, because ADIOS2 tells of it in other words, and on one rank while the others wait.
+    A full disk is found here, because ADIOS2 reports it in other words, and on one rank while the others wait.
     """
     _remove_partial(partial.parent)
     try:

@@ -311,6 +311,13 @@ def _contact(contact: Mapping[str, Any]) -> str:
     )
 
 
+def _cavity(cavity: Mapping[str, Any]) -> str:
+    return (
+        f"  cavity '{cavity['name']}': pressure {_number(cavity['pressure'])} Pa,"
+        f" volume {_number(cavity['volume'])} m³, unloaded {_number(cavity['unloaded_volume'])} m³"
+    )
+
+
 def _short_report(statistics: Mapping[str, Any], directory: str) -> list[str]:
     """Return the report of a quiet run: lines of the certificate that do not pass, and the outcome."""
     certificate, seconds = statistics["certificate"], statistics["timings"]["total"]
@@ -343,6 +350,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
             f"strain energy {_number(solution['strain_energy'])} J"
         )
         lines += map(_contact, solution["contacts"])
+        lines += map(_cavity, solution.get("cavities", ()))
     if unused := statistics["unused_petsc_options"]:
         lines.append(f"  solver.petsc: nothing asked for {', '.join(unused)}: misspelt, or without effect here")
     lines += _certificate(statistics["certificate"])
@@ -350,7 +358,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
         lines.append(f"shape: estimated error {error.text}")
     estimated = statistics["certificate"]["estimate"] or {"quantities": {}, "without_geometry": ""}
     bounds = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
-    omission = ", without that of the geometry" if estimated.get("without_geometry") else ""
+    omission = ", without the error of the geometry" if estimated.get("without_geometry") else ""
     singular = estimated.get("singular")
     is_doubted, unreliable = bool(singular and not singular["reliable"]), estimated.get("unreliable", ())
     slopes = statistics["sensitivities"] or {"quantities": {}}

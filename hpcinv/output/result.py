@@ -107,7 +107,7 @@ class Result:
         return self.solutions[0].other_nodes
 
     def plot(self, colour: Colour = "displacement") -> Picture:
-        """Draw the given body beside the one that was found; collective.
+        """Draw the given body next to the computed one; collective.
 
         A notebook displays the picture, and ``picture.save(path)`` writes it as PNG.
 

@@ -52,7 +52,7 @@ class RunDirectory:
         return self.path / "checkpoints"
 
     def summary(self) -> dict[str, Any] | None:
-        """Return the content of ``summary.json``, ``None`` if it is missing or not that of a run."""
+        """Return the content of ``summary.json``, ``None`` if it is missing or of something else."""
         try:
             content: dict[str, Any] = json.loads((self.path / _SUMMARY).read_bytes())
             _ = content["status"]
@@ -86,7 +86,7 @@ class RunDirectory:
         if "fingerprint" not in summary:
             return
         kept = summary["fingerprint"]
-        if summary["job"].get("accuracy"):  # its search has chosen another mesh and degree than those of the job
+        if summary["job"].get("accuracy"):  # its search has chosen another mesh and degree than the job's
             try:
                 kept = fingerprint(self.job(None))
             except (OutputError, JobError):  # no job is left to compare with
@@ -148,7 +148,7 @@ class RunDirectory:
             self.path.mkdir(parents=True, exist_ok=True)
             if (lock := self.lock()) is not None:
                 undo.callback(lock.release)
-            # The origin is kept until it is replaced: without it the directory does not count as that of a run.
+            # The origin is kept until it is replaced: without it the directory does not count as a run.
             for old in (p for pattern in _CONTENT for p in self.path.glob(pattern)):
                 shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
             self._write_origin(job, overwrite=overwrite)

@@ -130,6 +130,7 @@ def _solution(solution: Solution, displacement: int) -> dict[str, Any]:
         "J": {"min": solution.J_range[0], "max": solution.J_range[1]},
         "strain_energy": solution.strain_energy,
         "contacts": [contact.as_data() for contact in solution.contacts],
+        **({"cavities": [cavity.as_data() for cavity in solution.cavities]} if solution.cavities else {}),
         "solves": [asdict(s) | {"outcome": s.outcome.name} for s in solution.solves],
     }
 

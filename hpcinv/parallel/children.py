@@ -41,7 +41,7 @@ def ending_with_this(
     """Return a command for `command` in a process that is killed when the calling thread ends (on Linux).
 
     Args:
-        processors: those it may use; by default those of this process.
+        processors: those it may use; by default this process's.
         ignored: signals that it ignores.
     """
     lists = (" ".join(f"{number:d}" for number in numbers) for numbers in (processors, ignored))

@@ -1,4 +1,4 @@
-"""Errors of the import of packages that hpcinv needs, as one message in place of a traceback."""
+"""Errors of the import of packages that hpcinv needs, as one message instead of a traceback."""
 
 import gc
 import os
@@ -23,7 +23,7 @@ def imports_explained() -> Iterator[None]:
             raise
         raise SystemPartMissing(
             f"{name} cannot be imported: {error}",
-            f"Is {sys.executable} the Python that hpcinv was installed for? docs/start/installing.md tells how it is "
+            f"Is {sys.executable} the Python that hpcinv was installed for? docs/start/installing.md says how it is "
             "installed with all packages that it needs.",
         ) from error
 

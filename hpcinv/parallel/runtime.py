@@ -24,7 +24,7 @@ from numpy import complexfloating  # after `ranks`, which sets NumPy's threads a
 DOLFINX = "0.11"
 """The version whose interface is used; others differ in it."""
 
-INSTALLING = "docs/start/installing.md tells how DOLFINx is installed with hpcinv, and what one of your own has to be."
+INSTALLING = "docs/start/installing.md says how DOLFINx is installed with hpcinv, and what your own must be."
 
 
 def _load_stack() -> None:

@@ -197,7 +197,7 @@ def signals_blocked(numbers: Iterable[int]) -> Iterator[None]:
 
 @contextmanager
 def handlers_restored() -> Iterator[None]:
-    """Context after which the signal handlers of Python are restored; in it, signals reach those of a library."""
+    """Context after which the signal handlers of Python are restored; in it, signals reach a library's handlers."""
     handled = {number: signal.getsignal(number) for number in _HANDLED}
     try:
         yield

@@ -38,7 +38,7 @@ class Picture:
         write_output(Path(path), self.png)
 
     def __repr__(self) -> str:
-        """Return one line, which notebooks save beside the picture."""
+        """Return one line, which notebooks save with the picture."""
         return f"<picture of {len(self.png):,} bytes of PNG>"
 
     def _repr_png_(self) -> bytes:

@@ -1,4 +1,4 @@
-"""Picture of a result: the given body beside the one that was found, coloured by a field."""
+"""Picture of a result: the given body next to the computed one, coloured by a field."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -30,7 +30,7 @@ FIELDS: dict[Colour, tuple[str, Callable[[Boundary, BoundaryResult], Floats | No
 
 
 def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: Colour = "displacement") -> Picture:
-    """Draw the given body beside those that were found, in one frame; behind each there is another one as a shadow.
+    """Draw the given body next to the computed ones, in one frame; behind each there is another one as a shadow.
 
     A body without load shows the values of the result that it belongs to, at the same material points.
 

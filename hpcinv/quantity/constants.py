@@ -47,5 +47,5 @@ def is_arithmetic(text: str) -> bool:
 
 
 def is_pure(dimension: Dimension | None) -> bool:
-    """Return whether a dimension is that of a plain number."""
+    """Return whether a dimension is a plain number's."""
     return dimension in (None, Dimension())

@@ -100,7 +100,7 @@ def content_of(path: Path, most: int) -> bytes:
 
 
 def decoded(content: bytes) -> tuple[str, str]:
-    """Return text and encoding of a file: UTF-8, UTF-16, or else Windows' Latin-1; ``ValueError`` if it is no text."""
+    """Return text and encoding of a file: UTF-8, UTF-16, or else Windows' Latin-1; ``ValueError`` if it is not text."""
     for text, encoding in _decodings(content):
         if not _NOT_TEXT.search(text):
             return text, encoding

@@ -1,4 +1,4 @@
-"""Dimensional analysis: the dimension of a formula, found by evaluating it with `Measure` in place of numbers."""
+"""Dimensional analysis: the dimension of a formula, found by evaluating it with `Measure` instead of numbers."""
 
 from __future__ import annotations
 

@@ -150,7 +150,7 @@ class Expression:
             _refuse_ambiguous(text, measures)
             try:
                 measures[name] = _walk(tree, own, functions, lambda number: Measure(plain, number))
-            except TypeError:  # a condition in place of a number, or the reverse
+            except TypeError:  # a condition instead of a number, or the reverse
                 raise ValueError(f"{_quoted(text)}{place} mixes up conditions and numbers") from None
             except ValueError as error:
                 raise ValueError(f"{_quoted(text)}{place} {error}") from None

@@ -50,7 +50,7 @@ class Quantity:
             if self.dimension is not None and dimension not in (None, self.dimension):
                 raise ValueError(f"must be {self._wanted}, but '{value}' is {dimension}")
             if is_arithmetic(value):
-                value = number  # faults are those of the result
+                value = number  # faults are the result's
         elif isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError(f"must be {self._wanted}, not {value!r}")
         else:

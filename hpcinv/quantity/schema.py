@@ -121,7 +121,7 @@ class Spec(BaseModel):
     def __get_pydantic_json_schema__(
         cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """JSON schema with the descriptions of the keys, and arithmetic in place of numbers."""
+        """JSON schema with the descriptions of the keys, and arithmetic instead of numbers."""
         json_schema = handler(schema)
         content = handler.resolve_ref_schema(json_schema)
         describe(content, cls)
@@ -202,7 +202,7 @@ def _evaluated_constants(kind: type[Spec], data: Any) -> Any:
         return data
     changed = dict(data)
     for name, number in texts.items():
-        with suppress(ValueError):  # the message about a text in place of a number is better
+        with suppress(ValueError):  # the message about a text instead of a number is better
             value, dimension = constant(data[name])
             if is_pure(dimension) and (number is float or value.is_integer()):
                 changed[name] = number(value)
@@ -314,7 +314,7 @@ def shown(value: object) -> str:
 
 
 ARITHMETIC = "arithmetic"
-"""format, in the JSON schema, of a text in place of a number, such as 1/3"""
+"""format, in the JSON schema, of a text instead of a number, such as 1/3"""
 
 _PLAIN = "plain"  # the type of errors that have been reworded
 
@@ -345,7 +345,11 @@ def problems_in(error: ValidationError, spec: type[Spec] | None = None) -> list[
         else:
             text = _shortened(_reworded(line, spec)) if len(problems) < _MOST_PROBLEMS else ""
             problems.append((tuple(part for part in line["loc"] if part != "[key]"), text))
-    return problems
+    return [(tuple(WRITTEN_AS.get(str(part), part) for part in place), text) for place, text in problems]
+
+
+WRITTEN_AS: dict[str, str] = {}
+"""keys of jobs, by the names of fields that share a key with another field"""
 
 
 def _shortened(text: str) -> str:

@@ -60,6 +60,13 @@ def _vtu(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
     return read_vtu(path)
 
 
+def _inp(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
+    from hpcinv.reading.inp_files import read_inp
+
+    limit(limits)
+    return read_inp(path)
+
+
 def _surface(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
     from hpcinv.reading.surfaces import read_surface
 
@@ -98,6 +105,7 @@ def _image(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
 ACTIONS: dict[str, Callable[[Path, Limits], tuple[dict[str, Any], dict[str, Any]]]] = {
     "msh": _msh,
     "vtu": _vtu,
+    "inp": _inp,
     "image": _image,
     "surface": _surface,
 }

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from hpcinv.pictures.figures import new_figure
 
-# Colours that stand for those of the page, which are light or dark.
+# Colours that stand for the page's, which are light or dark.
 _INK, _LINES, _FIRST, _SECOND = "#010001", "#010002", "#010003", "#010004"
 _OF_PAGE = {_INK: "var(--soft)", _LINES: "var(--line)", _FIRST: "var(--c0)", _SECOND: "var(--c1)"}
 _LOOK = {"text.color": _INK, "axes.labelcolor": _INK, "xtick.color": _INK, "ytick.color": _INK}

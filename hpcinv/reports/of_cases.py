@@ -42,7 +42,7 @@ def cases_page(
         units: of columns, as far as they are known.
         parameters, results: columns of the parallel coordinates and of the map.
         outcome: of each case: good, doubtful, bad or open.
-        links: address of each case's report, relative to that of the page, or empty.
+        links: address of each case's report, relative to the page's, or empty.
         diagrams: titles and PNG pictures.
         body: of `shapes_of`, with its ``arrays``.
         gallery: titles and PNG pictures of shapes.

@@ -37,7 +37,7 @@ def write_run_report(directory: Path, summary: Mapping[str, Any] | None, path: P
         path: by default ``report.html`` in the directory.
 
     Raises:
-        OutputError: the directory is not that of a run, a file there is damaged, or the report cannot be written.
+        OutputError: the directory has no run, a file there is damaged, or the report cannot be written.
     """
     if summary is None or not summary.keys() >= _KEYS:
         raise OutputError(
@@ -78,7 +78,7 @@ def run_page(summary: Mapping[str, Any], boundary: Boundary | None, steps: Seque
         arrays=arrays.texts(),
         picture=picture,
         size="" if boundary is None else boundary.size,
-        quantities=_quantities(summary),
+        quantities=quantity_rows(summary),
         lines=[
             line | {"meaning": meaning(line["name"]), "state": line.get("state", "")} for line in certificate["lines"]
         ],
@@ -116,7 +116,7 @@ def _picture(summary: Mapping[str, Any], boundary: Boundary) -> str:
     return ""
 
 
-def _quantities(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+def quantity_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Rows of the table of quantities, with units, estimated errors and their bars, and standard deviations."""
     estimate = summary["certificate"].get("estimate") or {}
     errors, given = estimate.get("quantities", {}), summary["job"].get("quantities", [])

@@ -24,7 +24,7 @@ REMEDIES: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class ShapeError:
-    """Estimated errors of a shape in m by their cause, the largest first; that of a surface is a standard deviation."""
+    """Estimated errors of a shape in m by their cause, the largest first; a surface's error is a standard deviation."""
 
     causes: Mapping[str, float]
 

@@ -11,7 +11,7 @@ from hpcinv.pictures.boundary_surface import Boundary, BoundaryResult
 from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.viewer_scene import scene
 
-_CASES = 8  # that the viewer offers beside the mean
+_CASES = 8  # that the viewer offers in addition to the mean
 _PICTURES = 12
 
 

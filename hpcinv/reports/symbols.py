@@ -19,8 +19,8 @@ def symbols(job: Mapping[str, Any], state: Mapping[str, Any], boundary: Boundary
     the volume).
 
     Args:
-        job: that of the summary, with its defaults filled in (SI).
-        state: supports and effects of the state in place of the job's.
+        job: the summary's, with its defaults filled in (SI).
+        state: supports and effects of the state instead of the job's.
     """
     drawn = []
     for support in state.get("supports") or job.get("supports") or ():

@@ -13,6 +13,7 @@ MEANINGS: Mapping[str, str] = {
     "largest volume ratio": "The most that the material is swollen anywhere.",
     "volume ratio not explained": "In nearly incompressible material, volume change that the pressure does not cause:"
     " large where the mesh is too coarse or locks.",
+    "equation of cavity": "How well the given volume or gas of a cavity is met by the pressure that was found.",
     "discretisation error": "How far the nodes are estimated to be from where an infinitely fine mesh would have them.",
     "worst cell": "Quality of the worst element of the body that was found: near zero it is flat or folded.",
     "depth beyond the plane": "How far the body reaches through a support that may be its plane of symmetry.",
@@ -91,6 +92,8 @@ def meaning(name: str) -> str:
 def _found(summary: Mapping[str, Any]) -> str:
     job, first = summary["job"], summary["solutions"][0]
     moves = f"its largest displacement is {readable(first['largest_displacement'], 'm')}"
+    for cavity in first.get("cavities", ()):
+        moves += f", and the pressure of cavity '{cavity['name']}' is {readable(cavity['pressure'], 'Pa')}"
     if states := summary.get("states"):
         others = [name for name, state in states.items() if not state["given"]]
         given = next(name for name, state in states.items() if state["given"])

@@ -1,7 +1,7 @@
 """Quantities of interest: formulas at a point, or over a region, reduced to one number, and reactions of supports.
 
-Formulas of position and displacement alone are taken at a region's nodes; those of stress, energy and volume ratio, and
-integrals of any, at quadrature points in its cells, or on its facets if it has no cells.
+Formulas of position and displacement alone are taken at a region's nodes. Formulas of stress, energy and volume ratio,
+and integrals of any, are taken at quadrature points in its cells, or on its facets if it has no cells.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from dolfinx import la
 
 from hpcinv.errors import MeshError, naming_field
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.sections import STRESS, QuantityOfInterest
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import source_node_values
 from hpcinv.mesh.bounding_box import extent
@@ -21,6 +21,7 @@ from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.location import PointLocation, locate, position
 from hpcinv.mesh.regions import find
 from hpcinv.mesh.source import Floats
+from hpcinv.model.cavities import enclosed_volume
 from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.nondimensional import Scales
@@ -58,7 +59,7 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
                     )
                 elif quantity.uses_quadrature and not region.cell_count:
                     body.boundary_facets(quantity.on, _INSIDE)
-        elif locate(body, np.array(quantity.at)) is None:
+        elif quantity.at is not None and locate(body, np.array(quantity.at)) is None:
             problems.append(f"quantities: {quantity.name}: the point ({_triple(quantity.at)}) m is outside of the body")
     if problems:
         low, high = extent(body.mesh.comm, body.mesh.geometry.x * body.length_scale)
@@ -137,6 +138,12 @@ def values_of(
     for q in quantities:
         if q.at is not None:
             values[q.name] = _point_value(q, body, solution, places[q.name], known.get(q.name, {}))
+        elif q.cavity is not None and q.dimension == STRESS:
+            pressures = {cavity.name: cavity.pressure for cavity in solution.cavities}
+            values[q.name] = pressures.get(q.cavity, math.nan)  # nothing is solved where kernels are only compiled
+        elif q.cavity is not None:
+            nodes = solution.reference_nodes if q.over == "reference" else solution.current_nodes
+            values[q.name] = enclosed_volume(solution.job, body, q.cavity).volume(nodes)
         elif q.uses_quadrature:
             values[q.name] = _quadrature_value(q, body, fields)
         else:

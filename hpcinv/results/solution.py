@@ -7,7 +7,9 @@ from dolfinx.fem import Function
 
 from hpcinv.effects import Direction
 from hpcinv.mesh.source import Floats
+from hpcinv.methods.method import Guess
 from hpcinv.methods.nested_iteration import CoarseSolve
+from hpcinv.model.cavities import CavityReport
 from hpcinv.model.contacts import ContactReport
 from hpcinv.model.scene import Scene
 from hpcinv.model.state import State
@@ -29,6 +31,7 @@ class Solution(State):
         J_range: smallest and largest volume ratio at any quadrature point.
         solves: every solve of the method, failed ones included.
         contacts: contacts of the job, in its order.
+        cavities: cavities of unknown pressure; `job` has the pressures that were found as given ones.
         start: name of the state at which the load path began; empty if that was the unloaded body.
         coarse: report of the solve on coarser cells before it, ``None`` without one.
     """
@@ -42,6 +45,7 @@ class Solution(State):
     solves: tuple[Solve, ...]
     linear: Used | None = None
     contacts: tuple[ContactReport, ...] = ()
+    cavities: tuple[CavityReport, ...] = ()
     prestrain_stress: Function | None = None
     start: str = ""
     coarse: CoarseSolve | None = None
@@ -78,6 +82,12 @@ class Solution(State):
     @property
     def factorizations(self) -> int:
         return sum(s.factorizations for s in self.solves)
+
+    def as_guess(self) -> Guess:
+        """Return the solution as the initial guess of a similar problem, with its sign if it had only one."""
+        signs = {sign for solve in self.solves if solve.outcome.accepted for sign in solve.signs}
+        pressure = None if self.pressure is None else self.pressure.x.array.copy()
+        return Guess(self.displacement.x.array.copy(), pressure, signs.pop() if len(signs) == 1 else 0)
 
 
 def solution_of(

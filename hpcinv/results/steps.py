@@ -89,6 +89,9 @@ def _solution(
         scene = equations.scene(step.direction)
         solution = solution_of(equations, step.direction, scene, solved.solves, solved.load, solved.linear)
     start_state = "" if step.start is None else earlier[step.start].state
+    if solved.cavities:
+        pressures = {cavity.name: cavity.pressure for cavity in solved.cavities}
+        solution = replace(solution, job=step.job.with_pressures(pressures), cavities=solved.cavities)
     return replace(solution, start=start_state, coarse=coarse)
 
 

@@ -1,6 +1,6 @@
 """Comparison of two bodies: distances of their surfaces, volumes, and overlap.
 
-Distances are those of points of one surface from the other one, positive outside of it, weighted by area.
+Distances are measured from points of one surface to the other one, positive outside of it, weighted by area.
 Source of the alignment: Besl & McKay, "A method for registration of 3-D shapes" (1992), doi:10.1109/34.121791; of
 the overlap: Dice, "Measures of the amount of ecologic association between species" (1945), doi:10.2307/1932409.
 """
@@ -20,7 +20,7 @@ _STEPS, _LANDMARKS = 200, 5000
 
 @dataclass(frozen=True)
 class Side:
-    """One body beside the other one; lengths in m.
+    """One body compared with another; lengths in m.
 
     Attributes:
         volume: in m³.

@@ -1,6 +1,6 @@
 """Size, volume, mass and load of the meshed part of a body, and warnings of what looks like a mistake in a unit.
 
-The warnings are no verdict: bodies of micrometres and strains of 1e-10 exist. They are no lines of the certificate, and
+The warnings are not a verdict: bodies of micrometres and strains of 1e-10 exist. They are not lines of the certificate;
 ``output.unit_warnings: false`` leaves them out.
 """
 
@@ -37,7 +37,7 @@ COMPRESSION = 3.0
 LEAST_STRAIN = 1e-6
 """Largest displacement over the body's size: below, a shape differs by less than any scan resolves.
 
-Weight alone does not tell beforehand: bending multiplies its strain by the square of a body's slenderness.
+Weight alone does not show beforehand: bending multiplies its strain by the square of a body's slenderness.
 """
 
 DENSITY = Dimension(length=-3, mass=1)
@@ -227,7 +227,7 @@ def _resultant(equations: Equations, direction: Direction) -> tuple[tuple[float,
         unknowns.set_displacement(translation.x.array)
         work = forces * unknowns.state.x.array[: len(forces)]
         resultant[axis], total[axis] = comm.allreduce(work.sum()), comm.allreduce(np.abs(work).sum())
-    resultant += response  # that of an obstacle which has travelled on is no load
+    resultant += response  # that of an obstacle which has travelled on is not a load
     equations.unload()
     system.set_load(0.0)
     equations.release(equilibrium)

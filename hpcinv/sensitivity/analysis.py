@@ -56,7 +56,7 @@ class Sensitivities:
         deviation: of the shape, at the node where it is largest: ``√(Σ |dX/dθ|² σ²)`` in m, ``None`` likewise.
         deviation_at: position (m) of that node in the body on whose mesh was solved.
         shapes: the same of each solve by itself, by the state whose shape it computes; the other attributes but
-            ``slopes`` and ``deviations`` are then those of the first solve.
+            ``slopes`` and ``deviations`` are then the first solve's.
     """
 
     parameters: Sequence[Parameter]

@@ -49,7 +49,7 @@ class ReferenceChange:
     """Derivatives by one parameter of the mesh on which a state is solved, and of what it takes from the given one.
 
     Attributes:
-        nodes: of the mesh's local geometry nodes, (n, 3): for a further state those of the reference shape.
+        nodes: of the mesh's local geometry nodes, (n, 3): for a further state the reference shape's.
         given: of the given state's displacement, in m; ``None`` in that state itself.
         limit: parameter's change by which the given state's displacement would double, or cells change their shape.
     """

@@ -1,9 +1,9 @@
-"""Standard deviations of shapes and quantities from that of the given surface, such as one that was segmented.
+"""Standard deviations of shapes and quantities from errors of the given surface, such as a segmented one.
 
 The given surface is wrong by ``w n`` along its normal n, with a Gaussian random field w of mean 0, standard deviation σ
 and covariance ``σ² exp(-|x - y|²/(2 ℓ²))`` in space. It is sampled as a sum of plane waves with random directions and
 phases; nodes of the surface move by each sample, and shapes and quantities follow as exact derivatives of the discrete
-solution tell. With m samples each standard deviation is known to about 1/√(2m) of itself.
+solution show. With m samples each standard deviation is known to about 1/√(2m) of itself.
 
 Source: Shinozuka & Deodatis, "Simulation of multi-dimensional Gaussian stochastic fields by spectral representation"
 (1996), doi:10.1115/1.3101883.
@@ -61,7 +61,7 @@ class SurfaceErrors:
 
     @property
     def parameters(self) -> list[Parameter]:
-        """A parameter for each sample, such that their standard deviations together are those of the surface."""
+        """A parameter for each sample, such that their standard deviations together are the surface's."""
         deviation = 1 / math.sqrt(self.samples)
         return [Parameter(f"surface {i}", "mesh", None, (), 0.0, Dimension(), deviation) for i in range(self.samples)]
 
@@ -125,7 +125,7 @@ class SurfaceSpread:
         return {self.states[name]: shape.deviation or 0.0 for name, shape in self.shapes.items()}
 
     def lines(self) -> list[Line]:
-        """Return the lines of the certificate, which tell and do not judge."""
+        """Return the lines of the certificate, which inform and do not judge."""
         if self.sensitivities is None:
             return [skipped(SPREAD, self.failure)]
         e = self.errors
@@ -135,7 +135,7 @@ class SurfaceSpread:
             f" {e.samples} samples, to {100 / math.sqrt(2 * e.samples):.0f} %"
         )
         lines = [
-            Line(SPREAD, sd, "m", "told, not judged", Verdict.PASS, note, state=state)
+            Line(SPREAD, sd, "m", "reported, not judged", Verdict.PASS, note, state=state)
             for state, sd in self.deviations().items()
         ]
         return [replace(lines[0], seconds=self.seconds), *lines[1:]]

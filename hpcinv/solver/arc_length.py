@@ -40,7 +40,7 @@ class ArcLengthSteps:
     def end_ahead(self, load: float, direction: int, passed: int) -> float | None:
         """Return the next load at which a step must end, ``None`` if there is none in that direction.
 
-        Full load is no such end until all limit points are passed.
+        Full load is not such an end until all limit points are passed.
         """
         inner = [case / self.cases for case in range(1, self.cases)]
         ends = [*inner, 1.0] if passed == self.limit_points else inner

@@ -58,7 +58,7 @@ class Diagnosis(enum.Enum):
         "Check its limit (such as jm of gent) and the load, or take a law without one.",
     )
     ILL_POSED = (
-        "the tangent is singular, already that of the unloaded body",
+        "the tangent is singular, even in the unloaded body",
         "Do the supports hold the body against every rigid motion, and leave an incompressible one some free surface?"
         " If so, look at solver.petsc.",
     )

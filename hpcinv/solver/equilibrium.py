@@ -40,7 +40,7 @@ class _Progress:
     Attributes:
         first_step: increment of the first correction, or of the prediction; ``None`` before either.
         signs: signs of the determinants of new tangents.
-        factorizations: number of factorizations before the solve, less that of its prediction.
+        factorizations: number of factorizations before the solve, without its prediction's.
         travelled: sum of the corrections since the last factorization.
         too_far: value of it from which earlier factors are not tried any more.
         has_new_tangent: whether the present correction is computed with a new tangent.
@@ -114,7 +114,7 @@ class Equilibrium:
         snes.setConvergenceTest(self._test_convergence)
         with self.linear.options.blamed():
             snes.setFromOptions()
-        # SNES would factorize its first tangent in any case, so the first one is no tangent.
+        # SNES would factorize its first tangent in any case, so the first one is not a tangent.
         snes.setJacobian(lambda *_: None, self.system.matrix)
         snes.computeJacobian(self._x, self.system.matrix)
         snes.setJacobian(self._assemble_tangent, self.system.matrix)

@@ -85,7 +85,7 @@ def check_hinges(body: Body, supports: Supports, space: fem.FunctionSpace, syste
         if part_motions.size
     }
     if faults:
-        # Of parts that hang on others which move, the motions would tell little.
+        # The motions of parts that hang on moving parts would show little.
         fewest = min(part_motions.shape[1] for part_motions in faults.values())
         first = [part for part, part_motions in faults.items() if part_motions.shape[1] == fewest][:_MOST_DESCRIBED]
         text = on_root(

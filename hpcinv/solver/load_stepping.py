@@ -150,5 +150,5 @@ def follow(
 def target_of(load: float, step: float, cases: int) -> float:
     """Return the load after a step, at most the end of the present load case."""
     end = min((math.floor(load * cases + 1e-9) + 1) / cases, 1.0)
-    # A remainder of rounding errors is no separate step.
+    # A remainder of rounding errors is not a separate step.
     return end if load + step > end - 1e-9 / cases else load + step

@@ -8,7 +8,7 @@ for the correction c at x₀, however, contain the extrapolated stress
     Ŝ = S(x₀) + ∂S/∂x [c],
 
 which is in equilibrium with the load to first order. Newton's method for displacement and stress
-as independent unknowns at each quadrature point, the stress then eliminated, has Ŝ in place of S in the geometric part
+as independent unknowns at each quadrature point, the stress then eliminated, has Ŝ instead of S in the geometric part
 ∫ Ŝ : (Grad δvᵀ Grad Δu) dV. The residual is the same, and Ŝ - S vanishes with the square of the correction: neither
 the solution nor the order of convergence changes. A symmetric matrix stays symmetric.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hpcinv.effects import Direction
+from hpcinv.model.cavities import CavityReport
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.newton import NewtonIteration, Solve
@@ -42,6 +43,7 @@ class SolvedDirection:
         stopped: whether a request to stop ended it.
         can_restart: whether there is a state from which a run can be resumed.
         unused_options: PETSc options of the job that PETSc did not use; ``None`` if nothing had to be solved.
+        cavities: cavities of unknown pressure, in the state that was reached.
     """
 
     direction: Direction
@@ -51,6 +53,7 @@ class SolvedDirection:
     stopped: bool
     can_restart: bool
     unused_options: tuple[str, ...] | None
+    cavities: tuple[CavityReport, ...] = ()
 
 
 class Observer:

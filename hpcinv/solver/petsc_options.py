@@ -37,7 +37,7 @@ class SolverOptions:
         self.use({})
 
     def use(self, defaults: Mapping[str, OptionValue]) -> None:
-        """Set the defaults of a linear solver in place of earlier ones, except for options that the job sets."""
+        """Set the defaults of a linear solver instead of earlier ones, except for options that the job sets."""
         earlier, self._values = self._values, {**NEWTON, **defaults, **self._job_options}
         for name in earlier.keys() - self._values.keys():
             self._database.delValue(name)
@@ -79,7 +79,7 @@ class SolverOptions:
         program that ended a function which PETSc calls is raised as it was.
 
         Raises:
-            JobError: with PETSc's reason, in place of its error.
+            JobError: with PETSc's reason, instead of its error.
         """
         try:
             yield

@@ -29,7 +29,7 @@ class Increments:
     """Rotation and strain of steps from the present state of a scene.
 
     With ``F`` the gradient of the map from the mesh to the other body, ``δF F⁻¹ = d + w``: the strain ``d = dᵀ`` and
-    the spin ``w = -wᵀ`` of that body. The residual is no measure of a step: its stiffest parts dominate it.
+    the spin ``w = -wᵀ`` of that body. The residual does not measure a step: its stiffest parts dominate it.
     """
 
     def __init__(self, scene: Scene) -> None:

@@ -16,7 +16,7 @@ class StudyDirectory:
     """Directory of a study, which any number of allocations may use at once.
 
     Raises:
-        OutputError: it holds other files than those of this study, or cannot be written.
+        OutputError: it holds other files than this study's, or cannot be written.
     """
 
     def __init__(self, path: Path, study: str) -> None:

@@ -182,7 +182,7 @@ def executions_in(plan: StudyPlan, directory: Path, ranks: int | None = None) ->
     """Return the executions of a study in a directory, for reading.
 
     Args:
-        ranks: their number of ranks; by default that of the last start.
+        ranks: their number of ranks; by default the last start's.
 
     Raises:
         OutputError: the directory holds anything else than this study.

@@ -166,7 +166,7 @@ def front(points: Sequence[tuple[float | None, float | None]]) -> list[bool]:
 
 
 def _ratio(rows: Sequence[StudyRow], base: Sequence[StudyRow]) -> float | None:
-    """Return the time of the cases that have one in both series, over that of the base series."""
+    """Return the time of the cases that have one in both series, over the base series'."""
     pairs = [(a.time, b.time) for a, b in zip(rows, base, strict=True) if a.time and b.time]
     return math.fsum(a for a, _ in pairs) / math.fsum(b for _, b in pairs) if pairs else None
 

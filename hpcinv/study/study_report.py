@@ -1,4 +1,4 @@
-"""Printed report of a study: a table for each quantity, with published numbers beside those of the study."""
+"""Printed report of a study: a table for each quantity, with published numbers next to the study's."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise

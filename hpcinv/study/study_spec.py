@@ -67,7 +67,7 @@ class RefinementSeries(Spec):
     take: Mapping[JobKey, Taken] = {}
     """values that come from the summary of an earlier series' run"""
     repeat: Annotated[int, Field(ge=1)] | None = None
-    """number of timed executions of its runs; left out, that of the study"""
+    """number of timed executions of its runs; left out, the study's"""
     base: Title | None = None
     """name of the series whose time is the base of the ratio of times"""
 
@@ -165,7 +165,7 @@ class Reference(Spec):
 
 
 class Beside(Spec):
-    """Published numbers, printed beside those of the study."""
+    """Published numbers, printed next to the study's."""
 
     source: str
     """where they were published"""

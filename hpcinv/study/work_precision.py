@@ -15,7 +15,7 @@ from hpcinv.study.study_spec import Study
 def work_precision(study: Study, accuracy: Accuracy, seconds: str, varied: Mapping[str, str]) -> dict[str, bytes]:
     """Return the diagram of error against time as files by format; none if there is no error to show.
 
-    If the time is that with the certificate, the errors that certificates estimate are shown beside the true ones.
+    If the time includes the certificate, its estimated errors are shown next to the true ones.
 
     Args:
         varied: text on the parameters that vary along each series.

@@ -4,7 +4,7 @@ A quantity is written as a sum of products of Legendre polynomials (uniform para
 ones) up to a total degree. All products have mean 0 and variance 1 and are uncorrelated, so that the square of a
 coefficient is the variance that its product contributes.
 
-The degree is that of the smallest leave-one-out error, which follows exactly from one fit: the error of the surrogate
+The degree has the smallest leave-one-out error, which follows exactly from one fit: the error of the surrogate
 made without case i, at case i, is the residual of that case divided by 1 - hᵢ, where h is the diagonal of the
 projection onto the polynomials (the hat matrix).
 
@@ -219,7 +219,7 @@ def predicted(errors: Floats, values: Floats) -> float:
 def sobol_indices(regression: Regression, surrogate: Surrogate, values: Floats, confidence: float) -> Indices:
     """Return the Sobol indices of a surrogate of values (cases, values) that are not all constant.
 
-    The intervals are those of a bootstrap: leave-one-out errors are added to the cases with random signs, and the
+    The intervals are a bootstrap's: leave-one-out errors are added to the cases with random signs, and the
     surrogate is fitted again. The squares of its coefficients are too large on average by their variance, which the
     reflected ("basic") interval takes out. The variance that the surrogate does not predict may belong to any
     parameter: the low ends take it to belong to others, the high ends to the parameter itself.

@@ -40,7 +40,7 @@ class ConvergedSample:
 
     @property
     def distributions(self) -> Mapping[str, Distribution]:
-        """Distributions by key, whose order is that of the indices."""
+        """Distributions by key, whose order is the indices'."""
         return self.axis.sample
 
     @property
@@ -88,7 +88,7 @@ def finished_sample(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Conve
     axis = sample_axis(plan)
     if left := sum(case.key not in records for case in plan.cases):
         raise JobError(
-            f"{plan.path}: {left} of {len(plan.cases)} cases are not finished, and those that are, are no random"
+            f"{plan.path}: {left} of {len(plan.cases)} cases are not finished, and the finished ones are not a random"
             " choice; finish them by 'sweep run', or take the first N with '--first N'"
         )
     converged = tuple(case for case in plan.cases if records[case.key].converged)

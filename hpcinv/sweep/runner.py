@@ -96,9 +96,7 @@ class SweepRunner(Runner[SweepTask]):
             return
         if self.neighbours[0] != task.reuse_group:
             self.neighbours = task.reuse_group, Neighbours()
-        pressure = None if solution.pressure is None else solution.pressure.x.array.copy()
-        guess = Guess(solution.displacement.x.array.copy(), pressure, signs.pop() if signs else 0)
-        neighbour = Neighbour(task.claim.key, task.point, guess)
+        neighbour = Neighbour(task.claim.key, task.point, solution.as_guess())
         self.neighbours[1].add(neighbour, self.comm.allreduce(neighbour.bytes, op=MPI.MAX))
 
     def remove_run(self, task: SweepTask, record: CaseRecord) -> None:

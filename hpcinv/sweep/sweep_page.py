@@ -27,7 +27,7 @@ def write_sweep_report(plan: SweepPlan, ledger: Ledger, path: Path, *, each: boo
     """Write the report of a sweep, finished or not; return the file.
 
     Args:
-        each: write a report of each finished case beside it, in ``cases/``.
+        each: write a report of each finished case next to it, in ``cases/``.
 
     Raises:
         OutputError: a file cannot be written or read.

@@ -18,7 +18,7 @@ from hpcinv.sweep.sweep_plan import SweepPlan
 from hpcinv.sweep.table import TEXT, columns, parameter_name, parameter_names, units
 
 FAILURES = "failures"
-"""name of the map of outcomes, in place of a quantity"""
+"""name of the map of outcomes, instead of a quantity"""
 MOST_PANELS = 6
 """largest number of maps in a diagram"""
 MOST_LINES = 7

@@ -111,7 +111,7 @@ def parameter_names(plan: SweepPlan) -> list[str]:
 
 
 def _taken(plan: SweepPlan) -> frozenset[str]:
-    """Return the names of columns that are not those of quantities."""
+    """Return the names of columns that are not quantities."""
     return FIXED.union(parameter_names(plan))
 
 
@@ -164,7 +164,7 @@ QUANTILES = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "maximum"
 def statistics(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
     """Return a row for each quantity of interest and each combination of branches, over the converged cases; SI.
 
-    ``sd`` is that of the population, estimated with ``n - 1``; ``sd of mean`` is ``sd/√n``, as for independent draws.
+    ``sd`` is the population's, estimated with ``n - 1``; ``sd of mean`` is ``sd/√n``, as for independent draws.
     """
     table, quantities = columns(plan, records), quantity_columns(plan, records)
     names, unit = plan.sweep.branches, units(plan, records)

@@ -71,7 +71,7 @@ def surface_in(path: Path, unit: float | None, shape: str = UNDEFORMED, labels: 
         source = read_source(spec, path)
     else:
         raise OutputError(
-            f"{path}: is no mesh, surface, image or run",
+            f"{path}: is not a mesh, surface, image or run",
             f"Meshes end in {', '.join(FORMATS)}, surfaces in {', '.join(SURFACES)}, images in {', '.join(IMAGES)};"
             " a run is a directory.",
         )

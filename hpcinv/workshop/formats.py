@@ -27,7 +27,7 @@ def check(path: Path, unit: str) -> None:
     if path.suffix == ".3mf" and unit not in UNITS_OF_3MF:
         raise OutputError(f"{path}: 3MF knows no unit '{unit}'", f"Its units are {', '.join(UNITS_OF_3MF)}.")
     if not path.parent.is_dir():
-        raise OutputError(f"{path}: cannot be written: there is no directory {path.parent}")
+        raise OutputError(f"{path}: cannot be written: there is not a directory {path.parent}")
 
 
 def write(path: Path, solid: Solid, unit: str) -> None:

@@ -50,7 +50,7 @@ def mould(part: Solid, wall: float, split: Split | None) -> list[Solid]:
     if whole.status() != manifold3d.Error.NoError:
         raise MeshError(
             f"the mould could not be made: {whole.status().name}",
-            "Does the body pass through itself? The certificate of the run tells where.",
+            "Does the body pass through itself? The certificate of the run says where.",
         )
     if split is None:
         return [_solid(whole)]
@@ -77,7 +77,7 @@ def _manifold(part: Solid) -> manifold3d.Manifold:
     manifold = manifold3d.Manifold(mesh)
     if manifold.status() != manifold3d.Error.NoError:
         raise MeshError(
-            f"the surface of the part is no solid: {manifold.status().name}",
+            f"the surface of the part is not a solid: {manifold.status().name}",
             "Look at the line on self-intersections in the certificate of the run.",
         )
     return manifold

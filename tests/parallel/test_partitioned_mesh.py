@@ -319,7 +319,7 @@ def test_limits_of_partitioned_meshes_are_reported_when_the_job_is_read(meshes: 
     mesh = {"file": "box.bp"}
     other = {"file": str(meshes / "box.py")}
     cases = (
-        ({"mesh": mesh | {"geometry_degree": 2}}, "mesh.geometry_degree: is that of the partitioned mesh"),
+        ({"mesh": mesh | {"geometry_degree": 2}}, "mesh.geometry_degree: is the degree of the partitioned mesh"),
         ({"mesh": mesh | {"unit": "mm"}}, "mesh.unit: is not valid with a partitioned mesh"),
         ({"mesh": mesh | {"parameters": {"nx": 2}}}, "mesh.parameters: only generators have parameters"),
         ({"mesh": mesh, "output": {"mesh": ["msh"]}}, "output.mesh: of a partitioned mesh must be bp"),

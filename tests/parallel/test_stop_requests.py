@@ -55,7 +55,7 @@ def efforts(result: Result) -> list[tuple[int, int]]:
 def test_a_run_stops_wherever_it_asks_and_goes_on_from_there(
     factors: bool, comm: MPI.Intracomm, run_directory: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each check is one of a large body: iterations in place of factorizations."""
+    """Each check is one of a large body: iterations instead of factorizations."""
     monkeypatch.setattr(two_level, "MANY", 0.0)
     if not factors:
         monkeypatch.setattr(ForwardFactors, "affordable", False)

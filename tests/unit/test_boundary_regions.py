@@ -40,11 +40,12 @@ def block() -> MeshSource:
     )
 
 
-def rules(**regions: str | list[str]) -> dict[str, RegionRule]:
-    return {n: Expression(r) if isinstance(r, str) else RegionUnion(tuple(r)) for n, r in regions.items()}
+def rules(**regions: str | list[str] | RegionUnion) -> dict[str, RegionRule]:
+    kinds = {str: lambda text: Expression(text), list: lambda names: RegionUnion(tuple(names))}
+    return {name: kinds.get(type(rule), lambda rule: rule)(rule) for name, rule in regions.items()}
 
 
-def body(**regions: str | list[str]) -> Body:
+def body(**regions: str | list[str] | RegionUnion) -> Body:
     spec = MeshSpec.model_construct(file="block.vtu", unit=1.0)
     return build_body(spec, rules(**regions), MPI.COMM_WORLD, given=block())
 
@@ -88,6 +89,16 @@ def test_unions_have_each_facet_and_cell_once() -> None:
         body(skin=["endo"])
 
 
+@pytest.mark.parallel([1, 2, 3])
+def test_differences_leave_facets_and_cells_out() -> None:
+    conditions = {"lower": "z < 1.5 m", "bottom": "nz < -cos(30 deg) and z < 0.5 m"}
+    regions = body(**conditions, rest=RegionUnion(("boundary", "lower"), ("bottom",))).regions
+    lower, rest = regions["lower"], regions["rest"]
+    assert (rest.facet_count, rest.cell_count) == (regions["boundary"].facet_count - 25, lower.cell_count)
+    with pytest.raises(MeshError, match=r"region 'none': nothing is left of \[bottom, not lower\]"):
+        body(**conditions, none=RegionUnion(("bottom",), ("lower",)))
+
+
 def test_samples_have_unions() -> None:
     regions = sample_body(block(), rules(**UNIONS), []).regions
     assert regions["wall"].facet_count
@@ -105,7 +116,11 @@ def test_unions_in_jobs_are_checked(tmp_path: Path) -> None:
         return parse({**sections, "supports": supports, "regions": regions}, tmp_path / "job.yaml")
 
     assert job(foot="z < 1 mm", skin=["foot", "endo"]).regions["skin"] == RegionUnion(("foot", "endo"))
+    without = job(foot="z < 1 mm", skin=["boundary", "not foot"]).regions["skin"]
+    assert without == RegionUnion(("boundary",), ("foot",))
     for regions, message in (
+        ({"skin": ["boundary", "not foot"], "foot": "z < 1 mm"}, "regions.skin: names 'foot', which is not defined"),
+        ({"skin": ["not foot"]}, r"regions.skin: must name a region from which to leave out others"),
         ({"skin": ["foot"], "foot": "z < 1 mm"}, "regions.skin: names 'foot', which is not defined above it"),
         ({"skin": ["skin"]}, "regions.skin: names 'skin', which is not defined above it"),
         ({"skin": []}, r"regions.skin: must be a condition, or names of regions such as \[endo, epi\], not \[\]"),

@@ -90,8 +90,8 @@ def test_a_mesh_beside_a_surface(meshes: Path, tmp_path: Path) -> None:
     ("arguments", "fault"),
     [
         (["missing.stl", "ball.stl"], "missing.stl: "),
-        (["ball.stl", "notes.txt"], "notes.txt: is no mesh, surface, image or run"),
-        (["ball.stl", "ball.stl", "--unit", "kg"], "--unit kg: is no unit of length"),
+        (["ball.stl", "notes.txt"], "notes.txt: is not a mesh, surface, image or run"),
+        (["ball.stl", "ball.stl", "--unit", "kg"], "--unit kg: is not a unit of length"),
         (["ball.stl", "ball.stl", "--to", "far.stl"], "far.stl: a surface with distances ends in .vtp"),
     ],
 )

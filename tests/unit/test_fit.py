@@ -312,13 +312,13 @@ def test_fewer_data_than_parameters_leave_combinations_free() -> None:
         (GOOD, ["--mode", "sheared"], "--mode: unknown mode 'sheared'."),
         (GOOD, ["--plot", "x.gif"], "x.gif: a plot ends in .png"),
         (GOOD, ["--output", "x.txt"], "x.txt: must end in .json"),
-        (GOOD, ["--material", "nowhere/x.yaml"], "there is no directory nowhere"),
+        (GOOD, ["--material", "nowhere/x.yaml"], "there is not a directory nowhere"),
         (EXACT, ["--compressible"], "the tests do not depend on d1: fix it (--fix d1=…)"),
         (GOOD, ["--largest-stretch", "1.01"], "no points with strain are left"),
         (
             "# mode: simple-shear\nshear, shear stress [kPa]\n0.1, 1\n0.2, 2\n0.3, 3.1\n0.4, 4\n",
             [],
-            "the tests do not tell c1 and c2 apart; fix all but one of them (--fix c2=…), add a test of another mode",
+            "the tests do not separate c1 and c2; fix all but one of them (--fix c2=…), add a test of another mode",
         ),
     ],
 )

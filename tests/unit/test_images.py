@@ -191,7 +191,7 @@ def test_other_frames(tmp_path: Path) -> None:
     middle = (source.points.min(axis=0) + source.points.max(axis=0)) / 2 * 1e3
     assert middle == pytest.approx([12.5, -111.5, -21.5], abs=0.5)
     assert "in SRA (x, y, z to head, right, front)" in "".join(said)
-    with pytest.raises(JobError, match="no right-handed frame"):
+    with pytest.raises(JobError, match="not a right-handed frame"):
         meshed(image, orientation="LAS")
 
 
@@ -472,7 +472,7 @@ def test_files_that_are_no_images_are_reported(tmp_path: Path) -> None:
         ({"labels": {}}, "mesh.labels: is needed"),
         ({"size": None}, "mesh.size: is needed"),
         ({"labels": {"ball": 0}}, "mesh.labels"),
-        ({"file": "ball.msh"}, "mesh.image: is given beside 'file'"),
+        ({"file": "ball.msh"}, "mesh.image: is given together with 'file'"),
         ({"maximum_cells": 10}, "more than 10"),
         ({"labels": {"cut": 1}}, "mesh.labels.cut: is the name of another region"),
         ({"labels": {"ball": 1, "core": [2, 1]}}, "mesh.labels.core: has the number 1, which 'ball' has too"),

@@ -1,4 +1,4 @@
-"""Elastic moduli in place of a law's own parameters: every pair, every isotropic law, and what cannot be."""
+"""Elastic moduli instead of a law's own parameters: every pair, every isotropic law, and what cannot be."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.command_line import BLOCK, write_job
 from pydantic import ValidationError
@@ -142,7 +143,7 @@ def test_moduli_that_cannot_be_are_refused_at_their_key(given: dict[str, Any], k
 def test_validate_names_the_convention_of_a_modulus_that_no_one_means(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Abaqus's D1 = 2/K in place of d1 = K/2, as a warning: the file is valid."""
+    """Abaqus's D1 = 2/K instead of d1 = K/2, as a warning: the file is valid."""
     material = {"law": "mooney-rivlin", "c1": 9e5, "c2": 0, "d1": 2e-10}
     job = write_job(tmp_path / "job.yaml", BLOCK, material=material)
     assert main(["validate", str(job)]) == 0
@@ -152,3 +153,31 @@ def test_validate_names_the_convention_of_a_modulus_that_no_one_means(
     write_job(job, BLOCK, material=material | {"d1": "1/2e-10"})
     assert main(["validate", str(job)]) == 0
     assert capsys.readouterr().err == ""
+
+
+MIXED = [pair for pair in combinations(ALL, 2) if pair != ("young", "poisson")]
+
+
+@pytest.mark.parametrize("name", ISOTROPIC)
+def test_rates_keep_the_other_modulus_that_the_job_gives(name: str) -> None:
+    """Against central differences of what a job with another value is read as; also a parameter with a modulus."""
+    law = ISOTROPIC[name]
+    assert law.replaceable is not None
+    cases = [others(law) | {modulus: ALL[modulus] for modulus in pair} for pair in MIXED]
+    if name != "ogden":
+        cases += [{k: v for k, v in law.example.items() if k != law.replaceable[1]} | {"poisson": 0.3}]
+    for data in cases:
+        read = law.model_validate(data)
+        for (key, *rest), number in read.numbers().items():
+            if rest or key not in data or isinstance(number, str):
+                continue
+            step = 1e-5 * abs(number.value)
+            below, above = (
+                law.model_validate(data | {key: number.value + sign * step}).quantities() for sign in (-1, 1)
+            )
+            rates = read.rates((key,))
+            for parameter, (low, _) in below.items():
+                expected = (np.array(above[parameter][0]) - np.array(low)) / (2 * step)
+                got = rates[parameter][0] if parameter in rates else 0.0
+                scale = max(1.0, float(np.abs(np.array(low)).max()) / abs(number.value))
+                assert got == pytest.approx(expected, rel=1e-6, abs=1e-6 * scale), (data, key, parameter)

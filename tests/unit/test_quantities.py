@@ -38,6 +38,8 @@ def read(kind: object, value: object) -> float:
         ("3 µm", 3e-6, LENGTH),
         ("3 um", 3e-6, LENGTH),
         ("1 in", 0.0254, LENGTH),
+        ("120 ml", 120e-6, Dimension(3, 0, 0)),
+        ("120 mL", 120e-6, Dimension(3, 0, 0)),
         ("1 ft", 0.3048, LENGTH),
         ("963 kg/m^3", 963.0, DENSITY),
         ("0.963 g/cm^3", 963.0, DENSITY),

@@ -272,9 +272,9 @@ def test_mould_of_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     ("options", "message"),
     [
         (["--to", "a.obj"], "a.obj: the formats of solids are .stl, .ply, .3mf"),
-        (["--to", "nowhere/a.stl"], "there is no directory nowhere"),
+        (["--to", "nowhere/a.stl"], "there is not a directory nowhere"),
         (["--to", "a.3mf", "--unit", "km"], "3MF knows no unit 'km'"),
-        (["--to", "a.stl", "--unit", "kg"], "--unit kg: is no unit of length"),
+        (["--to", "a.stl", "--unit", "kg"], "--unit kg: is not a unit of length"),
         (["--to", "a.stl", "--scale", "0"], "--scale 0: must be above 0"),
         (["--to", "a.stl", "--tolerance", "0.1"], "--tolerance 0.1: must be a length with a unit"),
         (["--to", "a.stl", "--split", "z"], "Give --mould FILE"),

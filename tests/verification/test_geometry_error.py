@@ -270,7 +270,7 @@ def test_printed_error_names_what_it_leaves_out(tmp_path: Path) -> None:
     path = write_job(tmp_path / "job.yaml", of_a_file(tmp_path))
     ended = hpcinv(2, "run", path, "--output", tmp_path / "out", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert re.search(r"inner: \S+ \(estimated error \S+, without that of the geometry\)", ended.stdout)
+    assert re.search(r"inner: \S+ \(estimated error \S+, without the error of the geometry\)", ended.stdout)
     assert re.search(
         r"discretisation error .* m, without the error of the geometry: nothing is known of the true surface",
         ended.stdout,
@@ -294,6 +294,6 @@ def test_an_output_has_one_error_of_a_quantity(from_file: bool, tmp_path: Path) 
     steps = re.findall(r"inner ± (\S+)", ended.stdout)
     assert printed == promised == steps[summary["accuracy"]["chosen"]]
     assert ended.stdout.count("without the error of the geometry") >= (2 if from_file else 0)
-    assert ("without that of the geometry" in ended.stdout) == from_file
+    assert ("without the error of the geometry" in ended.stdout) == from_file
     if not from_file:
         assert abs(summary["quantities"]["inner"] - A) <= summary["accuracy"]["bounds"]["inner"]

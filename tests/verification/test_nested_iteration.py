@@ -163,7 +163,7 @@ def test_a_mesh_that_is_not_coarser_is_not_used(
     if choice == "auto":
         assert result.solutions[0].coarse is None
     else:
-        assert coarse_of(result).unused == "its generator makes 120 coarser cells in place of 120"
+        assert coarse_of(result).unused == "its generator makes 120 coarser cells instead of 120"
         assert coarse_of(result).unknowns == 0
 
 

@@ -380,7 +380,7 @@ def test_incompatible_sensitivity_parameters_are_refused(entry: dict[str, Any], 
 
 
 def test_numbers_that_change_together_count_once(comm: MPI.Intracomm) -> None:
-    """Slopes add up, and so the standard deviation: √((a + b)² σ²) in place of √(a² σ² + b² σ²)."""
+    """Slopes add up, and so the standard deviation: √((a + b)² σ²) instead of √(a² σ² + b² σ²)."""
     apart = of(package.run(squeezed(sensitivities={"material.mu": 100.0, "material.lam": 100.0}), comm))
     tied = of(package.run(squeezed(sensitivities={"material.mu": {"sd": 100.0, "also": ["material.lam"]}}), comm))
     for name, by_key in apart.slopes.items():
@@ -416,7 +416,7 @@ def test_non_numbers_are_refused_as_sensitivity_parameters(key: str, told: str) 
             {"law": "formula", "energy": "a*(I1_bar - 3) + b*(I1_bar - 3)**2", "parameters": {"a": "1 Pa", "b": "0 Pa"}}
             | {"kappa": 10},
             "material.parameters.b",
-            "is 0, so that its term is no part of the law",
+            "is 0, so that its term is not in the law",
         ),
     ],
 )

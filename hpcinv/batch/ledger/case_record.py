@@ -63,7 +63,7 @@ class CaseRecord:
     def decoded(cls, data: bytes) -> Self:
         """Return the record in the content of a file.
 
-        Entries that are not known here are those of a newer version, and are ignored: a version that changes what the
+        Unknown entries come from a newer version, and are ignored: a version that changes what the
         known ones mean changes the format of the store (`store`).
 
         Raises:
@@ -76,9 +76,9 @@ class CaseRecord:
         try:
             entry_data = json.loads(content)
         except ValueError as error:
-            raise OtherVersionError("it is no JSON") from error
+            raise OtherVersionError("it is not JSON") from error
         if not isinstance(entry_data, dict):
-            raise OtherVersionError("it is no mapping")
+            raise OtherVersionError("it is not a mapping")
         entries = fields(cls)
         if missing := [
             f"'{entry.name}'" for entry in entries if entry.default is MISSING and entry.name not in entry_data

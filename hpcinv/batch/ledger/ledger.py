@@ -132,7 +132,7 @@ class Ledger:
         self._files, self._watch = Histories(path), Watch(path, holder.identity, lease)
 
     def directory(self, key: str) -> Path:
-        """Return the directory of the runs of a case; that of one claim is ``claim.run``."""
+        """Return the directory of the runs of a case; ``claim.run`` is the directory of one claim."""
         return self.path / RUNS / key[:2] / key
 
     def record(self, key: str) -> CaseRecord | None:
@@ -321,7 +321,7 @@ class Ledger:
         return sorted(runs, key=lambda run: int(run.name.rpartition("-")[2]))
 
     def _take_over(self, claim: Claim, history: History) -> None:
-        """Rename the run directory of earlier attempts to that of the claim, so that they can no longer write to it."""
+        """Rename the run directory of earlier attempts to the claim's, so that they can no longer write to it."""
         with as_output_error(claim.run):
             if runs := self._runs(claim.key, claim.round):
                 runs[-1].rename(claim.run)

@@ -56,7 +56,7 @@ class Coefficient:
 
     @classmethod
     def parameter(cls, value: float, symbol: Any) -> Coefficient:
-        """Return the coefficient of a parameter; a zero is literal, so that its term is no part of the form."""
+        """Return the coefficient of a parameter; a zero is literal, so that its term is not in the form."""
         return cls(value, symbol, abs(value), is_literal=False) if _decided(value != 0) else ZERO
 
     def __bool__(self) -> bool:

@@ -27,7 +27,7 @@ _OF_FIBRES = re.compile(r"I[45]_([A-Za-z][A-Za-z0-9]*)|I8_([A-Za-z][A-Za-z0-9]*)
 
 
 def families_in(name: str) -> tuple[str, ...] | None:
-    """Return families of fibres of an invariant, none if it is isotropic; ``None`` if the name is no invariant."""
+    """Return families of fibres of an invariant, none if it is isotropic; ``None`` if the name is not an invariant."""
     if name in ISOTROPIC:
         return ()
     match = _OF_FIBRES.fullmatch(name)

@@ -4,7 +4,7 @@ A jet ``q = q0 + Σ q1[a] t[a] + R`` stores its parts separately. The strains ``
 first order; the remainder ``R``, of second and higher order, is computed without subtraction of large numbers. An
 energy that is stress-free at ``F = I`` has no ``q1``, and only ``R`` has a derivative.
 
-A Taylor model has a bound in place of the remainder: Berz & Makino (1998), doi:10.1023/A:1024467732637.
+A Taylor model has a bound instead of the remainder: Berz & Makino (1998), doi:10.1023/A:1024467732637.
 """
 
 from __future__ import annotations

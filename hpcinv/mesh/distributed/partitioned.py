@@ -34,7 +34,7 @@ from hpcinv.mesh.cells import FACET_KIND, no_cells
 from hpcinv.mesh.distributed.parts import sort_by_tags
 from hpcinv.mesh.distributed.rows import Rows, even_range
 from hpcinv.mesh.io.length_unit import as_unit
-from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource
+from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, in_mask
 from hpcinv.parallel.runtime import MPI, agree, on_root
 
 type RowArray = npt.NDArray[Any]
@@ -48,7 +48,8 @@ def write_partitioned(path: Path, comm: MPI.Intracomm, source: MeshSource) -> No
     Raises:
         OutputError: on every rank, if it cannot be written.
     """
-    arrays = _arrays(source)
+    overlapping = comm.allreduce(source.groups_overlap(2) or source.groups_overlap(3), MPI.LOR)
+    arrays = _arrays(source, overlapping)
     rows = {place: Rows.distributed(comm, len(array)) for _, place, array in arrays}
     header = Header(
         name=source.path.name,
@@ -64,6 +65,7 @@ def write_partitioned(path: Path, comm: MPI.Intracomm, source: MeshSource) -> No
         checksums={name: rows[place].checksum(array) for name, place, array in arrays},
         files={},
         unit=source.unit or 1.0,
+        overlapping=overlapping,
     )
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     with _published(partial, path, comm, header):
@@ -111,7 +113,11 @@ def read_partitioned(path: Path, comm: MPI.Intracomm) -> MeshSource:
                 f"{path}: the array '{name}' is damaged: its checksum is wrong",
                 "Copy the mesh again, or partition it again.",
             )
-    labels = {3: arrays["cell_groups"], 2: arrays["facet_groups"]}
+    stored = {3: arrays["cell_groups"], 2: arrays["facet_groups"]}
+
+    def members(i: int, dim: int) -> Ints:
+        return np.flatnonzero(in_mask(stored[dim], i) if header.overlapping else stored[dim] == i)
+
     return MeshSource(
         path=path,
         kind=header.kind,
@@ -121,9 +127,7 @@ def read_partitioned(path: Path, comm: MPI.Intracomm) -> MeshSource:
         cells=arrays["cells"],
         cell_tags=arrays["cell_tags"],
         facets=arrays["facets"],
-        groups=tuple(
-            Group(name, dim, tag, np.flatnonzero(labels[dim] == i)) for i, (name, dim, tag) in enumerate(header.groups)
-        ),
+        groups=tuple(Group(name, dim, tag, members(i, dim)) for i, (name, dim, tag) in enumerate(header.groups)),
         thin_groups=header.thin_groups,
         data={name: DataArray(name, place, arrays[f"data-{i}"]) for i, (name, place, _) in enumerate(header.data)},
         parts=header.parts,
@@ -145,7 +149,7 @@ def _read(
     """Rows of this rank of every array; arrays without rows are not in the file."""
     arrays = {}
     with adios2.Stream(_io(comm), str(path), "rra") as stream:
-        for name, place, none in _arrays(_blank(path, header)):
+        for name, place, none in _arrays(_blank(path, header), header.overlapping):
             (start, stop), arrays[name] = ranges[place], none
             if start < stop:
                 begin, count = [start, *[0] * (none.ndim - 1)], [stop - start, *none.shape[1:]]
@@ -158,19 +162,25 @@ def _blank(path: Path, header: Header) -> MeshSource:
     none: Ints = np.zeros(0, dtype=np.int64)
     cells, facets = (no_cells(kind, header.degree) for kind in (header.kind, FACET_KIND[header.kind]))
     data = {name: DataArray(name, place, np.zeros((0, components))) for name, place, components in header.data}
-    return MeshSource(path, header.kind, header.degree, np.zeros((0, 3)), none, cells, none, facets, data=data)
+    groups = tuple(Group(name, dim, tag, none) for name, dim, tag in header.groups)
+    return MeshSource(path, header.kind, header.degree, np.zeros((0, 3)), none, cells, none, facets, groups, data=data)
 
 
-def _arrays(source: MeshSource) -> list[tuple[str, str, RowArray]]:
-    """Name in the file, kind of rows (nodes, cells or facets) and rows of this rank for each array."""
+def _arrays(source: MeshSource, overlapping: bool) -> list[tuple[str, str, RowArray]]:
+    """Name in the file, kind of rows (nodes, cells or facets) and rows of this rank for each array.
+
+    Args:
+        overlapping: whether groups are stored as masks, since a cell or facet is in several of them.
+    """
+    groups_of = source.masks if overlapping else source.labels
     return [
         ("points", "nodes", source.points),
         ("node_tags", "nodes", source.node_tags),
         ("cells", "cells", source.cells),
         ("cell_tags", "cells", source.cell_tags),
-        ("cell_groups", "cells", source.labels(3)),
+        ("cell_groups", "cells", groups_of(3)),
         ("facets", "facets", source.facets),
-        ("facet_groups", "facets", source.labels(2)),
+        ("facet_groups", "facets", groups_of(2)),
         *((f"data-{i}", array.place, array.values) for i, array in enumerate(source.data.values())),
     ]
 

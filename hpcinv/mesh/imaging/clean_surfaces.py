@@ -79,7 +79,7 @@ def cells_between_surfaces(
 
 
 def _fill_touching_edges(labels: Ints) -> Ints:
-    """The labels with those cubes filled beside which others of one label would touch in an edge only."""
+    """The labels with cubes filled where others of one label would touch in an edge only."""
     labels = labels.copy()
     for _ in range(_ROUNDS):
         changed = False

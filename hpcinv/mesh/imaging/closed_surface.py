@@ -73,7 +73,7 @@ def fill(
 
 
 def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit: float) -> Bools:
-    """Return which voxels are inside of a surface; ``MeshError`` if their volume is not that of the triangles."""
+    """Return which voxels are inside of a surface; ``MeshError`` if their volume is not the triangles'."""
     voxel = float(grid.spacing[0])
     volume = signed_volume(surface)
     if not volume > 0 or not np.isfinite(volume):
@@ -99,7 +99,7 @@ def _check_nested(names: Sequence[str], masks: Sequence[Bools], path: Path) -> N
                 raise MeshError(
                     f"{path}: the surfaces of '{names[i]}' and '{names[j]}' cut each other: {both / whole:.0%} of"
                     f" '{names[j]}' is in '{names[i]}'",
-                    "One must lie in the other, or beside it.",
+                    "One must lie inside the other, or outside.",
                 )
 
 

@@ -91,7 +91,7 @@ def curved(
     stopped = np.count_nonzero((share < 1) & bend.any(axis=1)) + np.count_nonzero(went[vertices] < 1)
     report(
         f"cells of second degree: {len(middles):,} nodes between vertices on the smooth boundary, up to"
-        f" {readable(float(bent.max(initial=0.0)), 'm')} beside straight edges; {stopped:,} held back for the shape of"
+        f" {readable(float(bent.max(initial=0.0)), 'm')} from straight edges; {stopped:,} held back for the shape of"
         " cells"
     )
     return replace(mesh, points=points), (label_volumes / np.array(volumes) - 1).tolist()

@@ -16,7 +16,7 @@ from hpcinv.mesh.topology import FacetTable, connected
 
 WALL, CAVITY = "wall", "cavity"
 _SPECK = 0.05  # area of an opening that is a leak of the segmentation, relative to the largest opening
-_FACING = 0.5  # cosine of the angle between a facet at an end of the wall and the opening beside it
+_FACING = 0.5  # cosine of the angle between a facet at an end of the wall and the opening next to it
 _REACH = 0.75  # distance of the wall's ends from the plane of an opening, relative to the size of cells
 
 
@@ -100,7 +100,7 @@ def opening_error(path: Path, count: int, needed: str) -> MeshError:
 def opening_count(path: Path, labels: Mapping[str, Sequence[int]], unit: float) -> int:
     """Return the number of openings of the cavity in an image, where its voxels end at no wall.
 
-    Specks are left out, as in the mesh. Errors are those of `read_labels`.
+    Specks are left out, as in the mesh. Errors are as in `read_labels`.
     """
     image = read_labels(path, labels, unit)
     numbers = {name: place for place, name in enumerate(labels, start=1)}
@@ -121,7 +121,7 @@ def opening_count(path: Path, labels: Mapping[str, Sequence[int]], unit: float) 
 def wall_size(path: Path, labels: Mapping[str, Sequence[int]], unit: float) -> tuple[float, float]:
     """Return the typical thickness (m) of the wall in an image, and its volume (m³).
 
-    The thickness is twice the depth that a tenth of the voxels exceed. Errors are those of `read_labels`.
+    The thickness is twice the depth that a tenth of the voxels exceed. Errors are as in `read_labels`.
     """
     image = read_labels(path, labels, unit)
     wall = image.voxels == list(labels).index(WALL) + 1

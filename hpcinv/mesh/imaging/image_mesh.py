@@ -97,7 +97,7 @@ def image_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None]) -> Mes
 def surface_mesh(parts: Mapping[str, Sequence[Path]], spec: MeshSpec, report: Callable[[str], None]) -> MeshSource:
     """Mesh the body in closed surfaces (STL, PLY, OBJ, VTP) on this process, in metres.
 
-    Regions are ``parts``, by the files of their surfaces, and their surfaces. Errors are those of `image_mesh`.
+    Regions are ``parts``, by the files of their surfaces, and their surfaces. Errors are as in `image_mesh`.
     """
     assert spec.size is not None
     image, volumes, surface = fill(parts, spec.size, spec.metres)
@@ -242,7 +242,7 @@ def _crossing(points: Floats, facets: Ints, pairs: Ints) -> Floats:
 
 
 def _cells_outside(labels: Ints, places: Ints, reach: int) -> Bools:
-    """Cells (as those of ``labels``) beside the body in narrow gaps, and up to ``reach`` cells from ``places`` (n, 3).
+    """Cells (as in ``labels``) next to the body in narrow gaps, and up to ``reach`` cells from ``places`` (n, 3).
 
     There, they keep apart surfaces that face each other, and the surface from folding over: a cell between would be
     turned inside out.

@@ -98,11 +98,11 @@ def read_labels(
         name: np.array([np.isin(part, list(members)) for part in numbers]) for name, members in surrounding.items()
     }
     turn = frame_of(orientation)
-    told = f" in {orientation} (x, y, z to {', '.join(_ENDS[letter] for letter in orientation)})"
+    frame = f" in {orientation} (x, y, z to {', '.join(_ENDS[letter] for letter in orientation)})"
     origin, axes = turn @ grid.origin * unit, turn @ grid.axes
     # The file's numbers are kept only where a message may need them.
     kept = {"numbers": numbers} if masks else {}
-    return LabelImage(path, tuple(labels), voxels, grid.spacing * unit, origin, axes, told, masks, **kept)
+    return LabelImage(path, tuple(labels), voxels, grid.spacing * unit, origin, axes, frame, masks, **kept)
 
 
 def frame_of(orientation: str) -> Floats:
@@ -114,7 +114,7 @@ def frame_of(orientation: str) -> Floats:
 
 
 def labels_in(path: Path, unit: float) -> str:
-    """List all labels of an image; errors are those of `read_labels`."""
+    """List all labels of an image; errors as in `read_labels`."""
     return described(read_voxels(path), unit)
 
 
@@ -138,7 +138,7 @@ def described(grid: VoxelGrid, unit: float) -> str:
 def _numbered(
     path: Path, labels: Mapping[str, Sequence[int | str]], names: Mapping[str, int]
 ) -> dict[str, Sequence[int]]:
-    """The labels with numbers in place of names of segments."""
+    """The labels with numbers instead of names of segments."""
     for name in (name for members in labels.values() for name in members if isinstance(name, str)):
         if not names:
             raise MeshError(f"{path}: has numbers and no names as '{name}'", "Names are those of DICOM segmentations.")

@@ -27,15 +27,15 @@ def check_extent(path: Path, extent: Floats, size: float, *, fits: bool) -> None
         size: of cells (m).
         fits: whether there is memory for a box around the body.
     """
-    told = " x ".join(readable(float(length), "m") for length in extent)
+    extents = " x ".join(readable(float(length), "m") for length in extent)
     if extent.max() < size:
         raise MeshError(
-            f"{path}: the body of {told} is too small or thin for cells of {readable(size, 'm')}",
+            f"{path}: the body of {extents} is too small or thin for cells of {readable(size, 'm')}",
             "Make mesh.size smaller. Is mesh.unit right?",
         )
     if not fits:
         raise MeshError(
-            f"{path}: the body of {told} is too large for cells of {readable(size, 'm')}, of which"
+            f"{path}: the body of {extents} is too large for cells of {readable(size, 'm')}, of which"
             f" {np.prod(extent / size):.2g} are in a box around it",
             "Make mesh.size larger. Is mesh.unit right?",
         )
@@ -52,14 +52,14 @@ def check_thickness(image: LabelImage, report: Callable[[str], None]) -> None:
         # A label that is cut by the image's border goes on behind it.
         thick = ndimage.binary_opening(np.pad(mask, 1, mode="edge"), _BLOCK)[1:-1, 1:-1, 1:-1] & mask
         share = 1 - np.count_nonzero(thick) / np.count_nonzero(mask)
-        told = f"{share:.0%} of the label '{name}' is in walls of less than two voxels"
+        share_in_walls = f"{share:.0%} of the label '{name}' is in walls of less than two voxels"
         if share > _THIN:
             raise MeshError(
-                f"{image.path}: {told}, which have no thickness that could be meshed",
+                f"{image.path}: {share_in_walls}, which have no thickness that could be meshed",
                 "Use a finer image, or mesh the closed surface of a wall whose thickness you know.",
             )
         if share > _NOTED:
-            report(f"{told}, whose thickness is uncertain")
+            report(f"{share_in_walls}, whose thickness is uncertain")
 
 
 def remove_specks(image: LabelImage, size: float, report: Callable[[str], None]) -> LabelImage:
@@ -93,7 +93,7 @@ def represented_volumes(
         if count < 2:
             continue
         sizes = np.bincount(parts.ravel(), minlength=count + 1)
-        neighbourhood = ndimage.grey_dilation(parts, size=(3, 3, 3))  # cells may lie a voxel beside a part
+        neighbourhood = ndimage.grey_dilation(parts, size=(3, 3, 3))  # cells may lie a voxel away from a part
         places = np.rint(first + np.argwhere(cell_labels == label) * spacing / image.spacing).astype(int)
         places = np.clip(places, 0, np.array(image.voxels.shape) - 1)
         lost = np.ones(count + 1, dtype=bool)

@@ -1,7 +1,7 @@
-"""Where the surface of gmsh's current model is beside the facets of its mesh.
+"""Nearest points of gmsh's current model to the facets of its mesh.
 
 ``setOrder`` and ``getClosestPoint`` of gmsh search for the parameters of each point from scratch, which can take a
-millisecond. Here they are interpolated from those of the nodes, and corrected by the Gauss–Newton method.
+millisecond. Here they are interpolated from the nodes', and corrected by the Gauss–Newton method.
 """
 
 from typing import Any

@@ -15,7 +15,7 @@ import numpy as np
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.cells import FACET_KIND, degree_of, node_order
 from hpcinv.mesh.io.length_unit import store_unit
-from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, Place, data_arrays, distinct_tags
+from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, Place, data_arrays, distinct_tags, in_mask
 from hpcinv.parallel.signals import ended_by_signals, handlers_kept
 
 DIMENSION_NAMES = {0: "point", 1: "curve", 2: "surface", 3: "volume"}
@@ -90,7 +90,7 @@ def extract(gmsh: Any, path: Path) -> MeshSource:
     """Mesh of gmsh's current model: all cells, and the facets in physical groups.
 
     Raises:
-        MeshError: there are no solid cells of one supported kind, or an entity is in several physical groups.
+        MeshError: there are no solid cells of one supported kind.
     """
     mesh = gmsh.model.mesh
     tags, coordinates, _ = mesh.getNodes()
@@ -133,39 +133,33 @@ def _solid(gmsh: Any, path: Path) -> tuple[str, int]:
 
 def _elements(gmsh: Any, path: Path, dim: int, element: ElementType) -> tuple[Ints, Ints, list[Group]]:
     """Tags, node tags and groups of all cells (``dim`` 3) or of the facets in groups (2), sorted by tag."""
-    label_of = _labels(gmsh, path, dim)
-    tags, nodes, labels = [np.zeros(0, dtype=np.int64)], [np.zeros((0, element.size), dtype=np.int64)], []
+    groups_of = _groups_of_entities(gmsh, dim)
+    tags, nodes = [np.zeros(0, dtype=np.int64)], [np.zeros((0, element.size), dtype=np.int64)]
+    owners = [np.zeros(0, dtype=np.int64)]
     for _, entity in gmsh.model.getEntities(dim):
-        label = label_of.get(int(entity), 0)
-        if dim == 3 or label:
+        if dim == 3 or int(entity) in groups_of:
             element_tags, element_nodes = gmsh.model.mesh.getElementsByType(element.code, entity)
             tags.append(element_tags.astype(np.int64))
             nodes.append(element_nodes.astype(np.int64).reshape(-1, element.size)[:, element.order])
-            labels += [label] * len(element_tags)
+            owners.append(np.full(len(element_tags), int(entity)))
     tag = np.concatenate(tags)
     tag_order = np.argsort(tag, kind="stable")
-    label_by_tag = np.array(labels, dtype=np.int64)[tag_order]
-    groups = [
-        Group(_group_name(gmsh, dim, t), dim, int(t), np.flatnonzero(label_by_tag == t))
-        for _, t in gmsh.model.getPhysicalGroups(dim)
-    ]
+    owner = np.concatenate(owners)[tag_order]
+    groups = []
+    for _, number in gmsh.model.getPhysicalGroups(dim):
+        entities = [entity for entity, numbers in groups_of.items() if int(number) in numbers]
+        name = _group_name(gmsh, dim, number)
+        groups.append(Group(name, dim, int(number), np.flatnonzero(np.isin(owner, entities))))
     return tag[tag_order], np.concatenate(nodes)[tag_order], groups
 
 
-def _labels(gmsh: Any, path: Path, dim: int) -> dict[int, int]:
-    """Tag of the physical group of each entity; raises ``MeshError`` if an entity is in several."""
-    groups_of: dict[int, list[int]] = defaultdict(list)
+def _groups_of_entities(gmsh: Any, dim: int) -> dict[int, set[int]]:
+    """Tags of the physical groups of each entity that is in some."""
+    groups_of: dict[int, set[int]] = defaultdict(set)
     for _, group in gmsh.model.getPhysicalGroups(dim):
         for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, group):
-            groups_of[int(entity)].append(int(group))
-    several = sorted({tuple(tags) for tags in groups_of.values() if len(tags) > 1})
-    if several:
-        names = [" and ".join(f"'{_group_name(gmsh, dim, t)}'" for t in tags) for tags in several]
-        raise MeshError(
-            f"{path}: one {DIMENSION_NAMES[dim]} is in several physical groups: {'; '.join(names)}",
-            "Keep one group for it and define the other as a geometric region (regions: {name: 'x < 1 mm'}).",
-        )
-    return {entity: tags[0] for entity, tags in groups_of.items()}
+            groups_of[int(entity)].add(int(group))
+    return dict(groups_of)
 
 
 def _group_name(gmsh: Any, dim: int, tag: int) -> str:
@@ -234,21 +228,29 @@ def _add_mesh(gmsh: Any, source: MeshSource, points: Floats) -> None:
         (2, FACET_KIND[source.kind], facet_tags, source.facets),
     ):
         element = ElementType.query(gmsh, kind, source.degree)
-        grouped = np.zeros(len(nodes), dtype=bool)
-        groups = [g for g in source.groups if g.dim == dim]
-        for group in groups:
-            grouped[group.members] = True
-        for group in [*groups, Group("", dim, 0, np.flatnonzero(~grouped))]:
-            if not len(group.members):
-                continue
+        entities: dict[int, list[int]] = defaultdict(list)
+        for owners, members in _by_groups(source, dim):
             entity = model.addDiscreteEntity(dim)
+            for owner in owners:
+                entities[owner].append(entity)
             if not home:  # all nodes belong to one entity; elements of other entities refer to them by tag
                 home = entity
                 model.mesh.addNodes(dim, home, source.node_tags, points.ravel())
-            node_tags = source.node_tags[nodes[group.members][:, element.back]]
-            model.mesh.addElementsByType(entity, element.code, tags[group.members], node_tags.ravel())
-            if group.tag:
-                model.addPhysicalGroup(dim, [entity], group.tag, group.name)
+            node_tags = source.node_tags[nodes[members][:, element.back]]
+            model.mesh.addElementsByType(entity, element.code, tags[members], node_tags.ravel())
+        for owner, parts in sorted(entities.items()):
+            model.addPhysicalGroup(dim, parts, source.groups[owner].tag, source.groups[owner].name)
+
+
+def _by_groups(source: MeshSource, dim: int) -> Iterator[tuple[list[int], Ints]]:
+    """Parts of the cells (``dim`` 3) or facets (2) with the same groups: their indices, and the members; no group last.
+
+    gmsh has an entity for each part.
+    """
+    sets, place = np.unique(source.masks(dim), axis=0, return_inverse=True)
+    owners = [[i for i in range(len(source.groups)) if in_mask(row[None], i)[0]] for row in sets]
+    for part in sorted(range(len(sets)), key=lambda part: owners[part] or [len(source.groups)]):
+        yield owners[part], np.flatnonzero(place.ravel() == part)
 
 
 def read_views(gmsh: Any, source: MeshSource) -> dict[str, DataArray]:

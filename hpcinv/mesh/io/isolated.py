@@ -103,7 +103,7 @@ def _ending(code: int) -> str:
 def check_readable_by_gmsh(path: Path, called: Path) -> None:
     """Raise ``MeshError``, which names ``called``, for an MSH file on which gmsh crashes.
 
-    That takes as long as reading the file. So a record beside the kernels says which files gmsh has read.
+    That takes as long as reading the file. So a record next to the kernels says which files gmsh has read.
     """
     records, name = _records(), f"msh_{file_digest(called)}_{version('gmsh')}"
     if records is not None and records.read_record(name, records.DIRECTORY) is not None:

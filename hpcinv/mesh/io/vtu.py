@@ -14,7 +14,7 @@ from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.io.isolated import read_isolated
 from hpcinv.mesh.io.length_unit import FIELD, as_unit
 from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
-from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, data_arrays, distinct_tags
+from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, SurfaceCells, data_arrays, distinct_tags
 from hpcinv.parallel.runtime import MPI
 
 VTK_TYPES = {
@@ -74,9 +74,30 @@ def _source(path: Path, names: Mapping[int, str], arrays: Mapping[str, npt.NDArr
                     groups.append(Group(short, dim, int(values[members[0]]), members))
     node_tags = _tags(path, NODE_TAG, arrays.get(f"nodes:{NODE_TAG}"), len(points))
     cell_tags = _tags(path, CELL_TAG, arrays.get(f"cells:{CELL_TAG}"), len(types))[rows[3]]
-    facets, named = _named(facets, groups)
-    data, unit = data_arrays(_data(arrays, rows[3])), _unit(arrays)
-    return MeshSource(path, kind, degree, points, node_tags, cells, cell_tags, facets, named, data=data, unit=unit)
+    return MeshSource(
+        path,
+        kind,
+        degree,
+        points,
+        node_tags,
+        cells,
+        cell_tags,
+        *_named(facets, groups),
+        data=data_arrays(_data(arrays, rows[3])),
+        unit=_unit(arrays),
+        surface_cells=_surface_cells(facets, rows[2], arrays),
+    )
+
+
+def _surface_cells(facets: Ints, rows: Ints, arrays: Mapping[str, npt.NDArray[Any]]) -> SurfaceCells | None:
+    """Facets with their values of integer arrays; none if there are no such arrays."""
+    values = {
+        name: array[rows].astype(np.int64)
+        for place, _, name in (key.partition(":") for key in arrays)
+        if place == "cells" and name != CELL_TAG and not name.startswith((OF_VTK, REGION))
+        if (array := arrays[f"cells:{name}"]).ndim == 1 and array.dtype.kind in "iu" and len(rows)
+    }
+    return SurfaceCells(facets, values) if values else None
 
 
 def _read(path: Path) -> tuple[dict[int, str], dict[str, npt.NDArray[Any]]]:

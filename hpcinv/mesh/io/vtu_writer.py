@@ -14,6 +14,8 @@ from hpcinv.parallel.runtime import MPI
 
 _TYPES = {"float64": "Float64", "float32": "Float32", "int64": "Int64", "int32": "Int32", "uint8": "UInt8"}
 _TAG = 71
+_LAGRANGE = range(68, 75)
+"""VTK's numbers of cells of any degree"""
 _WHITE = str.maketrans({"\n": "&#10;", "\r": "&#13;", "\t": "&#9;"})
 
 
@@ -79,7 +81,9 @@ def write_vtu(
     sizes = [comm.allreduce(array.values.nbytes) for array in every]
     counts = comm.allreduce(len(grid.points)), comm.allreduce(len(widths))
     stream = _Stream(path, comm)
-    stream.write_text(_head(places, sizes, counts, numbers))
+    # meshio refuses versions above 1.0. Lagrange cells need 2.2, by which VTK numbers their nodes.
+    version = "2.2" if any(kind in _LAGRANGE for _, kind in grid.cells) else "1.0"
+    stream.write_text(_head(version, places, sizes, counts, numbers))
     for array, size in zip(every, sizes, strict=True):
         stream.write_array(array.values, size)
     stream.write_text("\n</AppendedData>\n</VTKFile>\n")
@@ -88,11 +92,15 @@ def write_vtu(
 
 
 def _head(
-    places: dict[str, Sequence[Array]], sizes: Sequence[int], counts: tuple[int, int], numbers: Mapping[str, float]
+    version: str,
+    places: dict[str, Sequence[Array]],
+    sizes: Sequence[int],
+    counts: tuple[int, int],
+    numbers: Mapping[str, float],
 ) -> str:
     lines = [
         '<?xml version="1.0"?>',
-        '<VTKFile type="UnstructuredGrid" version="2.2" byte_order="LittleEndian" header_type="UInt64">',
+        f'<VTKFile type="UnstructuredGrid" version="{version}" byte_order="LittleEndian" header_type="UInt64">',
         "<UnstructuredGrid><FieldData>",
     ]
     lines += [

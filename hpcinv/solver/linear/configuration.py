@@ -12,7 +12,7 @@ from hpcinv.solver.petsc_options import OptionValue
 
 
 class LinearConfiguration(ABC):
-    """A linear solver for the tangent: PETSc options, and settings that are no options.
+    """A linear solver for the tangent: PETSc options, and settings that are not options.
 
     Attributes:
         name: value of ``solver.linear``.

@@ -1,7 +1,7 @@
 """Convergence tests of Krylov solutions that serve as corrections: by the change of the solution, not by the residual.
 
 A correction needs no more digits than Newton's method gains, and on a chunky body two of them take few iterations. The
-residual is no measure of them: on a slender body it is small long before the soft motions are right, to which it is
+residual does not measure them: on a slender body it is small long before the soft motions are right, to which it is
 insensitive. The solution is therefore compared with an earlier one whenever the residual has fallen by a certain
 factor. If its error halves from one comparison to the next, the remaining error is less than the last change.
 
@@ -17,7 +17,7 @@ from petsc4py import PETSc
 
 from hpcinv.parallel.petsc_vectors import norm
 
-_PRECISE = 1e-10  # relative residual, or error, of solutions that are no corrections
+_PRECISE = 1e-10  # relative residual, or error, of solutions that are not corrections
 _EXACT = 1e-15  # relative residual of rounding errors
 
 
@@ -88,7 +88,7 @@ class Refinement(Settling):
     Attributes:
         error: relative error, and relative residual, at which a correction has converged; ten times that if rough.
         patience: number of iterations that is worth a factorization.
-        is_kept: whether the factors are those of an earlier matrix.
+        is_kept: whether the factors are an earlier matrix's.
         gave_up: whether the last solution ended because new factors would have been cheaper.
     """
 

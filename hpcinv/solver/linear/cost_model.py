@@ -143,7 +143,7 @@ class Forecast:
 
     def multigrid_time(self, tangents: int, iterations: float) -> float:
         """Return the time (s) of a number of multigrid set-ups and of Krylov iterations."""
-        return (tangents * 2.5e-5 + iterations * 5e-7) * self.unknowns * self.degree**2 / 4
+        return (tangents * 7e-6 + iterations * 6e-7 * self.degree**2 / 4) * self.unknowns
 
     @property
     def krylov(self) -> float:

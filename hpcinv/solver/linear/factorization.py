@@ -1,7 +1,7 @@
 """Factorization by MUMPS: L D Lᵀ of a symmetric tangent, L U of others.
 
 Forward tangents of loads with a potential are symmetric, tangents of inverse problems mostly are not. Each is tested by
-two products with a random vector, whose cost is negligible beside a factorization.
+two products with a random vector, whose cost is negligible against a factorization.
 """
 
 import math
@@ -36,7 +36,7 @@ class Direct(LinearConfiguration):
     """Configuration of the direct solver, MUMPS.
 
     Args:
-        unknowns: those of the tangent, whose nodes are ordered; without them the unknowns themselves are.
+        unknowns: the tangent's, whose nodes are ordered; without them the unknowns themselves are.
         symmetric: whether to factorize symmetric tangents by L D Lᵀ; else L U is used for all.
         minimum_fill: whether to order by approximate minimum fill; else MUMPS chooses METIS.
     """

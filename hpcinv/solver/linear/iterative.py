@@ -26,13 +26,13 @@ import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.model.rigid_motions import Frame
 from hpcinv.model.scene import Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
-from hpcinv.parallel.petsc_vectors import dot, norm
-from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.linear.block_triangular import BlockTriangular
 from hpcinv.solver.linear.configuration import LinearConfiguration
 from hpcinv.solver.linear.convergence_test import Settling
+from hpcinv.solver.linear.degree_levels import COARSE, DegreeLevels
+from hpcinv.solver.linear.near_null_space import near_null_space
 from hpcinv.solver.petsc_options import OptionValue
 
 _KRYLOV: Mapping[str, OptionValue] = {
@@ -40,28 +40,10 @@ _KRYLOV: Mapping[str, OptionValue] = {
     "ksp_gmres_restart": 200,  # slender bodies stagnate with less; chunky ones need fewer iterations
     "ksp_max_it": 400,
 }
-_MULTIGRID: Mapping[str, OptionValue] = {
-    "pc_type": "gamg",
-    "pc_gamg_threshold": 0.01,
-    "mg_levels_ksp_type": "chebyshev",
-    "mg_levels_ksp_max_it": 2,
-    "mg_levels_pc_type": "pbjacobi",  # the 3 × 3 blocks of the nodes
-}
-_SCHUR: Mapping[str, OptionValue] = {
-    "pc_type": "fieldsplit",
-    "pc_fieldsplit_type": "schur",
-    "pc_fieldsplit_schur_fact_type": "upper",
-    "pc_fieldsplit_schur_precondition": "user",
-    "fieldsplit_u_ksp_type": "preonly",
-    "fieldsplit_p_ksp_type": "preonly",
-    "fieldsplit_p_pc_type": "jacobi",
-}
+_PRESSURES: Mapping[str, OptionValue] = {"pc_type": "python"}
+_DISPLACEMENTS = "fieldsplit_u_"  # prefix of their options where there are pressures, as PETSc names such blocks
 
 _RESIDUAL = 1e-5  # relative residual at which any correction has converged
-
-# Smallest share of a motion that is orthogonal to the others: motions that are nearly the same in each aggregate make
-# blocks of coarse levels singular.
-_INDEPENDENT = 0.05
 
 
 class Iterative(LinearConfiguration):
@@ -81,43 +63,50 @@ class Iterative(LinearConfiguration):
         self._scene, self._unknowns = scene, scene.unknowns
         self._mass: PETSc.Mat | None = None
         self._copy: PETSc.Mat | None = None
-        self._blocks: tuple[PETSc.IS, PETSc.IS] | None = None
+        self._levels = DegreeLevels(scene) if self._unknowns.scalar_elements[0].degree > 1 else None
 
     @property
     def options(self) -> Mapping[str, OptionValue]:
+        multigrid = COARSE if self._levels is None else self._levels.options
         if self._unknowns.p is None:
-            return {**_KRYLOV, **_MULTIGRID}
-        return {**_KRYLOV, **_SCHUR, **{f"fieldsplit_u_{name}": value for name, value in _MULTIGRID.items()}}
+            return {**_KRYLOV, **multigrid}
+        return {**_KRYLOV, **_PRESSURES, **{_DISPLACEMENTS + name: value for name, value in multigrid.items()}}
 
     def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         pc = ksp.pc
         # Aggregates by the motions of an earlier state are poor after rotations, so they are computed again.
         pc.reset()
         pc.setType(PETSc.PC.Type.NONE)
+        no_error: Any = PETSc.PC.FailedReason.NOERROR  # an int, whatever its stub says
+        pc.setFailedReason(no_error)  # a failure of the direct solver stays otherwise
         ksp.setOperators(matrix)
         ksp.setTolerances(rtol=_RESIDUAL)
         ksp.setFromOptions()
         if not PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_rtol"):  # set by the job, which has priority
             ksp.setConvergenceTest(self.test)
-        if pc.getType() == PETSc.PC.Type.GAMG:
+        if pc.getType() == PETSc.PC.Type.PYTHON:
+            pc.setPythonContext(
+                BlockTriangular(
+                    matrix,
+                    self._unknowns.owned_pressure_dofs,
+                    -self.pressure_scale(),
+                    cast(DegreeLevels, self._levels).set_up,
+                    f"{ksp.getOptionsPrefix()}{_DISPLACEMENTS}",
+                )
+            )
+        elif pc.getType() == PETSc.PC.Type.MG and self._levels is not None:
+            self._levels.set_up(pc, matrix, matrix)
+        elif pc.getType() == PETSc.PC.Type.GAMG:
             matrix.setNearNullSpace(self._rigid_motions())
             ksp.setUp()
             self._update_smoother_blocks(pc, matrix)
-        elif pc.getType() == PETSc.PC.Type.FIELDSPLIT:
-            self._blocks = self._blocks or self._index_sets(matrix)
-            # PETSc passes it on to the block that it extracts from the matrix.
-            self._blocks[0].compose("nearnullspace", self._rigid_motions())
-            pc.setFieldSplitIS(*zip(("u", "p"), self._blocks, strict=True))
-            user: Any = PETSc.PC.FieldSplitSchurPreType.USER  # whatever its stub says
-            pc.setFieldSplitSchurPreType(user, self._scaled_mass())
 
     def _update_smoother_blocks(self, pc: PETSc.PC, matrix: PETSc.Mat) -> None:
         """Set the finest smoother to a copy of the matrix, so that it inverts the present blocks of the nodes.
 
         PETSc keeps inverted blocks with a matrix, also when that is assembled again in the same pattern
         (MatInvertBlockDiagonal of AIJ matrices, 3.25). With blocks of the first tangent, later ones took up to 20 times
-        as many iterations, or did not converge. The displacement block of the mixed form is extracted from each
-        tangent, and coarse levels are computed again.
+        as many iterations, or did not converge.
         """
         if self._copy is not None:
             self._copy.destroy()
@@ -126,58 +115,24 @@ class Iterative(LinearConfiguration):
         smoother.reset()
         smoother.setOperators(self._copy)
 
-    def _index_sets(self, matrix: PETSc.Mat) -> tuple[PETSc.IS, PETSc.IS]:
-        begin = matrix.getOwnershipRange()[0]
-        parts: list[Any] = [self._unknowns.owned_displacement_dofs + begin, self._unknowns.owned_pressure_dofs + begin]
-        u, p = (PETSc.IS().createGeneral(dofs, comm=matrix.comm) for dofs in parts)
-        u.setBlockSize(3)
-        return u, p
-
     def _rigid_motions(self) -> PETSc.NullSpace:
-        """Return translations, and small rotations of the unknown body and, where they differ, of the mesh."""
-        mesh = self._unknowns.owned_displacement_points()
         u = self._unknowns.state.x.array[self._unknowns.owned_displacement_dofs].reshape(-1, 3)
-        kinematics, frame, comm = self._scene.kinematics, Frame(np.zeros(3), 1.0), self._unknowns.mesh.comm
-        motions = frame.motions(mesh + kinematics.sign * u)
-        if kinematics.direction == "inverse" and comm.allreduce(bool(u.any()), op=MPI.LOR):
-            motions = np.concatenate([motions, frame.motions(mesh)[:, :, 3:]], axis=2)
-        return PETSc.NullSpace().create(vectors=_orthonormal(motions.reshape(-1, motions.shape[2]), comm), comm=comm)
-
-    def _scaled_mass(self) -> PETSc.Mat:
-        if self._mass is None:
-            self._form = fem.form(
-                -1 * self._scene.pressure_mass(self._unknowns.pressure_space), jit_options=JIT_OPTIONS
-            )
-            self._mass = fem_petsc.create_matrix(self._form)
-        self._mass.zeroEntries()
-        fem_petsc.assemble_matrix(self._mass, self._form)
-        self._mass.assemble()
-        return self._mass
+        return near_null_space(self._scene, self._unknowns.owned_displacement_points(), u)
 
     def pressure_scale(self) -> npt.NDArray[np.float64]:
         """Return the diagonal of the scaled mass matrix at the owned pressures; collective."""
         if self._unknowns.p is None:
             return np.zeros(0)
-        return -np.array(self._scaled_mass().getDiagonal().array)
+        if self._mass is None:
+            self._form = fem.form(self._scene.pressure_mass(self._unknowns.pressure_space), jit_options=JIT_OPTIONS)
+            self._mass = fem_petsc.create_matrix(self._form)
+        self._mass.zeroEntries()
+        fem_petsc.assemble_matrix(self._mass, self._form)
+        self._mass.assemble()
+        return np.array(self._mass.getDiagonal().array)
 
     def destroy(self) -> None:
         super().destroy()
-        for part in (self._mass, self._copy, *(self._blocks or ())):
+        for part in (self._mass, self._copy):
             if part is not None:
                 part.destroy()
-
-
-def _orthonormal(columns: npt.NDArray[np.float64], comm: MPI.Intracomm) -> list[PETSc.Vec]:
-    """Return orthonormal vectors with the span of the columns, without nearly dependent ones."""
-    basis: list[PETSc.Vec] = []
-    for column in columns.T:
-        vector = PETSc.Vec().createMPI((len(column), None), bsize=3, comm=cast(PETSc.Comm, comm))
-        vector.array[:] = column
-        length = norm(vector)
-        for _ in range(2):  # the second pass removes rounding errors of the first
-            for other in basis:
-                vector.axpy(-dot(vector, other), other)
-        if norm(vector) > _INDEPENDENT * length:
-            vector.normalize()
-            basis.append(vector)
-    return basis

@@ -4,7 +4,7 @@ Rounding the factors to single precision halves their memory, and nearly the tim
 factors of large bodies take less of both (Amestoy et al., ACM Trans. Math. Softw. 45, 2, 2019, doi:10.1145/3242094).
 FGMRES restores what that loses (Carson & Higham, SIAM J. Sci. Comput. 40, A817–A847, 2018, doi:10.1137/17M1140819).
 
-It also restores what the lower triangle of a tangent has beside the upper one, from which L D Lᵀ is made, if that is
+It also restores what the lower triangle of a tangent adds to the upper one, from which L D Lᵀ is made, if that is
 little: inverse tangents are nearly symmetric as long as displacements are small, and forward ones under pressure. These
 factors take half of the memory of L U, and the certificate can take them.
 
@@ -85,7 +85,7 @@ class Refined(Direct):
         self.test.is_kept = False
 
     def keep(self, ksp: PETSc.KSP) -> bool:
-        # Without the test, nothing tells when kept factors take too many iterations.
+        # Without the test, nothing shows when kept factors take too many iterations.
         if not is_mumps(ksp.pc) or self._has_own_tolerance:
             return False
         if not self.test.is_kept:

@@ -93,13 +93,13 @@ class Chooser:
 
     @property
     def can_keep_multigrid(self) -> bool:
-        """True if there is memory for a hierarchy that waits, beside another one and the fields of finer spaces."""
+        """True if there is memory for a waiting hierarchy, another one, and the fields of finer spaces."""
         return _KEPT * self.forecast.multigrid <= self.room
 
     def analyse(self, solver: Solver, matrix: Callable[[], PETSc.Mat], unknowns: Unknowns) -> None:
         """Count operations by a symbolic analysis where the extents of the body do not decide; collective.
 
-        They are those of a block, and a body of branches or with holes has smaller separators.
+        They are a block's, and a body of branches or with holes has smaller separators.
         """
         if solver.linear != "auto" or self._own(solver) or not self.can_factorize or self._is_analysed:
             return

@@ -1,4 +1,4 @@
-"""Ordering of the nodes of a tangent in place of its unknowns."""
+"""Ordering of the nodes of a tangent instead of its unknowns."""
 
 from __future__ import annotations
 

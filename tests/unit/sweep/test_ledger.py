@@ -239,8 +239,8 @@ def test_further_entries_of_a_newer_version_are_ignored(ledger: Ledger, store: P
     ("content", "what"),
     [
         (b'{"status": "converged"}', "it has no 'advice', 'statistics', 'seconds', 'attempts'"),
-        (b"[]", "it is no mapping"),
-        (b"{", "it is no JSON"),
+        (b"[]", "it is not a mapping"),
+        (b"{", "it is not JSON"),
     ],
 )
 def test_a_whole_record_that_cannot_be_read_is_of_another_version_and_is_kept(

@@ -1,0 +1,28 @@
+"""Input files of Abaqus and CalculiX: node sets, element sets and surfaces are regions."""
+
+import re
+from pathlib import Path
+
+from hpcinv.formats.mesh_format import Groups, MeshFormat
+
+_NAMED = re.compile(
+    r"^\s*\*\s*(?:NODE|ELEMENT|NSET|ELSET|SURFACE)\b[^\n]*?\b(?:NSET|ELSET|NAME)\s*=\s*\"?([^,\"\n]+)", re.I | re.M
+)
+_SEVERAL = re.compile(r"^\s*\*\s*INSTANCE\b", re.I | re.M)
+_LARGEST = 200 * 2**20
+"""bytes of a file that is searched for names; raised, ``validate`` may take seconds"""
+
+
+class Inp(MeshFormat):
+    suffix = ".inp"
+    reader = "hpcinv.mesh.io.inp:read_inp"
+    saver = "hpcinv.mesh.io.inp:save_inp"
+
+    def groups(self, path: Path) -> Groups | None:
+        """Groups by the names of sets and surfaces; unknown in an assembly, whose sets belong to instances."""
+        if path.stat().st_size > _LARGEST:
+            return None
+        text = path.read_text(encoding="latin-1")
+        if _SEVERAL.search(text):
+            return None
+        return Groups(frozenset(name.strip() for name in _NAMED.findall(text)))

@@ -1,0 +1,39 @@
+"""Groups of facets of a mesh: each facet once, whatever the number of its groups, and further groups."""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from hpcinv.mesh.cells import FACET_KIND, scalar_element, vertex_count
+from hpcinv.mesh.source import Group, Ints, MeshSource, distinct_tags
+from hpcinv.mesh.topology import unique_rows
+
+
+def join_facets(source: MeshSource) -> MeshSource:
+    """Return the mesh with each facet once, in all groups that have it; files may list it for each of them."""
+    corners = np.sort(source.facets[:, : vertex_count(FACET_KIND[source.kind])], axis=1)
+    distinct, place = unique_rows(corners)
+    if len(distinct) == len(corners):
+        return source
+    first = np.full(len(distinct), len(corners))
+    np.minimum.at(first, place, np.arange(len(corners)))
+    kept = np.sort(first)
+    row = np.searchsorted(kept, first)[place]
+    groups = (dataclasses.replace(g, members=np.unique(row[g.members])) if g.dim == 2 else g for g in source.groups)
+    return dataclasses.replace(source, facets=source.facets[kept], groups=tuple(groups))
+
+
+def add_facets(source: MeshSource, sides: Mapping[str, Ints]) -> MeshSource:
+    """Return the mesh with further groups of facets.
+
+    Args:
+        sides: by the name of a group: rows (n, 2) of a cell and the local number of a facet of it, as DOLFINx counts.
+    """
+    groups, facets, count = list(source.groups), [source.facets], len(source.facets)
+    nodes = np.array(scalar_element(source.kind, source.degree).entity_closure_dofs[2], dtype=np.int64)
+    for name, rows in sides.items():
+        facets.append(source.cells[rows[:, 0, None], nodes[rows[:, 1]]])
+        groups.append(Group(name, 2, 0, np.arange(count, count + len(rows))))
+        count += len(rows)
+    return join_facets(dataclasses.replace(source, facets=np.concatenate(facets), groups=distinct_tags(groups)))

@@ -1,0 +1,179 @@
+"""Cavities of a job on a body, and the equations of those whose pressure is unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from hpcinv.errors import naming_field
+from hpcinv.job.cavities import Cavity
+from hpcinv.job.job import Job
+from hpcinv.mesh import Body
+from hpcinv.mesh.cells import scalar_element
+from hpcinv.mesh.enclosed_volume import EnclosedVolume
+from hpcinv.mesh.source import Floats
+from hpcinv.model.scene import Scene
+from hpcinv.quantity.nondimensional import Scales
+
+_UNEVEN = 0.1
+"""Height of a rim over its plane, relative to √area, that is warned of; a larger one passes rims of symmetric parts."""
+
+
+@dataclass(frozen=True)
+class CavityReport:
+    """A cavity whose pressure was unknown, in a solution. All in SI.
+
+    Attributes:
+        pressure: that the solve found.
+        volume: in the loaded body; unloaded_volume: in the unloaded body.
+        residual: of its equation, relative to the volume of the body of the mesh.
+    """
+
+    name: str
+    pressure: float
+    volume: float
+    unloaded_volume: float
+    residual: float
+
+    def as_data(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def enclosed_volume(job: Job, body: Body, name: str) -> EnclosedVolume:
+    """Return a cavity of a job on a body, made once; collective.
+
+    Raises:
+        MeshError: on all ranks, if its regions do not enclose a cavity.
+    """
+    cavity = job.cavities[name]
+    key = f"cavity {cavity.regions!r} {cavity.apex!r}"
+    if key not in body.computed:
+        with naming_field(f"cavities.{name}"):
+            body.computed[key] = EnclosedVolume(body, list(cavity.regions), cavity.apex)
+    enclosed: EnclosedVolume = body.computed[key]
+    return enclosed
+
+
+def check_cavities(job: Job, body: Body) -> list[str]:
+    """Check that the regions of all cavities of a job enclose cavities; return warnings; collective.
+
+    Raises:
+        MeshError: on all ranks, if they do not.
+    """
+    warnings = []
+    for name, cavity in job.cavities.items():
+        enclosed = enclosed_volume(job, body, name)
+        if cavity.apex is None and enclosed.unevenness(body.given_nodes) > _UNEVEN:
+            warnings.append(
+                f"cavities.{name}: the rim of an opening is far from a plane, and its lid is a cone:"
+                " a part of a symmetric body needs 'lid: {apex: [x, y, z]}'"
+            )
+    return warnings
+
+
+class CavityEquation:
+    """The equation ``C(x, q, λ) = 0`` of one cavity for its unknown pressure ``q``, in scaled quantities.
+
+    With volumes V₀ of the unloaded and V of the loaded body, and V_m of the body of the mesh, which is one of them,
+
+        C = V - V_m - λ (given - V_m),   or the same of V₀ in inverse problems,
+        C = (q + a) V / a - (1 + λ (n - 1)) V₀ of a gas at the ambient pressure a, whose amount grows n-fold.
+
+    Args:
+        target_volume: volume (m³) of the unknown body, if the cavity has a given volume.
+    """
+
+    def __init__(
+        self, name: str, job: Job, body: Body, scene: Scene, scales: Scales, target_volume: float | None
+    ) -> None:
+        self.name, self._body, self._scene, self._scales = name, body, scene, scales
+        self._cavity: Cavity = job.cavities[name]
+        self._enclosed = enclosed_volume(job, body, name)
+        self._mesh_volume = self._enclosed.volume(body.nodes)
+        self._target_volume = None if target_volume is None else target_volume / scales.length**3
+        first = len(job.laws)
+        self._places = [first + i for i in job.cavity_effects(name)]
+        self.pressure = 0.0
+
+    def set_pressure(self, pressure: float, load: float) -> None:
+        """Set the unknown pressure (scaled) in the scene, whose forces are in proportion to the load factor."""
+        self.pressure = pressure
+        for place in self._places:
+            self._scene.parameters.set_number(place, "pressure", pressure / load)
+
+    def volume(self) -> float:
+        """Return the volume (m³) in the unknown body at the present state; collective."""
+        return self._enclosed.volume(self._nodes())
+
+    def report(self, load: float) -> CavityReport:
+        """Return the report of the present state; collective."""
+        unloaded, loaded = self._scene.kinematics.reference_and_current(self._mesh_volume, self.volume())
+        value, *_ = self.evaluate(load)
+        return CavityReport(
+            self.name,
+            self.pressure * self._scales.stress,
+            loaded,
+            unloaded,
+            abs(value) * self._scales.length**3 / self._mesh_volume,
+        )
+
+    def evaluate(self, load: float) -> tuple[float, float, float]:
+        """Return C and its derivatives by the volume of the unknown body and by the pressure; collective."""
+        kin, unit = self._scene.kinematics, self._scales.length**3
+        mesh_volume, other = self._mesh_volume / unit, self.volume() / unit
+        if self._target_volume is not None:
+            return other - mesh_volume - load * (self._target_volume - mesh_volume), 1.0, 0.0
+        gas = self._cavity.gas
+        assert gas is not None
+        ambient, amount = gas.ambient / self._scales.stress, 1 + load * (gas.amount - 1)
+        unloaded, loaded = kin.reference_and_current(mesh_volume, other)
+        ratio = (self.pressure + ambient) / ambient
+        return ratio * loaded - amount * unloaded, kin.unknown_body_value(-amount, ratio), loaded / ambient
+
+    def slope(self, b: PETSc.Vec) -> None:
+        """Set ``b`` to the derivative of the unknown body's volume by the state; collective."""
+        unknowns, body = self._scene.unknowns, self._body
+        element = unknowns.displacement_space.element.basix_element
+        points = scalar_element(body.source.kind, body.degree).points
+        values = element.tabulate(0, points)[0, :, :, 0]  # of the displacement's functions at the nodes of the geometry
+        dofs = unknowns.dofs_of_cells()[0]
+        factor = self._scene.kinematics.sign / self._scales.length**2
+        with b.localForm() as local:
+            local.set(0.0)
+            array = local.array
+            for cells, slopes in self._enclosed.gradient(self._nodes()):
+                np.add.at(array, dofs[cells], factor * np.einsum("nj,cni->cji", values, slopes))
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+
+    def _nodes(self) -> Floats:
+        """Return the local geometry nodes of the unknown body (m)."""
+        unknowns = self._scene.unknowns
+        moved = self._scene.kinematics.sign * unknowns.geometry_values(unknowns.displacement())
+        return np.asarray(self._body.nodes + self._scales.length * moved)
+
+
+def cavity_equations(job: Job, body: Body, scene: Scene, scales: Scales) -> list[CavityEquation]:
+    """Return the equations of the cavities of unknown pressure on the mesh as it lies; collective.
+
+    In the second direction of a round trip, the volume of the unknown body is the one in the given body.
+    """
+    return list(_equations(job, body, scene, scales))
+
+
+def _equations(job: Job, body: Body, scene: Scene, scales: Scales) -> Iterator[CavityEquation]:
+    for name, cavity in job.controlled_cavities.items():
+        target_volume = None
+        if cavity.gas is None:
+            target_volume = scene.kinematics.unknown_body_value(cavity.unloaded_volume, cavity.volume)
+            if target_volume is None:
+                target_volume = enclosed_volume(job, body, name).volume(body.given_nodes)
+        yield CavityEquation(name, job, body, scene, scales, target_volume)
+
+
+def reports_of(equations: Sequence[CavityEquation], load: float) -> tuple[CavityReport, ...]:
+    """Return the reports of all cavities of unknown pressure; collective."""
+    return tuple(equation.report(load) for equation in equations)

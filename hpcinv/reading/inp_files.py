@@ -1,0 +1,326 @@
+"""Input files of Abaqus and CalculiX (``.inp``): nodes, solid elements, sets and surfaces by element faces.
+
+Numbers of nodes and elements are unique within a part. A part that has several instances is read once for each.
+Sources: *Abaqus Keywords Guide*; Dhondt, *CalculiX CrunchiX User's Manual*, "Element types".
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.reading.fault import Fault, shown
+
+FACES = {
+    4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
+    8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
+}
+"""vertices of the faces S1, S2, … of an element, by its number of vertices"""
+_SOLID = re.compile(r"C3D(4|10|8|20|27)[A-Z]*")
+_FLAT = re.compile(r"(?:CPS|CPE|CAX|S|STRI|M3D|SFM3D|R3D|DS|T3D|B3|C1D)\w*", re.ASCII)
+_FACE = re.compile(r"S([1-6])", re.IGNORECASE)
+_MOST_GENERATED = 10_000_000  # members of a generated set; more are a damaged line
+
+
+@dataclass
+class _Part:
+    """Nodes, elements and sets of a part, or of a file without parts; sets by their names in lower case."""
+
+    nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    elements: dict[int, list[int]] = field(default_factory=dict)
+    others: set[int] = field(default_factory=set)  # elements that are not solids
+    names: dict[tuple[str, str], str] = field(default_factory=dict)
+    sets: dict[tuple[str, str], list[tuple[str, str]]] = field(default_factory=dict)
+
+    def members(self, kind: str, name: str) -> list[tuple[str, str]]:
+        key = kind, name.lower()
+        self.names.setdefault(key, name)
+        return self.sets.setdefault(key, [])
+
+
+@dataclass
+class _Card:
+    line: int
+    keyword: str
+    options: Mapping[str, str]
+    rows: list[tuple[int, list[str]]]
+
+
+def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the number of nodes of an element, and arrays: nodes, elements and sets.
+
+    Arrays are ``points`` (n, 3), ``node_tags`` (n,), ``cells`` (m, k) in the order of the file, ``cell_tags`` (m,),
+    ``cells:NAME`` and ``nodes:NAME`` (rows of the members of a set), ``faces:NAME`` (cell, number of the face from 0).
+    """
+    parts, instances, ignored = _parts(path)
+    placed = [_placed(parts, instance) for instance in instances] or [(parts[""], np.zeros(3), "")]
+    points: list[Any] = []
+    tags: list[int] = []
+    cells: list[list[int]] = []
+    cell_tags: list[int] = []
+    sets: dict[str, list[Any]] = {}
+    for part, shift, name in placed:
+        if not part.elements:
+            raise Fault(
+                "has no solid elements", "Elements are C3D4, C3D10, C3D8, C3D20 and C3D27, also with H, R, I or M."
+            )
+        node_row = {tag: len(points) + i for i, tag in enumerate(part.nodes)}
+        cell_row = {tag: len(cells) + i for i, tag in enumerate(part.elements)}
+        points += [np.add(position, shift) for position in part.nodes.values()]
+        tags += part.nodes
+        cell_tags += part.elements
+        for tag, nodes in part.elements.items():
+            if missing := [node for node in nodes if node not in node_row]:
+                raise Fault(f"element {tag} has node {missing[0]}, which is not defined")
+            cells.append([node_row[node] for node in nodes])
+        prefix = f"{name}." if len(placed) > 1 else ""
+        for (kind, key), spelled in part.names.items():
+            rows = _rows(part, kind, key, node_row, cell_row, cells)
+            if len(rows):
+                sets.setdefault(f"{kind}:{prefix}{spelled}", []).extend(rows)
+    sizes = {len(cell) for cell in cells}
+    if len(sizes) > 1:
+        raise Fault(f"has elements of {' and '.join(map(str, sorted(sizes)))} nodes", "Use one kind of elements.")
+    if len(placed) > 1:  # numbers of several instances repeat
+        tags, cell_tags = list(range(1, len(tags) + 1)), list(range(1, len(cell_tags) + 1))
+    arrays: dict[str, Any] = {
+        "points": np.array(points),
+        "node_tags": np.array(tags, dtype=np.int64),
+        "cells": np.array(cells, dtype=np.int64),
+        "cell_tags": np.array(cell_tags, dtype=np.int64),
+    }
+    for name, rows in sets.items():
+        arrays[name] = np.unique(np.array(rows, dtype=np.int64), axis=0)
+    return {"ignored": sorted(ignored)}, arrays
+
+
+def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
+    """Return parts by lower-case name (``""``: outside of parts), instances, and keywords that are not used."""
+    parts: dict[str, _Part] = {"": _Part()}
+    current, instances, ignored = parts[""], list[_Card](), set[str]()
+    in_instance = False
+    for card in _cards(path):
+        options = card.options
+        match card.keyword:
+            case "PART":
+                current = parts.setdefault(_needed(card, "NAME").lower(), _Part())
+            case "END PART":
+                current = parts[""]
+            case "INSTANCE":
+                instances.append(card)
+                in_instance = True
+            case "END INSTANCE":
+                in_instance = False
+            case "NODE" if not in_instance:
+                _read_nodes(current, card)
+            case "ELEMENT" if not in_instance:
+                _read_elements(current, card)
+            case "NSET" | "ELSET":
+                kind, owner = ("nodes" if card.keyword == "NSET" else "cells"), current
+                if instance := options.get("INSTANCE"):
+                    owner = _part_of(parts, instances, instance, card)
+                _read_set(owner, kind, _needed(card, card.keyword), card)
+            case "SURFACE" if options.get("TYPE", "ELEMENT").upper() == "ELEMENT":
+                members = current.members("faces", _needed(card, "NAME"))
+                members += [(row[0], row[1] if len(row) > 1 else "") for _, row in card.rows if row[0]]
+            case "SURFACE" if options.get("TYPE", "").upper() == "NODE":
+                members = current.members("nodes", _needed(card, "NAME"))
+                members += [(row[0], "") for _, row in card.rows if row[0]]
+            case "INCLUDE":
+                raise Fault(
+                    f"line {card.line}: includes another file", "Put its lines in their place: one file is read."
+                )
+            case "SYSTEM" | "NGEN" | "NFILL" | "ELGEN" | "NCOPY" | "ELCOPY":
+                text = f"line {card.line}: *{card.keyword} is not read"
+                raise Fault(text, "Save the mesh with all its nodes and elements in global coordinates.")
+            case "HEADING" | "ASSEMBLY" | "END ASSEMBLY":
+                pass
+            case _:
+                ignored.add(card.keyword)
+    outside = parts[""]
+    if instances and (outside.nodes or outside.elements):
+        raise Fault("has nodes outside of its parts", "Save one part, or the assembly with its parts.")
+    if instances and outside.names:  # sets of the assembly without a named instance
+        if len(instances) > 1:
+            outside.names.clear()
+        else:
+            owner = _part_of(parts, instances, instances[0].options.get("NAME", ""), instances[0])
+            for key, spelled in outside.names.items():
+                owner.names.setdefault(key, spelled)
+                owner.sets.setdefault(key, []).extend(outside.sets[key])
+    if not instances and len(parts) == 2:
+        parts[""] = next(part for name, part in parts.items() if name)
+    elif not instances and len(parts) > 2:
+        raise Fault(f"has {len(parts) - 1} parts and no assembly", "Save one part, or the assembly with its instances.")
+    return parts, instances, ignored
+
+
+def _part_of(parts: Mapping[str, _Part], instances: list[_Card], name: str, card: _Card) -> _Part:
+    for instance in instances:
+        if instance.options.get("NAME", "").lower() == name.lower():
+            part = parts.get(_needed(instance, "PART").lower())
+            if part is not None:
+                return part
+    raise Fault(f"line {card.line}: there is no instance '{shown(name)}'")
+
+
+def _placed(parts: Mapping[str, _Part], card: _Card) -> tuple[_Part, Any, str]:
+    """Return part, translation and name of an instance."""
+    name = _needed(card, "PART")
+    part = parts.get(name.lower())
+    if part is None:
+        raise Fault(f"line {card.line}: there is no part '{shown(name)}'")
+    rows = [_numbers(row, line) for line, row in card.rows]
+    if len(rows) > 1:
+        raise Fault(f"line {card.line}: the instance is rotated", "Save the mesh in global coordinates.")
+    shift = np.zeros(3)
+    if rows:
+        shift[: len(rows[0][:3])] = rows[0][:3]
+    return part, shift, card.options.get("NAME", name)
+
+
+def _cards(path: Path) -> Iterator[_Card]:
+    """Yield the keywords with their lines of data."""
+    card: _Card | None = None
+    with path.open(encoding="latin-1") as file:
+        number, pending = 0, ""
+        for number, text in enumerate(file, 1):
+            line = text.strip()
+            if not line or line.startswith("**"):
+                continue
+            if line.startswith("*") or pending:
+                line = pending + line
+                pending = line if line.endswith(",") and not pending.endswith(line) else ""
+                if pending:
+                    continue
+                if card is not None:
+                    yield card
+                card = _keyword(line, number)
+            elif card is None:
+                raise Fault(f"line {number} is not a keyword", "Input files begin with a keyword such as *NODE.")
+            else:
+                card.rows.append((number, [entry.strip().strip('"') for entry in line.rstrip(",").split(",")]))
+    if card is None:
+        raise Fault("has no keywords", "Is it an input file of Abaqus or CalculiX?")
+    yield card
+
+
+def _keyword(line: str, number: int) -> _Card:
+    keyword, *options = (entry.strip() for entry in line[1:].split(","))
+    pairs = (option.partition("=") for option in options if option)
+    values = {name.strip().upper(): value.strip().strip('"') for name, _, value in pairs}
+    return _Card(number, " ".join(keyword.upper().split()), values, [])
+
+
+def _needed(card: _Card, option: str) -> str:
+    if not (value := card.options.get(option, "")):
+        raise Fault(f"line {card.line}: *{card.keyword} needs {option}=")
+    return value
+
+
+def _numbers(row: list[str], line: int) -> list[float]:
+    try:
+        values = [float(entry.lower().replace("d", "e")) for entry in row if entry]
+    except ValueError:
+        raise Fault(f"line {line}: '{shown(', '.join(row))}' are not numbers") from None
+    if not np.isfinite(values).all():
+        raise Fault(f"line {line}: has a number that is not finite")
+    return values
+
+
+def _tags(row: list[str], line: int) -> list[int]:
+    try:
+        return [int(entry) for entry in row if entry]
+    except ValueError:
+        raise Fault(f"line {line}: '{shown(', '.join(row))}' are not whole numbers") from None
+
+
+def _read_nodes(part: _Part, card: _Card) -> None:
+    group = part.members("nodes", card.options["NSET"]) if card.options.get("NSET") else []
+    for line, row in card.rows:
+        tag, *position = _tags(row[:1], line) + _numbers(row[1:4], line)
+        if len(position) != 3:
+            raise Fault(f"line {line}: a node has {len(position)} coordinates, not 3")
+        part.nodes[int(tag)] = (position[0], position[1], position[2])
+        group.append((str(int(tag)), ""))
+
+
+def _read_elements(part: _Part, card: _Card) -> None:
+    kind = _needed(card, "TYPE").upper()
+    solid = _SOLID.fullmatch(kind)
+    if solid is None:
+        if _FLAT.fullmatch(kind):  # membranes, shells and beams, such as the surface elements of mesh programs
+            part.others.update(_tags(row[:1], line)[0] for line, row in card.rows if row[0])
+            return
+        text = f"line {card.line}: elements {shown(kind)} are not supported"
+        raise Fault(text, "Use C3D4, C3D10, C3D8, C3D20 or C3D27, also with H, R, I or M.")
+    count = int(solid[1])
+    group = part.members("cells", card.options["ELSET"]) if card.options.get("ELSET") else []
+    pending: list[int] = []
+    for line, row in card.rows:
+        pending += _tags(row, line)
+        if len(pending) < count + 1:
+            continue
+        if len(pending) > count + 1:
+            raise Fault(f"line {line}: an element {shown(kind)} has {count} nodes, not {len(pending) - 1}")
+        part.elements[pending[0]] = pending[1:]
+        group.append((str(pending[0]), ""))
+        pending = []
+    if pending:
+        raise Fault(f"line {card.rows[-1][0]}: element {pending[0]} has {len(pending) - 1} nodes, not {count}")
+
+
+def _read_set(part: _Part, kind: str, name: str, card: _Card) -> None:
+    members = part.members(kind, name)
+    for line, row in card.rows:
+        if "GENERATE" not in card.options:
+            members += [(entry, "") for entry in row if entry]
+            continue
+        first, last, *step = _tags(row, line) + [0] * (2 - len(row))
+        if not 0 < (last - first) // max(1, *step, 1) + 1 <= _MOST_GENERATED:
+            raise Fault(f"line {line}: the generated set has no valid range")
+        members += [(str(tag), "") for tag in range(first, last + 1, max(1, *step, 1))]
+
+
+def _rows(
+    part: _Part, kind: str, key: str, node_row: Mapping[int, int], cell_row: Mapping[int, int], cells: list[list[int]]
+) -> list[Any]:
+    """Return rows of the members of a set; pairs of a cell and a face for a surface."""
+    rows: list[Any] = []
+    numbers = node_row if kind == "nodes" else cell_row
+    for member, face in _flattened(part, kind, key, frozenset()):
+        tag = int(member)
+        if kind != "nodes" and tag in part.others:
+            continue
+        if tag not in numbers:
+            raise Fault(f"set '{shown(part.names[kind, key])}' has {tag}, which is not defined")
+        if kind != "faces":
+            rows.append(numbers[tag])
+            continue
+        if (match := _FACE.fullmatch(face)) is None:
+            text = f"surface '{shown(part.names[kind, key])}': '{shown(face)}' is not a face of a solid element"
+            raise Fault(text, "Give faces as S1 to S6.")
+        count = 6 if len(cells[cell_row[tag]]) in (8, 20, 27) else 4
+        if int(match[1]) > count:
+            raise Fault(f"surface '{shown(part.names[kind, key])}': element {tag} has no face S{match[1]}")
+        rows.append((numbers[tag], int(match[1]) - 1))
+    return rows
+
+
+def _flattened(part: _Part, kind: str, key: str, above: frozenset[str]) -> Iterator[tuple[str, str]]:
+    """Yield the members of a set, those of sets in it included."""
+    if key in above:
+        raise Fault(f"set '{shown(part.names[kind, key])}' contains itself")
+    for member, face in part.sets.get((kind, key), ()):
+        if member.lstrip("+-").isdigit():
+            yield member, face
+            continue
+        inner = "cells" if kind == "faces" else kind
+        name = member.rpartition(".")[2].lower()
+        if (inner, name) not in part.sets:
+            raise Fault(f"set '{shown(part.names[kind, key])}' has '{shown(member)}', which is not defined")
+        above_here = above | {key} if inner == kind else above
+        yield from ((tag, face) for tag, _ in _flattened(part, inner, name, above_here))

@@ -1,0 +1,1 @@
+"""A job as a model that other programs evaluate over HTTP."""

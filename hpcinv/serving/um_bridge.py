@@ -1,0 +1,219 @@
+"""The protocol of UM-Bridge 1.0 over HTTP: requests wait for the ranks that answer them.
+
+Source: Seelinger et al., "UM-Bridge: Uncertainty quantification and modeling bridge" (2023), doi:10.21105/joss.04748.
+"""
+
+import json
+import queue
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+import numpy as np
+
+from hpcinv.errors import OutputError
+from hpcinv.job.settings import LEVELS
+from hpcinv.serving.job_model import Evaluation
+
+LONGEST = 1_000_000
+"""bytes of a request; longer ones are refused before they are read"""
+_FEATURES = {"Evaluate": True, "Gradient": True, "ApplyJacobian": True, "ApplyHessian": False}
+_ANSWERED = {"Evaluate": "", "Gradient": "sens", "ApplyJacobian": "vec"}  # requests that need a solve, and their vector
+
+
+class Refusal(Exception):
+    """A request that is answered with an error of the protocol: its kind and message."""
+
+    def __init__(self, kind: str, message: str) -> None:
+        super().__init__(message)
+        self.kind = kind
+
+
+@dataclass(frozen=True)
+class Request:
+    """A request for a solve.
+
+    Attributes:
+        kind: ``Evaluate``, ``Gradient`` or ``ApplyJacobian``.
+        inputs: (n,) in SI.
+        level: of the certificate.
+        vector: weights of the outputs (m,) of a gradient, or direction of the inputs (n,) of ``ApplyJacobian``.
+        answers: where the answer goes.
+    """
+
+    kind: str
+    inputs: list[float]
+    level: str
+    vector: list[float]
+    answers: "queue.Queue[dict[str, Any]]" = field(default_factory=lambda: queue.Queue(1))
+
+    def answer(self, evaluation: Evaluation) -> dict[str, Any]:
+        """Return the answer of the protocol."""
+        values, jacobian = evaluation.values, evaluation.jacobian
+        try:
+            if self.kind == "Evaluate":
+                _require(np.isfinite(values), evaluation.outputs, "has no finite value")
+                return {"output": [values.tolist()]}
+            if self.kind == "Gradient":
+                weights = np.array(self.vector)
+                is_right = np.isfinite(jacobian).all(axis=1) | (weights == 0)
+                _require(is_right, evaluation.outputs, "has no derivative; give it the weight 0")
+                return {"output": (weights[weights != 0] @ jacobian[weights != 0]).tolist()}
+            _require(np.isfinite(jacobian).all(axis=1), evaluation.outputs, "has no derivative; remove it from the job")
+            return {"output": (jacobian @ np.array(self.vector)).tolist()}
+        except Refusal as refusal:
+            return error(refusal.kind, str(refusal))
+
+
+def error(kind: str, message: str) -> dict[str, Any]:
+    """Return the protocol's answer to a request that failed."""
+    return {"error": {"type": kind, "message": message}}
+
+
+def _require(is_right: Any, outputs: Sequence[str], fault: str) -> None:
+    if not is_right.all():
+        raise Refusal("UnsupportedFeature", f"output '{outputs[int(np.argmin(is_right))]}' {fault}")
+
+
+class Server:
+    """HTTP server of one model, in threads of rank 0; requests for solves wait in a queue.
+
+    Args:
+        name: of the model.
+        inputs: number of inputs.
+        outputs: number of outputs.
+        host, port: address to listen on; port 0 takes a free one.
+        token: first part of the path of each request; empty for none.
+
+    Raises:
+        OutputError: the address cannot be used.
+    """
+
+    def __init__(self, name: str, inputs: int, outputs: int, host: str, port: int, token: str) -> None:
+        self.name, self.inputs, self.outputs, self.token = name, inputs, outputs, token
+        self._requests: queue.Queue[Request] = queue.Queue()
+        model = self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+
+            def do_GET(self) -> None:
+                self._reply(lambda _: model.respond(self.path, {}))
+
+            def do_POST(self) -> None:
+                self._reply(lambda body: model.respond(self.path, _mapping(body)))
+
+            def log_message(self, *_: object) -> None:
+                """Print nothing for each request."""
+
+            def _reply(self, answer: Callable[[bytes], dict[str, Any]]) -> None:
+                code = 200
+                try:
+                    length = int(self.headers.get("Content-Length") or 0)
+                    if not 0 <= length <= LONGEST:
+                        self.close_connection = True
+                        raise Refusal("InvalidInput", f"a request may have {LONGEST} bytes")
+                    content = answer(self.rfile.read(length))
+                except (Refusal, ValueError) as exc:
+                    kind = exc.kind if isinstance(exc, Refusal) else "InvalidInput"
+                    content, code = error(kind, str(exc)), 404 if kind == "NotFound" else 400
+                else:
+                    code = 500 if "error" in content else 200
+                data = json.dumps(content).encode()
+                self.send_response(code)
+                self.send_header("Content-Type", "application/json")
+                self.send_header("Content-Length", str(len(data)))
+                self.end_headers()
+                self.wfile.write(data)
+
+        try:
+            self._server = ThreadingHTTPServer((host, port), Handler)
+        except OSError as exc:
+            raise OutputError(f"--host {host} --port {port}: cannot be used: {exc.strerror or exc}") from exc
+        self._server.daemon_threads = True
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    @property
+    def address(self) -> str:
+        """URL that a client is given."""
+        host, port = self._server.server_address[:2]
+        shown = f"[{host!s}]" if ":" in str(host) else str(host)
+        return f"http://{shown}:{port}" + (f"/{self.token}" if self.token else "")
+
+    def next(self, stop: Callable[[], bool]) -> Request | None:
+        """Return the next request that needs a solve; ``None`` when the process is asked to stop."""
+        while not stop():
+            try:
+                return self._requests.get(timeout=0.1)
+            except queue.Empty:
+                continue
+        return None
+
+    def close(self) -> None:
+        """Stop listening, and answer the requests that wait."""
+        self._server.shutdown()
+        self._server.server_close()
+        while not self._requests.empty():
+            self._requests.get().answers.put(error("ModelError", "the server was stopped"))
+
+    def respond(self, path: str, body: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the answer to a request; one for a solve waits for it.
+
+        Raises:
+            Refusal: the request is not valid.
+        """
+        start, _, kind = path.strip("/").rpartition("/")
+        if start != self.token:
+            raise Refusal("NotFound", "the address lacks the token that 'hpcinv serve' printed")
+        if kind == "Info":
+            return {"protocolVersion": 1.0, "models": [self.name]}
+        if kind not in ("ModelInfo", "InputSizes", "OutputSizes", *_ANSWERED):
+            raise Refusal("UnsupportedFeature" if kind == "ApplyHessian" else "NotFound", f"there is no '{kind}' here")
+        if body.get("name") != self.name:
+            raise Refusal("ModelNotFound", f"there is no model '{body.get('name')}'; there is '{self.name}'")
+        if kind == "ModelInfo":
+            return {"support": _FEATURES}
+        if kind.endswith("Sizes"):
+            return {"inputSizes": [self.inputs]} if kind == "InputSizes" else {"outputSizes": [self.outputs]}
+        request = self._request(kind, body)
+        self._requests.put(request)
+        return request.answers.get()
+
+    def _request(self, kind: str, body: Mapping[str, Any]) -> Request:
+        given = body.get("input")
+        if not isinstance(given, list) or len(given) != 1:
+            raise Refusal("InvalidInput", f"'input' must be one list of {self.inputs} numbers")
+        for key in {"Evaluate": (), "Gradient": ("outWrt", "inWrt"), "ApplyJacobian": ("outWrt", "inWrt")}[kind]:
+            if body.get(key) != 0:
+                raise Refusal("InvalidInput", f"'{key}' must be 0: there is one list")
+        config = body.get("config") or {}
+        level = (
+            config.get("certificate", "off") if isinstance(config, dict) and config.keys() <= {"certificate"} else ""
+        )
+        if level not in LEVELS:
+            raise Refusal("InvalidInput", f"'config' may have 'certificate': {', '.join(LEVELS)}")
+        key = _ANSWERED[kind]
+        size = self.outputs if key == "sens" else self.inputs
+        vector = _numbers(body.get(key), key, size) if key else []
+        return Request(kind, _numbers(given[0], "input", self.inputs), level, vector)
+
+
+def _mapping(body: bytes) -> Mapping[str, Any]:
+    try:
+        data = json.loads(body)
+    except (ValueError, RecursionError) as exc:
+        raise Refusal("InvalidInput", "the body of the request is not JSON") from exc
+    if not isinstance(data, dict):
+        raise Refusal("InvalidInput", "the body of the request is not a JSON object")
+    return data
+
+
+def _numbers(given: object, key: str, size: int) -> list[float]:
+    """Return ``size`` finite numbers."""
+    if not isinstance(given, list) or len(given) != size:
+        raise Refusal("InvalidInput", f"'{key}' must have {size} numbers")
+    if not all(isinstance(x, int | float) and not isinstance(x, bool) and np.isfinite(x) for x in given):
+        raise Refusal("InvalidInput", f"'{key}' must have finite numbers")
+    return [float(x) for x in given]

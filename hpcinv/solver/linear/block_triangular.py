@@ -1,0 +1,80 @@
+"""Preconditioner for displacements and pressures: the right factor of the block factorization of the tangent."""
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from hpcinv.mesh.source import Floats
+
+type Integers = npt.NDArray[np.int32]
+
+
+class WithoutPressures:
+    """Context of a matrix ``[[A, 0], [0, 0]]`` that multiplies with the tangent, for vectors without pressures."""
+
+    def __init__(self, tangent: PETSc.Mat, pressures: Integers) -> None:
+        self._tangent, self._pressures = tangent, pressures
+
+    def mult(self, _matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        self._tangent.mult(x, y)
+        y.array[self._pressures] = 0.0
+
+    def multTranspose(self, _matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        self._tangent.multTranspose(x, y)
+        y.array[self._pressures] = 0.0
+
+
+class BlockTriangular:
+    """Context of ``[[A, Bᵀ], [0, S]]⁻¹``; its set-up is collective.
+
+    Args:
+        tangent: with all rows.
+        pressures: local numbers of the owned pressures.
+        schur: diagonal of the approximate S, at these.
+        set_levels: sets up a preconditioner of A, by an operator without pressures.
+        prefix: of the options of that preconditioner.
+    """
+
+    def __init__(
+        self,
+        tangent: PETSc.Mat,
+        pressures: Integers,
+        schur: Floats,
+        set_levels: Callable[[PETSc.PC, PETSc.Mat, PETSc.Mat], None],
+        prefix: str,
+    ) -> None:
+        self._tangent, self._pressures = tangent, pressures
+        self._inverse = 1.0 / np.where(schur == 0.0, 1.0, schur)
+        self._operator = PETSc.Mat().createPython(
+            tangent.getSizes(), WithoutPressures(tangent, pressures), tangent.comm
+        )
+        self._operator.setUp()
+        self.displacements = PETSc.PC().create(tangent.comm)
+        self.displacements.setOptionsPrefix(prefix)
+        self.displacements.setOperators(self._operator)
+        self.displacements.setFromOptions()
+        set_levels(self.displacements, self._operator, tangent)
+        self._right: PETSc.Vec = tangent.createVecRight()
+        self._left: PETSc.Vec = tangent.createVecLeft()
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        """Report a failure of the preconditioner of A."""
+        pc.setFailedReason(cast(Any, self.displacements.getFailedReason()))
+
+    def apply(self, _pc: PETSc.PC, residual: PETSc.Vec, correction: PETSc.Vec) -> None:
+        pressures = cast(Floats, residual.array_r)[self._pressures] * self._inverse
+        self._right.set(0.0)
+        self._right.array[self._pressures] = pressures
+        self._tangent.mult(self._right, self._left)
+        self._left.aypx(-1.0, residual)
+        self._left.array[self._pressures] = 0.0
+        self.displacements.apply(self._left, correction)
+        correction.array[self._pressures] = pressures
+
+    def reset(self, _pc: PETSc.PC) -> None:
+        """Free PETSc objects."""
+        for part in (self.displacements, self._operator, self._right, self._left):
+            part.destroy()

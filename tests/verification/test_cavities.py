@@ -1,0 +1,226 @@
+"""Cavities: volumes of both bodies, given volumes, gas, and connected cavities, in both directions."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import NO_CERTIFICATE
+from helpers.hollow_block import hollow_block
+from helpers.thick_sphere import INNER, OUTER, PRESSURE, sphere
+from helpers.verification import box, deform, job
+
+import hpcinv
+from hpcinv.errors import JobError
+from hpcinv.mesh import build_body
+from hpcinv.mesh.enclosed_volume import EnclosedVolume
+from hpcinv.methods import solve_direction
+from hpcinv.methods.method import UNLOADED, Start
+from hpcinv.model.cavities import cavity_equations
+from hpcinv.parallel.petsc_vectors import dot
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equations import Equations
+from hpcinv.solver.observer import SILENT
+
+HOLE = {"surface": "inner", "lid": {"apex": [0, 0, 0]}}
+VOLUMES = [{"name": over, "of": "volume", "cavity": "hole", "over": over} for over in ("reference", "current")]
+OCTANT = math.pi * INNER**3 / 6
+
+
+def data(**changes: Any) -> dict[str, Any]:
+    """The octant of an incompressible sphere, without its pressure."""
+    octant = dict(sphere(1, hexahedra=True).data)
+    del octant["effects"]
+    return octant | {"certificate": NO_CERTIFICATE, "quantities": [*octant["quantities"], *VOLUMES]} | changes
+
+
+PRESSURE_FOUND = {"name": "p", "of": "pressure", "cavity": "hole"}
+
+
+def controlled(hole: dict[str, Any], comm: MPI.Intracomm, **changes: Any) -> hpcinv.Result:
+    return hpcinv.run(job(**data(cavities={"hole": HOLE | hole}, **changes)), comm)
+
+
+def pressure_of(stretch: float) -> float:
+    """Pressure of the neo-Hookean sphere whose inner radius has grown by a factor."""
+    outer = (OUTER**3 - INNER**3 + (stretch * INNER) ** 3) ** (1 / 3)
+    g = [0.5 * (4 / s + s**-4) for s in (outer / OUTER, stretch)]
+    return g[0] - g[1]
+
+
+@pytest.mark.parallel([1, 2])
+def test_inverse_with_a_given_unloaded_volume(comm: MPI.Intracomm) -> None:
+    pressure = {"effect": "pressure", "region": "inner", "pressure": PRESSURE}
+    pressed = hpcinv.run(job(**data(cavities={"hole": HOLE}, effects=[pressure])), comm)
+    values = pressed.quantities
+    assert values["current"] == pytest.approx(OCTANT, rel=3e-3)  # three curved facets are not a sphere
+    assert values["reference"] == pytest.approx(OCTANT * values["inner"] ** 3, rel=1e-2)
+    result = controlled({"unloaded_volume": values["reference"]}, comm, analysis="round_trip")
+    for solution in result.solutions:
+        (cavity,) = solution.cavities
+        assert cavity.pressure == pytest.approx(PRESSURE, rel=1e-10)
+        assert cavity.volume == pytest.approx(values["current"], rel=1e-10)
+        assert cavity.unloaded_volume == pytest.approx(values["reference"], rel=1e-10)
+        assert cavity.residual < 1e-12
+        assert solution.u == pytest.approx(pressed.solutions[0].u, abs=1e-10)
+    assert solution.factorizations < 12
+
+
+@pytest.mark.parallel([1, 2])
+def test_pressure_falls_while_a_balloon_is_filled(comm: MPI.Intracomm) -> None:
+    pressures = []
+    for stretch in (2.0, 2.2):
+        given = {"volume": OCTANT * stretch**3}
+        result = controlled(given, comm, analysis="forward", quantities=[PRESSURE_FOUND, *VOLUMES])
+        pressures.append(result.quantities["p"])
+        assert pressures[-1] == pytest.approx(pressure_of(stretch), rel=3e-4)
+        assert result.quantities["current"] == pytest.approx(OCTANT * stretch**3, rel=1e-10)
+    assert pressures[1] < pressures[0]
+
+
+@pytest.mark.parallel([1, 2])
+def test_heated_gas(comm: MPI.Intracomm) -> None:
+    ambient, amount = 0.5, 1.5
+    gas = {"gas": {"ambient": ambient, "amount": amount}}
+    loaded = controlled(gas, comm, analysis="forward").solutions[0].cavities[0]
+    assert (loaded.pressure + ambient) * loaded.volume == pytest.approx(amount * ambient * loaded.unloaded_volume)
+    low, high = 1.0, 1.5  # stretches
+    for _ in range(50):
+        stretch = (low + high) / 2
+        excess = (pressure_of(stretch) + ambient) * stretch**3 - amount * ambient
+        low, high = (low, stretch) if excess > 0 else (stretch, high)
+    assert loaded.pressure == pytest.approx(pressure_of(stretch), rel=1e-3)
+    found = controlled(gas, comm, analysis="inverse").solutions[0].cavities[0]
+    assert found.volume == pytest.approx(loaded.unloaded_volume)  # the same mesh
+    assert (found.pressure + ambient) * found.volume == pytest.approx(amount * ambient * found.unloaded_volume)
+
+
+@pytest.mark.parallel([1, 2])
+def test_states_with_given_volumes(comm: MPI.Intracomm) -> None:
+    volume = hpcinv.run(job(**data(cavities={"hole": HOLE}, analysis="forward", quantities=VOLUMES)), comm).quantities
+    states = [
+        {"name": "filled", "given": True, "unloaded_volumes": {"hole": 0.4}},
+        {"name": "half", "volumes": {"hole": 0.45}},
+        {"name": "full", "volumes": {"hole": volume["reference"]}},
+    ]
+    quantities = [PRESSURE_FOUND, *VOLUMES]
+    values = hpcinv.run(job(**data(cavities={"hole": HOLE}, states=states, quantities=quantities)), comm).quantities
+    assert values["reference-half"] == pytest.approx(0.4, rel=1e-10)
+    assert values["current-half"] == pytest.approx(0.45, rel=1e-10)
+    assert values["p-full"] == pytest.approx(values["p-filled"], rel=1e-9)
+    assert 0 < values["p-half"] < values["p-full"]
+
+
+HOLES = ((1, 1, 1), (1, 2, 1), (3, 1, 1))
+
+
+def with_two_holes(comm: MPI.Intracomm, analysis: str, **changes: Any) -> Equations:
+    """Equations of a block with a hole of two cells and a hole of one, held on one side."""
+    block = job(
+        analysis=analysis,
+        mesh=box((1, 1, 1)),
+        regions={"side": "x < 0.1 m", "large": "cavity > 0 and cavity < 2", "small": "cavity > 1"},
+        material={"law": "neo-hookean", "mu": 1.0, "lam": 2.0},
+        supports=[{"region": "side", "fix": ["x", "y", "z"]}],
+        discretisation={"displacement": 1, "formulation": "displacement"},
+        **changes,
+    )
+    body = build_body(block.mesh, block.regions, comm, given=hollow_block(HOLES, divisions=(5, 4, 3)))
+    return Equations(block, body, Timings())
+
+
+def volumes(equations: Equations) -> list[float]:
+    """Volumes of both holes in the present state of a forward problem."""
+    u = equations.unknowns.geometry_values(equations.state().displacement)
+    return [EnclosedVolume(equations.body, [n], None).volume(equations.body.nodes + u) for n in ("large", "small")]
+
+
+@pytest.mark.parallel([1, 2])
+def test_connected_cavities(comm: MPI.Intracomm) -> None:
+    both = {"both": {"surface": ["large", "small"], "volume": 3.3}}
+    for linear in ("direct", "iterative"):
+        connected = with_two_holes(comm, "forward", cavities=both, solver={"linear": linear})
+        (cavity,) = solve_direction(connected, "forward", UNLOADED, SILENT).cavities
+        assert sum(volumes(connected)) == pytest.approx(3.3, rel=1e-10)
+    checkpoint = Start(solution=connected.state().fields, load=1.0)
+    (resumed,) = solve_direction(connected, "forward", checkpoint, SILENT).cavities
+    assert resumed.pressure == pytest.approx(cavity.pressure, rel=1e-10)
+    pressures = [{"effect": "pressure", "region": n, "pressure": cavity.pressure} for n in ("large", "small")]
+    pressed = with_two_holes(comm, "forward", effects=pressures)
+    assert solve_direction(pressed, "forward", UNLOADED, SILENT).load == 1.0
+    assert volumes(pressed) == pytest.approx(volumes(connected), rel=1e-9)
+
+
+@pytest.mark.parallel([1, 2])
+def test_derivatives_of_the_equations(comm: MPI.Intracomm) -> None:
+    gas = {"gas": {"ambient": 2.0, "amount": 1.3}}
+    for direction in ("forward", "inverse"):
+        volume = {"volume" if direction == "forward" else "unloaded_volume": 1.1}
+        holes = {"first": {"surface": "large"} | gas, "second": {"surface": "small"} | volume}
+        model = with_two_holes(comm, direction, cavities=holes)
+        scene = model.scene(direction)
+        state, load, h = model.unknowns.state, 0.7, 1e-3
+        deform(model.unknowns)
+        x, step = state.x.array.copy(), np.cos(np.arange(len(state.x.array)))
+        step_function = state.copy()
+        step_function.x.array[:] = step
+        step_function.x.scatter_forward()
+        row = state.x.petsc_vec.duplicate()
+        for cavity in cavity_equations(model.job, model.body, scene, model.scales):
+            cavity.set_pressure(0.3, load)
+            _, by_volume, by_pressure = cavity.evaluate(load)
+            cavity.slope(row)
+            slope = by_volume * dot(row, step_function.x.petsc_vec) + by_pressure
+            values = []
+            for k in (-2, -1, 1, 2):
+                state.x.array[:] = x + k * h * step_function.x.array
+                cavity.set_pressure(0.3 + k * h, load)
+                values.append(cavity.evaluate(load)[0])
+            state.x.array[:] = x
+            difference = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * h)
+            assert slope == pytest.approx(difference, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("hole", "changes", "text"),
+    [
+        ({"lid": {}}, {}, "exactly one of 'region' and 'apex'"),
+        ({"volume": 1.0}, {}, "cavities.hole.volume: is known: the mesh is the loaded body. Give 'unloaded_volume'"),
+        ({"unloaded_volume": 1.0}, {"analysis": "forward"}, "is known: the mesh is the undeformed body. Give 'volume'"),
+        ({"unloaded_volume": 1.0, "gas": {"ambient": 1.0}}, {}, "gas: is given in addition to 'unloaded_volume'"),
+        ({"unloaded_volume": 1.0}, {"sensitivities": ["material.c1"]}, "sensitivities: is not possible with the unk"),
+        ({"unloaded_volume": 1.0}, {"solver": {"continuation": "series"}}, "solver.continuation: is not possible with"),
+        (
+            {"unloaded_volume": 1.0},
+            {"effects": [{"effect": "pressure", "region": "inner", "pressure": 1.0}]},
+            r"effects\[0\].region: 'inner' belongs to a cavity of unknown pressure",
+        ),
+        ({}, {"quantities": [VOLUMES[0] | {"cavity": "hol"}]}, r"there is no cavity 'hol'.*Did you mean 'hole'"),
+        ({}, {"quantities": [{"name": "v", "of": "volume"}]}, "cavity: is needed for a volume"),
+        (
+            {},
+            {"quantities": [{"name": "p", "of": "pressure", "cavity": "hole"}]},
+            "the pressure of cavity 'hole' is not",
+        ),
+    ],
+)
+def test_contradictions_are_refused(hole: dict[str, Any], changes: dict[str, Any], text: str) -> None:
+    with pytest.raises(JobError, match=text):
+        job(**data(cavities={"hole": HOLE | hole}) | changes)
+
+
+@pytest.mark.parametrize(
+    ("given", "other", "text"),
+    [
+        ({"volumes": {"hole": 1.0}}, {}, "are known: the mesh is the body in this state. Give 'unloaded_volumes'"),
+        ({"unloaded_volumes": {"hole": 1.0}}, {"unloaded_volumes": {"hole": 1.0}}, "for the given state only. Give 'v"),
+        ({"unloaded_volumes": {"hol": 1.0}}, {}, "hol: is not in 'cavities'. Did you mean 'hole'"),
+    ],
+)
+def test_contradicting_states_are_refused(given: dict[str, Any], other: dict[str, Any], text: str) -> None:
+    states = [{"name": "filled", "given": True, **given}, {"name": "other", "volumes": {"hole": 1.0}, **other}]
+    with pytest.raises(JobError, match=text):
+        job(**data(cavities={"hole": HOLE}, states=states))
