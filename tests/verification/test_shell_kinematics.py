@@ -68,6 +68,7 @@ def solve(
             pytest.fail(f"Newton's method did not converge at load {load.value}")
 
 
+@pytest.mark.release  # its forms take half a minute to compile
 def test_cantilever_both_ways() -> None:
     sheet = strip()
     vector = element("Lagrange", "quadrilateral", 2, shape=(3,))
