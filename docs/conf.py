@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hpcinv.version import __version__
 
-sys.path.insert(0, str(Path(__file__).parent))  # for the extensions beside it
+sys.path.insert(0, str(Path(__file__).parent))  # for the extensions next to it
 
 project = "hpcinv"
 copyright = "the authors of hpcinv"

@@ -58,10 +58,10 @@ REMEDIES = {
     "discretisation error": "Smaller cells, [curved ones](images.md#curved-cells) (`geometry_degree: 2`) on a curved"
     " body, or [ask for the accuracy](accuracy.md). Stresses are singular at the edge of a region that is fixed, not"
     " where springs hold it (`elastic-foundation`).",
-    "worst cell": "Refine the mesh at the place that the note names. A folded cell is no solution: the load may be"
+    "worst cell": "Refine the mesh at the place that the note names. A folded cell is not a solution: the load may be"
     " more than the body can carry.",
     "depth beyond the plane": "If it is a plane of symmetry, the body would pass through its mirror image: as for"
-    " facets that cross. If it is a wall or a rest, the body passes beside it.",
+    " facets that cross. If it is a wall or a rest, the body passes it.",
     "boundary facets that cross": "No such body can be made. Check load and stiffness; where parts touch in the loaded"
     " body, their contact carries a load that the job does not have.",
     "round trip": "[Stability](../theory/stability.md), since the way back may lead to another state.",
@@ -169,10 +169,10 @@ def _component(name: str, kind: type[Ingredient], tag: str) -> Iterator[str]:
         match kind.replaceable:
             case (str(shear), bulk):
                 offered = ", ".join(f"`{name}`" for name in Moduli.model_fields)
-                yield f"In place of `{shear}` and `{bulk}` a job may give any two of the elastic moduli {offered}."
+                yield f"Instead of `{shear}` and `{bulk}` a job may give any two of the elastic moduli {offered}."
                 yield ""
             case (None, bulk):
-                yield f"In place of `{bulk}` a job may give `poisson` or `lame`."
+                yield f"Instead of `{bulk}` a job may give `poisson` or `lame`."
                 yield ""
     section = {"material": kind.example} if tag == "law" else {"effects": [kind.example]}
     yield "```yaml"
@@ -539,7 +539,7 @@ def _gallery() -> Iterator[str]:
     yield from _prose(
         """
         The jobs in `jobs/`, each with the question that it answers. Pictures of results are made by `hpcinv
-        show results/NAME`, those of jobs by `hpcinv show` with the job.
+        show results/NAME`, pictures of jobs by `hpcinv show` with the job.
         """
     )
     for path in sorted((ROOT / "jobs").glob("*.yaml")):

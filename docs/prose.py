@@ -1,4 +1,7 @@
-"""Count oddities of prose in pages, docstrings, comments and messages: ``python docs/prose.py [-v] [path …]``."""
+"""Count oddities of prose in pages, docstrings, comments and messages: ``python docs/prose.py [-v] [path …]``.
+
+It ends with exit code 1 if a directory has more of them than `MOST`.
+"""
 
 import ast
 import io
@@ -10,8 +13,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-WRITTEN = ("docs", "hpcinv", "tests", "README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md")
-GENERATED = ("docs/reference/", "docs/notes/", "docs/verification/published.md")
+MOST = {
+    "docs": 70,
+    "hpcinv": 240,
+    "tests": 155,
+    "README.md": 0,
+    "ARCHITECTURE.md": 2,
+    "CONTRIBUTING.md": 0,
+    "CHANGELOG.md": 0,
+}
+"""allowed oddities; lower these numbers after each clean-up"""
+GENERATED = ("docs/reference/", "docs/notes/", "docs/verification/published.md", "docs/prose.py")
 ODDITIES = {
     "that of": r"\b(?:that|those) of\b",
     "is no": r"(?<!there )\b(?:is|are|was|were) no\b(?! longer| more| need)",
@@ -52,7 +64,7 @@ def oddities(text: str, is_page: bool) -> Iterator[str]:
 
 
 counts = Counter[tuple[str, str]]()
-for directory in WRITTEN:
+for directory in MOST:
     top = ROOT / directory
     for page in sorted([top] if top.is_file() else [*top.rglob("*.md"), *top.rglob("*.py")]):
         name = str(page.relative_to(ROOT))
@@ -61,5 +73,7 @@ for directory in WRITTEN:
                 counts[directory, kind] += 1
                 if "-v" in sys.argv and name.startswith(tuple(sys.argv[2:]) or ""):
                     print(f"{name}:{line}: {kind}")
-for directory in dict.fromkeys(directory for directory, _ in counts):
-    print(directory, {kind: number for (where, kind), number in counts.items() if where == directory})
+kinds = {directory: {kind: n for (where, kind), n in counts.items() if where == directory} for directory in MOST}
+for directory, numbers in kinds.items():
+    print(f"{directory}: {sum(numbers.values())} of at most {MOST[directory]} {numbers or ''}")
+sys.exit(any(sum(numbers.values()) > MOST[directory] for directory, numbers in kinds.items()))

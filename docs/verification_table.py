@@ -218,7 +218,7 @@ def page() -> Iterator[str]:
     """Yield the lines of the page, from what was printed."""
     yield "# Verification"
     yield ""
-    yield "Closed forms and independent evaluations beside what hpcinv finds, on 1 to 3 ranks. The figures are the"
+    yield "Closed forms and independent evaluations next to results of hpcinv, on 1 to 3 ranks. The figures are the"
     yield "largest ones of those that each test prints; tests hold them below bounds, which are a few times larger."
     yield ""
     yield "| case | found | test |"

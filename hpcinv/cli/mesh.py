@@ -16,7 +16,7 @@ from hpcinv.files.untrusted import add_option, is_asked
 from hpcinv.formats import mesh_fault
 from hpcinv.formats.partitioned_header import SUFFIX
 from hpcinv.job.job import load
-from hpcinv.job.sections import IMAGES, SURFACES, MeshSpec
+from hpcinv.job.sections import CADS, IMAGES, SURFACES, MeshSpec
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.quantity.units import length_symbol
 
@@ -123,6 +123,21 @@ def _add_scans(actions: Any) -> None:
     _add_meshing(surface)
     surface.add_argument("--unit", required=True, help="length unit of the surface, as mesh.unit of a job")
     surface.set_defaults(command=lambda options: _meshed(options, SURFACES, "surface", {}))
+
+    cad = add_command(
+        actions,
+        "from-cad",
+        "Mesh the solids of a CAD file and list their regions, to look at before a run.",
+        examples="hpcinv mesh from-cad part.step part.msh --size '4 mm'",
+        page="how-to/cad.md",
+    )
+    cad.add_argument("input", type=Path, help="CAD file (.step, .stp, .iges, .igs, .brep)")
+    _add_meshing(cad)
+    cad.add_argument("--unit", help="length unit of a BREP file, as mesh.unit of a job")
+    cad.add_argument(
+        "--glue", help="distance up to which solids that miss each other are joined, as mesh.glue of a job"
+    )
+    cad.set_defaults(command=lambda options: _meshed(options, CADS, "CAD file", {"glue": options.glue}))
 
 
 def _add_meshing(action: argparse.ArgumentParser, *, is_image: bool = False) -> None:

@@ -31,6 +31,7 @@ _MESH = {
     "neighbours",
     "size",
     "grade",
+    "glue",
     "orientation",
 }  # not the path
 

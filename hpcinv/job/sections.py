@@ -34,6 +34,7 @@ from hpcinv.quantity.schema import (
     Name,
     Problems,
     Spec,
+    TextOrTexts,
     Triple,
     collected,
     raise_if_any,
@@ -91,11 +92,6 @@ Numbers = Annotated[
     BeforeValidator(lambda v: [v] if isinstance(v, int) and not isinstance(v, bool) else v),
     WithJsonSchema({"anyOf": [{"type": "integer"}, {"type": "array", "items": {"type": "integer"}}]}),
 ]
-Files = Annotated[
-    ListOf[str],
-    BeforeValidator(lambda v: [v] if isinstance(v, str) else v),
-    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}),
-]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
 CAVITY_QUANTITIES = {"volume": CUBIC, "pressure": STRESS}
 """quantities of cavities with their dimensions"""
@@ -106,6 +102,8 @@ IMAGES = (".nii", ".gz", ".nrrd", ".mha", ".mhd", ".vti", ".dcm")
 """suffixes of segmented images"""
 SURFACES = (".stl", ".ply", ".obj", ".vtp", ".vtk")
 """suffixes of surfaces of triangles"""
+CADS = (".step", ".stp", ".iges", ".igs", ".brep")
+"""suffixes of CAD files"""
 
 
 def directory_of(info: ValidationInfo) -> Path:
@@ -125,8 +123,8 @@ class MeshFile(Spec):
     """A mesh: a file, or a generator that is run when the mesh is needed."""
 
     file: str
-    """path from the job file to a gmsh generator (.py, .geo), a mesh (.msh, .inp, .xdmf, .vtu), or a partitioned mesh
-    made by 'hpcinv mesh partition' (.bp), of which each rank reads a part"""
+    """path from the job file to a gmsh generator (.py, .geo), a mesh (.msh, .inp, .feb, .xdmf, .vtu), or a
+    partitioned mesh made by 'hpcinv mesh partition' (.bp), of which each rank reads a part"""
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a mesh file, or of a Python generator, such as mm: lengths are passed to it in
     that unit, for bodies too small or too large for gmsh's absolute tolerances in metres"""
@@ -147,7 +145,11 @@ class MeshFile(Spec):
         """JSON schema with the keys that stand for ``file``."""
         json_schema = super().__get_pydantic_json_schema__(schema, handler)
         content = handler.resolve_ref_schema(json_schema)
-        kinds = {"image": "a segmented image, instead of 'file'", "surface": "a closed surface, instead of 'file'"}
+        kinds = {
+            "image": "a segmented image, instead of 'file'",
+            "surface": "a closed surface, instead of 'file'",
+            "cad": "a CAD file (.step, .iges, .brep), instead of 'file'",
+        }
         content["properties"] |= {
             key: {"type": "string", "description": kinds[key]} for key in cls.sources if key in kinds
         }
@@ -172,10 +174,15 @@ class MeshFile(Spec):
         """True if the mesh is made from a closed surface."""
         return Path(self.file).suffix in SURFACES
 
+    @property
+    def is_cad(self) -> bool:
+        """True if the mesh is made from a CAD file."""
+        return Path(self.file).suffix in CADS
+
     @model_validator(mode="before")
     @classmethod
     def _source_is_a_file(cls, data: Any) -> Any:
-        sources = [key for key in ("image", "surface") if isinstance(data, Mapping) and key in data]
+        sources = [key for key in ("image", "surface", "cad") if isinstance(data, Mapping) and key in data]
         if len(sources) > 1 or (sources and "file" in data):
             other = "file" if "file" in data else sources[0]
             raise Problems(((sources[-1],), f"is given together with '{other}': a mesh is made from one of them"))
@@ -183,8 +190,9 @@ class MeshFile(Spec):
 
     @property
     def metres(self) -> float:
-        """Length unit (m) of the coordinates in the file: ``unit``; in images by default mm, as their formats say."""
-        return 1e-3 if self.is_image and "unit" not in self.model_fields_set else self.unit
+        """Length unit (m) of the coordinates that are read: ``unit``; mm by default in images, and of STEP and IGES."""
+        is_stated = self.is_image or (self.is_cad and Path(self.file).suffix != ".brep")
+        return 1e-3 if is_stated and "unit" not in self.model_fields_set else self.unit
 
     @field_validator("file")
     @classmethod
@@ -317,13 +325,13 @@ class MeshSpec(MeshFile):
     array_labels: Annotated[ArrayLabels | None, Field(exclude_if=lambda labels: labels is None)] = None
     """of a mesh file (written as 'labels'): an array of integers whose values are regions, such as
     {array: material, names: {plaque: 2}}"""
-    faces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda faces: not faces)] = {}
+    faces: Annotated[Mapping[Name, TextOrTexts], Field(exclude_if=lambda faces: not faces)] = {}
     """of a mesh file: surfaces of triangles with the facets of further regions, in the unit of the mesh, such as
     {inlet: mesh-surfaces/inlet.vtp}"""
     neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
     is the region LABEL|NEIGHBOUR instead of LABEL|outside"""
-    surfaces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda surfaces: not surfaces)] = {}
+    surfaces: Annotated[Mapping[Name, TextOrTexts], Field(exclude_if=lambda surfaces: not surfaces)] = {}
     """closed surfaces instead of 'file': the files of each region, which is between a shell and those in it, such as
     {wall: [outer.stl, inner.stl]}; a region in another one is cut out of it"""
     orientation: Annotated[Orientation, Field(exclude_if=lambda frame: frame == "LPS")] = "LPS"
@@ -334,13 +342,17 @@ class MeshSpec(MeshFile):
     grade: Annotated[Annotated[float, Field(ge=1, le=20)] | None, Field(exclude_if=lambda grade: grade is None)] = None
     """ratio of 'size' and the smallest size of cells, which thin walls and strong curvatures have: 1 for cells of one
     size; by default at most 4 in walls, as far as there are not more than four times as many cells"""
+    glue: Annotated[Size | None, Field(exclude_if=lambda gap: gap is None)] = None
+    """of a CAD file (written as 'cad' instead of 'file'): distance up to which solids that miss each other are
+    joined"""
     surface_error: Annotated[SurfaceError | None, Field(exclude_if=lambda error: error is None)] = None
     """error of the given surface, whose effect on shape and quantities the certificate reports; of an image by default
     {sd: 0.12 voxels, correlation: a voxel or half of 'size'}"""
 
-    formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES + SURFACES
+    formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES + SURFACES + CADS
     sources: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "file": (),
+        "cad": ("size",),
         "image": ("labels", "size"),
         "surface": ("unit", "size"),
         "surfaces": ("unit", "size"),
@@ -385,7 +397,7 @@ class MeshSpec(MeshFile):
         first = first[0] if isinstance(first, list | tuple) and first else first
         if not isinstance(first, str):
             raise Problems((("surfaces",), "must be names of regions and their files, such as {body: body.stl}"))
-        if others := [key for key in ("file", "image", "surface") if key in data and data[key] != first]:
+        if others := [key for key in ("file", "image", "surface", "cad") if key in data and data[key] != first]:
             raise Problems((("surfaces",), f"is given together with '{others[0]}': a mesh is made from one of them"))
         return {**data, "file": first}
 
@@ -421,13 +433,18 @@ class MeshSpec(MeshFile):
         yield from self._faults_of_labels()
         if self.is_image and not self.labels:
             yield ("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"
-        is_meshed = self.is_image or self.is_surface
+        if self.is_cad and (Path(self.file).suffix == ".brep") != ("unit" in self.model_fields_set):
+            stated = "is needed: BREP files do not have one"
+            yield ("unit",), stated if "unit" not in self.model_fields_set else "is in the file already; leave it out"
+        if self.glue is not None and not self.is_cad:
+            yield ("glue",), "is for CAD files only"
+        is_meshed = self.is_image or self.is_surface or self.is_cad
         if is_meshed and self.size is None:
             yield ("size",), "is needed: the largest length of edges, as 5 mm"
         if self.size is not None and not is_meshed:
-            yield ("size",), "is for images and surfaces only; give a generator's among its 'parameters'"
+            yield ("size",), "is for CAD files, images and surfaces only; give a generator's among its 'parameters'"
         if self.grade is not None and not is_meshed:
-            yield ("grade",), "is for images and surfaces only"
+            yield ("grade",), "is for CAD files, images and surfaces only"
 
     def _faults_of_labels(self) -> Faults:
         names: dict[int | str, str] = {}

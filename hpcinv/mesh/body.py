@@ -30,6 +30,7 @@ from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.face_files import add_face_files
 from hpcinv.mesh.facet_groups import join_facets
+from hpcinv.mesh.io.cad import cad_mesh
 from hpcinv.mesh.io.length_unit import check_unit
 from hpcinv.mesh.label_groups import add_label_groups
 from hpcinv.mesh.readers import FILES, GENERATORS
@@ -177,6 +178,8 @@ def read_source(
             monitor = MeshingMonitor(spec.maximum_cells, report)
             generate = GENERATORS[path.suffix]
             source = generate(path, parameters, spec.geometry_degree, monitor, size_factor).convert_to_metres(spec.unit)
+        elif spec.is_cad:
+            source = cad_mesh(path, spec, report, size_factor)
         elif spec.size is not None and spec.is_surface:
             from hpcinv.mesh.imaging import BODY, surface_mesh  # loads VTK
 
@@ -190,6 +193,8 @@ def read_source(
             source = image_mesh(path, spec, report)
         else:
             source = FILES[path.suffix](path)
+            for note in source.notes:
+                report(note)
             if not FORMATS[path.suffix].is_partitioned:  # partitioned meshes are in metres
                 check_unit(path, source.unit, spec.unit)
                 source = source.convert_to_metres(spec.unit)
@@ -299,7 +304,7 @@ def _transfer(
 def read_finer_geometry(spec: MeshSpec, path: Path, source: MeshSource) -> FinerGeometry:
     """Geometry of higher degree that a mesh file or generator has for the cells of ``source``; not collective."""
 
-    if path.suffix in GENERATORS:
+    if path.suffix in GENERATORS or spec.is_cad:
         return surface_geometry(source)
     if spec.geometry_degree != 1 or spec.size is not None:  # of images and surfaces other cells are made
         return FinerGeometry(NO_CAD)

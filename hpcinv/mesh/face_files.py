@@ -35,14 +35,8 @@ def add_face_files(source: MeshSource, faces: Mapping[str, Sequence[Path]], unit
     for name, files in faces.items():
         if any(group.name == name for group in source.groups):
             raise MeshError(f"{source.path}: mesh.faces.{name}: is a group of the mesh already", "Choose another name.")
-        rows = np.unique(
-            np.concatenate([_facets_of(source, file, f"mesh.faces.{name}", unit, used, table) for file in files])
-        )
-        is_facet = np.zeros(len(table.vertices), dtype=bool)
-        is_facet[rows] = True
-        owner = np.argwhere(is_facet[table.cell_facets])
-        _, first = np.unique(table.cell_facets[owner[:, 0], owner[:, 1]], return_index=True)
-        sides[name] = owner[first]
+        rows = [_facets_of(source, file, f"mesh.faces.{name}", unit, used, table) for file in files]
+        sides[name] = table.owners(np.concatenate(rows))
     return add_facets(source, sides)
 
 

@@ -4,10 +4,11 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
+import numpy.typing as npt
 
 from hpcinv.mesh.cells import FACET_KIND, scalar_element, vertex_count
 from hpcinv.mesh.source import Group, Ints, MeshSource, distinct_tags
-from hpcinv.mesh.topology import unique_rows
+from hpcinv.mesh.topology import FacetTable, unique_rows
 
 
 def join_facets(source: MeshSource) -> MeshSource:
@@ -37,3 +38,15 @@ def add_facets(source: MeshSource, sides: Mapping[str, Ints]) -> MeshSource:
         groups.append(Group(name, 2, 0, np.arange(count, count + len(rows))))
         count += len(rows)
     return join_facets(dataclasses.replace(source, facets=np.concatenate(facets), groups=distinct_tags(groups)))
+
+
+def facets_and_cells_inside(table: FacetTable, vertices: Ints, is_inside: npt.NDArray[np.bool_]) -> tuple[Ints, Ints]:
+    """Return rows of the boundary facets and of the cells all of whose vertices are marked.
+
+    Args:
+        table: of the mesh's facets.
+        vertices: (c, v) of the cells.
+        is_inside: (n,) whether a node is marked.
+    """
+    facets = np.flatnonzero((table.sharing == 1) & is_inside[table.vertices].all(axis=1))
+    return facets, np.flatnonzero(is_inside[vertices].all(axis=1))

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from hpcinv.errors import MeshError
 from hpcinv.job.sections import ArrayLabels
 from hpcinv.mesh.cells import vertex_count
-from hpcinv.mesh.facet_groups import add_facets, join_facets
+from hpcinv.mesh.facet_groups import add_facets, facets_and_cells_inside, join_facets
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, distinct_tags
 from hpcinv.mesh.topology import FacetTable
 from hpcinv.quantity.suggestions import did_you_mean
@@ -86,14 +86,12 @@ def _by_nodes(
     table = FacetTable.build(source.kind, vertices)
     sides, groups = dict[str, Ints](), list(source.groups)
     for name, named in numbers.items():
-        is_inside = np.isin(values, named)
-        cells = np.flatnonzero(is_inside[vertices].all(axis=1))
-        is_facet = (table.sharing == 1) & is_inside[table.vertices].all(axis=1)
-        if is_facet.any():
-            sides[name] = np.argwhere(is_facet[table.cell_facets])
+        facets, cells = facets_and_cells_inside(table, vertices, np.isin(values, named))
+        if len(facets):
+            sides[name] = table.owners(facets)
         if len(cells):
             groups.append(Group(name, 3, max(named[0], 0), cells))
-        if name in labels.names and not len(cells) and not is_facet.any():
+        if name in labels.names and not len(cells) and not len(facets):
             raise MeshError(
                 f"{source.path}: mesh.labels.names.{name}: no cell and no boundary facet has a value of it at all"
                 f" vertices",

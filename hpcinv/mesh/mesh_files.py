@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
@@ -13,8 +14,13 @@ from hpcinv.mesh.distributed.partitioned import write_partitioned
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
 from hpcinv.parallel.runtime import on_root
 
+
+def _load_and_save(saver: str, path: Path, source: MeshSource, points: Floats) -> None:
+    loaded(saver)(path, source, points)
+
+
 SAVERS: dict[str, Callable[[Path, MeshSource, Floats], None]] = {
-    suffix: loaded(kind.saver) for suffix, kind in FORMATS.items() if kind.saver
+    suffix: partial(_load_and_save, kind.saver) for suffix, kind in FORMATS.items() if kind.saver
 }
 
 
@@ -49,15 +55,15 @@ def save(path: Path, source: MeshSource, points: Floats) -> None:
     Raises:
         OutputError: it cannot be written; an `UnstorableMesh` if its format cannot hold the mesh.
     """
-    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
+    unfinished = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
-        SAVERS[path.suffix](partial, source, points / (source.unit or 1.0))
-        partial.replace(path)
+        SAVERS[path.suffix](unfinished, source, points / (source.unit or 1.0))
+        unfinished.replace(path)
     except OSError as exc:
-        partial.unlink(missing_ok=True)
+        unfinished.unlink(missing_ok=True)
         raise OutputError(f"{path}: cannot be written: {exc}", "Does the directory exist, and is there space?") from exc
     except Exception as exc:  # gmsh and VTK raise nothing narrower
-        partial.unlink(missing_ok=True)
+        unfinished.unlink(missing_ok=True)
         raise UnstorableMesh(f"{path}: cannot be written: {exc}", "Choose other formats by output.mesh.") from exc
 
 

@@ -19,7 +19,7 @@ from hpcinv.mesh.cell_count import MeshingMonitor, monitored
 from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.generator_files import note_script, noted_files
 from hpcinv.mesh.io.gmsh_model import extract, read_views, session
-from hpcinv.mesh.io.isolated import check_readable_by_gmsh
+from hpcinv.mesh.io.isolated import check_msh
 from hpcinv.mesh.io.length_unit import stored_unit
 from hpcinv.mesh.io.vtu import source_of
 from hpcinv.mesh.source import MeshSource
@@ -93,7 +93,7 @@ def read_msh(path: Path) -> MeshSource:
         # gmsh executes a file NAME.msh.opt next to NAME.msh: read it through a link in an empty directory.
         link = Path(empty) / "mesh.msh"
         link.symlink_to(path.absolute())
-        check_readable_by_gmsh(link, path)
+        check_msh(link, path)
         _merge(gmsh, link, path)
         if gmsh.model.getNumberOfPartitions():
             gmsh.model.mesh.unpartition()

@@ -106,6 +106,7 @@ class MeshSource:
     unit: float | None = None
     voxel: float = 0.0  # size (m) of the voxels of the image from which it was made, 0 without one
     inputs: Mapping[str, str] = field(default_factory=dict)  # files that its generator read, see `files.inputs`
+    notes: tuple[str, ...] = ()  # what the reader did with the file, or did not use
     surface_cells: SurfaceCells | None = None  # until regions are made of their values (`label_groups`)
     surface: CadSurface | None = None  # of the CAD model that was meshed, if there is one
 

@@ -53,6 +53,14 @@ class FacetTable:
         """Rows for ``facets`` given by their vertices in any order; -1 if it is not a facet of the mesh."""
         return find_rows(np.sort(facets, axis=1), self.vertices)
 
+    def owners(self, facets: Ints) -> Ints:
+        """Return a cell and the local number of the facet in it, (n, 2), for each distinct row in ``facets``."""
+        is_chosen = np.zeros(len(self.vertices), dtype=bool)
+        is_chosen[facets] = True
+        owners = np.argwhere(is_chosen[self.cell_facets])
+        _, first = np.unique(self.cell_facets[owners[:, 0], owners[:, 1]], return_index=True)
+        return owners[first]
+
     def separates(self, label: Ints) -> npt.NDArray[np.bool_]:
         """Mask (f,) of the facets between two cells of different ``label`` (cells,)."""
         first = np.empty(len(self.vertices), dtype=label.dtype)

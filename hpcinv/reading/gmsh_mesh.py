@@ -2,9 +2,10 @@
 
 import contextlib
 from pathlib import Path
+from typing import Any
 
 
-def read_msh(path: Path) -> None:
+def read_msh(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Read the file with gmsh, and all data that the package asks for; errors are reported where it is read again."""
     import gmsh
 
@@ -25,3 +26,4 @@ def read_msh(path: Path) -> None:
             last = int(gmsh.view.option.getNumber(view, "NbTimeStep")) - 1
             gmsh.view.getHomogeneousModelData(view, last)
     gmsh.finalize()
+    return {}, {}

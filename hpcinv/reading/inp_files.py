@@ -22,6 +22,7 @@ FACES = {
 _SOLID = re.compile(r"C3D(4|10|8|20|27)[A-Z]*")
 _FLAT = re.compile(r"(?:CPS|CPE|CAX|S|STRI|M3D|SFM3D|R3D|DS|T3D|B3|C1D)\w*", re.ASCII)
 _FACE = re.compile(r"S([1-6])", re.IGNORECASE)
+_INSTANCE = "instance "  # begins the name of a part that holds the sets of an instance
 _MOST_GENERATED = 10_000_000  # members of a generated set; more are a damaged line
 
 
@@ -34,6 +35,7 @@ class _Part:
     others: set[int] = field(default_factory=set)  # elements that are not solids
     names: dict[tuple[str, str], str] = field(default_factory=dict)
     sets: dict[tuple[str, str], list[tuple[str, str]]] = field(default_factory=dict)
+    shared: set[tuple[str, str]] = field(default_factory=set)  # of the assembly, which other instances may have too
 
     def members(self, kind: str, name: str) -> list[tuple[str, str]]:
         key = kind, name.lower()
@@ -56,7 +58,7 @@ def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     ``cells:NAME`` and ``nodes:NAME`` (rows of the members of a set), ``faces:NAME`` (cell, number of the face from 0).
     """
     parts, instances, ignored = _parts(path)
-    placed = [_placed(parts, instance) for instance in instances] or [(parts[""], np.zeros(3), "")]
+    placed = _placed(parts, instances) or [(parts[""], np.zeros(3), "")]
     points: list[Any] = []
     tags: list[int] = []
     cells: list[list[int]] = []
@@ -76,10 +78,10 @@ def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             if missing := [node for node in nodes if node not in node_row]:
                 raise Fault(f"element {tag} has node {missing[0]}, which is not defined")
             cells.append([node_row[node] for node in nodes])
-        prefix = f"{name}." if len(placed) > 1 else ""
         for (kind, key), spelled in part.names.items():
             rows = _rows(part, kind, key, node_row, cell_row, cells)
             if len(rows):
+                prefix = f"{name}." if len(placed) > 1 and (kind, key) not in part.shared else ""
                 sets.setdefault(f"{kind}:{prefix}{spelled}", []).extend(rows)
     sizes = {len(cell) for cell in cells}
     if len(sizes) > 1:
@@ -121,7 +123,9 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
             case "NSET" | "ELSET":
                 kind, owner = ("nodes" if card.keyword == "NSET" else "cells"), current
                 if instance := options.get("INSTANCE"):
-                    owner = _part_of(parts, instances, instance, card)
+                    if instance.lower() not in {known.options.get("NAME", "").lower() for known in instances}:
+                        raise Fault(f"line {card.line}: there is no instance '{shown(instance)}'")
+                    owner = parts.setdefault(f"{_INSTANCE}{instance.lower()}", _Part())
                 _read_set(owner, kind, _needed(card, card.keyword), card)
             case "SURFACE" if options.get("TYPE", "ELEMENT").upper() == "ELEMENT":
                 members = current.members("faces", _needed(card, "NAME"))
@@ -143,14 +147,6 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
     outside = parts[""]
     if instances and (outside.nodes or outside.elements):
         raise Fault("has nodes outside of its parts", "Save one part, or the assembly with its parts.")
-    if instances and outside.names:  # sets of the assembly without a named instance
-        if len(instances) > 1:
-            outside.names.clear()
-        else:
-            owner = _part_of(parts, instances, instances[0].options.get("NAME", ""), instances[0])
-            for key, spelled in outside.names.items():
-                owner.names.setdefault(key, spelled)
-                owner.sets.setdefault(key, []).extend(outside.sets[key])
     if not instances and len(parts) == 2:
         parts[""] = next(part for name, part in parts.items() if name)
     elif not instances and len(parts) > 2:
@@ -158,28 +154,41 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
     return parts, instances, ignored
 
 
-def _part_of(parts: Mapping[str, _Part], instances: list[_Card], name: str, card: _Card) -> _Part:
-    for instance in instances:
-        if instance.options.get("NAME", "").lower() == name.lower():
-            part = parts.get(_needed(instance, "PART").lower())
-            if part is not None:
-                return part
-    raise Fault(f"line {card.line}: there is no instance '{shown(name)}'")
-
-
-def _placed(parts: Mapping[str, _Part], card: _Card) -> tuple[_Part, Any, str]:
-    """Return part, translation and name of an instance."""
-    name = _needed(card, "PART")
-    part = parts.get(name.lower())
-    if part is None:
-        raise Fault(f"line {card.line}: there is no part '{shown(name)}'")
-    rows = [_numbers(row, line) for line, row in card.rows]
-    if len(rows) > 1:
-        raise Fault(f"line {card.line}: the instance is rotated", "Save the mesh in global coordinates.")
-    shift = np.zeros(3)
-    if rows:
-        shift[: len(rows[0][:3])] = rows[0][:3]
-    return part, shift, card.options.get("NAME", name)
+def _placed(parts: Mapping[str, _Part], instances: list[_Card]) -> list[tuple[_Part, Any, str]]:
+    """Return the part of each instance with the sets of the assembly in it, its translation, and its name."""
+    outside = parts[""]
+    placed = []
+    for card in instances:
+        name = _needed(card, "PART")
+        part = parts.get(name.lower())
+        if part is None:
+            raise Fault(f"line {card.line}: there is no part '{shown(name)}'")
+        rows = [_numbers(row, line) for line, row in card.rows]
+        if len(rows) > 1:
+            raise Fault(f"line {card.line}: the instance is rotated", "Save the mesh in global coordinates.")
+        shift = np.zeros(3)
+        if rows:
+            shift[: len(rows[0][:3])] = rows[0][:3]
+        instance = card.options.get("NAME", name)
+        own = _Part(part.nodes, part.elements, part.others, dict(part.names), {k: [*v] for k, v in part.sets.items()})
+        for more in (parts.get(f"{_INSTANCE}{instance.lower()}", _Part()), outside):
+            for key, spelled in more.names.items():
+                own.members(key[0], spelled).extend(more.sets[key])
+                own.shared.add(key)
+        placed.append((own, shift, instance))
+    for key, spelled in outside.names.items() if instances else ():
+        names = {member.lower() for member, _ in outside.sets[key] if not member.isdigit()}
+        if len(instances) > 1 and len(names) < len({member for member, _ in outside.sets[key]}):
+            raise Fault(f"set '{shown(spelled)}' of the assembly has numbers without instance=", "Name the instance.")
+        inner = "cells" if key[0] == "faces" else key[0]
+        for name in names:
+            has_set = [(inner, name) in own.sets for own, _, _ in placed]
+            if not any(has_set):
+                raise Fault(f"set '{shown(spelled)}' has '{shown(name)}', which is not defined")
+            for (own, _, _), has in zip(placed, has_set, strict=True):
+                if not has:
+                    own.sets[key] = [entry for entry in own.sets[key] if entry[0].lower() != name]
+    return placed
 
 
 def _cards(path: Path) -> Iterator[_Card]:
@@ -279,10 +288,11 @@ def _read_set(part: _Part, kind: str, name: str, card: _Card) -> None:
         if "GENERATE" not in card.options:
             members += [(entry, "") for entry in row if entry]
             continue
-        first, last, *step = _tags(row, line) + [0] * (2 - len(row))
-        if not 0 < (last - first) // max(1, *step, 1) + 1 <= _MOST_GENERATED:
+        numbers = _tags(row, line)
+        first, last, step = (*numbers, 1)[:3] if len(numbers) in (2, 3) else (1, 0, 1)
+        if step < 1 or not 0 < (last - first) // step + 1 <= _MOST_GENERATED:
             raise Fault(f"line {line}: the generated set has no valid range")
-        members += [(str(tag), "") for tag in range(first, last + 1, max(1, *step, 1))]
+        members += [(str(tag), "") for tag in range(first, last + 1, step)]
 
 
 def _rows(

@@ -7,6 +7,7 @@ whether a package is missing. VTK's own messages are on standard error.
 
 import contextlib
 import gzip
+import importlib
 import importlib.util
 import json
 import os
@@ -43,12 +44,19 @@ class Limits(NamedTuple):
     seconds: int
 
 
-def _msh(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
-    from hpcinv.reading.gmsh_mesh import read_msh
+type _Action = Callable[[Path, Limits], tuple[dict[str, Any], dict[str, Any]]]
 
-    limit(limits)
-    read_msh(path)
-    return {}, {}
+
+def _reader(module: str, function: str) -> _Action:
+    """Return an action that calls the function within the limits; its module is imported before."""
+
+    def read(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
+        call: Callable[[Path], tuple[dict[str, Any], dict[str, Any]]]
+        call = getattr(importlib.import_module(f"hpcinv.reading.{module}"), function)
+        limit(limits)
+        return call(path)
+
+    return read
 
 
 def _vtu(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -58,13 +66,6 @@ def _vtu(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
 
     limit(limits)
     return read_vtu(path)
-
-
-def _inp(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
-    from hpcinv.reading.inp_files import read_inp
-
-    limit(limits)
-    return read_inp(path)
 
 
 def _surface(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -102,10 +103,12 @@ def _image(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
     return {"names": dict(grid.names)}, {"numbers": grid.numbers.transpose(), **arrays}
 
 
-ACTIONS: dict[str, Callable[[Path, Limits], tuple[dict[str, Any], dict[str, Any]]]] = {
-    "msh": _msh,
+ACTIONS: dict[str, _Action] = {
+    "msh": _reader("gmsh_mesh", "read_msh"),
     "vtu": _vtu,
-    "inp": _inp,
+    "cad": _reader("cad_files", "read_cad"),
+    "inp": _reader("inp_files", "read_inp"),
+    "feb": _reader("feb_files", "read_feb"),
     "image": _image,
     "surface": _surface,
 }

@@ -34,6 +34,7 @@ NOT_OF_EVERY_JOB = {
     "mesh.inputs",
     "states",
     "solutions[].state",
+    "solutions[].cavities",
     "solutions[].coarse",
     "unwritten",
 }

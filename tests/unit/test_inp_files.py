@@ -96,8 +96,65 @@ def test_sets_surfaces_and_instances_are_regions(tmp_path: Path) -> None:
     assert source.points.max(axis=0).tolist() == [11, 1, 2]
     (top,) = (source.facets[g.members] for g in source.groups if g.name == "Top")
     assert (source.points[top][..., 2] == 2).all()
+    assert source.notes == (
+        "not used: HYPERELASTIC, MATERIAL; state them in the job",
+        "its elements of 20 nodes were completed to 27",
+    )
     shown = FORMATS[".inp"].groups(path)
     assert shown is None  # names in an assembly are known when it is read
+
+
+SEVERAL = """*PART, NAME=Brick
+*NODE
+1, 0, 0, 0
+2, 1, 0, 0
+3, 0, 1, 0
+4, 0, 0, 1
+*ELEMENT, TYPE=C3D4, ELSET=whole
+1, 1, 2, 3, 4
+*END PART
+*ASSEMBLY, NAME=A
+*INSTANCE, NAME=left, PART=Brick
+*END INSTANCE
+*INSTANCE, NAME=right, PART=Brick
+5, 0, 0
+*END INSTANCE
+*NSET, NSET=foot, INSTANCE=left
+1, 2, 3
+*ELSET, ELSET=_top_S3, INTERNAL, INSTANCE=right
+1
+*SURFACE, TYPE=ELEMENT, NAME=top
+_top_S3, S3
+*ELSET, ELSET=both, INSTANCE=left
+1
+*ELSET, ELSET=both, INSTANCE=right
+1
+*END ASSEMBLY
+"""
+
+
+def test_sets_of_an_assembly_belong_to_their_instances(tmp_path: Path) -> None:
+    path = tmp_path / "a.inp"
+    path.write_text(SEVERAL)
+    source = read(path)
+    counts = {g.name: (g.dim, len(g.members)) for g in source.groups}
+    assert counts == {
+        "left.whole": (3, 1),
+        "right.whole": (3, 1),
+        "both": (3, 2),
+        "_top_S3": (3, 1),
+        "foot": (2, 1),
+        "top": (2, 1),
+    }
+    for name, (low, high) in {"foot": (0, 1), "top": (5, 6)}.items():
+        (facets,) = (source.facets[g.members] for g in source.groups if g.name == name)
+        assert (source.points[facets][..., 0].min(), source.points[facets][..., 0].max()) == (low, high)
+    path.write_text(SEVERAL.replace("_top_S3, S3", "1, S3"))
+    with pytest.raises(MeshError, match="set 'top' of the assembly has numbers without instance="):
+        read(path)
+    path.write_text(SEVERAL.replace("_top_S3, S3", "nowhere, S3"))
+    with pytest.raises(MeshError, match="set 'top' has 'nowhere', which is not defined"):
+        read(path)
 
 
 def test_bricks_of_20_nodes_keep_their_geometry(tmp_path: Path) -> None:
@@ -158,6 +215,8 @@ FAULTS = {
     "{tet}*ELSET, ELSET=a\nb": "set 'a' has 'b', which is not defined",
     "{tet}*NSET, NSET=a\n9": "set 'a' has 9, which is not defined",
     "{tet}*NSET, NSET=a, GENERATE\n1, 999999999999": "line 9: the generated set has no valid range",
+    "{tet}*NSET, NSET=a, GENERATE\n1": "line 9: the generated set has no valid range",
+    "{tet}*NSET, NSET=a, GENERATE\n,": "line 9: the generated set has no valid range",
     "{tet}*SURFACE, NAME=a\n1, S5": "surface 'a': element 1 has no face S5",
     "{tet}*SURFACE, NAME=a\n1, SPOS": "surface 'a': 'SPOS' is not a face of a solid element",
 }

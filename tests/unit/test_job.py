@@ -150,7 +150,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"mesh": {}}, "mesh.file: is needed: path from the job file"),
     ({"mesh": {"file": "../meshes/baem.py"}}, "mesh.file: there is no file"),
     ({"mesh": {"file": "../meshes/baem.py"}}, "Did you mean 'beam.py'?"),
-    ({"mesh": {"file": "../meshes/beam.step"}}, "mesh.file: '../meshes/beam.step' is not a readable mesh"),
+    ({"mesh": {"file": "../meshes/beam.sldprt"}}, "mesh.file: '../meshes/beam.sldprt' is not a readable mesh"),
     ({"mesh": {"file": "../meshes/beam.py", "parameters": {"sise": 1}}}, "mesh.parameters.sise: beam.py has no such"),
     ({"mesh": {"file": "../meshes/beam.py", "parameters": {"size": "1 kg"}}}, "mesh.parameters.size: must be a length"),
     ({"mesh": {"file": "../meshes/beam.geo", "unit": "mm"}}, "mesh.unit: is not valid with a .geo script"),
@@ -223,7 +223,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"solver": {"petsc": {"-ksp_type": "cg"}}}, "solver.petsc.-ksp_type: is written without the dash: ksp_type"),
     ({"solver": {"petsc": {"a": [1]}}}, "solver.petsc.a: must be text, a number, true, false or nothing"),
     ({"checkpoint": {"every": -1}}, "checkpoint.every: must be at least 0, not -1"),
-    ({"output": {"mesh": ["stl"]}}, "output.mesh[0]: must be 'bp', 'inp', 'msh' or 'vtu', not 'stl'"),
+    ({"output": {"mesh": ["stl"]}}, "output.mesh[0]: must be 'bp', 'feb', 'inp', 'msh' or 'vtu', not 'stl'"),
     ({"quantities": [{"name": "a", "of": "x"}]}, "quantities[0]: needs exactly one of 'at'"),
     ({"quantities": [{"name": "a", "of": "x", "on": "side"}]}, "quantities[0].reduce: is needed on a region"),
     (

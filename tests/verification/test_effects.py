@@ -157,7 +157,8 @@ def test_a_scene_is_what_it_would_be_if_the_effects_it_does_not_list_did_not_exi
     command = [sys.executable, "-c", ALONE, *map(str, Path(__file__).parents[:2])]
     *_, last = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
     known, bare, loaded = json.loads(last)
-    assert known == ["contact", "gravity"]  # the model knows contact by its name
+    # The model knows contact by its name, and cavities their pressure.
+    assert known == ["contact", "gravity", "pressure"]
     assert len(EXAMPLES) > 1
     assert bare == footprints()
     assert loaded == footprints("gravity")

@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from typing import IO, Any
@@ -100,16 +101,30 @@ def _ending(code: int) -> str:
     return f"it crashed ({signal.Signals(-code).name})" if code < 0 else f"it ended with exit code {code}"
 
 
-def check_readable_by_gmsh(path: Path, called: Path) -> None:
-    """Raise ``MeshError``, which names ``called``, for an MSH file on which gmsh crashes.
+def check_msh(path: Path, called: Path) -> None:
+    """Raise ``MeshError``, which names ``called``, for an MSH file on which gmsh crashes."""
 
-    That takes as long as reading the file. So a record next to the kernels says which files gmsh has read.
+    def check() -> None:
+        if (code := run_isolated("msh", path).returncode) < 0:
+            raise MeshError(f"{called}: gmsh cannot read it: {_ending(code)}", "Is the file complete?")
+
+    _check_once("msh", called, check)
+
+
+def check_cad(path: Path) -> None:
+    """Raise ``MeshError`` for a CAD file that gmsh cannot import."""
+    _check_once("cad", path, lambda: read_isolated("cad", path, "cannot be read as CAD", "Export it again, as STEP."))
+
+
+def _check_once(action: str, path: Path, check: Callable[[], object]) -> None:
+    """Check a file that gmsh will read, which takes as long as reading it, unless a record says that it passed.
+
+    Records are next to the kernels, by the content of the file and the version of gmsh.
     """
-    records, name = _records(), f"msh_{file_digest(called)}_{version('gmsh')}"
+    records, name = _records(), f"{action}_{file_digest(path)}_{version('gmsh')}"
     if records is not None and records.read_record(name, records.DIRECTORY) is not None:
         return
-    if (code := run_isolated("msh", path).returncode) < 0:
-        raise MeshError(f"{called}: gmsh cannot read it: {_ending(code)}", "Is the file complete?")
+    check()
     if records is not None:
         records.write_record(name, "gmsh reads it", records.DIRECTORY)
 

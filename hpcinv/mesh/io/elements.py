@@ -1,0 +1,152 @@
+"""Meshes by elements, node sets, element sets and surfaces, as input files of other programs have them.
+
+Node sets become regions of the boundary facets and cells all of whose vertices are in them. Elements of 20 nodes are
+completed to 27 by the shape functions of 20 nodes, which leaves their geometry as it is.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.errors import MeshError
+from hpcinv.mesh.cells import node_order, scalar_element, vertex_count
+from hpcinv.mesh.facet_groups import add_facets, facets_and_cells_inside
+from hpcinv.mesh.io.isolated import read_isolated
+from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, distinct_tags
+from hpcinv.mesh.topology import FacetTable, unique_rows
+from hpcinv.reading.inp_files import FACES
+
+_CORNERS = {
+    "tetrahedron": np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]),
+    "hexahedron": np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]]),
+}
+"""reference coordinates of the vertices of an element, in its order"""
+_EDGES = {
+    "tetrahedron": ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)),
+    "hexahedron": (
+        *((0, 1), (1, 2), (2, 3), (3, 0)),
+        *((4, 5), (5, 6), (6, 7), (7, 4)),
+        *((0, 4), (1, 5), (2, 6), (3, 7)),
+    ),
+}
+"""vertices of the edges whose middle nodes follow the vertices"""
+
+
+def read_elements(path: Path, action: str, failure: str) -> MeshSource:
+    """Return the mesh of a file by an action of ``hpcinv.reading.isolated_reader``; `read_isolated` says more."""
+    head, arrays = read_isolated(action, path, failure, "Is the file complete?")
+    return _source_of_elements(path, arrays, head["ignored"])
+
+
+def _source_of_elements(path: Path, arrays: Mapping[str, npt.NDArray[Any]], ignored: Sequence[str]) -> MeshSource:
+    """Return the mesh of nodes, elements and sets.
+
+    Args:
+        arrays: ``points`` (n, 3), ``node_tags`` (n,), ``cells`` (m, k), ``cell_tags`` (m,), and sets by their names:
+            ``cells:NAME`` and ``nodes:NAME`` (rows), ``faces:NAME`` (cell, face), ``facets:NAME`` (vertices of each).
+        ignored: parts of the file that are not read.
+    """
+    cells, points, tags = arrays["cells"], arrays["points"], arrays["node_tags"]
+    kind = "tetrahedron" if cells.shape[1] in (4, 10) else "hexahedron"
+    degree = 1 if cells.shape[1] in (4, 8) else 2
+    notes = [f"not used: {', '.join(ignored)}; state them in the job"] if ignored else []
+    if cells.shape[1] == 20:
+        cells, points, tags = _completed(cells, points, tags)
+        notes.append("its elements of 20 nodes were completed to 27")
+    elif cells.shape[1] == 27:  # the centre comes before the faces
+        cells = cells[:, [*range(20), *range(21, 27), 20]]
+    order = node_order(kind, degree, _reference_nodes(kind)[: cells.shape[1]])
+    no_facets = np.zeros((0, len(scalar_element(kind, degree).entity_closure_dofs[2][0])), dtype=np.int64)
+    source = MeshSource(
+        path, kind, degree, points, tags, cells[:, order], arrays["cell_tags"], no_facets, notes=tuple(notes)
+    )
+    return _with_sets(source, arrays, cells)
+
+
+def elements_of(source: MeshSource) -> Ints:
+    """Return the nodes of the elements (rows of the points) in their order; hexahedra of degree 2 have 20 nodes."""
+    theirs = _reference_nodes(source.kind)[: source.cells.shape[1]]
+    elements = source.cells[:, np.argsort(node_order(source.kind, source.degree, theirs))]
+    return elements[:, :20] if elements.shape[1] == 27 else elements
+
+
+def faces_of(source: MeshSource, group: Group, elements: Ints) -> Iterator[tuple[int, int]]:
+    """Yield row of the element and number of the face, from 0, of each facet of a group."""
+    local = np.array(FACES[vertex_count(source.kind)])
+    every, place = unique_rows(np.sort(elements[:, local].reshape(-1, local.shape[1]), axis=1))
+    owner = np.zeros(len(every), dtype=np.int64)
+    owner[place[::-1]] = np.arange(len(place))[::-1]
+    facets = np.sort(source.facets[group.members][:, : local.shape[1]], axis=1)
+    table = FacetTable(every, np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.int64))
+    for cell, face in zip(*np.divmod(owner[table.find(facets)], len(local)), strict=True):
+        yield int(cell), int(face)
+
+
+def _reference_nodes(kind: str) -> Floats:
+    """Reference coordinates of the nodes of an element: vertices, middles of edges and of faces, and the centre."""
+    corners = _CORNERS[kind]
+    edges = [corners[list(edge)].mean(axis=0) for edge in _EDGES[kind]]
+    if kind == "tetrahedron":
+        return np.array([*corners, *edges])
+    faces = [corners[list(face)].mean(axis=0) for face in FACES[8]]
+    return np.array([*corners, *edges, *faces, corners.mean(axis=0)])
+
+
+def _completed(cells: Ints, points: Floats, tags: Ints) -> tuple[Ints, Floats, Ints]:
+    """Return hexahedra of 20 nodes with nodes in the middle of faces and cells, where 20 nodes have these points."""
+    edges = [frozenset(edge) for edge in _EDGES["hexahedron"]]
+    faces = np.array(FACES[8])
+    middles = np.array(
+        [[8 + edges.index(frozenset((face[i], face[(i + 1) % 4]))) for i in range(4)] for face in FACES[8]]
+    )
+    distinct, place = unique_rows(np.sort(cells[:, faces].reshape(-1, 4), axis=1))
+    owner = np.zeros(len(distinct), dtype=np.int64)
+    owner[place] = np.arange(len(place))
+    cell, face = np.divmod(owner, len(faces))
+    corner, middle = (points[cells[cell[:, None], local[face]]].sum(axis=1) for local in (faces, middles))
+    centres = points[cells[:, 8:]].sum(axis=1) / 4 - points[cells[:, :8]].sum(axis=1) / 4
+    first = len(points)
+    wide = np.column_stack(
+        [cells, first + place.reshape(-1, len(faces)), first + len(distinct) + np.arange(len(cells))]
+    )
+    more = np.concatenate([middle / 2 - corner / 4, centres])
+    new_tags = tags.max() + 1 + np.arange(len(more))
+    return wide, np.concatenate([points, more]), np.concatenate([tags, new_tags])
+
+
+def _with_sets(source: MeshSource, arrays: Mapping[str, npt.NDArray[Any]], elements: Ints) -> MeshSource:
+    """Return the mesh with a group for each set and surface; ``elements`` have the order of the file."""
+    vertices = source.cells[:, : vertex_count(source.kind)]
+    table = FacetTable.build(source.kind, vertices)
+    local = np.array(FACES[vertices.shape[1]])
+    groups, sides = list[Group](), dict[str, Ints]()
+    for key, rows in arrays.items():
+        place, separator, name = key.partition(":")
+        has_surface = {f"faces:{name}", f"facets:{name}"} & arrays.keys()
+        if not separator or (place == "nodes" and has_surface):  # the surface is exact
+            continue
+        if place == "cells":
+            groups.append(Group(name, 3, 0, rows))
+            continue
+        if place in ("faces", "facets"):
+            vertices_of_rows = rows if place == "facets" else elements[rows[:, 0, None], local[rows[:, 1]]]
+            facets = table.find(vertices_of_rows)
+            if (facets < 0).any():
+                text = (
+                    f"{(facets < 0).sum():,} of {len(facets):,} facets of surface '{name}' belong to no solid element"
+                )
+                raise MeshError(f"{source.path}: {text}", "Save the surface of the solid elements.")
+        else:
+            is_inside = np.zeros(len(source.points), dtype=bool)
+            is_inside[rows] = True
+            facets, cells = facets_and_cells_inside(table, vertices, is_inside)
+            if len(cells) and name not in {group.name for group in groups}:
+                groups.append(Group(name, 3, 0, cells))
+        if len(facets):
+            earlier = sides.get(name, np.zeros((0, 2), dtype=np.int64))
+            sides[name] = np.unique(np.concatenate([earlier, table.owners(facets)]), axis=0)
+    return add_facets(dataclasses.replace(source, groups=distinct_tags(groups)), sides)

@@ -1,0 +1,145 @@
+"""Model files of FEBio (``.feb``, formats 2.5 to 4.0): nodes, solid elements, sets and surfaces."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.reading.fault import Fault, shown
+
+_SOLID = {"tet4": 4, "tet10": 10, "hex8": 8, "hex20": 20}
+_FLAT = ("tri", "quad", "line", "truss", "q4ans", "q4eas")  # shells, surfaces and trusses, which are left out
+_GENERAL = ("Module", "Globals", "Control", "Output", "MeshDomains")
+_FACETS = {"tri3": 3, "tri6": 3, "quad4": 4, "quad8": 4, "quad9": 4}  # with their vertices
+
+
+def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return arrays of nodes, elements and sets as `hpcinv.reading.inp_files` does; surfaces are ``facets:NAME``."""
+    content = path.read_bytes()
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise Fault("has definitions of entities, which could fill the memory", "Save the model again.")
+    try:
+        root = ET.fromstring(content)
+    except (ET.ParseError, LookupError) as error:  # an unknown encoding
+        raise Fault(f"is not XML: {error}", "Is the file complete?") from None
+    mesh = root.find("Mesh") if root.find("Mesh") is not None else root.find("Geometry")
+    if root.tag != "febio_spec" or mesh is None:
+        raise Fault("is not a model of FEBio with a mesh", "Save the model with FEBio Studio.")
+    nodes: dict[int, list[float]] = {}
+    sets: dict[str, list[Any]] = {}
+    for part in mesh.iter("Nodes"):
+        tags = [_tag(node) for node in part.iter("node")]
+        nodes |= {tag: _position(node) for tag, node in zip(tags, part.iter("node"), strict=True)}
+        if name := part.get("name"):
+            sets.setdefault(f"nodes:{name}", []).extend(tags)
+    cells, cell_tags, blocks = _elements(mesh)
+    if not cells:
+        raise Fault("has no solid elements", f"Elements are {', '.join(_SOLID)}.")
+    row, cell_row = ({tag: i for i, tag in enumerate(numbers)} for numbers in (nodes, cell_tags))
+    for part in mesh.iter("NodeSet"):
+        sets.setdefault(f"nodes:{_name(part)}", []).extend(_members(part))
+    for part in mesh.iter("ElementSet"):
+        blocks.setdefault(_name(part), []).extend(_members(part))
+    for part in mesh.iter("Surface"):
+        facets = [_integers(facet)[: _FACETS[facet.tag]] for facet in part if facet.tag in _FACETS]
+        if unknown := next((facet.tag for facet in part if facet.tag not in _FACETS), None):
+            raise Fault(
+                f"surface '{shown(_name(part))}' has facets '{shown(unknown)}'", f"Facets are {', '.join(_FACETS)}."
+            )
+        sets.setdefault(f"facets:{_name(part)}", []).extend(facets)
+    arrays: dict[str, Any] = {
+        "points": np.array(list(nodes.values())),
+        "node_tags": np.array(list(nodes), dtype=np.int64),
+        "cells": np.array([[_row(row, node, "an element") for node in cell] for cell in cells], dtype=np.int64),
+        "cell_tags": np.array(cell_tags, dtype=np.int64),
+    }
+    for name, tags in blocks.items():
+        members = [cell_row[tag] for tag in tags if tag in cell_row]  # others are shells
+        if members:
+            arrays[f"cells:{name}"] = np.unique(members)
+    for key, rows in sets.items():
+        if not rows:
+            continue
+        if key.startswith("nodes:"):
+            arrays[key] = np.unique([_row(row, tag, "a node set") for tag in rows])
+        elif len({len(facet) for facet in rows}) > 1:
+            raise Fault(f"surface '{shown(key[7:])}' has triangles and quadrilaterals", "Use one kind of elements.")
+        else:
+            arrays[key] = np.array([[_row(row, node, "a surface") for node in facet] for facet in rows], dtype=np.int64)
+    return {
+        "ignored": [part.tag for part in root if part is not mesh and part.tag not in _GENERAL and len(part)]
+    }, arrays
+
+
+def _elements(mesh: ET.Element) -> tuple[list[list[int]], list[int], dict[str, list[int]]]:
+    """Return nodes and numbers of the solid elements, and those numbers by the name of their part."""
+    cells: list[list[int]] = []
+    tags: list[int] = []
+    blocks: dict[str, list[int]] = {}
+    kinds = set()
+    for number, part in enumerate(mesh.iter("Elements"), 1):
+        kind = part.get("type", "")
+        if kind.startswith(_FLAT):
+            continue
+        if kind not in _SOLID:
+            raise Fault(f"elements '{shown(kind)}' are not supported", f"Elements are {', '.join(_SOLID)}.")
+        kinds.add(kind)
+        name = part.get("name") or f"part-{number}"
+        for element in part:
+            nodes = _integers(element)
+            if len(nodes) != _SOLID[kind]:
+                raise Fault(f"element {_tag(element)} has {len(nodes)} nodes, not {_SOLID[kind]}")
+            tags.append(_tag(element))
+            cells.append(nodes)
+            blocks.setdefault(name, []).append(tags[-1])
+    if len(kinds) > 1:
+        raise Fault(f"has elements {' and '.join(sorted(kinds))}", "Use one kind of solid elements.")
+    return cells, tags, blocks
+
+
+def _row(rows: dict[int, int], tag: int, owner: str) -> int:
+    if tag not in rows:
+        raise Fault(f"{owner} has node {tag}, which is not defined")
+    return rows[tag]
+
+
+def _name(part: ET.Element) -> str:
+    if not (name := part.get("name", "")):
+        raise Fault(f"a {part.tag} has no name")
+    return name
+
+
+def _tag(element: ET.Element) -> int:
+    try:
+        return int(element.get("id", ""))
+    except ValueError:
+        raise Fault(f"<{element.tag}> has id '{shown(element.get('id', ''))}', not a number") from None
+
+
+def _position(node: ET.Element) -> list[float]:
+    try:
+        position = [float(entry) for entry in (node.text or "").split(",")]
+    except ValueError:
+        position = []
+    if len(position) != 3 or not np.isfinite(position).all():
+        raise Fault(f"node {_tag(node)} has no three finite coordinates")
+    return position
+
+
+def _integers(element: ET.Element) -> list[int]:
+    try:
+        return [int(entry) for entry in (element.text or "").split(",")]
+    except ValueError:
+        raise Fault(
+            f"<{element.tag} id='{shown(element.get('id', ''))}'> has entries that are not whole numbers"
+        ) from None
+
+
+def _members(part: ET.Element) -> Iterator[int]:
+    """Yield the members of a set: listed in its text (format 4), or one in each element below it."""
+    if (part.text or "").strip():
+        yield from _integers(part)
+    for member in part:
+        yield _tag(member)

@@ -1,0 +1,174 @@
+"""Bodies of CAD files: names, sizes against closed forms, glued and faulty assemblies, damaged files."""
+
+from __future__ import annotations
+
+import random
+import subprocess
+import sys
+from collections.abc import Callable
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import NO_CERTIFICATE, hpcinv, write_job
+from helpers.schemas import refusals
+
+import hpcinv as package
+from hpcinv.__main__ import main
+from hpcinv.errors import JobError, MeshError
+from hpcinv.job.sections import MeshSpec
+from hpcinv.mesh import read_source
+from hpcinv.mesh.io import isolated
+from hpcinv.mesh.source import MeshSource
+from hpcinv.parallel import jit
+from hpcinv.parallel.runtime import MPI
+
+MODELS = {
+    "box": "o.addBox(0, 0, 0, 20, 10, 10)",
+    "cylinder": "o.addCylinder(0, 0, 0, 0, 0, 20, 5)",
+    "two": "o.addBox(0, 0, 0, 10, 10, 10); o.addBox(10, 2, 2, 10, 6, 6)",
+    "overlap": "o.addBox(0, 0, 0, 10, 10, 10); o.addBox(9, 2, 2, 10, 6, 6)",
+    "gap": "o.addBox(0, 0, 0, 10, 10, 10); o.addBox(10.005, 2, 2, 10, 6, 6)",
+    "sheet": "o.addRectangle(0, 0, 0, 10, 10)",
+}
+
+
+@pytest.fixture(scope="module")
+def cad(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    place = tmp_path_factory.mktemp("cad")
+
+    def made(file: str) -> Path:
+        path = place / file
+        if not path.exists():
+            text = f"import gmsh, sys; gmsh.initialize(); o = gmsh.model.occ; {MODELS[path.stem]}; o.synchronize()"
+            command = [sys.executable, "-c", f"{text}; gmsh.write(sys.argv[1])", str(path)]
+            subprocess.run(command, check=True, capture_output=True)
+        return path
+
+    return made
+
+
+def read(path: Path, **more: Any) -> MeshSource:
+    data = {"cad": path.name, "size": "4 mm"} | more
+    spec = MeshSpec.model_validate(data, context={"directory": path.parent, "untrusted": False})
+    return read_source(spec, path)
+
+
+def volume(source: MeshSource) -> float:
+    """Volume (m³) of straight tetrahedra."""
+    a, b, c, d = (source.points[source.cells[:, i]] for i in range(4))
+    return float(np.abs(np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)).sum() / 6)
+
+
+def counts(source: MeshSource) -> dict[str, int]:
+    return {group.name: group.dim for group in source.groups}
+
+
+@pytest.mark.parametrize(("file", "unit"), [("box.step", {}), ("box.brep", {"unit": "mm"})])
+def test_a_box_has_its_volume_and_faces(file: str, unit: dict[str, str], cad: Callable[[str], Path]) -> None:
+    source = read(cad(file), **unit)
+    assert volume(source) == pytest.approx(2e-6, rel=1e-9)
+    assert counts(source) == {"solid-1": 3, **{f"face-{number}": 2 for number in range(1, 7)}}
+    assert len(read(cad(file), **unit, size="2 mm").cells) > 4 * len(source.cells)
+
+
+@pytest.mark.parametrize("suffix", ["step", "iges"])
+def test_curved_cells_are_on_the_surface(suffix: str, cad: Callable[[str], Path]) -> None:
+    if suffix == "iges":  # surfaces alone, which are sewn to a solid
+        straight = read(cad("cylinder.iges"))
+        assert volume(straight) == pytest.approx(pi * 25 * 20e-9, rel=0.06)
+        return
+    straight, curved = (read(cad("cylinder.step"), geometry_degree=degree) for degree in (1, 2))
+    side = next(g for g in curved.groups if g.name == "face-1").members
+    radii = np.hypot(*curved.points[curved.facets[side]][..., :2].reshape(-1, 2).T)
+    assert np.abs(radii - 5e-3).max() < 1e-12
+    assert 0.93 < volume(straight) / (pi * 25 * 20e-9) < 1
+
+
+def test_touching_solids_share_their_face(cad: Callable[[str], Path]) -> None:
+    source = read(cad("two.step"))
+    assert {name for name, dim in counts(source).items() if dim == 3} == {"solid-1", "solid-2"}
+    (shared,) = (group for group in source.groups if group.name == "solid-1|solid-2")
+    assert len(np.unique(source.facets[shared.members])) > 4
+    assert source.points[source.facets[shared.members]][..., 0] == pytest.approx(0.01)
+    assert volume(source) == pytest.approx(1.36e-6, rel=1e-9)
+
+
+def test_faulty_assemblies_are_refused_with_their_place(cad: Callable[[str], Path]) -> None:
+    with pytest.raises(MeshError, match=r"solids 'solid-1' and 'solid-2' overlap near \(0\.0095, 0\.005, 0\.005\) m"):
+        read(cad("overlap.step"))
+    with pytest.raises(MeshError, match="solids 'solid-1' and 'solid-2' miss each other by 5 µm near") as refused:
+        read(cad("gap.step"))
+    assert "glue: 5 µm" in refused.value.advice
+    assert "solid-1|solid-2" in counts(read(cad("gap.step"), glue="6 um"))
+    with pytest.raises(MeshError, match=r"mesh\.glue is more than 1% of the size"):
+        read(cad("overlap.step"), glue="1 mm")
+    with pytest.raises(MeshError, match="has no solid"):
+        read(cad("sheet.step"))
+
+
+def test_wrong_keys_are_refused(cad: Callable[[str], Path], tmp_path: Path) -> None:
+    for file, keys, message in (
+        ("box.step", {"size": "4 mm", "unit": "mm"}, "mesh.unit: is in the file already; leave it out"),
+        ("box.brep", {"size": "4 mm"}, "mesh.unit: is needed: BREP files do not have one"),
+        ("box.step", {}, "mesh.size: is needed: the largest length of edges"),
+    ):
+        data = {"mesh": {"cad": str(cad(file)), **keys}, "material": {"law": "neo-hookean", "mu": 1, "lam": 1}}
+        with pytest.raises(JobError, match=message):
+            package.load(
+                write_job(tmp_path / "job.yaml", data, supports=[{"region": "face-1", "fix": ["x", "y", "z"]}])
+            )
+
+
+def test_damaged_files_get_a_message(cad: Callable[[str], Path], tmp_path: Path) -> None:
+    whole, source, messages = cad("cylinder.step").read_bytes(), random.Random(1), list[str]()
+    for number in range(4):
+        path = tmp_path / f"damaged-{number}.step"
+        content = bytearray(whole[: source.randrange(len(whole) // 2, len(whole))])
+        content[source.randrange(len(content))] = source.randrange(256)
+        path.write_bytes(content)
+        with pytest.raises(MeshError) as refused:
+            read(path)
+        messages.append(refused.value.message)
+    assert not [text for text in messages if "Traceback" in text]
+
+
+def test_a_file_that_gmsh_has_read_is_not_tried_again(
+    cad: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, tried = tmp_path / "box.step", list[str]()
+    path.write_bytes(cad("box.step").read_bytes())
+    monkeypatch.setattr(jit, "DIRECTORY", tmp_path / "records")
+    monkeypatch.setattr(jit, "_PLACES", (tmp_path / "records",))
+    run = isolated.run_isolated
+    monkeypatch.setattr(isolated, "run_isolated", lambda action, *rest: tried.append(action) or run(action, *rest))
+    first, second = read(path), read(path)
+    assert tried == ["cad"]
+    assert np.array_equal(first.points, second.points)
+    path.write_bytes(cad("cylinder.step").read_bytes())  # another content under the same name
+    read(path)
+    assert len(tried) == 2
+
+
+def test_a_job_on_a_cad_file_runs(cad: Callable[[str], Path], tmp_path: Path) -> None:
+    data = {
+        "analysis": "round_trip",
+        "mesh": {"cad": str(cad("two.step")), "size": "5 mm"},
+        "regions": {"foot": "x < 1e-6 m"},
+        "material": {
+            "solid-1": {"law": "neo-hookean", "young": "1 MPa", "poisson": 0.4},
+            "solid-2": {"law": "neo-hookean", "young": "0.5 MPa", "poisson": 0.4},
+        },
+        "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000}],
+        "supports": [{"region": "foot", "fix": ["x", "y", "z"]}],
+        "certificate": NO_CERTIFICATE,
+    }
+    path = write_job(tmp_path / "job.yaml", data)
+    assert not refusals(package.load(path).data)
+    result = package.run(path, MPI.COMM_SELF, progress=False)
+    assert result.errors["round_trip"]["relative"] < 1e-10
+    assert main(["validate", str(path)]) == 0
+    ended = hpcinv(2, "run", path, cwd=tmp_path)
+    assert ended.returncode == 0, ended.stderr
