@@ -38,6 +38,7 @@ from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest,
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
+from hpcinv.job.shell_rules import unsuited_shell
 from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import Material, MaterialLaw
@@ -478,6 +479,8 @@ class Job(Spec):
             sections["accuracy"] = rules.read_demands(self.accuracy, sections.get("quantities", self.quantities))
         raise_if_any(problems)
         sections = {key: value for key, value in sections.items() if key in self.model_fields_set}
+        if self.mesh.shell is not None and self.solver.linear == "auto":  # thin cells are too hard for multigrid
+            sections["solver"] = self.solver.model_copy(update={"linear": "direct"})
         if pressures := [effect for cavity in self.cavities.values() for effect in cavity.pressures]:
             sections["effects"] = (*self.effects, *pressures)
         return self.model_copy(update=sections)
@@ -488,6 +491,7 @@ class Job(Spec):
                 yield (key,), "is not valid with 'states', one of which is the given one; remove it"
         yield from rules.contradicting_directions(self.analysis, self.first, self.method, self.fixed_point, self.states)
         yield from rules.contradicting_meshes(self.mesh, self.output, self.expected_shape)
+        yield from unsuited_shell(self)
         yield from unsuited_controls(self)
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
@@ -583,7 +587,12 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
     job._path, job._data, job._untrusted = path, data, untrusted
     # names by the values of an array are known when the mesh is read
     named = () if job.mesh.array_labels is not None else _named_regions(job)
-    unknown = unknown_regions(job.resolve(job.mesh.file), {*job.regions, *job.mesh.faces}, named)
+    unknown = unknown_regions(
+        job.resolve(job.mesh.file),
+        {*job.regions, *job.mesh.faces},
+        named,
+        is_shell=job.mesh.shell is not None,
+    )
     if lines := [f"{path}: {dotted_key(where)}: {what}" for where, what in unknown]:
         raise JobError(*lines)
     return job

@@ -309,6 +309,18 @@ class ArrayLabels(Spec):
 WRITTEN_AS["array_labels"] = "labels"
 
 
+class Shell(Spec):
+    """A shell whose midsurface is the mesh: quadrilaterals of degree 2, in a file of gmsh.
+
+    The displacement is quadratic through the thickness, and any law of three dimensions holds there.
+    """
+
+    thickness: Size
+    """thickness of the given body along its normals, half of it on each side"""
+    kind: Literal["director"] = "director"
+    """director: with bending, and with shear and strain through the thickness"""
+
+
 class MeshSpec(MeshFile):
     """The mesh on which the job is solved: of the reference body in a forward analysis, else of the current body."""
 
@@ -345,6 +357,9 @@ class MeshSpec(MeshFile):
     glue: Annotated[Size | None, Field(exclude_if=lambda gap: gap is None)] = None
     """of a CAD file (written as 'cad' instead of 'file'): distance up to which solids that miss each other are
     joined"""
+    shell: Annotated[Shell | None, Field(exclude_if=lambda shell: shell is None)] = None
+    """of a surface mesh: the shell around it, such as {thickness: 1.2 mm}; its faces are the regions 'outer' and
+    'inner'"""
     surface_error: Annotated[SurfaceError | None, Field(exclude_if=lambda error: error is None)] = None
     """error of the given surface, whose effect on shape and quantities the certificate reports; of an image by default
     {sd: 0.12 voxels, correlation: a voxel or half of 'size'}"""
@@ -474,6 +489,8 @@ class Support(Spec):
     """values of further names in the formulas"""
     case: Name | None = None
     """load case (a name from 'load_cases') of the displacement; by default the first"""
+    hinge: bool = Field(default=False, exclude_if=lambda hinge: not hinge)
+    """of the edge of a shell: hold its midsurface only, about which the shell may turn"""
 
     @property
     def held(self) -> frozenset[AxisName]:

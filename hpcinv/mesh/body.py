@@ -33,7 +33,8 @@ from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.io.cad import cad_mesh
 from hpcinv.mesh.io.length_unit import check_unit
 from hpcinv.mesh.label_groups import add_label_groups
-from hpcinv.mesh.readers import FILES, GENERATORS
+from hpcinv.mesh.midsurface import thicken
+from hpcinv.mesh.readers import FILES, GENERATORS, read_surface
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geometry, surface_geometry
 from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
@@ -192,7 +193,7 @@ def read_source(
 
             source = image_mesh(path, spec, report)
         else:
-            source = FILES[path.suffix](path)
+            source = FILES[path.suffix](path) if spec.shell is None else read_surface(path)
             for note in source.notes:
                 report(note)
             if not FORMATS[path.suffix].is_partitioned:  # partitioned meshes are in metres
@@ -201,7 +202,8 @@ def read_source(
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     check_nodes(source)
-    source = join_facets(_with_sets(source, spec, path).drop_unused_nodes())
+    source = _with_sets(source, spec, path).drop_unused_nodes()
+    source = join_facets(source if spec.shell is None else thicken(source, spec.shell.thickness))
     return source if spec.geometry_degree is None else change_degree(source, spec.geometry_degree)
 
 

@@ -18,7 +18,7 @@ from hpcinv.job.mesh_generators import ParameterValue
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored
 from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.generator_files import note_script, noted_files
-from hpcinv.mesh.io.gmsh_model import extract, read_views, session
+from hpcinv.mesh.io.gmsh_model import extract, extract_surface, read_views, session
 from hpcinv.mesh.io.isolated import check_msh
 from hpcinv.mesh.io.length_unit import stored_unit
 from hpcinv.mesh.io.vtu import source_of
@@ -85,8 +85,12 @@ def build_geo(
     return dataclasses.replace(source, inputs=inputs)
 
 
-def read_msh(path: Path) -> MeshSource:
-    """Read MSH 2.2 or 4.1, ASCII or binary; the sections $NodeData and $ElementData become data arrays."""
+def read_msh(path: Path, extracted: Callable[[Any, Path], MeshSource] = extract) -> MeshSource:
+    """Read MSH 2.2 or 4.1, ASCII or binary; the sections $NodeData and $ElementData become data arrays.
+
+    Args:
+        extracted: takes the mesh from gmsh's model, by default that of a solid.
+    """
     if fault := FORMATS[".msh"].fault(path):
         raise MeshError(f"{path}: {fault}", "Export the mesh again (gmsh: gmsh.write, or -save).")
     with session(path.stem) as gmsh, tempfile.TemporaryDirectory(prefix="hpcinv-mesh-") as empty:
@@ -97,8 +101,13 @@ def read_msh(path: Path) -> MeshSource:
         _merge(gmsh, link, path)
         if gmsh.model.getNumberOfPartitions():
             gmsh.model.mesh.unpartition()
-        source = extract(gmsh, path)
+        source = extracted(gmsh, path)
         return dataclasses.replace(source, data=read_views(gmsh, source), unit=stored_unit(gmsh))
+
+
+def read_surface(path: Path) -> MeshSource:
+    """Read the surface of a shell from an MSH file."""
+    return read_msh(path, extract_surface)
 
 
 def _merge(gmsh: Any, path: Path, called: Path | None = None) -> None:
