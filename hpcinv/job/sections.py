@@ -315,10 +315,19 @@ class Shell(Spec):
     The displacement is quadratic through the thickness, and any law of three dimensions holds there.
     """
 
-    thickness: Size
-    """thickness of the given body along its normals, half of it on each side"""
+    thickness: Size | None = None
+    """thickness of the given body along its director, half of it on each side"""
+    director: Literal["normal", "data"] = "normal"
+    """of the given body: the normal of the surface; or data: the arrays 'outer' and 'inner' of the file, vectors (m)
+    from its nodes to both faces, which give the thickness too, as shape files of runs have them"""
     kind: Literal["director"] = "director"
     """director: with bending, and with shear and strain through the thickness"""
+
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        if self.director == "normal" and self.thickness is None:
+            yield ("thickness",), "is needed, unless the file has the faces ('director: data')"
+        elif self.director == "data" and self.thickness is not None:
+            yield ("thickness",), "is not valid with 'director: data', which gives it"
 
 
 class MeshSpec(MeshFile):

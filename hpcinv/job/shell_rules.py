@@ -32,7 +32,9 @@ def unsuited_shell(job: Any) -> Faults:
         )
     if job.is_mixed:
         text = "is not possible with a shell in the mixed form, which this material has: take a compressible law"
-        yield ("mesh", "shell"), f"{text}, or state 'discretisation: {{formulation: displacement}}'"
+        if not any(law.is_incompressible for law in job.laws.values()):
+            text += ", or state 'discretisation: {formulation: displacement}'"
+        yield ("mesh", "shell"), text
     refused = [*_refused(job)]
     if refused:
         keys = ", ".join(dict.fromkeys(dotted_key(place) for place in refused))

@@ -203,7 +203,7 @@ def read_source(
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     check_nodes(source)
     source = _with_sets(source, spec, path).drop_unused_nodes()
-    source = join_facets(source if spec.shell is None else thicken(source, spec.shell.thickness))
+    source = join_facets(source if spec.shell is None else thicken(source, spec.shell))
     return source if spec.geometry_degree is None else change_degree(source, spec.geometry_degree)
 
 

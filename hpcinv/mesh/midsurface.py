@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
 from hpcinv.errors import MeshError
 from hpcinv.formats.mesh_format import INNER, OUTER
+from hpcinv.job.sections import Shell
 from hpcinv.mesh.cells import scalar_element, sub_entities, vertex_count
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, distinct_tags
 from hpcinv.mesh.topology import unique_rows, vertex_sets
@@ -31,19 +33,21 @@ _THINNEST = 3e3
 and Newton's method does not converge"""
 
 
-def thicken(surface: MeshSource, thickness: float) -> MeshSource:
+def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
     """Return the body of a shell, whose nodes are the surface's, then those of the inner face and of the outer one.
 
     The outer face is where the normals of the cells point to: outwards if the surface is closed, else on the side of
     the first cell's normal, by the order of its nodes. A group of cells ``NAME`` has further groups ``NAME|outer`` and
     ``NAME|inner`` of its faces, and a group of edges becomes one of facets through the thickness.
 
-    Args:
-        thickness: along the normals, m; half of it on each side.
-
     Raises:
-        MeshError: the surface has folds or junctions, or only one side.
+        MeshError: the surface has folds or junctions, or only one side; or it lacks the data of its faces.
     """
+    if shell.thickness is None:
+        inner, outer = (_vectors(surface, name) for name in (INNER, OUTER))
+        thickness = float(np.linalg.norm(outer - inner, axis=1).mean())
+    else:
+        thickness = shell.thickness
     extent = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
     if extent > _THINNEST * thickness:
         text = f"is {extent / thickness:,.0f} times as long as the shell is thick (at most {_THINNEST:,.0f})"
@@ -51,8 +55,12 @@ def thicken(surface: MeshSource, thickness: float) -> MeshSource:
             surface.path, text, "Are 'thickness' and mesh.unit right? In thinner shells rounding errors are too large."
         )
     surface = dataclasses.replace(surface, cells=_oriented(surface))
-    normals = _normals(surface)
-    count, half = len(surface.points), thickness / 2 * normals
+    normals, count = _normals(surface), len(surface.points)
+    if shell.thickness is not None:
+        outer = thickness / 2 * normals
+        inner = -outer
+    elif ((outer - inner) * normals).sum() < 0:  # by the order of their nodes, cells have the other normal
+        surface = dataclasses.replace(surface, cells=_mirrored(surface.cells))
     cells = _columns(_KIND, "hexahedron", surface.cells, count)
     edges = _columns("interval", _KIND, surface.facets, count)
     sheet = surface.cells[:, _order(_KIND, _KIND)]
@@ -66,7 +74,7 @@ def thicken(surface: MeshSource, thickness: float) -> MeshSource:
     return dataclasses.replace(
         surface,
         kind="hexahedron",
-        points=np.concatenate([surface.points, surface.points - half, surface.points + half]),
+        points=np.concatenate([surface.points, surface.points + inner, surface.points + outer]),
         node_tags=np.concatenate([surface.node_tags, surface.node_tags.max() + 1 + np.arange(2 * count)]),
         cells=cells,
         facets=facets,
@@ -108,6 +116,16 @@ def surface_source(body: MeshSource, points: Floats) -> tuple[MeshSource, Floats
     }
     more = {name: DataArray(name, "nodes", values) for name, values in arrays.items()}
     return dataclasses.replace(surface, data=data | more), middle
+
+
+def _vectors(surface: MeshSource, name: str) -> Floats:
+    """Vectors (n, 3) of a data array; raises ``MeshError`` if there is none."""
+    array = surface.data.get(name)
+    if array is None or array.place != "nodes" or array.values.shape[1] != 3 or not np.isfinite(array.values).all():
+        known = ", ".join(sorted(surface.data)) or "none"
+        text = f"has no array '{name}' of vectors at all nodes (arrays: {known})"
+        _refuse(surface.path, text, "Give 'thickness' instead of 'director: data', or a shape file of a run.")
+    return array.values
 
 
 def _order(kind: str, flat: str) -> Ints:
@@ -160,9 +178,13 @@ def _oriented(surface: MeshSource) -> Ints:
         centre = surface.points.mean(axis=0)
         if ((flat[:, :4].mean(axis=1) - centre) * areas).sum() < 0:
             sign = -sign
+    return np.where(sign[:, None] > 0, cells, _mirrored(cells))
+
+
+def _mirrored(cells: Ints) -> Ints:
+    """Cells whose two axes are exchanged, so that they have the opposite normal."""
     points = scalar_element(_KIND, _DEGREE).points
-    mirrored = np.abs(points[:, None, ::-1] - points[None]).max(axis=2).argmin(axis=1)
-    return np.where(sign[:, None] > 0, cells, cells[:, mirrored])
+    return np.asarray(cells[:, np.abs(points[:, None, ::-1] - points[None]).max(axis=2).argmin(axis=1)])
 
 
 def _signs(a: Ints, b: Ints, agree: Ints, count: int) -> Ints:
@@ -214,5 +236,5 @@ def _normals(surface: MeshSource) -> Floats:
     return np.asarray(means)
 
 
-def _refuse(path: Path, text: str, advice: str) -> None:
+def _refuse(path: Path, text: str, advice: str) -> NoReturn:
     raise MeshError(f"{path}: the surface {text}", advice)

@@ -157,7 +157,8 @@ def _solid(gmsh: Any, path: Path) -> tuple[str, int]:
     if not types:
         raise MeshError(
             f"{path}: no solid cells",
-            "Mesh the volume, not only its surface, with tetrahedra or hexahedra (gmsh: model.mesh.generate(3)).",
+            "Mesh the volume, not only its surface, with tetrahedra or hexahedra (gmsh: model.mesh.generate(3));"
+            " a surface is a shell in a job with 'mesh: {shell: {thickness: …}}'.",
         )
     kinds = {gmsh_name: kind for kind, gmsh_name in GMSH_NAMES.items()}
     name, _, _, size, *_ = types[0]
