@@ -124,7 +124,7 @@ class MeshFile(Spec):
 
     file: str
     """path from the job file to a gmsh generator (.py, .geo), a mesh (.msh, .inp, .feb, .xdmf, .vtu), or a
-    partitioned mesh made by 'hpcinv mesh partition' (.bp), of which each rank reads a part"""
+    partitioned mesh made by 'hpcinv mesh partition' (.bp): each rank reads a part"""
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a mesh file, or of a Python generator, such as mm: lengths are passed to it in
     that unit, for bodies too small or too large for gmsh's absolute tolerances in metres"""
@@ -136,7 +136,7 @@ class MeshFile(Spec):
 
     formats: ClassVar[tuple[str, ...]] = FORMATS
     sources: ClassVar[Mapping[str, tuple[str, ...]]] = {"file": ()}
-    """keys that name where the mesh comes from, of which one is given, with the further keys that it needs"""
+    """keys that name where the mesh comes from, with the further keys that each needs; a job has one of them"""
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -289,7 +289,7 @@ class SurfaceError(Spec):
     correlation: Size | None = None
     """length over which errors are alike; by default 10 standard deviations"""
     samples: Annotated[int, Field(ge=2, le=10_000)] = 16
-    """random surfaces, of which each takes a linear solve; m of them give a standard deviation to 1/√(2m)"""
+    """random surfaces; each takes a linear solve, and m of them give a standard deviation to 1/√(2m)"""
 
 
 class ArrayLabels(Spec):
@@ -405,7 +405,7 @@ class MeshSpec(MeshFile):
     @model_validator(mode="before")
     @classmethod
     def _labels_of_array(cls, data: Any) -> Any:
-        """Tell labels of a mesh, which name an array, from an image's, which are numbers by region."""
+        """Distinguish labels of a mesh, which name an array, from an image's, which are numbers by region."""
         labels = data.get("labels") if isinstance(data, Mapping) else None
         if not isinstance(labels, Mapping) or not isinstance(labels.get("array"), str) or "image" in data:
             return data
@@ -578,7 +578,7 @@ class QuantityOfInterest(Spec):
     quadrature points, which lie inside the cells or facets"""
     over: Literal["reference", "current"] | None = None
     """body over whose volume or area an integral, mean or rms is taken; by default the reference body for means and rms
-    of stresses. Body of which a cavity's volume is; by default the current one"""
+    of stresses. Body of a cavity's volume; by default the current one"""
     state: Name | None = Field(default=None, exclude_if=lambda state: state is None)
     """state of the body in which it is evaluated; by default each loaded one, under names such as NAME-STATE"""
     about: Triple[Length] | None = Field(default=None, exclude_if=lambda about: about is None)
@@ -668,7 +668,7 @@ class QuantityOfInterest(Spec):
         if self.is_of_cavity:
             return CAVITY_QUANTITIES[self.of.source.strip()]
         dimension = self.of.check(POSITIONS | FIELDS)
-        # That of an integral depends on whether its region is a volume or a surface.
+        # The dimension of an integral depends on whether its region is a volume or a surface.
         return dimension if isinstance(dimension, Dimension) and self.reduce != "integral" else None
 
     @property

@@ -108,7 +108,7 @@ class Spec(BaseModel):
     """A part of a job: immutable, without unknown keys, and with strict types (text and true are not numbers)."""
 
     alternatives: ClassVar[tuple[str, ...]] = ()
-    """keys of which a part has exactly one, for its JSON schema; `_contradictions` reports it otherwise"""
+    """alternative keys, exactly one in a part, for its JSON schema; `_contradictions` reports it otherwise"""
 
     model_config = ConfigDict(
         frozen=True,
