@@ -360,6 +360,8 @@ class Job(Spec):
                 "needs a mesh that a generator makes (.py, .geo) by sizes of cells, since a mesh file has no coarser"
                 " cells; leave it out"
             )
+        if self.mesh.shell is not None:
+            return "is not possible with a shell"
         if self.solver.strategy != "adaptive":
             return "needs 'strategy: adaptive': other strategies are chosen for the path that they take"
         if self.method != "direct" and first.direction == "inverse":

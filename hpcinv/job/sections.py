@@ -310,7 +310,7 @@ WRITTEN_AS["array_labels"] = "labels"
 
 
 class Shell(Spec):
-    """A shell whose midsurface is the mesh: quadrilaterals of degree 2, in a file of gmsh.
+    """A shell whose midsurface is the mesh: quadrilaterals of degree 2, in a file (.msh) or by a generator of gmsh.
 
     The displacement is quadratic through the thickness, and any law of three dimensions holds there.
     """

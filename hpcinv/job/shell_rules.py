@@ -10,10 +10,10 @@ from hpcinv.effects.contact import Contact
 from hpcinv.job.sections import MeshSpec, Support
 from hpcinv.quantity.schema import Faults, KeyPath, dotted_key
 
-SUFFIXES = (".msh",)
+SUFFIXES = (".msh", ".py", ".geo")
 """suffixes of meshes of shells"""
 SAVED = frozenset({"msh", "vtu"})
-_MESH = ("geometry_degree", "array_labels", "faces", "surface_error", "parameters")
+_MESH = ("geometry_degree", "array_labels", "faces", "surface_error")
 
 
 def unsuited_shell(job: Any) -> Faults:
@@ -43,10 +43,12 @@ def unsuited_shell(job: Any) -> Faults:
 
 def _unsuited_mesh(mesh: MeshSpec) -> Faults:
     if Path(mesh.file).suffix not in SUFFIXES:
-        yield ("shell",), f"needs a surface mesh in a file of gmsh ({', '.join(SUFFIXES)}), as gmsh.write makes it"
+        yield ("shell",), f"needs a surface mesh of gmsh or its generator ({', '.join(SUFFIXES)})"
     for key in _MESH:
         if key in mesh.model_fields_set and getattr(mesh, key):
             yield (key,), "is not valid with a shell"
+    if mesh.shell is not None and mesh.shell.director == "data" and Path(mesh.file).suffix != ".msh":
+        yield ("shell", "director"), "can be from data in a .msh file only"
 
 
 def _refused(job: Any) -> Iterable[KeyPath]:

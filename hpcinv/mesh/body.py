@@ -178,7 +178,9 @@ def read_source(
             parameters = spec.parameters if spec.unit == 1.0 else converted_parameters(path, spec.parameters, spec.unit)
             monitor = MeshingMonitor(spec.maximum_cells, report)
             generate = GENERATORS[path.suffix]
-            source = generate(path, parameters, spec.geometry_degree, monitor, size_factor).convert_to_metres(spec.unit)
+            is_surface = spec.shell is not None
+            source = generate(path, parameters, spec.geometry_degree, monitor, size_factor, is_surface=is_surface)
+            source = source.convert_to_metres(spec.unit)
         elif spec.is_cad:
             source = cad_mesh(path, spec, report, size_factor)
         elif spec.size is not None and spec.is_surface:
