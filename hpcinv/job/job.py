@@ -481,8 +481,6 @@ class Job(Spec):
             sections["accuracy"] = rules.read_demands(self.accuracy, sections.get("quantities", self.quantities))
         raise_if_any(problems)
         sections = {key: value for key, value in sections.items() if key in self.model_fields_set}
-        if self.mesh.shell is not None and self.solver.linear == "auto":  # thin cells are too hard for multigrid
-            sections["solver"] = self.solver.model_copy(update={"linear": "direct"})
         if pressures := [effect for cavity in self.cavities.values() for effect in cavity.pressures]:
             sections["effects"] = (*self.effects, *pressures)
         return self.model_copy(update=sections)

@@ -41,7 +41,7 @@ class LayerDegree(int):
     (3ξ² - 1)(3η² - 1), for k = 2, have no gradient at the k × k points: (k + 1)² points with a share of all weights
     hold them. A share of (thickness / size)², of the order of the stiffness in bending, does so without locking.
 
-    Source: Arnold & Brezzi, Math. Comp. 66, 1–14, 1997, doi:10.1090/S0025-5718-97-00785-0.
+    Source: Arnold & Brezzi, Math. Comp. 66 (217), 1–14, 1997 (partial selective reduced integration).
 
     Args:
         slenderness: size of the cells by their thickness.

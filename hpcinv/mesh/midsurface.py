@@ -6,7 +6,7 @@ quadratic part ``y₂``, without which a law of three dimensions would be too st
 columns' nodes determine ``y₀``, ``y₁`` and ``y₂``: a displacement of degree 2 is the displacement of a shell with
 director, with the strains of its solid, and `LayerDegree` is the quadrature by which it does not lock.
 
-Source: Büchter, Ramm & Roehl, Int. J. Numer. Methods Eng. 37, 2551–2568, 1994, doi:10.1002/nme.1620371502.
+Source: Chapelle, Ferent & Bathe, Math. Models Methods Appl. Sci. 14, 105–142, 2004 (elements of this kind).
 """
 
 from __future__ import annotations
