@@ -39,21 +39,21 @@ class LayerDegree(int):
     Integrals over facets have the degree itself. Those over cells have k × k Gauss points in the plane, with which thin
     cells bend without strain of their midsurface (they do not lock), and k + 1 through the layer. Displacements such as
     (3ξ² - 1)(3η² - 1), for k = 2, have no gradient at the k × k points: (k + 1)² points with a share of all weights
-    hold them. A share of (thickness / size)², of the order of the stiffness in bending, does so without locking.
+    hold them. A share of (thickness / diameter)² does so, by about the stiffness in bending, without locking.
 
     Source: Arnold & Brezzi, Math. Comp. 66 (217), 1–14, 1997 (partial selective reduced integration).
 
     Args:
-        slenderness: size of the cells by their thickness.
+        slenderness: diameter of the cells by their thickness.
     """
 
-    largest = 1 / 64
+    largest = 1 / 16
     """share of cells as thick as wide; raised, thick cells are stiffer"""
 
     def __new__(cls, degree: int, slenderness: float) -> Self:
         """Return the degree, with a share rounded to a power of 4: similar meshes have the same kernels."""
         self = super().__new__(cls, degree)
-        self.share = min(cls.largest, 4.0 ** -round(math.log(max(slenderness, 1.0), 2) + 1))
+        self.share = min(cls.largest, 4.0 ** -round(math.log(max(slenderness, 1.0), 2)))
         return self
 
     share: float

@@ -86,10 +86,10 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
 
 
 def _slenderness(surface: MeshSource, thickness: float) -> float:
-    """Return the mean size of the cells by their thickness; 1 without cells."""
+    """Return the mean diameter of the cells by their thickness; 1 without cells."""
     corners = surface.points[surface.cells[:, :4]]
-    sides = np.linalg.norm(corners[:, 3] - corners[:, 0], axis=1) / np.sqrt(2)
-    return float(sides.mean() / thickness) if len(sides) else 1.0
+    diameters = np.linalg.norm(corners[:, 3] - corners[:, 0], axis=1)
+    return float(diameters.mean() / thickness) if len(diameters) else 1.0
 
 
 def surface_source(body: MeshSource, points: Floats) -> tuple[MeshSource, Floats]:

@@ -112,7 +112,7 @@ class MeshSource:
     surface_cells: SurfaceCells | None = None  # until regions are made of their values (`label_groups`)
     surface: CadSurface | None = None  # of the CAD model that was meshed, if there is one
     midsurface: MeshSource | None = None  # of a shell, whose groups of cells have ``dim`` 3, and of edges 2
-    slenderness: float = 1.0  # of a shell: mean size of its cells by their thickness
+    slenderness: float = 1.0  # of a shell: mean diameter of its cells by their thickness
 
     @property
     def is_partitioned(self) -> bool:
