@@ -244,7 +244,11 @@ class Job(Spec):
     @property
     def kind(self) -> str:
         """Description of the solves, for messages."""
-        return f"{len(self.states)} states" if self.states else f"{self.analysis} analysis"
+        return (
+            f"{len(self.states)} state{'s' if len(self.states) > 1 else ''}"
+            if self.states
+            else f"{self.analysis} analysis"
+        )
 
     @property
     def rest(self) -> str:
