@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from hpcinv.effects import Effect
 from hpcinv.effects.contact import Contact
 from hpcinv.job.sections import MeshSpec, Support
 from hpcinv.quantity.schema import Faults, KeyPath, dotted_key
@@ -53,12 +54,13 @@ def _unsuited_mesh(mesh: MeshSpec) -> Faults:
 
 def _refused(job: Any) -> Iterable[KeyPath]:
     """Places of what a shell does not have."""
-    for key in ("accuracy", "identify", "cavities", "sensitivities", "expected_shape", "states"):
+    for key in ("accuracy", "identify", "cavities", "expected_shape"):
         if getattr(job, key):
             yield (key,)
-    for i, effect in enumerate(job.effects):
-        if isinstance(effect, Contact):
-            yield ("effects", i)
+    effects: dict[KeyPath, Effect] = {("effects", i): effect for i, effect in enumerate(job.effects)}
+    for number, state in enumerate(job.states):
+        effects |= {("states", number, "effects", i): effect for i, effect in enumerate(state.effects)}
+    yield from (place for place, effect in effects.items() if isinstance(effect, Contact))
     for name, family in job.fibres.items():
         if family.rule is not None:
             yield ("fibres", name, "rule")

@@ -197,6 +197,31 @@ def test_shape_file_gives_the_flat_sheet_back(tmp_path: Path) -> None:
     assert unloaded.data["thickness"].values == pytest.approx(0.1, abs=1e-10)
 
 
+@pytest.mark.release
+def test_states_and_sensitivities_are_those_of_a_solid(tmp_path: Path) -> None:
+    """A second state begins at the shape of a round trip, and derivatives agree with central differences."""
+    path = save_sheet(tmp_path / "sheet.msh", 4, 2, cylinder(1, 1, 1))
+    law = {"law": "neo-hookean", "mu": 3e4, "lam": 1.2e5}
+    tip = {"name": "tip", "of": "displacement", "at": [np.cos(1.0), np.sin(1.0), 0.5]}
+
+    def case(mu: float = law["mu"], pressure: float = 30.0, **data: Any) -> Result:
+        effects = {} if "states" in data else {"effects": [pushed(pressure)]}
+        return solve(path, 0.1, material=law | {"mu": mu}, supports=[CLAMPED], quantities=[tip], **effects, **data)
+
+    def pushed(pressure: float) -> dict[str, Any]:
+        return {"effect": "pressure", "region": "inner", "pressure": pressure}
+
+    alone = case(analysis="inverse", sensitivities={"material.mu": 300.0, "effects[0].pressure": 1.0})
+    slopes = alone.sensitivities.slopes["tip"]
+    for key, name, value in (("material.mu", "mu", 3e4), ("effects[0].pressure", "pressure", 30.0)):
+        step = 1e-3 * value
+        ends = [np.array(case(**{name: value + s * step}, analysis="inverse").quantities["tip"]) for s in (1, -1)]
+        assert slopes[key] == pytest.approx((ends[0] - ends[1]) / 2 / step, rel=1e-4, abs=1e-12)
+    both = case(states=[{"name": "a", "given": True, "effects": [pushed(30)]}, {"name": "b", "effects": [pushed(-30)]}])
+    assert both.quantities["tip-a"] == pytest.approx(alone.quantities["tip"], abs=1e-13)
+    assert both.quantities["tip-b"][1] * both.quantities["tip-a"][1] < 0
+
+
 def point_load(region: str, force: float, band: float, share: str) -> dict[str, Any]:
     """Return the traction whose work is a force along z times the displacement of the first node of an edge.
 
