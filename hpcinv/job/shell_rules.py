@@ -31,11 +31,6 @@ def unsuited_shell(job: Any) -> Faults:
             ("discretisation", "quadrature"),
             "is not valid with a shell, which has its own, by which it does not lock",
         )
-    if job.is_mixed:
-        text = "is not possible with a shell in the mixed form, which this material has: take a compressible law"
-        if not any(law.is_incompressible for law in job.laws.values()):
-            text += ", or state 'discretisation: {formulation: displacement}'"
-        yield ("mesh", "shell"), text
     refused = [*_refused(job)]
     if refused:
         keys = ", ".join(dict.fromkeys(dotted_key(place) for place in refused))

@@ -6,17 +6,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_box, locate_entities_boundary
 from helpers.sheets import flat, save_sheet
+from scipy.linalg import eigh
+from scipy.sparse.linalg import splu
 
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import load
 from hpcinv.job.sections import Shell
-from hpcinv.mesh.cells import LayerDegree, jacobians, quadrature
+from hpcinv.mesh.cells import LayerDegree, jacobians, quadrature, quadrature_metadata
 from hpcinv.mesh.midsurface import surface_source, thicken
 from hpcinv.mesh.readers import read_surface
 from hpcinv.mesh.source import MeshSource
+from hpcinv.model.spaces import Unknowns
+from hpcinv.parallel.runtime import MPI
 
 THIN = Shell(thickness=0.1)
+CELLS = CellType.hexahedron
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +51,6 @@ def job(path: Path, **data: Any) -> dict[str, Any]:
         ),
         ({"discretisation": {"displacement": 3}}, "discretisation.displacement: must be 2 in a shell"),
         ({"discretisation": {"quadrature": 6}}, "discretisation.quadrature: is not valid with a shell"),
-        ({"material": {"law": "isochoric-neo-hookean", "mu": "1 MPa", "kappa": "incompressible"}}, "in the mixed form"),
-        ({"material": {"law": "isochoric-neo-hookean", "mu": "1 MPa", "kappa": "50 MPa"}}, "formulation: displacement"),
         ({"cavities": {"lv": {"surface": "inner"}}}, "together with cavities"),
         ({"method": "sellier"}, "together with method"),
         ({"solver": {"linear": "iterative"}}, "together with solver.linear"),
@@ -178,6 +184,25 @@ def test_quadrature_of_layers() -> None:
             exact = 1 / ((a + 1) * (b + 1) * (c + 1))
             assert (weights * x**a * y**b * z**c).sum() == pytest.approx(exact, rel=1e-12)
     assert LayerDegree(4, 12.0).share == LayerDegree(4, 20.0).share > LayerDegree(4, 100.0).share
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slenderness", [1, 10, 100])
+def test_pressures_are_stable_in_thin_layers(slenderness: int) -> None:
+    """The inf-sup constant of displacement and pressure against strains depends on neither width nor thickness."""
+    layer = create_box(MPI.COMM_SELF, [np.zeros(3), np.array([1, 1, 1 / (4 * slenderness)])], [4, 4, 1], CELLS)
+    unknowns = Unknowns(layer, 2, 1)
+    u, p = ufl.split(ufl.TrialFunction(unknowns.space))
+    v, q = unknowns.v, unknowns.q
+    dx = ufl.dx(metadata=quadrature_metadata("hexahedron", LayerDegree(4, 1.4 * slenderness)))
+    strains = ufl.inner(ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v)))
+    matrix = fem.assemble_matrix(fem.form((strains - q * ufl.div(u) + p * q) * dx)).to_scipy().tocsr()
+    facets = locate_entities_boundary(layer, 2, lambda x: np.isclose(x[0], 0))
+    held = [fem.locate_dofs_topological(unknowns.displacement_component(i), 2, facets) for i in range(3)]
+    free, pressures = np.setdiff1d(unknowns.owned_displacement_dofs, np.concatenate(held)), unknowns.owned_pressure_dofs
+    B, mass = matrix[pressures][:, free], matrix[pressures][:, pressures]
+    schur = B @ splu(matrix[free][:, free].tocsc()).solve(B.T.toarray())
+    assert eigh(schur, mass.toarray(), eigvals_only=True)[0] > 0.9**2
 
 
 def _sphere(divisions: int) -> MeshSource:

@@ -154,6 +154,36 @@ def test_pressure_acts_on_the_faces_of_a_thick_cylinder(tmp_path: Path, comm: MP
     assert comm.allreduce(gap(result), op=MPI.MAX) < 1e-12
 
 
+@pytest.mark.release
+def test_incompressible_cylinder_inflates_as_in_closed_form(tmp_path: Path) -> None:
+    """Neo-Hooke in plane strain: ``p = μ [ln(R/r) - c/(2 r²)]`` between the radii ``r² = R² + c``."""
+    mu, thickness, inner = 1e5, 0.1, 0.95
+    outer, c = inner + thickness, (1.3**2 - 1) * inner**2
+
+    def pressure(radius: float) -> float:
+        place = radius**2 + c
+        return float(mu * (np.log(radius / np.sqrt(place)) - c / (2 * place)))
+
+    result = solve(
+        save_sheet(tmp_path / "sheet.msh", 8, 1, cylinder(1, 0.6, np.pi / 2)),
+        thickness,
+        analysis="round_trip",
+        first="forward",
+        material={"law": "isochoric-neo-hookean", "mu": mu, "kappa": "incompressible"},
+        effects=[{"effect": "pressure", "region": "inner", "pressure": pressure(outer) - pressure(inner)}],
+        supports=[
+            {"region": "x0", "fix": ["y"]},
+            {"region": "x1", "fix": ["x"]},
+            {"region": "y0", "fix": ["z"]},
+            {"region": "y1", "fix": ["z"]},
+        ],
+        quantities=[{"name": "inner", "of": "norm(x, y)", "on": "inner", "reduce": "mean", "over": "reference"}],
+    )
+    assert result.quantities["inner"] == pytest.approx(1.3 * inner, rel=1e-3)
+    assert result.certificate.verdict.value == "pass"
+    assert gap(result) < 1e-10
+
+
 @pytest.mark.parametrize(
     "name", [n if n == LINEAR["law"] else pytest.param(n, marks=pytest.mark.release) for n in laws()]
 )
