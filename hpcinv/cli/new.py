@@ -46,6 +46,7 @@ _GENERATED: Mapping[str, tuple[str, str]] = {
     ),
     "ventricle": ("ventricle.py", "parameters: {size: 8 mm}, geometry_degree: 2"),
     "part": ("pdms_beam.py", "parameters: {length: 80 mm, size: 4 mm}, geometry_degree: 2"),
+    "shell": ("sheet.py", "parameters: {length: 50 mm, width: 30 mm, nx: 10, ny: 6}, shell: {thickness: 2 mm}"),
 }
 """Generator and its parameters of the example of each kind of body."""
 _SURFACES = {"artery": (("inlet", "outlet"), "inner", "outer"), "ventricle": (("base",), "endo", "epi")}
@@ -150,6 +151,9 @@ def _check(options: argparse.Namespace) -> None:
     if options.image is not None and options.surface is not None:
         raise JobError("--surface: a job has one mesh, and --image gives it, too")
     given = options.image or options.surface
+    if options.kind == "shell" and given is not None:
+        name = "image" if options.image is not None else "surface"
+        raise JobError(f"--{name}: a shell is a surface of quadrilaterals; put such a mesh into the example")
     if options.surface is not None and options.kind in _WALLS:
         raise JobError(
             f"--surface: of the wall of {_article(options.kind)}, it does not distinguish the cavity from the outside;"

@@ -27,6 +27,7 @@ _MESH = {
     "parameters",
     "unit",
     "geometry_degree",
+    "shell",
     "labels",
     "array_labels",
     "neighbours",

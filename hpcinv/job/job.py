@@ -38,6 +38,7 @@ from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest,
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
+from hpcinv.job.shell_rules import unsuited_shell
 from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import Material, MaterialLaw
@@ -364,6 +365,8 @@ class Job(Spec):
                 "needs a mesh that a generator makes (.py, .geo) by sizes of cells, since a mesh file has no coarser"
                 " cells; leave it out"
             )
+        if self.mesh.shell is not None:
+            return "is not possible with a shell"
         if self.solver.strategy != "adaptive":
             return "needs 'strategy: adaptive': other strategies are chosen for the path that they take"
         if self.method != "direct" and first.direction == "inverse":
@@ -493,6 +496,7 @@ class Job(Spec):
                 yield (key,), "is not valid with 'states': one of them is the given state; remove it"
         yield from rules.contradicting_directions(self.analysis, self.first, self.method, self.fixed_point, self.states)
         yield from rules.contradicting_meshes(self.mesh, self.output, self.expected_shape)
+        yield from unsuited_shell(self)
         yield from unsuited_controls(self)
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
@@ -589,7 +593,12 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
     job._path, job._data, job._untrusted = path, data, untrusted
     # names by the values of an array are known when the mesh is read
     named = () if job.mesh.array_labels is not None else _named_regions(job)
-    unknown = unknown_regions(job.resolve(job.mesh.file), {*job.regions, *job.mesh.faces}, named)
+    unknown = unknown_regions(
+        job.resolve(job.mesh.file),
+        {*job.regions, *job.mesh.faces},
+        named,
+        is_shell=job.mesh.shell is not None,
+    )
     if lines := [f"{path}: {dotted_key(where)}: {what}" for where, what in unknown]:
         raise JobError(*lines)
     return job

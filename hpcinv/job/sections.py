@@ -311,6 +311,27 @@ class ArrayLabels(Spec):
 WRITTEN_AS["array_labels"] = "labels"
 
 
+class Shell(Spec):
+    """A shell whose midsurface is the mesh: quadrilaterals of degree 2, in a file (.msh) or by a generator of gmsh.
+
+    The displacement is quadratic through the thickness, and any law of three dimensions holds there.
+    """
+
+    thickness: Size | None = None
+    """thickness of the given body along its director, half of it on each side"""
+    director: Literal["normal", "data"] = "normal"
+    """of the given body: the normal of the surface; or data: the arrays 'outer' and 'inner' of the file, vectors (m)
+    from its nodes to both faces, which give the thickness too, as shape files of runs have them"""
+    kind: Literal["director"] = "director"
+    """director: with bending, and with shear and strain through the thickness"""
+
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        if self.director == "normal" and self.thickness is None:
+            yield ("thickness",), "is needed, unless the file has the faces ('director: data')"
+        elif self.director == "data" and self.thickness is not None:
+            yield ("thickness",), "is not valid with 'director: data', which gives it"
+
+
 class MeshSpec(MeshFile):
     """The mesh on which the job is solved: of the reference body in a forward analysis, else of the current body."""
 
@@ -347,6 +368,9 @@ class MeshSpec(MeshFile):
     glue: Annotated[Size | None, Field(exclude_if=lambda gap: gap is None)] = None
     """of a CAD file (written as 'cad' instead of 'file'): distance up to which solids that miss each other are
     joined"""
+    shell: Annotated[Shell | None, Field(exclude_if=lambda shell: shell is None)] = None
+    """of a surface mesh: the shell around it, such as {thickness: 1.2 mm}; its faces are the regions 'outer' and
+    'inner'"""
     surface_error: Annotated[SurfaceError | None, Field(exclude_if=lambda error: error is None)] = None
     """error of the given surface, whose effect on shape and quantities the certificate reports; of an image by default
     {sd: 0.12 voxels, correlation: a voxel or half of 'size'}"""
@@ -511,6 +535,8 @@ class Support(Spec):
     """values of further names in the formulas"""
     case: Name | None = None
     """load case (a name from 'load_cases') of the displacement; by default the first"""
+    hinge: bool = Field(default=False, exclude_if=lambda hinge: not hinge)
+    """of the edge of a shell: hold its midsurface only, about which the shell may turn"""
 
     @property
     def moves(self) -> bool:

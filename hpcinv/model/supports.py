@@ -102,6 +102,9 @@ class Supports:
                 part = unknowns.displacement_component(axis)
                 scalar, _ = part.collapse()
                 dofs = fem.locate_dofs_topological((part, scalar), body.mesh.topology.dim - 1, facets)
+                if spec.hinge:
+                    kept = np.isin(dofs[1], _middle_nodes(scalar))
+                    dofs = [part_dofs[kept] for part_dofs in dofs]
                 now = fem.Function(scalar)
                 full = np.zeros_like(now.x.array)
                 self.conditions.append(fem.dirichletbc(now, dofs, part))
@@ -290,6 +293,12 @@ def _slide(spec: Support, place: str, body: Body, unknowns: Unknowns) -> Slide:
         nodes = fem.locate_dofs_topological(space, body.mesh.topology.dim - 1, facets)
         normals = np.tile(np.array(spec.normal) / np.linalg.norm(spec.normal), (len(nodes), 1))
     return Slide(f"{place}.fix", spec.region, space, nodes, normals)
+
+
+def _middle_nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+    """Return local degrees of freedom on the midsurface of a shell, half way along the third axis of its cells."""
+    points = space.element.basix_element.points
+    return np.unique(space.dofmap.list[:, np.abs(points[:, 2] - 0.5) < 1e-9])
 
 
 def _values(spec: Support, formula: Expression, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
