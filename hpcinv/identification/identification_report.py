@@ -9,7 +9,6 @@ from hpcinv.fitting.candidate import quantity, short
 from hpcinv.fitting.fit_report import commented, rounded
 from hpcinv.fitting.linearised import Combination, correlations
 from hpcinv.identification.gauss_newton import ParameterEstimate
-from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.output.run_directory import as_yaml
@@ -156,12 +155,12 @@ def as_data(estimate: ParameterEstimate) -> dict[str, Any]:
     }
 
 
-def changes(estimate: ParameterEstimate, section: Identification) -> dict[str, float | str]:
+def changes(estimate: ParameterEstimate) -> dict[str, float | str]:
     """Return the values by key, with the digits that a job needs."""
     return {
-        key: quantity(float(v), p.dimension or Dimension())
+        number.key: quantity(number.ratio * float(v), number.dimension or Dimension())
         for p, v in zip(estimate.parameters, estimate.values, strict=True)
-        for key in section.keys_of(p.key)
+        for number in (p, *p.ties)
     }
 
 
@@ -170,7 +169,7 @@ def sensitivities(estimate: ParameterEstimate) -> dict[str, Any]:
     section: dict[str, Any] = {}
     for p, sd in zip(estimate.parameters, estimate.deviations, strict=True):
         text = None if sd is None else rounded(sd, p.dimension or Dimension())
-        section[p.key] = {"sd": text, "also": [tie.key for tie in p.ties]} if p.ties else text
+        section[p.key] = {"sd": text, **p.tied_keys} if p.ties else text
     return section
 
 

@@ -131,7 +131,7 @@ def identify(
             where = f"evaluations are kept in {directory}" if directory else "nothing was saved"
             raise Interrupted(f"stopped by a signal; {where}", "Start the same command again.") from None
         took, timer = time.perf_counter() - begun, SolveTimer(comm)
-        best = job.with_(changes(estimated, evaluations.section))
+        best = job.with_(changes(estimated))
         result = run(
             best.with_({"sensitivities": sensitivities(estimated)}),
             comm,
