@@ -87,6 +87,11 @@ def filling_curve(observation: Observation, job: Job, body: Body) -> FillingCurv
         return MeasuredCurve([(point.pressure, point.volume) for point in observation.curve])
     if isinstance(observation.klotz, PressureAndVolume):
         return KlotzCurve(observation.klotz.volume, observation.klotz.pressure)
-    name, given = str(observation.cavity), next(state for state in job.states if state.given)
-    pressure, _ = pressure_in(given.effects, job.cavities[name])
-    return KlotzCurve(enclosed_volume(job, body, name).volume(body.given_nodes), pressure)
+    return KlotzCurve(*given_point(job, body, str(observation.cavity)))
+
+
+def given_point(job: Job, body: Body, cavity: str) -> tuple[float, float]:
+    """Return volume (m³) and pressure (Pa) of a cavity of the given body; collective."""
+    given = next(state for state in job.states if state.given)
+    pressure, _ = pressure_in(given.effects, job.cavities[cavity])
+    return enclosed_volume(job, body, cavity).volume(body.given_nodes), pressure

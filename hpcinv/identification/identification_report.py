@@ -10,7 +10,7 @@ from hpcinv.fitting.fit_report import commented, rounded
 from hpcinv.fitting.linearised import Combination, correlations
 from hpcinv.identification.gauss_newton import ParameterEstimate
 from hpcinv.job.job import Job
-from hpcinv.job.sensitivities import Parameter
+from hpcinv.job.sensitivities import TIES, Parameter
 from hpcinv.output.run_directory import as_yaml
 from hpcinv.quantity.keys import parse_key
 from hpcinv.quantity.units import Dimension
@@ -116,6 +116,7 @@ def as_data(estimate: ParameterEstimate) -> dict[str, Any]:
                 "key": p.key,
                 "value": float(value),
                 "unit": p.dimension.unit if p.dimension else "",
+                **{kind: p.tied_keys.get(kind, []) for kind in TIES},
                 "standard_deviation": sd,
                 "at_bound": bound,
                 "prior": prior and {"mean": prior[0], "sd": prior[1]},

@@ -13,6 +13,7 @@ from helpers.command_line import NO_CERTIFICATE, ROOT
 
 from hpcinv.errors import JobError
 from hpcinv.identification.filling_curves import MMHG, KlotzCurve
+from hpcinv.identification.identification_page import write_identification_report
 from hpcinv.identification.identification_run import identify
 from hpcinv.job.job import parse
 from hpcinv.parallel.runtime import MPI
@@ -65,7 +66,7 @@ def test_one_factor_of_two_stiffnesses_from_a_filling_curve(comm: MPI.Intracomm,
     observed = [{"name": "filling", "curve": points, "cavity": "hollow", "sd": 1e-3}]
     parameters = {"material.c1": {"scale": ["material.c2"]}}
     job = parse(sphere({"parameters": parameters, "observations": observed}), tmp_path / "job.yaml")
-    identified = identify(job, comm)
+    identified = identify(job, comm, directory=tmp_path / "out")
     estimated = identified.estimate
     print(f"c1 {estimated.values[0]}, history {estimated.history}, sd {estimated.deviations[0]}")
     assert estimated.values[0] == pytest.approx(TRUE["c1"], rel=5e-4)
@@ -73,6 +74,14 @@ def test_one_factor_of_two_stiffnesses_from_a_filling_curve(comm: MPI.Intracomm,
     assert law["c2"][0] / law["c1"][0] == pytest.approx(TRUE["c2"] / TRUE["c1"], rel=1e-9)
     assert [r.name for r in estimated.residuals] == ["filling: V-at-0", "filling: V0"]
     assert max(residual.largest for residual in estimated.residuals) < 0.2
+    (curve,) = identified.curves
+    assert [point.pressure for point in curve.points] == [0.0, GIVEN, *PRESSURES]
+    assert curve.points[1].volume == pytest.approx(
+        math.pi / 6, rel=2e-4
+    )  # of the given body, whose facets are not spherical
+    page = write_identification_report(tmp_path / "out", None).read_text()
+    assert "data:image/png;base64," in page
+    assert "material.c2" in page
     # The volumes depend on the pressure over the stiffness only, so that both have the same relative slopes.
     slopes = [float(row[0]) for row in estimated.jacobian]
     step = 1e-4
