@@ -30,9 +30,9 @@ VOLUMES = [{"name": over, "of": "volume", "cavity": "hole", "over": over} for ov
 OCTANT = math.pi * INNER**3 / 6
 
 
-def data(**changes: Any) -> dict[str, Any]:
+def data(divisions: int = 1, **changes: Any) -> dict[str, Any]:
     """The octant of an incompressible sphere, without its pressure."""
-    octant = dict(sphere(1, hexahedra=True).data)
+    octant = dict(sphere(divisions, hexahedra=True).data)
     del octant["effects"]
     return octant | {"certificate": NO_CERTIFICATE, "quantities": [*octant["quantities"], *VOLUMES]} | changes
 
@@ -79,6 +79,16 @@ def test_pressure_falls_while_a_balloon_is_filled(comm: MPI.Intracomm) -> None:
         assert pressures[-1] == pytest.approx(pressure_of(stretch), rel=3e-4)
         assert result.quantities["current"] == pytest.approx(OCTANT * stretch**3, rel=1e-10)
     assert pressures[1] < pressures[0]
+
+
+@pytest.mark.parametrize(("stretch", "most"), [(1.6, 10), (3.0, 30)])
+def test_large_volumes_take_few_factorizations(stretch: float, most: int) -> None:
+    """Steps are shortened before they fail: volumes 4 and 27 times as large."""
+    volume = {"hole": HOLE | {"volume": OCTANT * stretch**3}}
+    scene = data(2, cavities=volume, analysis="forward", quantities=[PRESSURE_FOUND])
+    result = hpcinv.run(job(**scene), MPI.COMM_SELF)
+    assert result.quantities["p"] == pytest.approx(pressure_of(stretch), rel=2e-5)
+    assert result.solutions[0].factorizations <= most
 
 
 @pytest.mark.parallel([1, 2])
