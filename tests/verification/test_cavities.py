@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import NO_CERTIFICATE
+from helpers.command_line import NO_CERTIFICATE, ROOT
 from helpers.hollow_block import hollow_block
 from helpers.thick_sphere import INNER, OUTER, PRESSURE, sphere
 from helpers.verification import box, deform, job
@@ -89,6 +89,25 @@ def test_large_volumes_take_few_factorizations(stretch: float, most: int) -> Non
     result = hpcinv.run(job(**scene), MPI.COMM_SELF)
     assert result.quantities["p"] == pytest.approx(pressure_of(stretch), rel=2e-5)
     assert result.solutions[0].factorizations <= most
+
+
+def test_lands_ventricle_by_its_volume() -> None:
+    """Land et al. (2015), problem 2, on a coarse mesh: the volume at 10 kPa gives this pressure and the same shape."""
+    land = ROOT / "benchmarks" / "published" / "land" / "problem-2.yaml"
+    by_pressure = hpcinv.load(land).with_(
+        {
+            "mesh.parameters": {"across": 1, "around": 8, "along": 6},
+            "discretisation.displacement": 2,
+            "cavities": {"hole": {"surface": "endo", "lid": {"apex": [0, 0, "5 mm"]}}},
+            "quantities": VOLUMES,
+            "certificate": NO_CERTIFICATE,
+        }
+    )
+    pressed = hpcinv.run(by_pressure, MPI.COMM_SELF)
+    quarter = {"cavities.hole.volume": pressed.quantities["current"], "effects": [], "solver": {}}
+    (filled,) = hpcinv.run(by_pressure.with_(quarter), MPI.COMM_SELF).solutions
+    assert filled.cavities[0].pressure == pytest.approx(10e3, rel=1e-8)
+    assert filled.u == pytest.approx(pressed.solutions[0].u, abs=1e-8 * np.abs(filled.u).max())
 
 
 @pytest.mark.parallel([1, 2])
