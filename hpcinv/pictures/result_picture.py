@@ -64,7 +64,7 @@ def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: Colour =
 
 
 def _shapes(boundary: Boundary, rest: str) -> list[tuple[str, Floats, BoundaryResult]]:
-    """The given body, the one that the first solve found, and those of further states.
+    """The given body, the one that the first solve found, and the bodies of further states.
 
     Returns:
         Of each its title, its points, and the result whose values it shows.
