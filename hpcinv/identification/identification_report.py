@@ -1,5 +1,6 @@
 """Report of an identification: estimate, residuals and identifiability as text, as data, and as sections of a job."""
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import yaml
 from hpcinv.fitting.candidate import quantity, short
 from hpcinv.fitting.fit_report import commented, rounded
 from hpcinv.fitting.linearised import Combination, correlations
-from hpcinv.identification.gauss_newton import ParameterEstimate
+from hpcinv.identification.gauss_newton import HiddenForces, ParameterEstimate
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import TIES, Parameter
 from hpcinv.output.run_directory import as_yaml
@@ -41,6 +42,8 @@ def describe(estimate: ParameterEstimate) -> list[str]:
     probability = estimate.probability
     chance = "" if probability is None else f"; as large by chance: {probability:.2g}"
     lines.append(f"chi-square: {estimate.chi_squared:.4g}, {estimate.freedom} degrees of freedom{chance}")
+    if estimate.hidden is not None:
+        lines.append(f"hidden forces: {_hidden_text(estimate.hidden)}")
     lines.append("residuals, in standard deviations:")
     lines += [
         f"  {residual.name}: {len(residual.values)} numbers, root mean square {residual.rms:.3g},"
@@ -50,6 +53,13 @@ def describe(estimate: ParameterEstimate) -> list[str]:
     lines.append("identifiability by the observations alone:")
     lines += [f"  {text}" for text in identifiability(estimate)]
     return lines
+
+
+def _hidden_text(hidden: HiddenForces) -> str:
+    without = f"chi-square without them is {hidden.without:.4g} of {hidden.numbers} numbers"
+    if hidden.strength == 0.0:
+        return f"none is needed, {without}"
+    return f"found with {hidden.strength:.2g} of their priors' standard deviations, {without}"
 
 
 def _correlation(estimate: ParameterEstimate) -> str:
@@ -133,6 +143,7 @@ def as_data(estimate: ParameterEstimate) -> dict[str, Any]:
         "covariance": estimate.covariance,
         "correlation": estimate.correlation,
         "chi_squared": estimate.chi_squared,
+        "hidden_forces": estimate.hidden and asdict(estimate.hidden),
         "degrees_of_freedom": estimate.freedom,
         "probability": estimate.probability,
         "observations": [

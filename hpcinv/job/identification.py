@@ -42,6 +42,9 @@ class Prior(Spec):
     """its mean; by default the number in the job"""
     sd: AnyMeasured
     """its standard deviation"""
+    strength: Literal["given", "evidence"] = "given"
+    """evidence: the parameter is a hidden force, which is the mean unless the observations exclude that with 95 %. All
+    such standard deviations are then multiplied by one number, with which the observations are most probable"""
 
 
 class Sought(Spec):
