@@ -12,7 +12,7 @@ doi:10.1162/neco.1992.4.3.415.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +22,7 @@ import scipy.stats
 from hpcinv.errors import JobError, SolveError
 from hpcinv.fitting.linearised import Combination, Linearised, correlation_of
 from hpcinv.identification.job_evaluation import Evaluation, Evaluations
+from hpcinv.identification.posterior import Posterior, Target, sample
 from hpcinv.job.identification import bounds_of, prior_of, start_of
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
@@ -37,6 +38,7 @@ _STRENGTHS = (1e-4, 1e4)
 """Range of the strength of hidden forces, in their priors' standard deviations. A wider one admits larger forces."""
 _REJECTED = 0.95
 """Probability of a smaller χ² without hidden forces, above which they are sought. Higher: fewer spurious forces."""
+_SEED = 1  # of samples of the posterior: a killed command takes the same ones again
 _SAME_STRENGTH = 0.1  # relative change of the strength that is no longer followed
 _MOST_STRENGTHS = 5
 _IDLE = 1e-6  # standard deviations by which data change as a parameter doubles, below which they do not depend on it
@@ -87,6 +89,7 @@ class ParameterEstimate:
         history: χ² after each evaluation, infinite where a state was not reached.
         converged: whether the tolerance was met; otherwise the evaluations ended it.
         hidden: what was found of hidden forces; ``None`` without any.
+        sampled: samples of the posterior, if they were asked for.
     """
 
     parameters: Sequence[Parameter]
@@ -100,6 +103,7 @@ class ParameterEstimate:
     history: Sequence[float]
     converged: bool
     hidden: HiddenForces | None = None
+    sampled: Posterior | None = None
 
     @cached_property
     def posterior(self) -> Linearised:
@@ -165,8 +169,11 @@ type Report = Callable[[int, Floats, float, Evaluation], None]
 """called on rank 0 with the number of an evaluation, the values, χ² and the evaluation"""
 
 
-def estimate(evaluations: Evaluations, report: Report) -> ParameterEstimate:
+def estimate(evaluations: Evaluations, report: Report, samples: int = 0) -> ParameterEstimate:
     """Find the parameters, on all ranks; collective.
+
+    Args:
+        samples: number of exact evaluations that samples of the posterior take; 0 for none.
 
     Raises:
         JobError: on all ranks, if the observations cannot determine the parameters.
@@ -179,6 +186,8 @@ def estimate(evaluations: Evaluations, report: Report) -> ParameterEstimate:
         result: ParameterEstimate | None = None
         try:
             result = problem.solve()
+            if samples:
+                result = replace(result, sampled=problem.sampled(result, samples))
         except (JobError, SolveError) as error:
             comm.bcast((None, error))
             raise
@@ -250,6 +259,26 @@ class _Problem:
             converged=converged,
             hidden=hidden,
         )
+
+    def sampled(self, estimated: ParameterEstimate, count: int) -> Posterior:
+        """Return samples of the posterior about the estimate."""
+        if free := estimated.posterior.undetermined():
+            keys = " and ".join(self.parameters[i].key for i in free)
+            raise JobError(
+                f"{self._evaluations.job.path}: identify: {keys} is not determined, so that it has no posterior:"
+                " give a prior, or observe more"
+            )
+
+        def differences(values: Floats) -> tuple[Floats, Floats] | None:
+            evaluation = self._evaluation(values)
+            if evaluation.failure:
+                return None
+            return evaluation.differences / self._deviation, evaluation.jacobian / self._deviation[:, None]
+
+        target = Target(
+            differences, estimated.values, estimated.covariance, self._lower, self._upper, list(self._priors)
+        )
+        return sample(target, count, _SEED)
 
     def _minimised(self, start: Floats, free: Sequence[int]) -> tuple[Floats, bool]:
         """Return the values that minimize χ², where only some parameters are free, and whether they converged."""

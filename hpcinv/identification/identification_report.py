@@ -1,5 +1,6 @@
 """Report of an identification: estimate, residuals and identifiability as text, as data, and as sections of a job."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -10,6 +11,7 @@ from hpcinv.fitting.candidate import quantity, short
 from hpcinv.fitting.fit_report import commented, rounded
 from hpcinv.fitting.linearised import Combination, correlations
 from hpcinv.identification.gauss_newton import HiddenForces, ParameterEstimate
+from hpcinv.identification.posterior import Posterior
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import TIES, Parameter
 from hpcinv.output.run_directory import as_yaml
@@ -17,6 +19,7 @@ from hpcinv.quantity.keys import parse_key
 from hpcinv.quantity.units import Dimension
 
 _VAGUE = 1.0  # relative standard deviation of a combination from which on it is called not determined
+_ROUGH = 0.3  # share of accepted samples of the posterior below which they are too few
 _UNLIKELY = 1e-3  # probability of χ² below which the model does not describe the data
 _SMALL = 0.05  # share of a parameter in a combination, relative to the largest, that is left out
 
@@ -50,8 +53,21 @@ def describe(estimate: ParameterEstimate) -> list[str]:
         f" largest {residual.largest:.3g}"
         for residual in estimate.residuals
     ]
+    if estimate.sampled is not None:
+        lines += _posterior_lines(estimate.parameters, estimate.sampled)
     lines.append("identifiability by the observations alone:")
     lines += [f"  {text}" for text in identifiability(estimate)]
+    return lines
+
+
+def _posterior_lines(parameters: Sequence[Parameter], sampled: Posterior) -> list[str]:
+    lines = [
+        f"posterior, {len(sampled.samples)} samples, {sampled.evaluations} exact evaluations,"
+        f" {100 * sampled.acceptance:.0f} % of the surrogate's proposals accepted:"
+    ]
+    for p, (low, _, median, _, high) in zip(parameters, sampled.quantiles.T, strict=True):
+        texts = [value_text(p, float(value), 4) for value in (median, low, high)]
+        lines.append(f"  {p.key}: median {texts[0]}, 95 % from {texts[1]} to {texts[2]}")
     return lines
 
 
@@ -109,6 +125,11 @@ def warnings(estimate: ParameterEstimate) -> list[str]:
         for p, bound in zip(estimate.parameters, estimate.bound_flags, strict=True)
         if bound
     ]
+    if estimate.sampled is not None and estimate.sampled.acceptance < _ROUGH:
+        texts.append(
+            f"only {100 * estimate.sampled.acceptance:.0f} % of the surrogate's proposals were accepted: the posterior"
+            " has few different samples; raise --posterior"
+        )
     probability = estimate.probability
     if probability is not None and probability < _UNLIKELY:
         texts.append(
@@ -143,6 +164,7 @@ def as_data(estimate: ParameterEstimate) -> dict[str, Any]:
         "covariance": estimate.covariance,
         "correlation": estimate.correlation,
         "chi_squared": estimate.chi_squared,
+        "posterior": estimate.sampled and estimate.sampled.as_data(),
         "hidden_forces": estimate.hidden and asdict(estimate.hidden),
         "degrees_of_freedom": estimate.freedom,
         "probability": estimate.probability,

@@ -94,6 +94,7 @@ def identify(
     stop_asked: Callable[[], bool] = lambda: False,
     workspace: Workspace | None = None,
     ranks_per_state: int | None = None,
+    samples: int = 0,
 ) -> Identified:
     """Find the parameters in the section ``identify`` of a job, and its rest shape, on all ranks; collective.
 
@@ -105,6 +106,7 @@ def identify(
         stop_asked: called on every rank before each Newton iteration; true ends the run.
         workspace: body and equations of earlier runs on ``comm``.
         ranks_per_state: ranks of each team that solves some of the states; by default all ranks solve each state.
+        samples: number of exact evaluations of the posterior's second stage; 0 for no posterior.
 
     Raises:
         JobError, MeshError, OutputError: the same on every rank.
@@ -129,7 +131,7 @@ def identify(
             on_root(comm, open_and_lock)
         begun = time.perf_counter()
         try:
-            estimated = estimate(evaluations, report)
+            estimated = estimate(evaluations, report, samples)
         except Interrupted:
             where = f"evaluations are kept in {directory}" if directory else "nothing was saved"
             raise Interrupted(f"stopped by a signal; {where}", "Start the same command again.") from None
