@@ -27,7 +27,7 @@ from hpcinv.formats import SAVED
 from hpcinv.job import rules
 from hpcinv.job.cavities import Cavity, cavities_of_state, unknown_cavities, unsuited_controls
 from hpcinv.job.fibres import FibreFamily
-from hpcinv.job.identification import Identification
+from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
@@ -504,7 +504,9 @@ class Job(Spec):
         if self.sensitivities:
             yield from rules.below(("sensitivities",), rules.underivable(self.effects, self.states, "are"))
         if self.identify is not None:
-            faults = rules.unsuited_identification(self.identify, self._owners_in_states, self.quantities, self.states)
+            faults = faults_of_identification(
+                self.identify, self._owners_in_states, self.quantities, self.states, self.cavities
+            )
             yield from rules.below(("identify",), faults)
             yield from rules.below(("identify",), rules.underivable(self.effects, self.states, "is"))
         demands = rules.contradicting_demands(

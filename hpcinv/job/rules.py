@@ -4,10 +4,9 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from hpcinv.effects import Direction, Effect
 from hpcinv.effects.contact import Contact
-from hpcinv.job.identification import Identification, faults_of_identification
+from hpcinv.job.identification import Identification
 from hpcinv.job.owners import have_derivatives
 from hpcinv.job.sections import AXES, ExpectedShape, MeshSpec, QuantityOfInterest, Support
-from hpcinv.job.sensitivities import Owner
 from hpcinv.job.settings import Discretisation, FixedPoint, Output, Solver
 from hpcinv.job.states import StateSpec, given_on_current, rest_of
 from hpcinv.materials import MaterialLaw
@@ -317,23 +316,6 @@ def contradicting_demands(
         yield (), "needs 'method: direct'"
     elif mesh.is_partitioned:
         yield (), "needs a mesh that can be refined, not a partitioned one: use its original file"
-
-
-def unsuited_identification(
-    section: Identification,
-    owners: Mapping[str, Owner],
-    quantities: Sequence[QuantityOfInterest],
-    states: Sequence[StateSpec],
-) -> Faults:
-    """Faults of the section ``identify``, with their places in it.
-
-    Args:
-        owners: laws, effects, fibres and supports by their keys.
-    """
-    given = next((state.name for state in states if state.given), "")
-    names = dict.fromkeys([*(state.name for state in states), rest_of(states)] if states else [])
-    shapes = [name for name in names if name != given]
-    yield from faults_of_identification(section, owners, quantities, shapes, given)
 
 
 def underivable(effects: Iterable[Effect], states: Iterable[StateSpec], verb: str) -> Faults:
