@@ -19,6 +19,8 @@ from hpcinv.output.vtk import write_fields
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.boundary_surface import Boundary
 from hpcinv.pictures.gathering import boundary_of
+from hpcinv.pictures.interior import Interior
+from hpcinv.pictures.interior_gathering import interior_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.sensitivity.analysis import Sensitivities
@@ -133,6 +135,11 @@ class Result:
             line.state for line in self.certificate.lines if line.name == OVERLAP and line.verdict is Verdict.FAIL
         }
         return boundary_of(self.body, self.solutions, self.estimate, self.job.fibres, overlapping=overlapping)
+
+    def interior(self) -> Interior | None:
+        """Gather the interior with the results on rank 0, ``None`` on others; collective."""
+        labels = [where.partition(".")[2] for where in self.job.laws]
+        return interior_of(self.body, self.solutions, labels)
 
     def write_fields(self, directory: Path) -> None:
         """Write fields for ParaView, on both bodies and in all states; collective.

@@ -34,15 +34,17 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
     parts: list[DrawnBody | Glyphs] = []
     legend, marked = [], np.zeros(len(boundary.triangles), dtype=bool)
     up = None
-    for support, colour, given in zip(job.supports, cycle(_SUPPORTS), _rows(given_data, "supports"), strict=False):
+    for support, colour, given in zip(
+        job.supports, cycle(_SUPPORTS), written_rows(given_data, "supports"), strict=False
+    ):
         mask = boundary.region_mask(support.region)
-        legend.append((f"support {_text(given, f'region: {support.region}')}", colour))
+        legend.append((f"support {written_text(given, f'region: {support.region}')}", colour))
         marked |= mask
         parts.append(DrawnBody(boundary.points, boundary.triangles[mask], colour))
         parts.extend(_fixings(boundary, support.region, sorted(support.held), colour, size))
-    for effect, colour, given in zip(job.effects, cycle(_LOADS), _rows(given_data, "effects"), strict=False):
+    for effect, colour, given in zip(job.effects, cycle(_LOADS), written_rows(given_data, "effects"), strict=False):
         kept = {name: value for name, value in given.items() if name != "effect"}
-        legend.append((_text(kept, effect.effect), colour))  # type: ignore[attr-defined]
+        legend.append((written_text(kept, effect.effect), colour))  # type: ignore[attr-defined]
         region, vector = getattr(effect, "region", None), _numbers(getattr(effect, "acceleration", None))
         if vector is not None:
             up = -vector
@@ -128,12 +130,13 @@ def _numbers(value: Any) -> Floats | None:
     return None
 
 
-def _rows(data: Mapping[str, Any], section: str) -> list[Mapping[str, Any]]:
+def written_rows(data: Mapping[str, Any], section: str) -> list[Mapping[str, Any]]:
     """The section as the user wrote it."""
     return [row if isinstance(row, Mapping) else {} for row in data.get(section) or ()]
 
 
-def _text(given: Mapping[str, Any], head: str) -> str:
+def written_text(given: Mapping[str, Any], head: str) -> str:
+    """One line of the legend: the head, and what the user wrote more."""
     kept = {name: value for name, value in given.items() if f"{name}: {value}" != head}
     more = yaml.safe_dump(kept, default_flow_style=True, sort_keys=False, width=10_000).strip()[1:-1] if kept else ""
     text = f"{head}, {more}" if more else head

@@ -4,6 +4,7 @@ import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,10 @@ from hpcinv.job.sections import REACTIONS, QuantityOfInterest, is_of_nodes
 from hpcinv.pictures import boundary_surface as surface
 from hpcinv.pictures import snapshots
 from hpcinv.pictures.boundary_surface import Boundary, read_boundary
+from hpcinv.pictures.interior import NAME as NAME_OF_INTERIOR
+from hpcinv.pictures.interior import Interior, read_interior
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots
+from hpcinv.quantity.written_units import written_units
 from hpcinv.reports.charts import convergence_chart, load_chart
 from hpcinv.reports.of_cases import as_url
 from hpcinv.reports.packed_arrays import PackedArrays
@@ -44,12 +48,14 @@ def write_run_report(directory: Path, summary: Mapping[str, Any] | None, path: P
             f"{directory}: has no summary of a run, or it is damaged",
             "Give the directory that 'run' printed at its beginning; one that was killed needs 'resume'.",
         )
-    boundary, steps = None, list[Snapshot]()
+    boundary, steps, interior = None, list[Snapshot](), None
     if (directory / surface.NAME).exists():
         boundary, steps = read_boundary(directory / surface.NAME), read_snapshots(directory / snapshots.NAME)
+        interior = read_interior(directory / NAME_OF_INTERIOR)
+    units = units_of(directory)
     path = path or directory / NAME
     try:
-        page = run_page(summary, boundary, steps)
+        page = run_page(summary, boundary, steps, interior, units)
     except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
         raise OutputError(
             f"{directory}: its summary does not have what a report needs ({type(error).__name__}: {error})",
@@ -59,11 +65,30 @@ def write_run_report(directory: Path, summary: Mapping[str, Any] | None, path: P
     return path
 
 
-def run_page(summary: Mapping[str, Any], boundary: Boundary | None, steps: Sequence[Snapshot]) -> bytes:
-    """Return the page of a run; ``boundary`` is ``None`` if none was kept."""
+def units_of(directory: Path) -> Mapping[str, tuple[float, str]]:
+    """Return the units of lengths and stresses in the job of a run, as far as it has a job with units."""
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        return written_units((directory / "job.yaml").read_text("utf-8"))
+    return {}
+
+
+def run_page(
+    summary: Mapping[str, Any],
+    boundary: Boundary | None,
+    steps: Sequence[Snapshot],
+    interior: Interior | None = None,
+    units: Mapping[str, tuple[float, str]] = MappingProxyType({}),
+) -> bytes:
+    """Return the page of a run; ``boundary`` is ``None`` if none was kept.
+
+    Args:
+        units: by SI unit the size and the symbol of the unit in which values are shown.
+    """
+    if interior is not None and (boundary is None or len(interior.results) != len(boundary.results)):
+        interior = None
     arrays, body, picture = PackedArrays(), None, ""
     if boundary is not None and boundary.results:
-        body = scene(summary, boundary, steps, arrays)
+        body = scene(summary, boundary, steps, arrays, interior, units)
         body["arrays"] = arrays.specs
         del body["kept"]
         picture = _picture(summary, boundary)

@@ -112,7 +112,7 @@ def test_the_slider_leads_from_one_body_to_the_other(page: Page) -> None:
 
 
 def test_the_cut_moves(page: Page) -> None:
-    page.set("clip-axis", "x")
+    page.set_all({"clip-axis": "x", "clip-side": False})
     shown = []
     for place in (20, 80):
         page.set("clip-place", place)
