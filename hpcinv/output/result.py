@@ -88,13 +88,21 @@ class Result:
         object.__setattr__(self, "quantities", Quantities(self.quantities, self._units()))
 
     def _units(self) -> dict[str, str]:
-        """Units of the quantities of interest by name; an integral is over the cells of its region, if it has some."""
+        """Units of the quantities of interest by name, which ends with the state of the body, if there are states.
+
+        An integral is over the cells of its region, if it has some.
+        """
         units: dict[str, str] = {}
+        endings = [
+            "",
+            *(f"-{name}" for name in dict.fromkeys([*(state.name for state in self.job.states), self.job.rest])),
+        ]
         for quantity in self.job.quantities:
             region = self.body.regions.get(quantity.on or "")
             is_integral = quantity.reduce == "integral" and region is not None and not quantity.is_reaction
             volume = 3 if region is not None and region.cell_count else 2
-            units[quantity.name] = quantity.unit_of_integral(volume) if is_integral else quantity.unit
+            unit = quantity.unit_of_integral(volume) if is_integral else quantity.unit
+            units |= {f"{quantity.name}{ending}": unit for ending in endings}
         return units
 
     @property

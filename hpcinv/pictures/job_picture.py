@@ -9,13 +9,13 @@ import yaml
 
 from hpcinv.job.job import Job
 from hpcinv.pictures.boundary_surface import Boundary
+from hpcinv.pictures.colours import REGIONS
 from hpcinv.pictures.drawing import DrawnBody, Glyphs, Picture, View, directions, extent, figure
 from hpcinv.quantity.arrays import Floats
 
 _BODY = "#d9d9d9"
 _SUPPORTS = ("#0072B2", "#56B4E9", "#004466", "#88AACC")
 _LOADS = ("#D55E00", "#E69F00", "#CC79A7", "#8B2500")
-_REGIONS = ("#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0072B2", "#D55E00", "#F0E442", "#666666")
 _SYMBOLS = 40  # of one support or load
 _SIZE = 0.07  # of an arrow, relative to the body
 _TEXT = 90  # characters of a line of the legend
@@ -34,17 +34,15 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
     parts: list[DrawnBody | Glyphs] = []
     legend, marked = [], np.zeros(len(boundary.triangles), dtype=bool)
     up = None
-    for support, colour, given in zip(
-        job.supports, cycle(_SUPPORTS), written_rows(given_data, "supports"), strict=False
-    ):
+    for support, colour, given in zip(job.supports, cycle(_SUPPORTS), _rows(given_data, "supports"), strict=False):
         mask = boundary.region_mask(support.region)
-        legend.append((f"support {written_text(given, f'region: {support.region}')}", colour))
+        legend.append((f"support {_text(given, f'region: {support.region}')}", colour))
         marked |= mask
         parts.append(DrawnBody(boundary.points, boundary.triangles[mask], colour))
         parts.extend(_fixings(boundary, support.region, sorted(support.held), colour, size))
-    for effect, colour, given in zip(job.effects, cycle(_LOADS), written_rows(given_data, "effects"), strict=False):
+    for effect, colour, given in zip(job.effects, cycle(_LOADS), _rows(given_data, "effects"), strict=False):
         kept = {name: value for name, value in given.items() if name != "effect"}
-        legend.append((written_text(kept, effect.effect), colour))  # type: ignore[attr-defined]
+        legend.append((_text(kept, effect.effect), colour))  # type: ignore[attr-defined]
         region, vector = getattr(effect, "region", None), _numbers(getattr(effect, "acceleration", None))
         if vector is not None:
             up = -vector
@@ -67,7 +65,7 @@ def draw_mesh(name: str, boundary: Boundary) -> Picture:
     """Draw a mesh from two sides, each named region in a colour; of regions that overlap the last is on top."""
     parts, legend = list[DrawnBody | Glyphs](), list[tuple[str, str]]()
     hidden = np.zeros(len(boundary.triangles), dtype=bool)
-    for (region, mask), colour in zip(reversed(list(boundary.regions.items())), cycle(_REGIONS), strict=False):
+    for (region, mask), colour in zip(reversed(list(boundary.regions.items())), cycle(REGIONS), strict=False):
         visible = mask & ~hidden
         covered = "" if visible.any() or not mask.any() else ", covered by those above"
         legend.append((f"{region}: {mask.sum()} triangles of the boundary{covered}", colour))
@@ -130,13 +128,12 @@ def _numbers(value: Any) -> Floats | None:
     return None
 
 
-def written_rows(data: Mapping[str, Any], section: str) -> list[Mapping[str, Any]]:
+def _rows(data: Mapping[str, Any], section: str) -> list[Mapping[str, Any]]:
     """The section as the user wrote it."""
     return [row if isinstance(row, Mapping) else {} for row in data.get(section) or ()]
 
 
-def written_text(given: Mapping[str, Any], head: str) -> str:
-    """One line of the legend: the head, and what the user wrote more."""
+def _text(given: Mapping[str, Any], head: str) -> str:
     kept = {name: value for name, value in given.items() if f"{name}: {value}" != head}
     more = yaml.safe_dump(kept, default_flow_style=True, sort_keys=False, width=10_000).strip()[1:-1] if kept else ""
     text = f"{head}, {more}" if more else head

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +10,7 @@ import yaml
 
 from hpcinv.errors import OutputError
 from hpcinv.job.job import Job
+from hpcinv.job.sections import IMAGES
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.surface import Surface, gather_surface
@@ -18,17 +18,15 @@ from hpcinv.pictures.boundary_surface import Boundary
 from hpcinv.pictures.decimation import Decimated, decimated
 from hpcinv.pictures.gathering import boundary_of, cut_of
 from hpcinv.pictures.interior_gathering import interior_of
-from hpcinv.pictures.job_picture import written_rows, written_text
 from hpcinv.quantity.arrays import Floats, Ints
-from hpcinv.quantity.units import readable
+from hpcinv.quantity.units import parse_quantity, readable
 from hpcinv.quantity.written_units import written_units
 from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.page import render
 from hpcinv.reports.symbols import symbols
-from hpcinv.reports.viewer_scene import axes_of, packed_interior, regions_of
+from hpcinv.reports.viewer_scene import axes_of, packed_interior, regions_of, shown_units
 
 _AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}  # order of the vertices around a facet
-_METRE = (1.0, "m")
 
 
 @dataclass(frozen=True)
@@ -64,12 +62,12 @@ def place_of_regions(text: str) -> JobText:
     return JobText(text[:at], text[at:], " " * first.column, "block")
 
 
-def job_page(name: str, body: Body, job: Job | None, text: str, unit: tuple[float, str]) -> bytes:
+def job_page(name: str, body: Body, job: Job | None, text: str, symbol: str) -> bytes:
     """Return the page of a job, or of a mesh without one.
 
     Args:
         text: of the job as it is written; empty without one.
-        unit: size (m) and symbol of the unit of lengths.
+        symbol: of the unit of lengths.
     """
     arrays = PackedArrays()
     boundary = boundary_of(body)
@@ -77,12 +75,12 @@ def job_page(name: str, body: Body, job: Job | None, text: str, unit: tuple[floa
     assert boundary is not None  # there is one rank
     assert surface is not None
     page = _scene(name, body, job, boundary, surface, arrays)
-    page["unit"] = list(unit)
-    page["units"] = {key: list(value) for key, value in written_units(text).items() if key != "m"}
+    size = parse_quantity(f"1 {symbol}")[0]
+    page["unit"] = [size, symbol]
+    page["units"] = shown_units({"units": written_units(job.data)}) if job else {}
     place = place_of_regions(text)
     page["job"] = vars(place) | {"file": f"{name}.yaml" if job else "regions.yaml"}
     page["arrays"] = arrays.specs
-    size, symbol = unit
     sides = " × ".join(f"{side / size:.4g}" for side in np.ptp(boundary.points, axis=0))
     cells = f"{body.mesh.topology.index_map(3).size_global:,}"
     return render(
@@ -154,23 +152,14 @@ def _facets(boundary: Boundary, surface: Surface, kept: Decimated, *, is_part: b
 
 
 def _symbols(job: Job | None, boundary: Boundary, kept: Decimated) -> list[dict[str, Any]]:
-    """Supports and loads with texts as the job writes them; of a job with states, those of the state solved first."""
+    """Supports and loads in the units of the job; of a job with states, those of the state that is solved first."""
     if job is None:
         return []
-    given, first = job.data, job.plan[0].job
-    if first.state:
-        given = {**given, **next(state for state in given["states"] if state["name"] == first.state)}
-    drawn = symbols(first.model_dump(mode="json"), {}, boundary)
-    texts = [f"support {written_text(row, f'region: {row.get("region")}')}" for row in written_rows(given, "supports")]
-    for row in written_rows(given, "effects"):
-        texts.append(
-            written_text({key: value for key, value in row.items() if key != "effect"}, str(row.get("effect")))
-        )
+    first = job.plan[0].job
+    drawn = symbols(first.model_dump(mode="json"), {}, boundary, written_units(job.data))
     place = {int(old): new for new, old in reversed(list(enumerate(kept.rows)))}
-    for i, symbol in enumerate(drawn):
+    for symbol in drawn:
         symbol["rows"] = [place[row] for row in symbol["rows"] if row in place]
-        if len(texts) == len(drawn):
-            symbol["label"] = texts[i]
     return drawn
 
 
@@ -179,7 +168,7 @@ def _volume(boundary: Boundary) -> float:
     return float(np.einsum("ni,ni->", a, np.cross(b, c)) / 6)
 
 
-def length_unit_of(text: str, spec: Mapping[str, Any], suffixes: Sequence[str]) -> tuple[float, str]:
+def length_unit_of(job: Job | None, file: str) -> str:
     """Return the unit of lengths of a job: that which it writes most often; of an image without one mm, else m."""
-    is_image = str(spec.get("file") or spec.get("image") or "").endswith(tuple(suffixes))
-    return written_units(text).get("m", (1e-3, "mm") if is_image else _METRE)
+    written = written_units(job.data) if job else {}
+    return written.get("m", "mm" if file.endswith(IMAGES) else "m")

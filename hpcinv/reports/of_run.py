@@ -3,8 +3,8 @@
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from hpcinv.pictures.boundary_surface import Boundary, read_boundary
 from hpcinv.pictures.interior import NAME as NAME_OF_INTERIOR
 from hpcinv.pictures.interior import Interior, read_interior
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots
-from hpcinv.quantity.written_units import written_units
+from hpcinv.quantity.written_units import as_shown
 from hpcinv.reports.charts import convergence_chart, load_chart
 from hpcinv.reports.of_cases import as_url
 from hpcinv.reports.packed_arrays import PackedArrays
@@ -52,10 +52,9 @@ def write_run_report(directory: Path, summary: Mapping[str, Any] | None, path: P
     if (directory / surface.NAME).exists():
         boundary, steps = read_boundary(directory / surface.NAME), read_snapshots(directory / snapshots.NAME)
         interior = read_interior(directory / NAME_OF_INTERIOR)
-    units = units_of(directory)
     path = path or directory / NAME
     try:
-        page = run_page(summary, boundary, steps, interior, units)
+        page = run_page(summary, boundary, steps, interior)
     except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
         raise OutputError(
             f"{directory}: its summary does not have what a report needs ({type(error).__name__}: {error})",
@@ -65,30 +64,18 @@ def write_run_report(directory: Path, summary: Mapping[str, Any] | None, path: P
     return path
 
 
-def units_of(directory: Path) -> Mapping[str, tuple[float, str]]:
-    """Return the units of lengths and stresses in the job of a run, as far as it has a job with units."""
-    with contextlib.suppress(OSError, UnicodeDecodeError):
-        return written_units((directory / "job.yaml").read_text("utf-8"))
-    return {}
-
-
 def run_page(
     summary: Mapping[str, Any],
     boundary: Boundary | None,
     steps: Sequence[Snapshot],
     interior: Interior | None = None,
-    units: Mapping[str, tuple[float, str]] = MappingProxyType({}),
 ) -> bytes:
-    """Return the page of a run; ``boundary`` is ``None`` if none was kept.
-
-    Args:
-        units: by SI unit the size and the symbol of the unit in which values are shown.
-    """
+    """Return the page of a run; ``boundary`` is ``None`` if none was kept."""
     if interior is not None and (boundary is None or len(interior.results) != len(boundary.results)):
         interior = None
     arrays, body, picture = PackedArrays(), None, ""
     if boundary is not None and boundary.results:
-        body = scene(summary, boundary, steps, arrays, interior, units)
+        body = scene(summary, boundary, steps, arrays, interior)
         body["arrays"] = arrays.specs
         del body["kept"]
         picture = _picture(summary, boundary)
@@ -148,13 +135,16 @@ def quantity_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for name, value in summary["quantities"].items():
         quantity = next((q for q in given if name == q["name"] or name.startswith(f"{q['name']}-")), None)
-        error, unit = errors.get(name), "" if quantity is None else _unit(quantity)
+        error, unit = errors.get(name), (summary.get("quantity_units") or {}).get(name)
+        unit = ("" if quantity is None else _unit(quantity)) if unit is None else unit
         bar = _bar(value, error)
         formula = "" if quantity is None else str(quantity["of"])
         if quantity is not None and is_of_nodes(quantity, summary["job"].get("let", {})):
             formula += f" ({quantity['reduce']} of the nodes)"
         row = {"name": name, "value": value, "error": error, "unit": unit, "of": formula, "bar": bar}
-        rows.append(row | {"deviations": _deviations(summary, name)})
+        text = partial(as_shown, unit=unit, symbols=summary.get("units") or {})
+        row |= {"text": text(value), "error_text": "not estimated" if error is None else text(error)}
+        rows.append(row | {"deviations": [(text(sd), cause) for sd, cause in _deviations(summary, name)]})
     return rows
 
 

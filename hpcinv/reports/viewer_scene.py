@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from hpcinv.pictures.result_picture import upwards
 from hpcinv.pictures.snapshots import Snapshot
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.stress_measures import COMPONENTS
+from hpcinv.quantity.units import parse_quantity
 from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.symbols import symbols
 
@@ -32,13 +32,11 @@ def scene(
     snapshots: Sequence[Snapshot],
     arrays: PackedArrays,
     interior: Interior | None = None,
-    units: Mapping[str, tuple[float, str]] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Add the body to ``arrays``; return what they mean as plain data, with the rows of the points as ``kept``.
 
     Args:
         interior: with as many results as the boundary.
-        units: by SI unit the size and the symbol of the unit in which values are shown.
     """
     most = MOST if len(boundary.results) <= _STATES else MOST * _STATES // len(boundary.results)
     kept = _kept(boundary, most)
@@ -54,7 +52,7 @@ def scene(
         "decimated": len(kept.points) < len(boundary.points),
         "up": [0.0, 0.0, 1.0] if up is None else (up / np.linalg.norm(up)).tolist(),
         "axes": axes_of(summary["job"].get("mesh") or {}),
-        "units": {unit: list(shown) for unit, shown in units.items()},
+        "units": shown_units(summary),
         "interior": packed_interior(interior, arrays),
         "regions": regions_of(boundary, kept, arrays, interior),
         "error": None if boundary.error is None else arrays.add(boundary.error[kept.rows]),
@@ -83,7 +81,7 @@ def _result(
     state_section: Mapping[str, Any] = next(
         (s for s in summary["job"].get("states") or () if s["name"] == result.state), {}
     )
-    loads = symbols(summary["job"], state_section, boundary)
+    loads = symbols(summary["job"], state_section, boundary, summary.get("units"))
     place = {int(old): new for new, old in reversed(list(enumerate(kept.rows)))}
     for symbol in loads:
         symbol["rows"] = [place[row] for row in symbol["rows"] if row in place]
@@ -164,6 +162,12 @@ def _inner_result(result: InteriorResult, arrays: PackedArrays) -> dict[str, int
         "J": arrays.add(result.J),
         "stretches": arrays.add(result.stretches),
     }
+
+
+def shown_units(summary: Mapping[str, Any]) -> dict[str, list[float | str]]:
+    """Size and symbol of the units that the job chose, by SI unit."""
+    symbols = summary.get("units") or {}
+    return {unit: [parse_quantity(f"1 {symbol}")[0], symbol] for unit, symbol in symbols.items()}
 
 
 def axes_of(mesh: Mapping[str, Any]) -> list[list[str]]:

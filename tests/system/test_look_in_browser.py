@@ -24,7 +24,8 @@ TUBE = f"""\
 analysis: inverse
 mesh:
   file: {MESHES / "thick_cylinder.py"}
-  parameters: {{inner: 10 mm, outer: 20 mm, length: 40 mm, quarter: false, hexahedra: true, radial: 2, around: 6, along: 4}}
+  parameters:
+    {{inner: 10 mm, outer: 20 mm, length: 40 mm, around: 6, along: 4, radial: 2, quarter: false, hexahedra: true}}
 regions: {{low: "z < 21 mm"}}   # half of it
 material:
   wall: {{law: neo-hookean, mu: 20 kPa, lam: 80 kPa}}
@@ -116,8 +117,8 @@ def load_text(text: str, directory: Path) -> tuple[float, float, float]:
 
 
 def test_regions_loads_and_the_section_are_seen(page: Page) -> None:
-    assert "pressure, region: inner, pressure: 2 kPa" in page.text("#symbol-list")
-    assert "support region: z0" in page.text("#symbol-list")
+    assert "pressure on inner: pressure 2 kPa" in page.text("#symbol-list")
+    assert "support z0: holds x, y, z" in page.text("#symbol-list")
     page.run("document.getElementById('reset').click()")
     page.set_all({"symbols": False, "clip-axis": "none"})
     whole = page.pixels()

@@ -101,7 +101,7 @@ def test_rank_0_tells_each_step_in_a_line_and_the_error_last() -> None:
     assert lines[0] == "inverse:"
     assert lines[1] == "  direct linear solver: at 9 unknowns, multigrid would take about 2 times as long"
     assert "not reached: an element would turn inside out" in lines[2]
-    step = "  load 0.5: 2 iterations, 1 factorization, largest displacement 0.1325 m, det F^-1 > 0.8765, "
+    step = "  load 0.5: 2 iterations, 1 factorization, largest displacement 132.5 mm, det F^-1 > 0.8765, "
     assert lines[3].startswith(step)
     assert lines[4].startswith("  load 1: 2 iterations, 2 factorizations, ")
     assert lines[5] == "converged, 4 factorizations, 12.3 s"
