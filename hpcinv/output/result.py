@@ -93,16 +93,13 @@ class Result:
         An integral is over the cells of its region, if it has some.
         """
         units: dict[str, str] = {}
-        endings = [
-            "",
-            *(f"-{name}" for name in dict.fromkeys([*(state.name for state in self.job.states), self.job.rest])),
-        ]
-        for quantity in self.job.quantities:
+        for quantity in sorted(self.job.quantities, key=lambda quantity: len(quantity.name)):  # the longest fits best
             region = self.body.regions.get(quantity.on or "")
             is_integral = quantity.reduce == "integral" and region is not None and not quantity.is_reaction
             volume = 3 if region is not None and region.cell_count else 2
             unit = quantity.unit_of_integral(volume) if is_integral else quantity.unit
-            units |= {f"{quantity.name}{ending}": unit for ending in endings}
+            own = (name for name in self.quantities if name == quantity.name or name.startswith(f"{quantity.name}-"))
+            units |= dict.fromkeys(own, unit)
         return units
 
     @property

@@ -116,15 +116,15 @@ def test_rank_0_tells_each_step_in_a_line_and_the_error_last() -> None:
     ]
     at = lines.index("roundness: 1.5e-06 (standard deviation 1e-06)")
     assert lines[at - 1 : at + 4] == [
-        "tip: (0, -0.1325, 1e-09) m (estimated error (0.001, 0, 0) m, standard deviation (0, 0.02, 0) m)",
+        "tip: (0, -132.5, 1e-06) mm (estimated error (1, 0, 0) mm, standard deviation (0, 20, 0) mm)",
         "roundness: 1.5e-06 (standard deviation 1e-06)",
         "per SI unit of",
         "  material.mu: tip (0, 2e-05, 0) m, roundness -1e-09, shape up to 3e-05 m",
-        "shape: standard deviation up to 0.03 m, at (1, 0, 0.5) m",
+        "shape: standard deviation up to 30 mm, at (1, 0, 0.5) m",
     ]
     assert sum("snes_tpye" in line for line in lines) == 1
-    assert lines[-1] == "recovered shape: 1.34e-14 m from the expected one (7e-14 of its length)"
-    assert lines[-2].startswith("round trip: closes to 1e-12 m")
+    assert lines[-1] == "recovered shape: 1.34e-05 nm from the expected one (7e-14 of its length)"
+    assert lines[-2].startswith("round trip: closes to 0.001 nm")
     assert not any("\x1b" in line for line in lines)
 
 
