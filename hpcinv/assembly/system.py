@@ -40,9 +40,9 @@ class System:
             pattern, which takes as long to make as one assembly or two.
 
     Attributes:
-        state: all unknowns x, at which residual and tangent are evaluated.
+        state: all unknowns x; residual and tangent are evaluated at them.
         rhs: a vector for residuals.
-        tangents: number of assemblies of the tangent, by which outdated factors are recognized.
+        tangents: number of assemblies of the tangent; outdated factors are recognized by it.
     """
 
     def __init__(self, scene: Scene, supports: Supports, timings: Timings, like: Self | None = None) -> None:
@@ -54,7 +54,7 @@ class System:
         with timings("set-up"):
             self.rhs = fem_petsc.create_vector(scene.unknowns.space)
 
-    # Equations of which only the tangent is needed, as for stability, need neither residual nor checks.
+    # Where only the tangent is needed, as for stability, neither residual nor checks are made.
     @cached_property
     def _residual(self) -> fem.Form:
         with self.timings("compile"):

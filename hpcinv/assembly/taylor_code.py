@@ -88,7 +88,7 @@ static void fetch(const lanes *kept, int stored, int k) {
 """
 
 _SWEEP = """
-/* Compute the coefficients first … last of the outputs, of which the last ones are returned. If first is not 0, it is
+/* Compute the coefficients first … last of the outputs; the last ones are returned. If first is not 0, it is
    the last order of the call before, whose unknowns have been set since.
 
    blocks   number of blocks of LANES points

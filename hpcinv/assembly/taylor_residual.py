@@ -98,7 +98,7 @@ class TaylorResidual:
     def put(self, k: int, x: npt.NDArray[np.float64] | None, load: float) -> None:
         """Set the ``k``-th coefficients of the unknowns (local ones, ghosts included; ``None``: 0) and the load factor.
 
-        Those of lower order must be set, and assembled, before.
+        Unknowns of lower order must be set, and assembled, before.
         """
         rates = [load * rate for rate in self._rates]
         for part in self._parts:
@@ -107,7 +107,7 @@ class TaylorResidual:
     def assemble(self, k: int, b: PETSc.Vec) -> None:
         """Set ``b`` to the ``k``-th coefficient of the residual, without regard to supports.
 
-        Unknowns of order ``k`` count as zero unless they are set; those of order ``k - 1`` may have been set anew.
+        Unknowns of order ``k`` count as zero unless they are set; unknowns of order ``k - 1`` may have been set again.
         """
         with b.localForm() as local:
             local.set(0.0)

@@ -213,7 +213,7 @@ def _is_sharp(angle: Any, neighbour_angle: Any) -> Any:
 def _holds(mask: int, normal: Floats, tangent: Floats) -> tuple[Hold, bool]:
     """Return how a face that holds the axes of a ``mask`` is held across an edge, and whether along it."""
     axes = np.eye(3)[[axis for axis in range(3) if mask >> axis & 1]]
-    # Directions across the edge that are held: those of the axes that have no component along it.
+    # Directions across the edge that are held: axes that have no component along it.
     tangential = axes @ tangent
     if len(axes) == 3:
         return Hold.CLAMPED, True

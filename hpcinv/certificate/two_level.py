@@ -50,7 +50,7 @@ MANY = 5e9
 """Operations of a factorization in the finer spaces from which iterations are worth their error: it takes seconds."""
 _SMOOTHING = 8  # iterations with the diagonal before one with the factors
 _CYCLES = 10  # of these
-_RESIDUAL = 0.15  # relative, at which the correction may be found
+_RESIDUAL = 0.15  # relative; the correction is looked for below it
 _CHANGE = 0.3  # of the displacement in one cycle, relative; its error is then at most half of that, mostly a third
 _STIFFEST = 4.0  # ratio of stiffnesses up to which corrections are right to a fifth
 _SAMPLE = 500  # cells of each rank by which it is found
@@ -201,7 +201,7 @@ class _FinerProblem:
             return last
         u, count = self._unknowns.owned_displacement_dofs, _CYCLES * (_SMOOTHING + 1)
         directions, products = (np.empty((count, len(r)), r.dtype) for _ in range(2))
-        # The products are orthonormal; those of K and the directions are their combinations, columns of `triangle`.
+        # The products are orthonormal; products of K and the directions are their combinations, columns of `triangle`.
         triangle, shares = np.zeros((count, count)), np.zeros(count)
         for k in range(count):
             stop_if_asked(self._comm, observer)

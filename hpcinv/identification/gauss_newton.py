@@ -187,7 +187,7 @@ class _Problem:
         self._history: list[float] = []
 
     def _size(self, i: int) -> float:
-        """Return the size of a parameter, by which it is divided."""
+        """Return the size of a parameter, its divisor."""
         prior, width = self._priors[i], self._upper[i] - self._lower[i]
         candidates = [abs(self._start[i]), prior[1] if prior else 0.0, width if np.isfinite(width) else 0.0]
         return float(next((c for c in candidates if c > 0), 1.0))

@@ -1,7 +1,7 @@
 """Flow of an identification: evaluations and estimate, then one run of the job at the estimate.
 
 A directory has ``identification.json``, ``sections.yaml`` (of the job, at the estimate), ``run/`` (the run there) and
-``evaluations/``, from which a command that was killed continues: the least squares take the same steps again, and find
+``evaluations/``. A command that was killed continues from them: the least squares take the same steps again, and find
 there what was evaluated before.
 """
 
@@ -37,11 +37,11 @@ _ORIGIN, _FIGURES, _SECTIONS, _RUN = "identification-origin.json", "identificati
 
 @dataclass(frozen=True)
 class IdentificationCost:
-    """Time of an identification, with that of earlier commands.
+    """Time of an identification, with the time of earlier commands.
 
     Attributes:
         evaluations: number of evaluations, each of which solves all states.
-        kept: those of them that earlier commands have made.
+        kept: how many of them earlier commands have made.
         seconds: of all evaluations.
         unit: seconds of one solve of the first state at the estimate, from the unloaded body.
         factorizations: of all evaluations, and of that one solve.
@@ -58,7 +58,7 @@ class IdentificationCost:
         return (
             f"{self.evaluations} evaluations of all states{kept} took {self.seconds:.3g} s, as long as"
             f" {self.seconds / self.unit:.3g} solves of the first state ({self.unit:.3g} s each);"
-            f" {self.factorizations[0]} factorizations, of which such a solve takes {self.factorizations[1]}"
+            f" {self.factorizations[0]} factorizations; such a solve takes {self.factorizations[1]} of them"
         )
 
 
@@ -95,7 +95,7 @@ def identify(
     """Find the parameters in the section ``identify`` of a job, and its rest shape, on all ranks; collective.
 
     Args:
-        directory: of results and evaluations, from which an identification of the same job goes on; ``None`` writes
+        directory: of results and evaluations; an identification of the same job goes on from them; ``None`` writes
             nothing.
         overwrite: whether another identification there may be replaced.
         report: called on rank 0 after each evaluation.
@@ -158,7 +158,7 @@ def _cost(evaluations: Sequence[Evaluation], seconds: float, unit: float, factor
 
 
 def _open(directory: Path, job: Job, content: str, *, overwrite: bool) -> None:
-    """Make or check the directory; ``OutputError`` if it is that of something else."""
+    """Make or check the directory; ``OutputError`` if it has something else in it."""
     check_output(directory)
     origin = directory / _ORIGIN
     if directory.exists() and (not directory.is_dir() or (any(directory.iterdir()) and not origin.exists())):

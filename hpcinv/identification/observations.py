@@ -1,7 +1,7 @@
 """Observations: what was measured, and what a run predicts for it, with derivatives.
 
 Data are on rank 0. A landmark or node has three numbers, its coordinates. A point of a surface has one, its distance
-from the computed surface along the normal there, whose derivative is that of the nearest point along the normal.
+from the computed surface along the normal there. Its derivative is the nearest point's derivative along the normal.
 """
 
 from abc import ABC, abstractmethod

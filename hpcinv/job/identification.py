@@ -235,7 +235,7 @@ def _faults_of_observation(
     if observation.kind == "quantity":
         quantity = quantities.get(str(observation.quantity))
         if observation.state is not None:
-            yield ("state",), "is not valid with a quantity, whose name says of which state it is"
+            yield ("state",), "is not valid with a quantity: the quantity itself names its state"
         if quantity is None:
             yield (
                 ("quantity",),

@@ -75,7 +75,7 @@ class PlannedSolve:
     """One solve of a job.
 
     Attributes:
-        job: the job, or that of one state by itself.
+        job: the job, or the job of one state by itself.
         mesh: number of the earlier solve that finds the body on which this one is solved; ``None`` for the given mesh.
         start: number of the earlier solve at whose solution the load path begins; ``None`` for the unloaded body.
         shape: name of the state whose shape it computes; empty without states.
@@ -238,13 +238,17 @@ class Job(Spec):
 
     @property
     def state(self) -> str:
-        """Name of the state of which this is the job; empty without states."""
+        """Name of the state that this job has; empty without states."""
         return self._state
 
     @property
     def kind(self) -> str:
         """Description of the solves, for messages."""
-        return f"{len(self.states)} states" if self.states else f"{self.analysis} analysis"
+        return (
+            f"{len(self.states)} state{'s' if len(self.states) > 1 else ''}"
+            if self.states
+            else f"{self.analysis} analysis"
+        )
 
     @property
     def rest(self) -> str:
@@ -279,7 +283,7 @@ class Job(Spec):
 
     @property
     def own_effect_count(self) -> int:
-        """Number of the effects of the file; those of the unknown pressures of cavities follow them."""
+        """Number of the effects of the file; the effects of unknown pressures of cavities follow them."""
         return len(self.effects) - sum(len(cavity.pressures) for cavity in self.cavities.values())
 
     def cavity_effects(self, name: str) -> list[int]:
@@ -374,7 +378,7 @@ class Job(Spec):
 
     @property
     def has_derivatives(self) -> bool:
-        """True if solutions have derivatives; those of contact with a rigid obstacle have none."""
+        """True if solutions have derivatives; with contact with a rigid obstacle they have none."""
         return have_derivatives(self.effects, self.states)
 
     @property
@@ -395,7 +399,7 @@ class Job(Spec):
     @model_validator(mode="before")
     @classmethod
     def _preamble_first(cls, data: Any, info: ValidationInfo) -> Any:
-        """Load plugins and resolve definitions, on which the other sections depend."""
+        """Load plugins and resolve definitions; the other sections depend on them."""
         if not isinstance(data, Mapping):
             return data
         problems: list[tuple[KeyPath, str]] = []
@@ -486,7 +490,7 @@ class Job(Spec):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         for key in ("analysis", "first"):
             if self.states and key in self.model_fields_set:
-                yield (key,), "is not valid with 'states', one of which is the given one; remove it"
+                yield (key,), "is not valid with 'states': one of them is the given state; remove it"
         yield from rules.contradicting_directions(self.analysis, self.first, self.method, self.fixed_point, self.states)
         yield from rules.contradicting_meshes(self.mesh, self.output, self.expected_shape)
         yield from unsuited_controls(self)

@@ -19,7 +19,7 @@ EXCEPT = "not "
 
 @dataclass(frozen=True)
 class RegionUnion:
-    """A region that has all facets and cells of others, but not those of further ones.
+    """A region that has all facets and cells of some regions, but none of further ones.
 
     Attributes:
         members: names of regions.

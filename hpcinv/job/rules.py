@@ -162,7 +162,7 @@ def contradicting_directions(
         if fixed_point.model_fields_set:
             yield ("fixed_point",), "is not valid with 'method: direct'; choose sellier, aitken, anderson or rausch"
     elif any(state.given and state.is_rest for state in states):
-        text = "is not valid if the given state is the rest shape, from which the others are solved directly"
+        text = "is not valid if the given state is the rest shape: the others are solved from it directly"
         yield ("method",), text
     elif analysis == "forward":
         text = "is valid only in an inverse analysis or a round trip; a forward one is always direct"
@@ -279,9 +279,7 @@ def read_demands(given: object, quantities: Sequence[QuantityOfInterest]) -> dic
             if name not in known:
                 raise ValueError(f"there is no such quantity in 'quantities'.{did_you_mean(str(name), known)}")
             if known[name].is_reaction:
-                raise ValueError(
-                    "is a reaction, for which there is no error estimate; any other kind of quantity is possible"
-                )
+                raise ValueError("is a reaction, which has no error estimate; any other kind of quantity is possible")
             demands[name] = positive(value, known[name].dimension, "the quantity")
     raise_if_any(problems)
     return demands

@@ -34,6 +34,7 @@ from hpcinv.quantity.schema import (
     Name,
     Problems,
     Spec,
+    TextOrTexts,
     Triple,
     collected,
     raise_if_any,
@@ -91,11 +92,6 @@ Numbers = Annotated[
     BeforeValidator(lambda v: [v] if isinstance(v, int) and not isinstance(v, bool) else v),
     WithJsonSchema({"anyOf": [{"type": "integer"}, {"type": "array", "items": {"type": "integer"}}]}),
 ]
-Files = Annotated[
-    ListOf[str],
-    BeforeValidator(lambda v: [v] if isinstance(v, str) else v),
-    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}),
-]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
 CAVITY_QUANTITIES = {"volume": CUBIC, "pressure": STRESS}
 """quantities of cavities with their dimensions"""
@@ -128,7 +124,7 @@ class MeshFile(Spec):
 
     file: str
     """path from the job file to a gmsh generator (.py, .geo), a mesh (.msh, .inp, .feb, .xdmf, .vtu), or a
-    partitioned mesh made by 'hpcinv mesh partition' (.bp), of which each rank reads a part"""
+    partitioned mesh made by 'hpcinv mesh partition' (.bp): each rank reads a part"""
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a mesh file, or of a Python generator, such as mm: lengths are passed to it in
     that unit, for bodies too small or too large for gmsh's absolute tolerances in metres"""
@@ -140,7 +136,7 @@ class MeshFile(Spec):
 
     formats: ClassVar[tuple[str, ...]] = FORMATS
     sources: ClassVar[Mapping[str, tuple[str, ...]]] = {"file": ()}
-    """keys that name where the mesh comes from, of which one is given, with the further keys that it needs"""
+    """keys that name where the mesh comes from, with the further keys that each needs; a job has one of them"""
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -293,7 +289,7 @@ class SurfaceError(Spec):
     correlation: Size | None = None
     """length over which errors are alike; by default 10 standard deviations"""
     samples: Annotated[int, Field(ge=2, le=10_000)] = 16
-    """random surfaces, of which each takes a linear solve; m of them give a standard deviation to 1/√(2m)"""
+    """random surfaces; each takes a linear solve, and m of them give a standard deviation to 1/√(2m)"""
 
 
 class ArrayLabels(Spec):
@@ -329,13 +325,13 @@ class MeshSpec(MeshFile):
     array_labels: Annotated[ArrayLabels | None, Field(exclude_if=lambda labels: labels is None)] = None
     """of a mesh file (written as 'labels'): an array of integers whose values are regions, such as
     {array: material, names: {plaque: 2}}"""
-    faces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda faces: not faces)] = {}
+    faces: Annotated[Mapping[Name, TextOrTexts], Field(exclude_if=lambda faces: not faces)] = {}
     """of a mesh file: surfaces of triangles with the facets of further regions, in the unit of the mesh, such as
     {inlet: mesh-surfaces/inlet.vtp}"""
     neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
     is the region LABEL|NEIGHBOUR instead of LABEL|outside"""
-    surfaces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda surfaces: not surfaces)] = {}
+    surfaces: Annotated[Mapping[Name, TextOrTexts], Field(exclude_if=lambda surfaces: not surfaces)] = {}
     """closed surfaces instead of 'file': the files of each region, which is between a shell and those in it, such as
     {wall: [outer.stl, inner.stl]}; a region in another one is cut out of it"""
     orientation: Annotated[Orientation, Field(exclude_if=lambda frame: frame == "LPS")] = "LPS"
@@ -385,7 +381,7 @@ class MeshSpec(MeshFile):
     @model_validator(mode="before")
     @classmethod
     def _labels_of_array(cls, data: Any) -> Any:
-        """Tell labels of a mesh, which name an array, from an image's, which are numbers by region."""
+        """Distinguish labels of a mesh, which name an array, from an image's, which are numbers by region."""
         labels = data.get("labels") if isinstance(data, Mapping) else None
         if not isinstance(labels, Mapping) or not isinstance(labels.get("array"), str) or "image" in data:
             return data
@@ -556,7 +552,7 @@ class QuantityOfInterest(Spec):
     quadrature points, which lie inside the cells or facets"""
     over: Literal["reference", "current"] | None = None
     """body over whose volume or area an integral, mean or rms is taken; by default the reference body for means and rms
-    of stresses. Body of which a cavity's volume is; by default the current one"""
+    of stresses. Body of a cavity's volume; by default the current one"""
     state: Name | None = Field(default=None, exclude_if=lambda state: state is None)
     """state of the body in which it is evaluated; by default each loaded one, under names such as NAME-STATE"""
     about: Triple[Length] | None = Field(default=None, exclude_if=lambda about: about is None)
@@ -646,7 +642,7 @@ class QuantityOfInterest(Spec):
         if self.is_of_cavity:
             return CAVITY_QUANTITIES[self.of.source.strip()]
         dimension = self.of.check(POSITIONS | FIELDS)
-        # That of an integral depends on whether its region is a volume or a surface.
+        # The dimension of an integral depends on whether its region is a volume or a surface.
         return dimension if isinstance(dimension, Dimension) and self.reduce != "integral" else None
 
     @property

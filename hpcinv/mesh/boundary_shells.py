@@ -61,7 +61,7 @@ def shells(facets: Ints, volumes: Floats) -> Ints:
 
     Args:
         facets: vertices (n, k).
-        volumes: below each facet, (n,), of which the sum over a closed shell is negative for a cavity.
+        volumes: below each facet, (n,); their sum over a closed shell is negative for a cavity.
     """
     used, compact = np.unique(facets, return_inverse=True)
     compact = compact.reshape(facets.shape).astype(np.int64)

@@ -34,7 +34,7 @@ def quadrature(kind: str, degree: int) -> tuple[Floats, Floats]:
     """Quadrature points (n, 3) and weights (n,) of integrals over reference cells.
 
     Up to degree 20 all weights are positive, and the points do not depend on the order in which a file lists the
-    vertices of a cell. The rules of Basix on tetrahedra lack the first at degrees 3, 7 and 8, by which a stable body
+    vertices of a cell. The rules of Basix on tetrahedra lack the first at degrees 3, 7 and 8: with them a stable body
     may lose its stability, and the second from degree 9 on.
     """
     if kind == "tetrahedron" and has_rule(degree):
@@ -44,7 +44,7 @@ def quadrature(kind: str, degree: int) -> tuple[Floats, Floats]:
 
 
 def quadrature_metadata(kind: str, degree: int) -> dict[str, Any]:
-    """Metadata of a UFL measure over cells, by which it has the points and weights of `quadrature`."""
+    """Metadata of a UFL measure over cells that give it the points and weights of `quadrature`."""
     if kind != "tetrahedron" or not has_rule(degree):
         return {"quadrature_degree": degree, "quadrature_rule": "default"}
     points, weights = _nested(degree)

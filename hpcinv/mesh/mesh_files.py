@@ -27,7 +27,7 @@ SAVERS: dict[str, Callable[[Path, MeshSource, Floats], None]] = {
 def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, Floats] = MappingProxyType({})) -> None:
     """Write the body at ``coordinates`` (m) of its local geometry nodes, in the format of the suffix; collective.
 
-    Node order, node and cell tags, physical groups and data arrays are those of the source (vectors are not rotated
+    Node order, node and cell tags, physical groups and data arrays are as in the source (vectors are not rotated
     with the body); the file is written completely or not at all. A ``.bp`` is written by all ranks, in metres. Other
     formats are written by rank 0, in the length unit of the source's file, and not from a partitioned mesh.
 

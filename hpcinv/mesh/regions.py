@@ -46,7 +46,7 @@ def build_regions(
     coordinates; if the condition is one of outer normals (``nx``, ``ny``, ``nz``) or cavities, only boundary facets.
     So has a smooth face.
     The comparison has no tolerance: write ``x < 1e-6 m``, not ``x == 0``. A union has all facets and cells of its
-    members but those of the regions that it leaves out.
+    members without the members of regions that it leaves out.
 
     Raises:
         MeshError: on all ranks, if a condition matches nothing, cannot be evaluated, or has the name of a physical
@@ -62,7 +62,7 @@ def build_regions(
     regions = {BOUNDARY: boundary} | _physical(mesh, source)
     problems = [f"region '{name}' is also a physical group of the mesh" for name in rules if name in regions]
     if not mesh.comm.allreduce(np.array_equal(regions[BOUNDARY].facets, exterior), MPI.LAND):
-        problems.append("the physical group 'boundary' is not the whole boundary, for which that name is reserved")
+        problems.append("the physical group 'boundary' is not the whole boundary; that name is reserved for it")
     error: HpcinvError | None = None
     cavity: Ints | None = None
     owned = np.arange(topology.index_map(3).size_local, dtype=np.int32)

@@ -87,7 +87,7 @@ class MeshSource:
     which its parts begin, followed by the number of cells.
 
     ``points`` (n, 3) are in metres; ``cells`` (m, k) and ``facets`` (f, l) contain global rows of ``points``, vertices
-    first, in the node order of DOLFINx. ``facets`` are only those of groups. ``unit`` (m) is the length unit of the
+    first, in the node order of DOLFINx. ``facets`` has only facets of groups. ``unit`` (m) is the length unit of the
     file, by the file itself or by the job; ``None`` is unknown, and taken as metres.
     """
 

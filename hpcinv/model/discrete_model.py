@@ -88,7 +88,7 @@ class DiscreteModel:
         self.unload()
 
     def put_fields(self, fields: tuple[Function, Function | None] | None) -> None:
-        """Set the unknowns alone, from which the next solve begins.
+        """Set the unknowns alone; the next solve begins with them.
 
         Args:
             fields: displacement (m) and pressure (Pa; ``None`` in the displacement form); ``None`` for zero.

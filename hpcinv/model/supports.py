@@ -137,7 +137,7 @@ class Supports:
             one.now.x.array[:] = rates[one.case] * one.full
 
     def begin_path(self, x: npt.NDArray[np.float64]) -> None:
-        """Let the displacements lead from those of a state ``x`` (all local unknowns) to the prescribed ones."""
+        """Let the displacements lead from the values in a state ``x`` (all local unknowns) to the prescribed ones."""
         self._path = [x[entry.dofs] for entry in self.prescribed]
         moves = any(
             bool((start != entry.full[entry.nodes]).any())

@@ -46,7 +46,7 @@ _ERRORS = {
 
 
 _LENGTHS = ("max", "rms", "quantile_95")  # in _ERRORS
-_SHOWN = 0.05  # s, from which the time of a check is printed
+_SHOWN = 0.05  # s; times of checks above it are printed
 
 
 class Level(IntEnum):
@@ -77,7 +77,7 @@ class Progress(Observer):
         self._ranks = comm.size
         self._bar: LiveBar | None = None
         self._direction = ""
-        self._set_up = "factorization"  # that or "tangent", of which there is one for each new preconditioner
+        self._set_up = "factorization"  # or "tangent": there is one for each new preconditioner
         self._directory = ""
         self._phase: _Phase | None = None
         self._last = time.perf_counter()

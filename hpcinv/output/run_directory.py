@@ -39,7 +39,7 @@ class RunDirectory:
     partial file.
 
     Attributes:
-        text: content of ``job.yaml``; left out, that of the file from which the job was read.
+        text: content of ``job.yaml``; left out, the content of the file that the job was read from.
         claimed: whether a claim in a ledger excludes other processes, so that no lock is needed.
     """
 
@@ -81,7 +81,7 @@ class RunDirectory:
             return False
 
     def check_same_problem(self, job: Job) -> None:
-        """Raise ``CheckpointError`` if the results here are those of other physics than a job's."""
+        """Raise ``CheckpointError`` if the results here have other physics than a job."""
         summary = self.summary() or {}
         if "fingerprint" not in summary:
             return
@@ -217,7 +217,7 @@ class RunDirectory:
             return False
 
     def job(self, changed: Path | None) -> Job:
-        """Return the job to resume: the one that was run, or that of a ``changed`` file.
+        """Return the job to resume: the one that was run, or the job in a ``changed`` file.
 
         Raises:
             OutputError: this is not the directory of a run.

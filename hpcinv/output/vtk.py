@@ -46,7 +46,7 @@ def write_fields(
     replaced.
 
     Args:
-        solutions: the first, and those of further states of the body.
+        solutions: the first, and the solutions of further states of the body.
         more: for each solution further fields at the nodes, by their names.
         families: fibres of the job.
         estimate: of the first solution.

@@ -24,7 +24,7 @@ _TEXT = 90  # characters of a line of the legend
 def draw_job(job: Job, boundary: Boundary) -> Picture:
     """Draw the given mesh of a job from two sides, with its supports in blue and its loads in red and yellow.
 
-    Of a job with states, those of the state that is solved first are drawn.
+    A job with states is drawn in the state that is solved first.
     """
     size, kind, given_data = extent(boundary.points), job.kind, job.data
     job = job.plan[0].job

@@ -121,7 +121,7 @@ def sensitivities(
     """Differentiate a solution at full load by parameters of the job; collective.
 
     Args:
-        given: for a further state, what was found in the given one, from which its reference shape comes.
+        given: for a further state, the solution of the given one: its reference shape comes from there.
         mesh: for the first solve, derivatives (n, 3) of its local geometry nodes by those parameters that move these.
 
     Raises:

@@ -202,8 +202,8 @@ def errors_of(job: Job, body: Body) -> SurfaceErrors | None:
 def surface_normals(job: Job, body: Body) -> Floats:
     """Return unit normals (n, 3) out of the body at the local geometry nodes of its surface, 0 at others; collective.
 
-    A node's normal is the mean of those of its facets, by their area. The region `CUT` does not count, nor do planes of
-    symmetry, in which nodes stay.
+    A node's normal is the mean of its facets' normals, by their area. The region `CUT` does not count, nor do planes of
+    symmetry: nodes stay in them.
     """
     mesh, given = body.mesh, body.given_nodes
     body.place(given)

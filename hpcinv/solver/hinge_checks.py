@@ -103,7 +103,7 @@ def check_hinges(body: Body, supports: Supports, space: fem.FunctionSpace, syste
 def _joints(body: Body, space: fem.FunctionSpace, cell_parts: Ints) -> _Joints:
     """Return on rank 0 the nodes that parts share, sorted, and none elsewhere; collective.
 
-    They are the nodes of the displacement, or those of the geometry where that has more: turns about vertices on a line
+    They are the nodes of the displacement, or of the geometry where that has more: turns about vertices on a line
     strain the cells on a curved edge.
     """
     comm, geometry = body.mesh.comm, body.mesh.geometry
@@ -218,7 +218,7 @@ def _free(
 def _unsprung_motions(
     system: System, cell_parts: Ints, frames: list[Frame], motions: Sequence[tuple[Ints, Floats]]
 ) -> list[tuple[Ints, Floats]]:
-    """Return those of the motions of groups of parts that springs leave free; collective."""
+    """Return the motions of groups of parts that springs leave free; collective."""
     space, comm = system.scene.unknowns.displacement_space, system.comm
     points, node_parts = space.tabulate_dof_coordinates(), node_labels(space, cell_parts)
     low, high = extent(comm, points)

@@ -47,7 +47,7 @@ def session(name: str, size_factor: float = 1.0) -> Iterator[Any]:
     """Context with gmsh and an empty model; quiet, with one thread and fixed defaults: meshes are repeatable.
 
     Args:
-        size_factor: factor of all cell sizes, except those of transfinite meshes.
+        size_factor: factor of all cell sizes, except of transfinite meshes.
     """
     gmsh = _load()
     if gmsh.isInitialized():

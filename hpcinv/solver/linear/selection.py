@@ -18,7 +18,7 @@ _OBVIOUS = 10.0  # gain by the shape, above which branches cannot make factoriza
 _UNLIKE = 1.6  # times the operations that are forecast for blocks, up to which MUMPS was seen to take more or fewer
 _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solution, as limit of one Newton solve
 _ROOM = 0.8  # share of the memory that factors may take
-_KEPT = 4  # times the memory of multigrid, for which there must be room if it is kept
+_KEPT = 4  # times the memory of multigrid; there must be room for it if it is kept
 _SLENDER = 15  # aspect ratio from which approximate minimum fill orders better than nested dissection
 _WORTH_NESTED = 2.5  # least gain of nested iteration by the forecast, which is rough
 _TANGENTS: Mapping[Direction, int] = {"inverse": 3, "forward": 6}  # of slender bodies that turn far
@@ -139,7 +139,7 @@ class Chooser:
     def is_nested_iteration_worth(self, solver: Solver, direction: Direction) -> bool:
         """Return whether the solution on coarser cells clearly saves time, as on large slender bodies that turn far.
 
-        On a smaller body than those of factors in single precision, cells twice as large are too coarse: the solution
+        On smaller bodies than those with factors in single precision, cells twice as large are too coarse: the solution
         there is so far from the one sought that several factorizations are left.
         """
         is_large = self._is_slender and self.forecast.operations >= SINGLE
