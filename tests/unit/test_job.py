@@ -225,8 +225,8 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"checkpoint": {"every": -1}}, "checkpoint.every: must be at least 0, not -1"),
     (
         {"output": {"mesh": ["stl"]}},
-        "output.mesh[0]: must be 'bdf', 'bp', 'cdb', 'e', 'ex2', 'exo', 'feb', 'fem', 'inp', 'med', 'mesh', 'msh', 'nas',"
-        " 'unv', 'vtk' or 'vtu', not 'stl'",
+        "output.mesh[0]: must be 'bdf', 'bp', 'cdb', 'e', 'ex2', 'exo', 'feb', 'fem', 'inp', 'med', 'mesh', 'msh',"
+        " 'nas', 'unv', 'vtk' or 'vtu', not 'stl'",
     ),
     ({"quantities": [{"name": "a", "of": "x"}]}, "quantities[0]: needs exactly one of 'at'"),
     ({"quantities": [{"name": "a", "of": "x", "on": "side"}]}, "quantities[0].reduce: is needed on a region"),
