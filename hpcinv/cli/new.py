@@ -25,6 +25,7 @@ from hpcinv.job.yaml_reader import read_text
 from hpcinv.materials import laws
 from hpcinv.quantity.quantity import positive
 from hpcinv.quantity.schema import NAME_OF_FILE
+from hpcinv.reading.suffix import suffix_of
 
 if TYPE_CHECKING:  # validation loads no numpy
     import numpy as np
@@ -47,6 +48,7 @@ _GENERATED: Mapping[str, tuple[str, str]] = {
     ),
     "ventricle": ("ventricle.py", "parameters: {size: 8 mm}, geometry_degree: 2"),
     "part": ("pdms_beam.py", "parameters: {length: 80 mm, size: 4 mm}, geometry_degree: 2"),
+    "shell": ("sheet.py", "parameters: {length: 50 mm, width: 30 mm, nx: 10, ny: 6}, shell: {thickness: 2 mm}"),
 }
 """Generator and its parameters of the example of each kind of body."""
 _SURFACES = {"artery": (("inlet", "outlet"), "inner", "outer"), "ventricle": (("base",), "endo", "epi")}
@@ -149,7 +151,7 @@ def _new(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> None:
     """Raise an error if options do not fit each other."""
-    if options.output.suffix not in (".yaml", ".yml"):
+    if suffix_of(options.output) not in (".yaml", ".yml"):
         raise OutputError(f"{options.output}: is not a name of a job", "Name it *.yaml.")
     if not re.fullmatch(NAME_OF_FILE, options.output.stem):
         raise OutputError(
@@ -168,6 +170,9 @@ def _check(options: argparse.Namespace) -> None:
     if options.image is not None and options.surface is not None:
         raise JobError("--surface: a job has one mesh, and --image gives it, too")
     given = options.image or options.surface
+    if options.kind == "shell" and given is not None:
+        name = "image" if options.image is not None else "surface"
+        raise JobError(f"--{name}: a shell is a surface of quadrilaterals; put such a mesh into the example")
     if options.surface is not None and options.kind in _WALLS:
         raise JobError(
             f"--surface: of the wall of {_article(options.kind)}, it does not distinguish the cavity from the outside;"
@@ -181,7 +186,7 @@ def _check(options: argparse.Namespace) -> None:
         raise JobError("--unit: is needed with --surface, since its formats have no unit: such as --unit mm")
     for name, endings in (("image", IMAGES), ("surface", SURFACES)):
         path = getattr(options, name)
-        if path is not None and path.suffix not in endings:
+        if path is not None and suffix_of(path) not in endings:
             raise JobError(f"--{name} {path}: is not in a format of {name}s; the endings are {', '.join(endings)}")
         if path is not None and not path.is_file():
             raise JobError(f"--{name} {path}: no such file")

@@ -31,6 +31,7 @@ from hpcinv.parallel.runtime import on_root
 from hpcinv.quantity.csv_rows import Row
 from hpcinv.quantity.quantity import Measured
 from hpcinv.quantity.table_files import readings_of
+from hpcinv.reading.suffix import suffix_of
 from hpcinv.results.shape_distance import read_same_cells
 
 _REMEDY = "What is observed is on the surface of the body: name a region of the boundary."
@@ -153,7 +154,7 @@ class ObservedSurface(Observed):
         def read() -> Floats:
             from hpcinv.mesh.io.surface_files import read_points  # loads VTK
 
-            return read_table(path, 3) if path.suffix in TABLES else read_points(path)
+            return read_table(path, 3) if suffix_of(path) in TABLES else read_points(path)
 
         self._points = on_root(body.mesh.comm, read) * spec.unit
         self._facets = None if spec.on is None else body.boundary_facets(spec.on, _REMEDY)

@@ -20,6 +20,7 @@ from hpcinv.quantity.quantity import AnyMeasured, Length, LengthUnit, Measured, 
 from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Spec, Triple, repeated, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
+from hpcinv.reading.suffix import suffix_of
 
 TABLES = (".csv", ".txt", ".xlsx")
 SURFACES = (".stl", ".ply", ".obj", ".vtp", *TABLES)
@@ -166,7 +167,7 @@ class Observation(Spec):
                 "landmarks": TABLES,
             }[self.kind]
             path = directory_of(info) / self.file
-            if path.suffix not in suffixes:
+            if suffix_of(path) not in suffixes:
                 yield (self.kind,), f"{shown(self.file)} must end in {' or '.join(suffixes)}"
             elif applies(info) and (fault := mesh_fault(directory_of(info), self.file)):
                 yield (self.kind,), f"{shown(self.file)} {fault}"

@@ -82,7 +82,7 @@ def unsuited_effects(
 def unsuited_supports(supports: Sequence[Support], effects: Sequence[Effect], cases: Collection[str]) -> Faults:
     """Faults of supports that leave the body free, refer to unknown load cases, or repeat each other."""
     free = set(AXES).difference(*(s.held for s in supports), *(e.holds for e in effects))
-    if free:
+    if free and not any(s.slides for s in supports):  # which axes a normal holds is known on the mesh only
         yield (), f"leave the body free to move along {' and '.join(sorted(free))}: hold it there in some region"
         return
     for i, support in enumerate(supports):
@@ -90,10 +90,19 @@ def unsuited_supports(supports: Sequence[Support], effects: Sequence[Effect], ca
             yield (i, *place), text
     taken: set[tuple[str, str]] = set()
     for i, support in enumerate(supports):
-        held = {(support.region, axis) for axis in support.held}
+        held = {(support.region, axis) for axis in support.components}
         for region, axis in sorted(held & taken):
             yield (i,), f"prescribes {axis} on '{region}' a second time"
         taken |= held
+
+
+def rigid_motions(supports: Sequence[Support], states: Sequence[StateSpec]) -> Faults:
+    """Faults of rigid motions in a job with states: only of one state is it known where the region was before."""
+    lists = [(("supports",), supports), *((("states", i, "supports"), s.supports or ()) for i, s in enumerate(states))]
+    for place, entries in lists:
+        for number, support in enumerate(entries):
+            if support.motion is not None:
+                yield (*place, number, "motion"), "is not possible with 'states': give formulas as 'displacement'"
 
 
 def unsuited_states(states: Sequence[StateSpec], fibres: Collection[str], cases: Collection[str]) -> Faults:

@@ -23,7 +23,6 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
-import dolfinx.fem.petsc as fem_petsc
 import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
@@ -247,7 +246,7 @@ def _changes(
         direction = _explicit(equations, system, parameter, prescribed, b)
         if (reference := references.get(parameter.key)) is not None:
             x.array[:] = _rate_of_forces(equations, system, solution, reference)
-            fem_petsc.set_bc(x, equations.supports.conditions, alpha=0.0)
+            equations.supports.free(x.array)
             b.axpy(-1.0, x)
         if not equilibrium.linear.solve(b, x):
             raise SolveError(
@@ -285,7 +284,7 @@ def _explicit(
     with equations.timings("residual"):
         derivative.assemble(direction, b)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        fem_petsc.set_bc(b, equations.supports.conditions, alpha=0.0)
+        equations.supports.free(b.array)
         b.scale(-1.0)
     return direction
 

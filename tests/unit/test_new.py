@@ -20,7 +20,7 @@ from hpcinv.mesh.imaging import hollow_wall
 from hpcinv.model.fibre_directions import rule_directions
 from hpcinv.parallel.runtime import MPI
 
-KINDS = ("artery", "breast", "liver", "part", "ventricle")
+KINDS = ("artery", "breast", "liver", "part", "shell", "ventricle")
 SPACING = 5.0  # mm
 
 
@@ -76,7 +76,7 @@ def test_examples_are_valid_jobs_beside_their_mesh(kind: str, tmp_path: Path, ca
     text = file.read_text()
     assert "$" not in text
     assert "doi:10." in text
-    assert "typical order of magnitude" in text or kind == "part"
+    assert "typical order of magnitude" in text or kind in ("part", "shell")
 
 
 def test_a_ventricle_by_its_pressure_and_by_klotz_curve(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
