@@ -54,6 +54,9 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         _refuse(
             surface.path, text, "Are 'thickness' and mesh.unit right? In thinner shells rounding errors are too large."
         )
+    if taken := [group.name for group in surface.groups if group.name in (OUTER, INNER)]:
+        text = f"has a physical group '{taken[0]}', which is the name of a face of the shell"
+        _refuse(surface.path, text, "Give the group another name.")
     surface = dataclasses.replace(surface, cells=_oriented(surface))
     normals, count = _normals(surface), len(surface.points)
     if shell.thickness is not None:
