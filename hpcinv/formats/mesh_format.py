@@ -61,6 +61,7 @@ class MeshFormat(ABC):
     """
 
     suffix: ClassVar[str]
+    other_suffixes: ClassVar[tuple[str, ...]] = ()
     reader: ClassVar[str] = ""
     """``module:function`` that reads a path as a ``MeshSource``"""
     saver: ClassVar[str] = ""

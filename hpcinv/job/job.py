@@ -27,7 +27,7 @@ from hpcinv.formats import SAVED
 from hpcinv.job import rules
 from hpcinv.job.cavities import Cavity, cavities_of_state, unknown_cavities, unsuited_controls
 from hpcinv.job.fibres import FibreFamily
-from hpcinv.job.identification import Identification
+from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
@@ -63,6 +63,7 @@ from hpcinv.quantity.schema import (
     shown,
 )
 from hpcinv.quantity.spatial_fields import ELSEWHERE, fields_in
+from hpcinv.reading.suffix import suffix_of
 
 MOST_ENTRIES = 10_000
 """entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""
@@ -206,7 +207,7 @@ class Job(Spec):
     def shape_formats(self) -> tuple[str, ...]:
         if self.output.mesh is not None:
             return self.output.mesh
-        given = Path(self.mesh.file).suffix.removeprefix(".")
+        given = suffix_of(self.mesh.file).removeprefix(".")
         return ("bp",) if self.mesh.is_partitioned else (given if given in SAVED else "msh", *({"vtu"} - {given}))
 
     @property
@@ -503,7 +504,9 @@ class Job(Spec):
         if self.sensitivities:
             yield from rules.below(("sensitivities",), rules.underivable(self.effects, self.states, "are"))
         if self.identify is not None:
-            faults = rules.unsuited_identification(self.identify, self._owners_in_states, self.quantities, self.states)
+            faults = faults_of_identification(
+                self.identify, self._owners_in_states, self.quantities, self.states, self.cavities
+            )
             yield from rules.below(("identify",), faults)
             yield from rules.below(("identify",), rules.underivable(self.effects, self.states, "is"))
         demands = rules.contradicting_demands(
@@ -536,6 +539,7 @@ class Job(Spec):
             yield ("effects",), text
         yield from rules.below(("states",), rules.unsuited_states(self.states, self.fibres, self.load_cases))
         yield from rules.below(("supports",), rules.unsuited_shared(self.supports, self.states, self.load_cases))
+        yield from rules.rigid_motions(self.supports, self.states)
         states = {f"states[{i}]": state for i, state in enumerate(self.states)}
         effects = {k: v for where, s in states.items() for k, v in numbered(f"{where}.effects", s.effects).items()}
         fibres = {f"fibres.{name}": family for name, family in self.fibres.items()}

@@ -14,6 +14,7 @@ from hpcinv.formats import FORMATS
 from hpcinv.formats.mesh_format import Groups
 from hpcinv.quantity.schema import KeyPath
 from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.reading.suffix import suffix_of
 
 _BOUNDARY = "boundary"
 
@@ -49,4 +50,4 @@ def unknown_regions(
 @lru_cache(maxsize=16)  # all cases of a sweep use one mesh
 def _groups(path: Path, _changed: int, _size: int) -> Groups | None:
     """Groups of a mesh file, None if they cannot be known."""
-    return FORMATS[path.suffix].groups(path) if path.suffix in FORMATS else None
+    return FORMATS[suffix_of(path)].groups(path) if suffix_of(path) in FORMATS else None

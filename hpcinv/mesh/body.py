@@ -41,6 +41,7 @@ from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.quantity.nondimensional import power_of_two
+from hpcinv.reading.suffix import suffix_of
 
 
 @dataclass(frozen=True)
@@ -174,10 +175,10 @@ def read_source(
     if not exists(path):
         raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
     try:
-        if path.suffix in GENERATORS:
+        if suffix_of(path) in GENERATORS:
             parameters = spec.parameters if spec.unit == 1.0 else converted_parameters(path, spec.parameters, spec.unit)
             monitor = MeshingMonitor(spec.maximum_cells, report)
-            generate = GENERATORS[path.suffix]
+            generate = GENERATORS[suffix_of(path)]
             is_surface = spec.shell is not None
             source = generate(path, parameters, spec.geometry_degree, monitor, size_factor, is_surface=is_surface)
             source = source.convert_to_metres(spec.unit)
@@ -195,10 +196,10 @@ def read_source(
 
             source = image_mesh(path, spec, report)
         else:
-            source = FILES[path.suffix](path) if spec.shell is None else read_surface(path)
+            source = FILES[suffix_of(path)](path) if spec.shell is None else read_surface(path)
             for note in source.notes:
                 report(note)
-            if not FORMATS[path.suffix].is_partitioned:  # partitioned meshes are in metres
+            if not FORMATS[suffix_of(path)].is_partitioned:  # partitioned meshes are in metres
                 check_unit(path, source.unit, spec.unit)
                 source = source.convert_to_metres(spec.unit)
     except OSError as exc:
@@ -308,7 +309,7 @@ def _transfer(
 def read_finer_geometry(spec: MeshSpec, path: Path, source: MeshSource) -> FinerGeometry:
     """Geometry of higher degree that a mesh file or generator has for the cells of ``source``; not collective."""
 
-    if path.suffix in GENERATORS or spec.is_cad:
+    if suffix_of(path) in GENERATORS or spec.is_cad:
         return surface_geometry(source)
     if spec.geometry_degree != 1 or spec.size is not None:  # of images and surfaces other cells are made
         return FinerGeometry(NO_CAD)

@@ -14,6 +14,7 @@ from hpcinv.mesh.distributed.partitioned import write_partitioned
 from hpcinv.mesh.midsurface import surface_source
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
 from hpcinv.parallel.runtime import on_root
+from hpcinv.reading.suffix import suffix_of
 
 
 def _load_and_save(saver: str, path: Path, source: MeshSource, points: Floats) -> None:
@@ -42,7 +43,7 @@ def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, F
     points, comm = reorder_to_source(body, coordinates), body.mesh.comm
     arrays = {name: DataArray(name, "nodes", reorder_to_source(body, values)) for name, values in more.items()}
     source = dataclasses.replace(body.source, data={**body.source.data, **arrays})
-    if FORMATS[path.suffix].is_partitioned:
+    if FORMATS[suffix_of(path)].is_partitioned:
         write_partitioned(path, comm, dataclasses.replace(source, points=points))
     else:
         assert not body.source.is_partitioned
@@ -59,7 +60,7 @@ def save(path: Path, source: MeshSource, points: Floats) -> None:
     """
     unfinished = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
-        SAVERS[path.suffix](unfinished, source, points / (source.unit or 1.0))
+        SAVERS[suffix_of(path)](unfinished, source, points / (source.unit or 1.0))
         unfinished.replace(path)
     except OSError as exc:
         unfinished.unlink(missing_ok=True)

@@ -110,6 +110,7 @@ class MeshSource:
     inputs: Mapping[str, str] = field(default_factory=dict)  # files that its generator read, see `files.inputs`
     notes: tuple[str, ...] = ()  # what the reader did with the file, or did not use
     surface_cells: SurfaceCells | None = None  # until regions are made of their values (`label_groups`)
+    nodes_per_cell: int = 0  # of the elements in the file of another program; 0: as many as in ``cells``
     surface: CadSurface | None = None  # of the CAD model that was meshed, if there is one
     midsurface: MeshSource | None = None  # of a shell, whose groups of cells have ``dim`` 3, and of edges 2
     slenderness: float = 1.0  # of a shell: mean diameter of its cells by their thickness

@@ -123,7 +123,9 @@ class Chooser:
             configuration = "iterative" if solver.linear == "iterative" else "direct"
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         chosen = self._choose(solver)
-        single, low_rank = (self.forecast.operations >= least for least in (SINGLE, LOW_RANK))
+        low_rank = self.forecast.operations >= LOW_RANK
+        # With single precision, each of a series' many solves to 1e-10 takes several iterations.
+        single = low_rank if solver.continuation == "series" else self.forecast.operations >= SINGLE
         precision = str(solver.petsc.get("pc_precision", "single" if single else "double"))
         low_rank = bool(solver.petsc.get("mat_mumps_icntl_35", low_rank))
         return replace(
