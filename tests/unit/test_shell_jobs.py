@@ -53,6 +53,7 @@ def job(path: Path, **data: Any) -> dict[str, Any]:
         ({"discretisation": {"quadrature": 6}}, "discretisation.quadrature: is not valid with a shell"),
         ({"cavities": {"lv": {"surface": "inner"}}}, "together with cavities"),
         ({"method": "sellier"}, "together with method"),
+        ({"supports": [{"region": "sheet|outer", "fix": ["normal"]}]}, r"together with supports\[0\].fix"),
         ({"solver": {"linear": "iterative"}}, "together with solver.linear"),
         ({"output": {"mesh": ["inp"]}}, "together with output.mesh"),
         ({"supports": [{"region": "x9", "fix": ["x", "y", "z"]}]}, "there is no region 'x9'"),
