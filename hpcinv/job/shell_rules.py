@@ -29,7 +29,7 @@ def unsuited_shell(job: Any) -> Faults:
     if spaces.quadrature is not None:
         yield (
             ("discretisation", "quadrature"),
-            "is not valid with a shell, which has its own, by which it does not lock",
+            "is not valid with a shell, whose own one keeps it from locking",
         )
     refused = [*_refused(job)]
     if refused:
