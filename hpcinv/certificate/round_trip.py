@@ -33,6 +33,7 @@ from hpcinv.methods.method import UNLOADED
 from hpcinv.methods.updates import Anderson
 from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.units import readable
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
@@ -72,7 +73,7 @@ def round_trip(
 def closure_error(equations: Equations, solution: Solution, back: np.ndarray) -> Line:
     """Compare a solution's displacements with those (m) of the solve back at the same nodes; collective."""
     difference, scale = _difference(equations, solution, back), displacement_scale(equations, solution)
-    note = "; ".join(filter(None, [f"{difference:.3g} m", scale.note]))
+    note = "; ".join(filter(None, [readable(difference, "m"), scale.note]))
     return upper_bound_line(ROUND_TRIP, scale.share(difference), WARN, FAIL, note=note)
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh import label_of
-from hpcinv.cli.mesh_input import length, length_unit
+from hpcinv.cli.mesh_input import CELL, CELLS, length, length_unit
 from hpcinv.errors import JobError, OutputError
 from hpcinv.files.atomic import output_errors, replace, write_output
 from hpcinv.files.names import escaped_line, yaml_text
@@ -34,8 +34,7 @@ _HERE = Path(__file__).resolve().parent
 _TEMPLATES = _HERE / "templates"
 _GENERATORS = _HERE / "meshes" if (_HERE / "meshes").is_dir() else _HERE.parents[1] / "meshes"
 """The copy in an installed package, or the directory ``meshes`` of a clone."""
-_CELLS, _MOST_CELLS = 8000, 30000
-_CELL = 0.03  # volume of a tetrahedron, relative to the cube of its size
+_MOST_CELLS = 30000
 _PRESSURE = "9 mmHg"  # of a ventricle at the end of filling
 _HELD = 0.25  # share of the body's length within which it is held
 _GENERATED: Mapping[str, tuple[str, str]] = {
@@ -249,7 +248,7 @@ def _wall_source(options: argparse.Namespace) -> _Source:
 
 def _size_in_wall(thickness: float, volume: float) -> str:
     """Two cells through a wall, if they are not too many."""
-    return f"{max(thickness / 1.5, (volume / (_CELL * _MOST_CELLS)) ** (1 / 3)) * 1e3:.2g} mm"
+    return f"{max(thickness / 1.5, (volume / (CELL * _MOST_CELLS)) ** (1 / 3)) * 1e3:.2g} mm"
 
 
 def _article(kind: str) -> str:
@@ -337,7 +336,7 @@ def _size(options: argparse.Namespace, volume: float) -> str:
     if options.size is not None:
         length("--size", options.size)
         return " ".join(str(options.size).split())
-    return f"{(volume / (_CELL * _CELLS)) ** (1 / 3) * 1e3:.2g} mm"
+    return f"{(volume / (CELL * CELLS)) ** (1 / 3) * 1e3:.2g} mm"
 
 
 def _relative(path: Path, options: argparse.Namespace) -> str:

@@ -108,7 +108,8 @@ class Job(Spec):
     """names for parts of formulas, such as {r: "norm(x, y)"}, which all formulas of the job can use"""
     regions: Mapping[Name, RegionRule] = {}
     """parts of the given body by conditions on x, y, z, the outer normal nx, ny, nz, and the number of the cavity; or
-    unions of regions and groups of the mesh by their names, such as {skin: [endo, epi]}"""
+    unions of regions and groups of the mesh by their names, such as {skin: [endo, epi]}; or the facet nearest to a
+    point with all that is smooth with it, such as {foot: {smooth: [0, 0, 2 mm], angle: 30 deg}}"""
     plugins: ListOf[str] = ()
     """Python files, by paths relative to the job file, that define further laws and effects"""
     files: ListOf[str] = ()

@@ -9,13 +9,13 @@ import yaml
 
 from hpcinv.job.job import Job
 from hpcinv.pictures.boundary_surface import Boundary
+from hpcinv.pictures.colours import REGIONS
 from hpcinv.pictures.drawing import DrawnBody, Glyphs, Picture, View, directions, extent, figure
 from hpcinv.quantity.arrays import Floats
 
 _BODY = "#d9d9d9"
 _SUPPORTS = ("#0072B2", "#56B4E9", "#004466", "#88AACC")
 _LOADS = ("#D55E00", "#E69F00", "#CC79A7", "#8B2500")
-_REGIONS = ("#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0072B2", "#D55E00", "#F0E442", "#666666")
 _SYMBOLS = 40  # of one support or load
 _SIZE = 0.07  # of an arrow, relative to the body
 _TEXT = 90  # characters of a line of the legend
@@ -65,7 +65,7 @@ def draw_mesh(name: str, boundary: Boundary) -> Picture:
     """Draw a mesh from two sides, each named region in a colour; of regions that overlap the last is on top."""
     parts, legend = list[DrawnBody | Glyphs](), list[tuple[str, str]]()
     hidden = np.zeros(len(boundary.triangles), dtype=bool)
-    for (region, mask), colour in zip(reversed(list(boundary.regions.items())), cycle(_REGIONS), strict=False):
+    for (region, mask), colour in zip(reversed(list(boundary.regions.items())), cycle(REGIONS), strict=False):
         visible = mask & ~hidden
         covered = "" if visible.any() or not mask.any() else ", covered by those above"
         legend.append((f"{region}: {mask.sum()} triangles of the boundary{covered}", colour))
