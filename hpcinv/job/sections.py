@@ -128,8 +128,9 @@ class MeshFile(Spec):
     """A mesh: a file, or a generator that is run when the mesh is needed."""
 
     file: str
-    """path from the job file to a gmsh generator (.py, .geo), a mesh (.msh, .vtu, .xdmf, or of another
-    program: .inp, .feb, .cdb, .bdf, .e, .med, .unv, .vtk, .mesh), or a partitioned mesh made by 'hpcinv mesh partition' (.bp), of which each rank reads a part"""
+    """path from the job file to a gmsh generator (.py, .geo), a mesh (.msh, .vtu, .xdmf, or of another program: .inp,
+    .feb, .cdb, .bdf, .e, .med, .unv, .vtk, .mesh), or a partitioned mesh made by 'hpcinv mesh partition' (.bp), of
+    which each rank reads a part"""
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a mesh file, or of a Python generator, such as mm: lengths are passed to it in
     that unit, for bodies too small or too large for gmsh's absolute tolerances in metres"""

@@ -223,7 +223,10 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"solver": {"petsc": {"-ksp_type": "cg"}}}, "solver.petsc.-ksp_type: is written without the dash: ksp_type"),
     ({"solver": {"petsc": {"a": [1]}}}, "solver.petsc.a: must be text, a number, true, false or nothing"),
     ({"checkpoint": {"every": -1}}, "checkpoint.every: must be at least 0, not -1"),
-    ({"output": {"mesh": ["stl"]}}, "output.mesh[0]: must be 'bp', 'feb', 'inp', 'msh' or 'vtu', not 'stl'"),
+    (
+        {"output": {"mesh": ["stl"]}},
+        "output.mesh[0]: must be 'bdf', 'bp', 'cdb', 'e', 'ex2', 'exo', 'feb',",
+    ),
     ({"quantities": [{"name": "a", "of": "x"}]}, "quantities[0]: needs exactly one of 'at'"),
     ({"quantities": [{"name": "a", "of": "x", "on": "side"}]}, "quantities[0].reduce: is needed on a region"),
     (
