@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # for the extensions next to it
 project = "hpcinv"
 copyright = "the authors of hpcinv"
 release = version = __version__
-extensions = ["myst_parser", "mathml", "stress_plots"]
+extensions = ["myst_nb", "mathml", "stress_plots"]
 root_doc = "index"
 exclude_patterns = ["results"]
 nitpicky = True
@@ -23,4 +23,5 @@ html_copy_source = False
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 4
 myst_links_external_new_tab = False
+nb_execution_mode = "off"  # notebooks keep their output: docs/execute_notebooks.py
 suppress_warnings = ["misc.highlighting_failure"]  # blocks of output and of formulas are in no language

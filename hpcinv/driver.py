@@ -125,7 +125,7 @@ class _Outputs(StepObserver):
 
     @contextmanager
     def keeping(self) -> Iterator[_Solved]:
-        """Context of what is solved, of which an error leaves a summary."""
+        """Context of what is solved; an error leaves a summary of it."""
         solved = _Solved(self._spreads)
         with self.report.keeping(solved.solutions, solved.quantities):
             yield solved

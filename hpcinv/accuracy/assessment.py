@@ -2,7 +2,7 @@
 
 The error estimate compares one degree with the next on the same mesh. It does not contain errors that a finer mesh
 alone reveals, such as the geometry of a curved body or a maximum between nodes; these are estimated by the difference
-of the corrected values on two meshes. The estimate itself is tested: that of one discretisation is compared with the
+of the corrected values on two meshes. The estimate itself is tested: the one of a discretisation is compared with the
 values of the next one, and no error is promised that is smaller than the last change of the value allows. With a ratio
 r of successive errors, a change Δ leaves ``Δ r/(1 - r)``; r is not less than the ratio of the estimates, and not less
 than singular edges allow.

@@ -9,7 +9,7 @@ from hpcinv.accuracy.trial import Trial
 from hpcinv.parallel.runtime import on_root
 
 DEEPEST = 2  # largest number of halvings of a marked cell in one step
-# The same of cells that touch a singular edge, of which only the pieces that touch it are halved again, and of others.
+# The same of cells that touch a singular edge (only their pieces that touch it are halved again), and of others.
 GRADED, FEW = 2, 1
 SECOND_MESH = 1.5  # smallest factor between the sizes of two meshes whose comparison gives the error
 

@@ -30,7 +30,7 @@ class Variant:
         given: the mesh, on rank 0, if it was refined from another one.
         size: of its cells, relative to the job's mesh; ``None`` if they were refined locally.
         origin: description of how it was made.
-        ratio: least ratio of errors to those of the mesh that was refined locally, by singular edges; 0 of others.
+        ratio: least ratio of errors to the errors of the mesh that was refined locally, by singular edges; 0 of others.
     """
 
     resolution: Resolution

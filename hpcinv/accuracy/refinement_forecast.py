@@ -104,7 +104,7 @@ class RefinementForecast:
         self.last = steps[-1]
         done = [(work, step) for step in steps for work in (step.solve, step.estimate)]
         self.power, self._factorization = _fit((w.unknowns, w.factorization / max(w.count, 1)) for w, _ in done)
-        # Measured on the largest problem so far, in which overhead matters least.
+        # Measured on the largest problem so far: overhead matters least there.
         largest, step = max(done, key=lambda pair: pair[0].unknowns)
         self._assembly = largest.assembly / max(largest.count, 1) / (step.cells * nodes(step.cell, largest.degree) ** 3)
 

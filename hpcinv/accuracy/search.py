@@ -127,7 +127,7 @@ class Search:
         """Return whether an estimate on one mesh may be unreliable: in hexahedra with pressures and singular edges."""
         if body.source.kind != "hexahedron" or self.job.pressure_degree is None:
             return False
-        with suppress(MeshError):  # of supports without facets, of which the model says more
+        with suppress(MeshError):  # of supports without facets: the model says more about them
             return singular_edges(self.job, body) is not None
         return False
 
@@ -192,7 +192,7 @@ class Search:
         return True
 
     def _ratio(self, variant: Variant, degree: int) -> float:
-        """Return the least ratio of errors to those of the last step that singular edges allow, 0 without them."""
+        """Return the least ratio of errors to the last step's errors that singular edges allow, 0 without them."""
         if self.last is None or self.last.estimate is None or (limit := self.last.estimate.limit) is None:
             return 0.0
         last_size, new_size = self.last.variant.size, variant.size

@@ -40,7 +40,7 @@ class Trial:
     Attributes:
         job: with degrees and mesh parameters of this discretisation.
         variant, body, equations: its mesh and its equations.
-        solution: with all solves that led to it, also those of earlier trials.
+        solution: with all solves that led to it, also in earlier trials.
         quantities, estimate: the job's quantities of interest, and their errors; none below the full load.
         step: costs on this rank.
         unused_options: PETSc options of the job that were not used.

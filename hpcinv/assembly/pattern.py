@@ -19,7 +19,7 @@ _TAG = 1  # of messages by which ranks agree on a map
 
 @dataclass(frozen=True)
 class Pattern:
-    """Rows of local unknowns, those of ghosts included, in the manner of CSR.
+    """Rows of local unknowns, ghosts included, in the manner of CSR.
 
     Attributes:
         starts: where each row begins, and the end.
@@ -52,8 +52,8 @@ class Pattern:
 def pattern_of(unknowns: Unknowns) -> tuple[Pattern, Integers]:
     """Return the pattern of integrals over cells, and the column of each entry; collective.
 
-    Columns ascend in each row: local unknowns, then those of nodes that are not on this rank. Matrices have them in an
-    order of their own, so that the pattern does not keep them.
+    Columns ascend in each row: local unknowns, then unknowns of nodes that are not on this rank. Matrices order them
+    differently, so the pattern does not keep them.
 
     The unknowns of each node must be consecutive (`Unknowns.has_whole_nodes`).
     """

@@ -29,7 +29,7 @@ type Singles = npt.NDArray[np.float32]
 _CODE = Path(__file__).with_suffix(".c")
 _LANES = 8  # cells of a group, as in the code
 _CHUNK = 16  # groups at a time whose moduli are evaluated, which fit in the cache of a core
-_FEW = 8  # points of given moduli, from which to extend them in each product takes less time than to read all
+_FEW = 8  # points of given moduli: to extend them in each product takes less time than to read all
 _GRADIENT = Slot(0, 3, is_gradient=True)
 
 

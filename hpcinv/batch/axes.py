@@ -53,7 +53,7 @@ class Axis(Spec):
     zip: Mapping[JobKey, ListOf[Any]] | None = None
     """values by key: the first of each are a point, the second are, …"""
     random: Sample | None = None
-    """distributions by key, from which values are drawn independently of each other"""
+    """distributions by key; their values are drawn independently of each other"""
     latin_hypercube: Sample | None = None
     """distributions by key: each is divided into as many parts as there are points, with one point in each part"""
     sobol: Sample | None = None

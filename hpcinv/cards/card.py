@@ -172,7 +172,7 @@ def dispersed_fibres(
 ) -> Counterpart:
     """Return the law of Gasser, Ogden & Holzapfel with the isochoric invariants of fibres, as Abaqus and FEBio have it.
 
-    Ours has those of ``C``; both are the same if the volume cannot change.
+    Ours has the invariants of ``C``; both are the same if the volume cannot change.
     """
     if bulk == "incompressible":
         values = {"mu": Stress(mu), "k1": Stress(k1), "k2": k2, "dispersion": dispersion, "kappa": bulk}
@@ -183,7 +183,7 @@ def dispersed_fibres(
     )
     parameters = {"mu": Stress(mu), "k1": Stress(k1), "k2": k2, "d": dispersion}
     material = {"law": "formula", "energy": energy, "parameters": parameters, "kappa": bulk}
-    note = "isochoric invariants of fibres: law holzapfel-gasser-ogden has those of C, and differs where J is not 1"
+    note = "isochoric invariants of fibres: law holzapfel-gasser-ogden has I4 and I6 of C, and differs where J is not 1"
     return Counterpart({**material, "volumetric": "simo-taylor"}, directions, notes=(note,))
 
 

@@ -212,7 +212,7 @@ def _fung_orthotropic(law: Entry) -> Counterpart:
 
 
 def _arruda_boyce_unconstrained(law: Entry) -> Counterpart:
-    """The energy of the inverse Langevin function in powers of I1, for which no series of stresses is needed."""
+    """The energy of the inverse Langevin function in powers of I1; it needs no series of stresses."""
     chain = law.number("N")
     series = inverse_langevin(min(TERMS, int(law.number("n_term"))))
     at_rest = sum(c * chain ** -(k + 0.5) for k, c in enumerate(series))
@@ -275,7 +275,7 @@ def _moduli(law: Entry) -> tuple[Floats, Floats]:
 def _quadratic(lam: Floats, mu: Floats) -> str:
     """Return twice the energy of an orthotropic law of the strains along three families a, b, c at right angles.
 
-    Its isotropic part is written in I1 and I2, from which a formula's law takes its moduli.
+    Its isotropic part is written in I1 and I2: a formula's law takes its moduli from them.
     """
     shear, stretch = float(mu.mean()), float(lam.mean())
     terms = [f"{2 * shear:.17g}*(I1**2 - 2*I2 - 2*I1 + 3)/4", f"{stretch:.17g}*((I1 - 3)/2)**2"]

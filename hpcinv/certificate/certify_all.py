@@ -20,7 +20,7 @@ def certify_all(
     detail: Callable[[str], None],
     observer: Observer,
 ) -> tuple[Certificate, Estimate | None]:
-    """Check the solutions: together if they are those of one analysis, else state by state; collective.
+    """Check the solutions: together if they belong to one analysis, else state by state; collective.
 
     Args:
         equations: of each solution.

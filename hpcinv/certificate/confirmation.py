@@ -17,7 +17,7 @@ where ``τ`` is the Kirchhoff stress: for the continuous body the second variati
 to it in every direction that keeps the volume if ``Λ`` is infinite. In the displacement form nothing needs to be added.
 
 A negative eigenvalue counts if it stays negative with a margin: when 1 % of the linear elastic energy of the direction,
-``2μ ‖sym grad v‖²`` with the gradient in the loaded body, is added. The quadrature is of higher degree than that of the
+``2μ ‖sym grad v‖²`` with the gradient in the loaded body, is added. The quadrature is of higher degree than the
 solve.
 """
 
@@ -102,12 +102,16 @@ def _seen_on_the_current_body(job: Job) -> bool:
 
 @contextmanager
 def assembled(equations: Equations, solution: Solution) -> Iterator[PETSc.Mat]:
-    """Context with the matrix of `second_variation`, in which mesh and state of the equations are the solution's."""
+    """Context with the matrix of `second_variation`; the equations have the solution's mesh and state in it."""
     equations.put(solution.moved_to(solution.reference_nodes))
     form = second_variation(equations, known_displacement(equations))
     with equations.timings("tangent"):
         matrix = fem_petsc.assemble_matrix(form, bcs=equations.supports.conditions)
         matrix.assemble()
+        if equations.supports.sliding is not None:
+            constraint = equations.supports.sliding.constraint(matrix)
+            constraint.apply()
+            constraint.destroy()
     try:
         yield matrix
     finally:

@@ -61,12 +61,12 @@ from hpcinv.solver.linear.cost_model import Forecast
 from hpcinv.solver.observer import SILENT, IterationObserver, Observer, stop_if_asked
 
 LINEAR = 0.5
-"""Correction of the shape, relative to the displacement, from which one Newton step does not suffice."""
+"""Correction of the shape, relative to the displacement; above it one Newton step does not suffice."""
 
 
 @dataclass(frozen=True)
 class Correction:
-    """What the estimate of the given state finds about the rest shape, on which further states are solved.
+    """What the estimate of the given state finds about the rest shape. Further states are solved on it.
 
     Attributes:
         nodes: correction of the local geometry nodes of the rest shape, (n, 3) in m.
@@ -90,7 +90,7 @@ class Estimate:
         shape: largest correction of the displacement at a geometry node, in m.
         cells: ``∫ |∇δ|² dx`` of each owned cell, in scaled lengths: where the error is.
         unknowns: number of unknowns of the finer spaces.
-        limit: effect of singular edges, for which the errors are corrected; ``None`` without one.
+        limit: effect of singular edges; the errors are corrected for it; ``None`` without one.
         segments: ends (n, 2, 3) m of these edges, the same on all ranks.
         is_solved: whether the finer problem was solved, since its correction was too large for one Newton step.
         without_geometry: why the error of the geometry is left out; empty if it is included.

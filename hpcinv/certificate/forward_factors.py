@@ -68,7 +68,7 @@ class ForwardFactors:
 
     @contextmanager
     def tangent(self) -> Iterator[Equilibrium]:
-        """Context with the forward tangent assembled, in which mesh and state of the equations are the solution's."""
+        """Context with the forward tangent assembled; the equations have the solution's mesh and state in it."""
         equations, solution = self._equations, self.solution
         equations.put(solution.moved_to(solution.reference_nodes))
         equilibrium = equations.equilibrium(equations.scene("forward", known_displacement(equations)))

@@ -39,7 +39,7 @@ _OPTIONS: Mapping[str, OptionValue] = {
 _ROUNDED: Mapping[str, OptionValue] = {"pc_precision": "single"}
 _LOW_RANK: Mapping[str, OptionValue] = {"mat_mumps_icntl_35": 2, "mat_mumps_cntl_7": 1e-4}
 _MINIMUM_FILL: Mapping[str, OptionValue] = {"mat_mumps_icntl_7": 2}
-_ITERATIONS = 30  # of GMRES, by which rounded and kept factors are tested
+_ITERATIONS = 30  # of GMRES, which tests rounded and kept factors
 _SOLVED = 1e-5  # relative preconditioned residual there
 _LEAST = 0.1  # real part of an eigenvalue there
 _ASYMMETRY = 1e-12  # relative, of products with a vector, by rounding errors
@@ -78,7 +78,7 @@ def factorize_symmetric(
 ) -> SymmetricFactors | None:
     """Factorize the symmetric part of a matrix, unless kept factors will do; collective.
 
-    ``None`` if that fails, or if the matrix has entries that are not finite, of which MUMPS makes zero pivots.
+    ``None`` if that fails, or if the matrix has entries that are not finite (MUMPS makes zero pivots of them).
 
     Args:
         kept: factors L D Lᵀ of similar matrices; the first ones that have the inertia of this one are taken.
@@ -194,7 +194,7 @@ def _has_inertia_of(pc: PETSc.PC, matrix: PETSc.Mat) -> bool:
 
     Between them, ``M + t (K - M)`` is singular for some t if ``M⁻¹K`` has a real eigenvalue that is not positive, and
     only then can a sign change. GMRES for ``M⁻¹ b`` with a random b shows the eigenvalues that are far from 1, first of
-    all those of soft motions, which are the largest part of it: unless one shows that is not positive, the polynomial
+    all parts of soft motions, which are the largest of it: unless one shows that is not positive, the polynomial
     of GMRES, which is 1 at 0 with positive roots, leaves all of that part in the residual.
     """
     ksp = PETSc.KSP().create(matrix.comm)

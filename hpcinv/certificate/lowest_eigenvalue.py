@@ -11,7 +11,7 @@ without symmetries, accelerated by the Ritz vectors of all steps, leads to the l
 ``Cᵀ Q⁻¹ C`` stands for the last term, with the scaled mass matrix ``Q`` of the preconditioner: a displacement can be
 made to satisfy the constraint by a change of about that energy.
 
-That an eigenvalue is negative is proven by the quotient of one vector, for which the equations are solved precisely.
+The quotient of one vector proves that an eigenvalue is negative; the equations are solved precisely for that vector.
 That none is cannot be proven so. It is estimated from a vector ``y`` of unit length, with ``μ = y·z`` and
 ``e = |z - μ y|``: there is an eigenvalue of ``S⁻¹`` within ``e`` of ``μ``, the one of largest size as far as the start
 had a part in each eigenvector.
@@ -41,7 +41,7 @@ _STEPS = 10
 _FEWEST = 3  # steps before a body is taken for stable: an eigenvalue next to zero hides lower ones from the first two
 _REPAIR = 1e4  # energy by which the constraint is satisfied, over the square of what is left of it; above 1/β² and Λ/μ
 _ROUND_OFF = 1e-14  # of a quotient, relative to the norm of the matrix
-_RESIDUAL = 2e-3  # of a solution that begins with a Ritz vector: that of Newton's corrections
+_RESIDUAL = 2e-3  # of a solution that begins with a Ritz vector: the tolerance of Newton's corrections
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class _Search:
         self._u = unknowns.owned_displacement_dofs
         self._p = self._u[:0] if unknowns.p is None else unknowns.owned_pressure_dofs
         self._points = unknowns.owned_displacement_points()
-        self._held = np.concatenate([self._u[:0], *(part.dofs for part in supports.prescribed)])
+        self._supports = supports
         self._b, self._x = solver.matrix.createVecRight(), solver.matrix.createVecRight()
         self._mass = solver.pressure_mass
         self._w: list[PETSc.Vec] = []  # solutions
@@ -188,7 +188,7 @@ class _Search:
         waves = np.array([[1.0, 2.3, 3.1], [2.9, 1.3, 1.7], [1.9, 3.7, 0.7]])
         field = sum(np.sin(k * x @ waves + np.array([0.3, 1.1, 2.2])) / k for k in (1.0, 2.7, 7.1))
         y[self._u] = np.ravel(field)
-        y[self._held[self._held < len(y)]] = 0.0
+        self._supports.free(y)
         return y
 
     def _unit(self, y: Floats) -> Floats | None:

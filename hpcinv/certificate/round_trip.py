@@ -1,12 +1,11 @@
 """Round trip: the solve back from the body that was found.
 
 Near the known displacement the solve back needs no factors of its own. Forward, its tangent is the one by which
-stability is judged, and the factors of that, or multigrid in their place, give the corrections. In the inverse
-direction they do so after a change of variables: to move the points of the reference body by ``-w`` and those of the
-loaded body by ``-F w`` only relabels them, which changes the residual by no more than the discretisation error, so that
-the inverse tangent is ``K F`` with the forward tangent ``K``. That neither this nor the symmetric part of ``K`` is the
-exact tangent is made up for by Anderson's acceleration. The residual is exact in any case: what the corrections
-converge to is the solution.
+stability is judged, and its factors, or multigrid instead, give the corrections. In the inverse direction they do so
+after a change of variables. To move points of the reference body by ``-w`` and points of the loaded body by ``-F w``
+only relabels them. This changes the residual by no more than the discretisation error, so the inverse tangent is
+``K F`` with the forward tangent ``K``. Neither this nor the symmetric part of ``K`` is the exact tangent; Anderson's
+acceleration makes up for the difference. The residual is exact in any case: the corrections converge to the solution.
 
 Corrections end as soon as what is left of them cannot change the verdict. With a contraction ``θ`` of successive steps
 that is about ``θ/(1-θ)`` times the last one, where ``θ`` is the largest of the last three ratios. Where they do not
@@ -34,6 +33,7 @@ from hpcinv.methods.method import UNLOADED
 from hpcinv.methods.updates import Anderson
 from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.units import readable
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
@@ -46,8 +46,8 @@ _CORRECTIONS = 15  # of one way back, with the same factors
 _MEMORY = 6  # steps that Anderson's acceleration uses
 _ACCURACY = 1e-6  # of the way back near the solution, relative to the displacement: a thousandth of `WARN`
 _KNOWN, _ROUGHLY_KNOWN = 0.1, 0.25  # share of its value to which the line is known, by factors or by multigrid
-_ROUND_OFF = 1e-9  # size of a step, relative to the displacement, at which the ratio of steps means nothing
-_GROWTH = 1.0  # of a step over the first one, from which the corrections are given up: they do not contract
+_ROUND_OFF = 1e-9  # size of a step, relative to the displacement; below it the ratio of steps means nothing
+_GROWTH = 1.0  # of a step over the first one; above it the corrections are given up: they do not contract
 
 
 def round_trip(
@@ -73,7 +73,7 @@ def round_trip(
 def closure_error(equations: Equations, solution: Solution, back: np.ndarray) -> Line:
     """Compare a solution's displacements with those (m) of the solve back at the same nodes; collective."""
     difference, scale = _difference(equations, solution, back), displacement_scale(equations, solution)
-    note = "; ".join(filter(None, [f"{difference:.3g} m", scale.note]))
+    note = "; ".join(filter(None, [readable(difference, "m"), scale.note]))
     return upper_bound_line(ROUND_TRIP, scale.share(difference), WARN, FAIL, note=note)
 
 
@@ -233,12 +233,12 @@ class _Relabelling:
         F[~(np.linalg.det(F) > 0.0)] = np.eye(3)  # means of very different cells
         self._inverse = np.linalg.inv(F)
         self._dofs = unknowns.owned_displacement_dofs
-        self._held = np.concatenate([self._dofs[:0], *(part.dofs for part in equations.supports.prescribed)])
+        self._supports = equations.supports
 
     def apply(self, correction: Floats) -> None:
         """Multiply the displacements of a correction by ``F⁻¹``, but those that are prescribed."""
-        held = self._held[self._held < len(correction)]
-        kept = correction[held]
+        kept = self._supports.held_part(correction)
         u = correction[self._dofs].reshape(-1, 3)
         correction[self._dofs] = np.einsum("nij,nj->ni", self._inverse, u).ravel()
-        correction[held] = kept
+        self._supports.free(correction)
+        correction += kept

@@ -1,7 +1,7 @@
 """Cells in which a fibre field has no limit at some point, as helices have none on the axis of a ventricle.
 
 Cells that hold such a point are found by bisection: in smaller and smaller pieces around it, the direction varies as
-much as before, whereas that of a smooth field varies half as much in a piece half as large. Strains are bounded there
+much as before, whereas a smooth field varies half as much in a piece half as large. Strains are bounded there
 but have no limit either, so that ``u ~ r``, which no degree of elements resolves. Only formulas are examined:
 directions of a rule or of a data array are nodal or constant in a cell.
 """
@@ -98,7 +98,7 @@ def _turning(cells: Ints, low: Floats, size: float, unit: Callable[[Ints, Floats
 
 
 def _reference_points(kind: str, places: Floats) -> Floats:
-    """Return places in [0, 1]³ in the reference cell, of which faces or edges of the cube may collapse."""
+    """Return places in [0, 1]³ in the reference cell; faces or edges of the cube may collapse in it."""
     a, b, c = np.moveaxis(places, -1, 0)
     match kind:
         case "tetrahedron":

@@ -54,7 +54,7 @@ class SingularLimit:
         factor: ratio of the whole error to the part that the estimate finds.
         is_reliable: whether the estimate is, on one mesh.
         name, point: the edge that has most of it, and one of its points (m).
-        missed: factor of each owned cell, by which its share of the estimate is too small.
+        missed: factor of each owned cell: its share of the estimate is too small by it.
         orders: order of the errors of each owned cell; infinite in those that touch no singular edge.
     """
 

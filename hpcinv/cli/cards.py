@@ -70,7 +70,7 @@ def _read_card(options: argparse.Namespace) -> str:
 
 
 def _card_text(argument: str) -> tuple[str, str]:
-    """Return place, for messages, and text of a card: a file's, that of standard input, or the argument itself."""
+    """Return place, for messages, and text of a card: of a file, of standard input, or the argument itself."""
     from hpcinv.cards.card import LARGEST
     from hpcinv.quantity.csv_rows import text_of
 

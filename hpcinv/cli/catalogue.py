@@ -64,9 +64,9 @@ def describe(members: Mapping[str, type[Ingredient]], tag: str, name: str) -> No
 def _describe_moduli(console: Console, law: type[MaterialLaw]) -> None:
     match law.replaceable:
         case (str(shear), bulk):
-            offered, text = list(Moduli.model_fields), f"In place of {shear} and {bulk} a job may give any two of:"
+            offered, text = list(Moduli.model_fields), f"Instead of {shear} and {bulk} a job may give any two of:"
         case (None, bulk):
-            offered, text = ["poisson", "lame"], f"In place of {bulk} a job may give one of:"
+            offered, text = ["poisson", "lame"], f"Instead of {bulk} a job may give one of:"
         case _:
             return
     console.print(text)

@@ -104,7 +104,7 @@ def _describe(path: Path, solid: Solid, unit: float, more: str = "") -> None:
 
 
 def _warn(options: argparse.Namespace, part: Solid, split: Split | None) -> None:
-    """Tell what keeps the part from coming out of its mould."""
+    """Print what keeps the part from coming out of its mould."""
     if options.mould is None:
         return
     from hpcinv.workshop.mould import UNDERCUT, undercut

@@ -29,7 +29,7 @@ class FormulaPlace:
 
 
 PLACES = (
-    FormulaPlace("let", "anything, for use in the other places", ("those of the place that it is used in",)),
+    FormulaPlace("let", "anything, for use in the other places", ("the names of the place that uses it",)),
     FormulaPlace("regions", "a condition", tuple(REGION_NAMES)),
     FormulaPlace("supports[].displacement", "three lengths", (*COORDINATES, "names in its 'constants'")),
     FormulaPlace("fibres.NAME.direction", "a vector of any length", (*POSITIONS, "names in its 'constants'")),

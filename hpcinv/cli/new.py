@@ -14,15 +14,16 @@ from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh import label_of
-from hpcinv.cli.mesh_input import length, length_unit
+from hpcinv.cli.mesh_input import CELL, CELLS, length, length_unit
 from hpcinv.errors import JobError, OutputError
 from hpcinv.files.atomic import output_errors, replace, write_output
 from hpcinv.files.names import escaped_line, yaml_text
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import parse
-from hpcinv.job.sections import IMAGES, SURFACES
+from hpcinv.job.sections import IMAGES, STRESS, SURFACES
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.materials import laws
+from hpcinv.quantity.quantity import positive
 from hpcinv.quantity.schema import NAME_OF_FILE
 from hpcinv.reading.suffix import suffix_of
 
@@ -33,8 +34,8 @@ _HERE = Path(__file__).resolve().parent
 _TEMPLATES = _HERE / "templates"
 _GENERATORS = _HERE / "meshes" if (_HERE / "meshes").is_dir() else _HERE.parents[1] / "meshes"
 """The copy in an installed package, or the directory ``meshes`` of a clone."""
-_CELLS, _MOST_CELLS = 8000, 30000
-_CELL = 0.03  # volume of a tetrahedron, relative to the cube of its size
+_MOST_CELLS = 30000
+_PRESSURE = "9 mmHg"  # of a ventricle at the end of filling
 _HELD = 0.25  # share of the body's length within which it is held
 _GENERATED: Mapping[str, tuple[str, str]] = {
     "liver": ("ellipsoid.py", "parameters: {size: 12 mm}, geometry_degree: 2"),
@@ -46,6 +47,7 @@ _GENERATED: Mapping[str, tuple[str, str]] = {
     ),
     "ventricle": ("ventricle.py", "parameters: {size: 8 mm}, geometry_degree: 2"),
     "part": ("pdms_beam.py", "parameters: {length: 80 mm, size: 4 mm}, geometry_degree: 2"),
+    "shell": ("sheet.py", "parameters: {length: 50 mm, width: 30 mm, nx: 10, ny: 6}, shell: {thickness: 2 mm}"),
 }
 """Generator and its parameters of the example of each kind of body."""
 _SURFACES = {"artery": (("inlet", "outlet"), "inner", "outer"), "ventricle": (("base",), "endo", "epi")}
@@ -101,6 +103,12 @@ def add_new(commands: Any) -> None:
     new.add_argument("--unit", help="length unit of the image (by default mm), the surface or the input file")
     new.add_argument("--stress-unit", help="unit of stress of the input file")
     new.add_argument("--size", help="largest length of edges; by default for about 8000 cells")
+    new.add_argument(
+        "--ed-pressure", metavar="P", help="of a ventricle: pressure at the end of filling, such as '10 mmHg'"
+    )
+    new.add_argument(
+        "--klotz", action="store_true", help="of a ventricle: find its stiffness by Klotz's pressure-volume curve"
+    )
     add_option(new)
     new.add_argument("--force", action="store_true", help="replace files that exist")
     new.set_defaults(command=_new)
@@ -131,6 +139,9 @@ def _new(options: argparse.Namespace) -> int:
         "command": escaped_line(" ".join(["hpcinv new", kind, *_typed(options), shlex.quote(str(output))])),
         "file": escaped_line(shlex.quote(str(output))),
         "name": output.stem,
+        "klotz": options.klotz,
+        "pressure": options.ed_pressure or _PRESSURE,
+        "pressure_source": "" if options.ed_pressure else ": typical order of magnitude",
     }
     text = _job(kind, source, values)
     paths = [output] if source.mesh_file is None else [output, source.mesh_file]
@@ -146,12 +157,12 @@ def _new(options: argparse.Namespace) -> int:
         if source.mesh_file is not None and not existing:
             source.mesh_file.unlink(missing_ok=True)
         raise
-    return _say_next(output, f"a job for {_article(kind)}")
+    return _say_next(output, f"a job for {_article(kind)}", "identify" if options.klotz else "run")
 
 
-def _say_next(output: Path, what: str) -> int:
+def _say_next(output: Path, what: str, last: str = "run") -> int:
     print(f"{output}: {what}; read what it says, and change it. Then:")
-    for line in ("validate", "show", "run"):
+    for line in ("validate", "show", last):
         print(f"  python -m hpcinv {line} {escaped_line(shlex.quote(str(output)))}")
     return 0
 
@@ -172,9 +183,20 @@ def _check(options: argparse.Namespace) -> None:
         raise JobError("--stress-unit: is for an input file, and there is no --from")
     if options.source is not None and (options.image or options.surface or options.size):
         raise JobError("--from: a job has one mesh, and the input file gives it")
+    for name in ("ed_pressure", "klotz"):
+        if getattr(options, name) and options.kind != "ventricle":
+            raise JobError(f"--{name.replace('_', '-')}: is for a ventricle, and this is {_article(options.kind)}")
+    if options.ed_pressure is not None:
+        try:
+            positive(options.ed_pressure, STRESS, "the pressure")
+        except ValueError as error:
+            raise JobError(f"--ed-pressure: {error}") from None
     if options.image is not None and options.surface is not None:
         raise JobError("--surface: a job has one mesh, and --image gives it, too")
     given = options.image or options.surface or options.source
+    if options.kind == "shell" and given is not None:
+        name = "image" if options.image is not None else "surface"
+        raise JobError(f"--{name}: a shell is a surface of quadrilaterals; put such a mesh into the example")
     if options.surface is not None and options.kind in _WALLS:
         raise JobError(
             f"--surface: of the wall of {_article(options.kind)}, it does not distinguish the cavity from the outside;"
@@ -251,7 +273,7 @@ def _wall_source(options: argparse.Namespace) -> _Source:
 
 def _size_in_wall(thickness: float, volume: float) -> str:
     """Two cells through a wall, if they are not too many."""
-    return f"{max(thickness / 1.5, (volume / (_CELL * _MOST_CELLS)) ** (1 / 3)) * 1e3:.2g} mm"
+    return f"{max(thickness / 1.5, (volume / (CELL * _MOST_CELLS)) ** (1 / 3)) * 1e3:.2g} mm"
 
 
 def _article(kind: str) -> str:
@@ -339,7 +361,7 @@ def _size(options: argparse.Namespace, volume: float) -> str:
     if options.size is not None:
         length("--size", options.size)
         return " ".join(str(options.size).split())
-    return f"{(volume / (_CELL * _CELLS)) ** (1 / 3) * 1e3:.2g} mm"
+    return f"{(volume / (CELL * CELLS)) ** (1 / 3) * 1e3:.2g} mm"
 
 
 def _relative(path: Path, options: argparse.Namespace) -> str:
@@ -349,7 +371,9 @@ def _relative(path: Path, options: argparse.Namespace) -> str:
 
 def _typed(options: argparse.Namespace) -> list[str]:
     """The options as they were typed."""
-    names = ("image", "surface", "unit", "size")
-    given = [(f"--{name}", str(value)) for name in names if (value := getattr(options, name)) is not None]
+    names = ("image", "surface", "unit", "size", "ed_pressure")
+    given = [
+        (f"--{name.replace('_', '-')}", str(value)) for name in names if (value := getattr(options, name)) is not None
+    ]
     given += [("--label", text) for text in options.label]
-    return [f"{name} {shlex.quote(value)}" for name, value in given]
+    return [*(f"{name} {shlex.quote(value)}" for name, value in given), *(["--klotz"] if options.klotz else [])]

@@ -129,12 +129,12 @@ def _run_in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, 
             job, directory = on_root(comm, read)
             if resume and on_root(comm, lambda: directory.is_finished):
                 verdict_text = on_root(comm, lambda: directory.verdict)
-                # That of another version may not be known here, or be missing.
+                # The record of another version may not be known here, or be missing.
                 verdict = next((known for known in Verdict if known.value == verdict_text), Verdict.UNDECIDED)
                 results = f"its results are in summary.json, certificate: {verdict.value}"
                 progress.note(f"{directory.path}: this run is finished; {results}")
                 if options.job is not None and not on_root(comm, lambda: directory.holds(job)):
-                    progress.warn("settings that differ from those of its job.yaml were not used; 'run' uses them")
+                    progress.warn("settings that differ from its job.yaml were not used; 'run' uses them")
                 return verdict.exit_code(strict=options.strict)
 
             result = run(

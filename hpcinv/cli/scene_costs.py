@@ -1,6 +1,6 @@
 """Parts of a scene and their costs, measured on the job's mesh.
 
-The cost of an effect is that of the whole scene less that of the scene without it, so that it holds for effects that
+The cost of an effect is the cost of the whole scene less the cost without it, so that it holds for effects that
 add an integral as well as for those that change the law's.
 """
 

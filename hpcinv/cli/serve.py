@@ -13,7 +13,7 @@ from hpcinv.cli.options import add_ranks
 from hpcinv.files.untrusted import add_option
 
 if TYPE_CHECKING:
-    from hpcinv.serving.job_model import Evaluation, JobModel
+    from hpcinv.serving.job_model import JobModel, Linearisation
 
 
 def add_serve(commands: Any) -> None:
@@ -40,7 +40,7 @@ def _serve(options: argparse.Namespace) -> int:
         from hpcinv.parallel.runtime import on_root
         from hpcinv.serving.service import serve
 
-        def ready(address: str, model: JobModel, first: Evaluation) -> None:
+        def ready(address: str, model: JobModel, first: Linearisation) -> None:
             print(describe(address, model, first), flush=True)
 
         job = on_root(comm, lambda: load(options.job))
@@ -59,7 +59,7 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-def describe(address: str, model: JobModel, first: Evaluation) -> str:
+def describe(address: str, model: JobModel, first: Linearisation) -> str:
     """Return the address, and tables of inputs and outputs with units and the values of the job."""
     inputs = [
         (p.key, p.dimension.unit if p.dimension is not None else "", f"{value:.6g}")

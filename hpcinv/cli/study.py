@@ -39,7 +39,7 @@ def add_study(commands: Any) -> None:
         page="how-to/study.md",
     )
     status.add_argument("--follow", action="store_true", help="repeat it until all executions are finished")
-    status.add_argument("--ranks", type=int, help="number of ranks (default: that of the last start)")
+    status.add_argument("--ranks", type=int, help="number of ranks (default: as in the last start)")
     status.set_defaults(command=_status)
     for parser in (run, status):
         parser.add_argument("study", type=Path, help="study file (YAML)")

@@ -37,6 +37,7 @@ def dossier_page(directory: Path, summary: Mapping[str, Any], context: DossierCo
         )
     missing = sorted(name for name, value in context if not value and name not in ("limits", "dossier"))
     try:
+        inputs, counts = properties(summary), published()
         return render(
             "dossier.html",
             title=context.title or f"Credibility dossier: {summary['job']['job']}",
@@ -47,10 +48,10 @@ def dossier_page(directory: Path, summary: Mapping[str, Any], context: DossierCo
             directory=directory.name,
             summary=summary,
             words=words(summary, overlapping=False),
-            properties=properties(summary),
+            properties=inputs,
             quantities=quantity_rows(summary),
-            published=published(),
-            factors=list(_factors(summary, context)),
+            published=counts,
+            factors=list(_factors(summary, context, inputs, counts)),
             limits=[*_limits(summary), *context.limits],
         )
     except (KeyError, TypeError, IndexError, AttributeError, ValueError, UndefinedError) as error:
@@ -89,7 +90,9 @@ def published() -> Mapping[str, Any]:
     return json.loads(file.read_text("utf-8")) if file.is_file() else {}
 
 
-def _factors(summary: Mapping[str, Any], context: DossierContext) -> Iterator[tuple[str, str, str]]:
+def _factors(
+    summary: Mapping[str, Any], context: DossierContext, inputs: Mapping[str, Any], counts: Mapping[str, Any]
+) -> Iterator[tuple[str, str, str]]:
     """Yield the credibility factors of V&V 40: group, factor, and what is known."""
     certificate = summary["certificate"]
     estimate = certificate.get("estimate") or {}
@@ -97,7 +100,6 @@ def _factors(summary: Mapping[str, Any], context: DossierContext) -> Iterator[tu
     shape = estimate.get("shape")
     error = "not estimated" if shape is None else f"shape {shape:.3g} m; quantities in section 8"
     evidence = f"{len(context.validation)} comparisons in section 9" if context.validation else OPEN
-    counts = published()
     verified = f"{counts['inside']} of {counts['values']} published values inside both errors" if counts else "not made"
     yield "code verification", "software quality assurance", "tests and continuous integration of hpcinv"
     yield "code verification", "numerical code verification", verified
@@ -105,8 +107,8 @@ def _factors(summary: Mapping[str, Any], context: DossierContext) -> Iterator[tu
     yield "calculation verification", "numerical solver error", _solver_error(made)
     yield "calculation verification", "use error", "inputs identified by hashes (section 11); warnings in section 10"
     yield "model", "model form", "static continuum; law, loads and supports in sections 3 and 4"
-    named = sum(bool(context.sources.get(key)) for key in properties(summary))
-    yield "model", "model inputs", f"{named} of {len(properties(summary))} sources named" if named else OPEN
+    named = sum(bool(context.sources.get(key)) for key in inputs)
+    yield "model", "model inputs", f"{named} of {len(inputs)} sources named" if named else OPEN
     for group, factors in (
         ("comparator", ("test samples", "test conditions")),
         ("assessment", ("equivalency of input parameters", "output comparison")),

@@ -72,7 +72,7 @@ class Contact(Effect):
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.stiffness is not None:
-            text = "is not valid with 'stiffness', by which the penetration determines the pressure"
+            text = "is not valid with 'stiffness': there the penetration determines the pressure"
             yield from (((name,), text) for name in ("pressure", "penalty") if getattr(self, name) is not None)
         elif self.stand_off is not None:
             yield ("stand_off",), "is not valid without 'stiffness': a rigid obstacle has no elastic layer"

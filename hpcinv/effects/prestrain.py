@@ -13,7 +13,7 @@ from hpcinv.quantity.tensor_fields import components, least_determinant
 
 
 class Prestrain(Effect):
-    """A field of stress-free stretch ``F0``, to which small pieces cut out of the reference body would relax.
+    """A field of stress-free stretch ``F0``: small pieces cut out of the reference body would relax to it.
 
     The law sees the elastic part ``F F0⁻¹``: stresses follow from ``det F0 psi(F F0⁻¹)`` per reference volume, and an
     incompressible material has ``J = det F0``. Fibres are lines of the material, in a relaxed piece along ``F0 a0``,

@@ -33,7 +33,7 @@ class ThermalExpansion(Effect):
     The stresses follow from the elastic part ``F_e``, with the energy ``J_g psi(F_e)`` per reference volume. The load
     factor scales the temperature change.
 
-    In place of ``temperature_change``, a difference in K, a job may give two temperatures: ``temperature`` of the
+    Instead of ``temperature_change``, a difference in K, a job may give two temperatures: ``temperature`` of the
     deformed body (one number, or one for each region) and ``reference_temperature`` of the undeformed one, in °C, °F
     or K. A difference is never given in °C, since ``400 °C`` could mean either.
 

@@ -57,7 +57,7 @@ def recorded_inputs(program: Path, *, anew: bool = False) -> Iterator[dict[str, 
 
     In it relative paths start from the directory of the program, where also modules are found that it imports. The
     mapping has the SHA-256 of each file by its path from that directory. Files that the program itself writes, and
-    those of installed packages, are left out.
+    files of installed packages, are left out.
 
     Args:
         anew: whether modules of that directory are imported again by the next program.

@@ -173,7 +173,7 @@ _PLAIN = re.compile(r"[-+]?[\d.][-+\d.eE]*(,[-+]?[\d.][-+\d.eE]*)*|true|false|ye
 def option_fault(name: str, value: object) -> str:
     """Fault of a PETSc option of an untrusted job; empty text if the option is known to be harmless.
 
-    PETSc has thousands, of which some execute code (``pc_type python``) or write files (``ksp_view ascii:PATH``).
+    PETSc has thousands; some execute code (``pc_type python``) or write files (``ksp_view ascii:PATH``).
     """
     inner = _INNER.match(name)
     bare = name[inner.end() :] if inner else name

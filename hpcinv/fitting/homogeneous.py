@@ -1,7 +1,7 @@
 """Stress of isotropic laws in the homogeneous deformations of material tests.
 
 The energy is the law's one formula, as a function of the principal stretches and of the parameters; stress, its slopes
-by the parameters and the tangent are its exact derivatives. A free lateral stretch is that of an incompressible
+by the parameters and the tangent are its exact derivatives. A free lateral stretch is as of an incompressible
 material, or it is solved for, so that the lateral stress vanishes.
 """
 

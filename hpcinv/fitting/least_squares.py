@@ -35,7 +35,7 @@ class Fit:
     Attributes:
         values: of the parameters (SI), (k,).
         covariance: (k, k), from given standard deviations of the stress, or from the scatter around the fit.
-        residuals: stress of the law minus that of each test, in Pa.
+        residuals: stress of the law minus measured stress of each test, in Pa.
         chi_squared: sum of squares of the residuals, relative to standard deviations if those are given.
         deviations_known: whether the standard deviations of the stress were given.
         law: with these values.

@@ -1,8 +1,8 @@
 """Stability of a law over ranges of stretch: Drucker's condition, and strong ellipticity.
 
-Drucker's condition, that a change of stress does work on that of the strain, is ``dτ : dε > 0`` for all changes of the
-principal logarithmic strains ``ε``, with Kirchhoff's stress ``τ``; of an incompressible material for those changes that
-keep the volume. Without it, a body may have no solution or several.
+Drucker's condition is ``dτ : dε > 0``: a change of stress does work on the change of strain. It is demanded for all
+changes of the principal logarithmic strains ``ε``, with Kirchhoff's stress ``τ``; of an incompressible material for
+changes that keep the volume. Without it, a body may have no solution or several.
 
 Strong ellipticity (`hpcinv.fitting.ellipticity`) excludes jumps of the strain across surfaces. Neither implies the
 other.
@@ -32,7 +32,7 @@ class Range:
 
     Attributes:
         low, high: ends of the measure (stretch, amount of shear or volume ratio).
-        tested: whether it is the range of a test; otherwise its stretches are those of the other tests.
+        tested: whether it is the range of a test; otherwise it has the stretches of the other tests.
         lost_at: the measure nearest to the undeformed state at which Drucker's condition does not hold, or ``None``.
         not_elliptic_at: the same of strong ellipticity.
     """

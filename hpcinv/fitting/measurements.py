@@ -32,7 +32,7 @@ _STATEMENTS = {"mode": None, "area": Quantity("m^2", above=0.0), "length": Quant
 
 
 _LINE = "line"  # of a row, besides its values
-_RELATIVE = {"engineering strain", "elongation"}  # of which a stretch is 1 more
+_RELATIVE = {"engineering strain", "elongation"}  # a stretch is 1 more
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class TestOptions:
     Attributes:
         mode: of files that do not state it.
         area, length: of the undeformed specimen (m², m); they go before statements of a file.
-        columns: names of columns by titles of a file; those of the user go first.
+        columns: names of columns by titles of a file; names of the user go first.
         cycle: the branch of loading that is taken, from 1; left out, all points.
         sheet: of workbooks; left out, the first.
         decimal_comma: whether commas in entries between quotation marks are decimal ones.
@@ -374,7 +374,7 @@ def _finite(number: float, text: str) -> float:
 
 
 def set_deviations(tests: list[Test], given: list[str]) -> list[Test]:
-    """Return tests with standard deviations of their stress: those of their files, or the given ones.
+    """Return tests with standard deviations of their stress: from their files, or the given ones.
 
     Args:
         given: a stress, a part of the measured stress such as ``3 %``, or both, whose squares are added.

@@ -18,7 +18,7 @@ class Msh(MeshFormat):
     saver = "hpcinv.mesh.io.gmsh_model:save_msh"
 
     def fault(self, path: Path) -> str:
-        """Fault of the first line, by which gmsh recognizes the format.
+        """Fault of the first line: gmsh recognizes the format by it.
 
         It executes other files as scripts, which can start programs.
         """

@@ -1,4 +1,4 @@
-"""Partitioned meshes: a directory of ADIOS2, of which each rank reads a part."""
+"""Partitioned meshes: a directory of ADIOS2; each rank reads a part of it."""
 
 from pathlib import Path
 

@@ -24,7 +24,7 @@ class Header:
 
     Attributes:
         name: name of the original mesh file.
-        nodes, cells, facets: their numbers; facets are those of groups.
+        nodes, cells, facets: their numbers; only facets of groups count.
         parts: rows of cells at which the parts begin, followed by the number of cells.
         thin_groups: names of groups of points and curves.
         data: name, place ("nodes" or "cells") and number of components of each data array.

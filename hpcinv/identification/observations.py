@@ -1,7 +1,7 @@
 """Observations: what was measured, and what a run predicts for it, with derivatives.
 
 Data are on rank 0. A landmark or node has three numbers, its coordinates. A point of a surface has one, its distance
-from the computed surface along the normal there, whose derivative is that of the nearest point along the normal.
+from the computed surface along the normal there. Its derivative is the nearest point's derivative along the normal.
 """
 
 from abc import ABC, abstractmethod
@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 
 from hpcinv.errors import MeshError, naming_field
+from hpcinv.identification.filling_curves import filling_curve
+from hpcinv.job.filling_points import filling_points
 from hpcinv.job.identification import TABLES, Observation
 from hpcinv.job.job import Job
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.sections import CUBIC, MeshSpec
 from hpcinv.mesh import Body, reorder_to_source
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.location import PointLocation, locate, position
@@ -203,6 +205,8 @@ def observations_of(job: Job, body: Body) -> list[Observed]:
             match spec.kind:
                 case "quantity":
                     observations.append(ObservedQuantity(spec))
+                case "curve" | "klotz":
+                    observations += [ObservedQuantity(point) for point in _points_of_curve(spec, job, body)]
                 case "mesh":
                     observations.append(ObservedMesh(spec, deviation, job, body))
                 case "landmarks":
@@ -211,6 +215,23 @@ def observations_of(job: Job, body: Body) -> list[Observed]:
                     observations.append(ObservedSurface(spec, deviation, job, body))
                     check_size(observations[-1]._points, body)  # type: ignore[attr-defined]
     return observations
+
+
+def _points_of_curve(spec: Observation, job: Job, body: Body) -> list[Observation]:
+    """Return the observation of a curve as observations of volumes; collective."""
+    curve = filling_curve(spec, job, body)
+    points = filling_points(str(spec.cavity), job.cavities, job.quantities, job.states)
+    return [
+        spec.model_copy(
+            update={
+                "name": f"{spec.name}: {point.quantity}",
+                "quantity": point.quantity,
+                "value": Measured(curve.volume(point.pressure), CUBIC),
+                **dict.fromkeys(("curve", "klotz", "cavity")),
+            }
+        )
+        for point in points
+    ]
 
 
 def check_size(points: Floats, body: Body) -> None:

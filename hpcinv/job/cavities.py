@@ -3,14 +3,14 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema
+from pydantic import Field, ValidationInfo
 
 from hpcinv.effects.effect import Effect
 from hpcinv.effects.pressure import Pressure
 from hpcinv.job.sections import STRESS, QuantityOfInterest
 from hpcinv.job.states import StateSpec
 from hpcinv.quantity.quantity import Length, Quantity
-from hpcinv.quantity.schema import Faults, ListOf, Spec, Triple
+from hpcinv.quantity.schema import Faults, Spec, TextOrTexts, Triple
 from hpcinv.quantity.suggestions import did_you_mean
 
 
@@ -45,11 +45,7 @@ class Cavity(Spec):
     With 'volume', 'unloaded_volume' or 'gas' the pressure in it is unknown, and acts on its surface.
     """
 
-    surface: Annotated[
-        ListOf[str],
-        BeforeValidator(lambda v: [v] if isinstance(v, str) else v),
-        WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}),
-    ]
+    surface: TextOrTexts
     """region of the boundary around the cavity; several regions, such as [left, right], of connected cavities: these
     have one pressure, and their volumes are added"""
     lid: Annotated[Literal["planar"] | Lid, Field(union_mode="left_to_right")] = "planar"

@@ -27,6 +27,7 @@ _MESH = {
     "parameters",
     "unit",
     "geometry_degree",
+    "shell",
     "labels",
     "array_labels",
     "neighbours",
@@ -103,7 +104,7 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
     if job.is_mixed and (layerings := job.layerings):  # each layer has its own pressures
         discretisation["layers"] = [layering.as_data() for layering in layerings]
     if job.discretisation.displacement > 1 and any(solve.mesh is not None for solve in job.plan):
-        # Later solves are on the recovered body, of which earlier versions moved the nodes of the given cells only.
+        # Later solves are on the recovered body. Earlier versions moved the nodes of its given cells only.
         discretisation["recovered_geometry"] = job.discretisation.displacement
     physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True, context=WITH_DEFINITIONS)
     if job.states:

@@ -27,7 +27,7 @@ from hpcinv.formats import SAVED
 from hpcinv.job import rules
 from hpcinv.job.cavities import Cavity, cavities_of_state, unknown_cavities, unsuited_controls
 from hpcinv.job.fibres import FibreFamily
-from hpcinv.job.identification import Identification
+from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
@@ -38,6 +38,7 @@ from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest,
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
+from hpcinv.job.shell_rules import unsuited_shell
 from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import Material, MaterialLaw
@@ -76,7 +77,7 @@ class PlannedSolve:
     """One solve of a job.
 
     Attributes:
-        job: the job, or that of one state by itself.
+        job: the job, or the job of one state by itself.
         mesh: number of the earlier solve that finds the body on which this one is solved; ``None`` for the given mesh.
         start: number of the earlier solve at whose solution the load path begins; ``None`` for the unloaded body.
         shape: name of the state whose shape it computes; empty without states.
@@ -107,7 +108,8 @@ class Job(Spec):
     """names for parts of formulas, such as {r: "norm(x, y)"}, which all formulas of the job can use"""
     regions: Mapping[Name, RegionRule] = {}
     """parts of the given body by conditions on x, y, z, the outer normal nx, ny, nz, and the number of the cavity; or
-    unions of regions and groups of the mesh by their names, such as {skin: [endo, epi]}"""
+    unions of regions and groups of the mesh by their names, such as {skin: [endo, epi]}; or the facet nearest to a
+    point with all that is smooth with it, such as {foot: {smooth: [0, 0, 2 mm], angle: 30 deg}}"""
     plugins: ListOf[str] = ()
     """Python files, by paths relative to the job file, that define further laws and effects"""
     files: ListOf[str] = ()
@@ -238,13 +240,17 @@ class Job(Spec):
 
     @property
     def state(self) -> str:
-        """Name of the state of which this is the job; empty without states."""
+        """Name of the state that this job has; empty without states."""
         return self._state
 
     @property
     def kind(self) -> str:
         """Description of the solves, for messages."""
-        return f"{len(self.states)} states" if self.states else f"{self.analysis} analysis"
+        return (
+            f"{len(self.states)} state{'s' if len(self.states) > 1 else ''}"
+            if self.states
+            else f"{self.analysis} analysis"
+        )
 
     @property
     def rest(self) -> str:
@@ -279,7 +285,7 @@ class Job(Spec):
 
     @property
     def own_effect_count(self) -> int:
-        """Number of the effects of the file; those of the unknown pressures of cavities follow them."""
+        """Number of the effects of the file; the effects of unknown pressures of cavities follow them."""
         return len(self.effects) - sum(len(cavity.pressures) for cavity in self.cavities.values())
 
     def cavity_effects(self, name: str) -> list[int]:
@@ -360,6 +366,8 @@ class Job(Spec):
                 "needs a mesh that a generator makes (.py, .geo) by sizes of cells, since a mesh file has no coarser"
                 " cells; leave it out"
             )
+        if self.mesh.shell is not None:
+            return "is not possible with a shell"
         if self.solver.strategy != "adaptive":
             return "needs 'strategy: adaptive': other strategies are chosen for the path that they take"
         if self.method != "direct" and first.direction == "inverse":
@@ -374,7 +382,7 @@ class Job(Spec):
 
     @property
     def has_derivatives(self) -> bool:
-        """True if solutions have derivatives; those of contact with a rigid obstacle have none."""
+        """True if solutions have derivatives; with contact with a rigid obstacle they have none."""
         return have_derivatives(self.effects, self.states)
 
     @property
@@ -395,7 +403,7 @@ class Job(Spec):
     @model_validator(mode="before")
     @classmethod
     def _preamble_first(cls, data: Any, info: ValidationInfo) -> Any:
-        """Load plugins and resolve definitions, on which the other sections depend."""
+        """Load plugins and resolve definitions; the other sections depend on them."""
         if not isinstance(data, Mapping):
             return data
         problems: list[tuple[KeyPath, str]] = []
@@ -486,9 +494,10 @@ class Job(Spec):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         for key in ("analysis", "first"):
             if self.states and key in self.model_fields_set:
-                yield (key,), "is not valid with 'states', one of which is the given one; remove it"
+                yield (key,), "is not valid with 'states': one of them is the given state; remove it"
         yield from rules.contradicting_directions(self.analysis, self.first, self.method, self.fixed_point, self.states)
         yield from rules.contradicting_meshes(self.mesh, self.output, self.expected_shape)
+        yield from unsuited_shell(self)
         yield from unsuited_controls(self)
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
@@ -496,7 +505,9 @@ class Job(Spec):
         if self.sensitivities:
             yield from rules.below(("sensitivities",), rules.underivable(self.effects, self.states, "are"))
         if self.identify is not None:
-            faults = rules.unsuited_identification(self.identify, self._owners_in_states, self.quantities, self.states)
+            faults = faults_of_identification(
+                self.identify, self._owners_in_states, self.quantities, self.states, self.cavities
+            )
             yield from rules.below(("identify",), faults)
             yield from rules.below(("identify",), rules.underivable(self.effects, self.states, "is"))
         demands = rules.contradicting_demands(
@@ -529,6 +540,7 @@ class Job(Spec):
             yield ("effects",), text
         yield from rules.below(("states",), rules.unsuited_states(self.states, self.fibres, self.load_cases))
         yield from rules.below(("supports",), rules.unsuited_shared(self.supports, self.states, self.load_cases))
+        yield from rules.rigid_motions(self.supports, self.states)
         states = {f"states[{i}]": state for i, state in enumerate(self.states)}
         effects = {k: v for where, s in states.items() for k, v in numbered(f"{where}.effects", s.effects).items()}
         fibres = {f"fibres.{name}": family for name, family in self.fibres.items()}
@@ -584,7 +596,12 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
     job._path, job._data, job._untrusted = path, data, untrusted
     # names by the values of an array are known when the mesh is read
     named = () if job.mesh.array_labels is not None else _named_regions(job)
-    unknown = unknown_regions(job.resolve(job.mesh.file), {*job.regions, *job.mesh.faces}, named)
+    unknown = unknown_regions(
+        job.resolve(job.mesh.file),
+        {*job.regions, *job.mesh.faces},
+        named,
+        is_shell=job.mesh.shell is not None,
+    )
     if lines := [f"{path}: {dotted_key(where)}: {what}" for where, what in unknown]:
         raise JobError(*lines)
     return job

@@ -20,12 +20,13 @@ _BOUNDARY = "boundary"
 
 
 def unknown_regions(
-    path: Path, defined: Iterable[str], named: Iterable[tuple[KeyPath, str]]
+    path: Path, defined: Iterable[str], named: Iterable[tuple[KeyPath, str]], *, is_shell: bool = False
 ) -> Iterator[tuple[KeyPath, str]]:
     """Places in a job with the name of an unknown region, and messages.
 
     Args:
         named: all references of the job to regions, with their places.
+        is_shell: whether the mesh is the midsurface of a shell.
     """
     try:
         state = path.stat()
@@ -34,6 +35,8 @@ def unknown_regions(
         return
     if groups is None:
         return
+    if is_shell:
+        groups = groups.of_shell()
     known = {*defined, _BOUNDARY, *groups.names}
     for where, name in named:
         if name in known or any(re.fullmatch(pattern, name) for pattern in groups.patterns):

@@ -25,7 +25,7 @@ from hpcinv.formats import mesh_fault
 from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_generator, read_parameters
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number, replace_scalar
-from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Size
+from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Quantity, Size
 from hpcinv.quantity.schema import (
     WRITTEN_AS,
     Faults,
@@ -34,6 +34,7 @@ from hpcinv.quantity.schema import (
     Name,
     Problems,
     Spec,
+    TextOrTexts,
     Triple,
     collected,
     raise_if_any,
@@ -92,11 +93,6 @@ Numbers = Annotated[
     BeforeValidator(lambda v: [v] if isinstance(v, int) and not isinstance(v, bool) else v),
     WithJsonSchema({"anyOf": [{"type": "integer"}, {"type": "array", "items": {"type": "integer"}}]}),
 ]
-Files = Annotated[
-    ListOf[str],
-    BeforeValidator(lambda v: [v] if isinstance(v, str) else v),
-    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}),
-]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
 CAVITY_QUANTITIES = {"volume": CUBIC, "pressure": STRESS}
 """quantities of cavities with their dimensions"""
@@ -129,8 +125,8 @@ class MeshFile(Spec):
 
     file: str
     """path from the job file to a gmsh generator (.py, .geo), a mesh (.msh, .vtu, .xdmf, or of another program: .inp,
-    .feb, .cdb, .bdf, .e, .med, .unv, .vtk, .mesh), or a partitioned mesh made by 'hpcinv mesh partition' (.bp), of
-    which each rank reads a part"""
+    .feb, .cdb, .bdf, .e, .med, .unv, .vtk, .mesh), or a partitioned mesh made by 'hpcinv mesh partition' (.bp): each
+    rank reads a part"""
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a mesh file, or of a Python generator, such as mm: lengths are passed to it in
     that unit, for bodies too small or too large for gmsh's absolute tolerances in metres"""
@@ -142,7 +138,7 @@ class MeshFile(Spec):
 
     formats: ClassVar[tuple[str, ...]] = FORMATS
     sources: ClassVar[Mapping[str, tuple[str, ...]]] = {"file": ()}
-    """keys that name where the mesh comes from, of which one is given, with the further keys that it needs"""
+    """keys that name where the mesh comes from, with the further keys that each needs; a job has one of them"""
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -295,7 +291,7 @@ class SurfaceError(Spec):
     correlation: Size | None = None
     """length over which errors are alike; by default 10 standard deviations"""
     samples: Annotated[int, Field(ge=2, le=10_000)] = 16
-    """random surfaces, of which each takes a linear solve; m of them give a standard deviation to 1/√(2m)"""
+    """random surfaces; each takes a linear solve, and m of them give a standard deviation to 1/√(2m)"""
 
 
 class ArrayLabels(Spec):
@@ -315,6 +311,27 @@ class ArrayLabels(Spec):
 WRITTEN_AS["array_labels"] = "labels"
 
 
+class Shell(Spec):
+    """A shell whose midsurface is the mesh: quadrilaterals of degree 2, in a file (.msh) or by a generator of gmsh.
+
+    The displacement is quadratic through the thickness, and any law of three dimensions holds there.
+    """
+
+    thickness: Size | None = None
+    """thickness of the given body along its director, half of it on each side"""
+    director: Literal["normal", "data"] = "normal"
+    """of the given body: the normal of the surface; or data: the arrays 'outer' and 'inner' of the file, vectors (m)
+    from its nodes to both faces, which give the thickness too, as shape files of runs have them"""
+    kind: Literal["director"] = "director"
+    """director: with bending, and with shear and strain through the thickness"""
+
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        if self.director == "normal" and self.thickness is None:
+            yield ("thickness",), "is needed, unless the file has the faces ('director: data')"
+        elif self.director == "data" and self.thickness is not None:
+            yield ("thickness",), "is not valid with 'director: data', which gives it"
+
+
 class MeshSpec(MeshFile):
     """The mesh on which the job is solved: of the reference body in a forward analysis, else of the current body."""
 
@@ -331,13 +348,13 @@ class MeshSpec(MeshFile):
     array_labels: Annotated[ArrayLabels | None, Field(exclude_if=lambda labels: labels is None)] = None
     """of a mesh file (written as 'labels'): an array of integers whose values are regions, such as
     {array: material, names: {plaque: 2}}"""
-    faces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda faces: not faces)] = {}
+    faces: Annotated[Mapping[Name, TextOrTexts], Field(exclude_if=lambda faces: not faces)] = {}
     """of a mesh file: surfaces of triangles with the facets of further regions, in the unit of the mesh, such as
     {inlet: mesh-surfaces/inlet.vtp}"""
     neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
     is the region LABEL|NEIGHBOUR instead of LABEL|outside"""
-    surfaces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda surfaces: not surfaces)] = {}
+    surfaces: Annotated[Mapping[Name, TextOrTexts], Field(exclude_if=lambda surfaces: not surfaces)] = {}
     """closed surfaces instead of 'file': the files of each region, which is between a shell and those in it, such as
     {wall: [outer.stl, inner.stl]}; a region in another one is cut out of it"""
     orientation: Annotated[Orientation, Field(exclude_if=lambda frame: frame == "LPS")] = "LPS"
@@ -351,6 +368,9 @@ class MeshSpec(MeshFile):
     glue: Annotated[Size | None, Field(exclude_if=lambda gap: gap is None)] = None
     """of a CAD file (written as 'cad' instead of 'file'): distance up to which solids that miss each other are
     joined"""
+    shell: Annotated[Shell | None, Field(exclude_if=lambda shell: shell is None)] = None
+    """of a surface mesh: the shell around it, such as {thickness: 1.2 mm}; its faces are the regions 'outer' and
+    'inner'"""
     surface_error: Annotated[SurfaceError | None, Field(exclude_if=lambda error: error is None)] = None
     """error of the given surface, whose effect on shape and quantities the certificate reports; of an image by default
     {sd: 0.12 voxels, correlation: a voxel or half of 'size'}"""
@@ -392,7 +412,7 @@ class MeshSpec(MeshFile):
     @model_validator(mode="before")
     @classmethod
     def _labels_of_array(cls, data: Any) -> Any:
-        """Tell labels of a mesh, which name an array, from an image's, which are numbers by region."""
+        """Distinguish labels of a mesh, which name an array, from an image's, which are numbers by region."""
         labels = data.get("labels") if isinstance(data, Mapping) else None
         if not isinstance(labels, Mapping) or not isinstance(labels.get("array"), str) or "image" in data:
             return data
@@ -470,28 +490,77 @@ class MeshSpec(MeshFile):
                         yield (key, name), f"has the number {number}, which '{other}' has too"
 
 
-class Support(Spec):
-    """Prescribed displacement on a region: zero for the components in ``fix``, or by formulas."""
+Turn = Annotated[
+    float,
+    Quantity("", at_least=-1.5707963267948968, at_most=1.5707963267948968, remedy="write degrees as '60 deg'"),
+]
 
-    alternatives: ClassVar[tuple[str, ...]] = ("fix", "displacement")
+
+class Motion(Spec):
+    """A rigid motion: a rotation about an axis, then a displacement."""
+
+    rotate: Turn = 0.0
+    """angle, by the right-hand rule"""
+    axis: Triple[float] = (0.0, 0.0, 1.0)
+    """direction of the axis, of any length"""
+    about: Triple[Length] = (0.0, 0.0, 0.0)
+    """a point on the axis, in the unloaded body"""
+    move: Triple[Length] = (0.0, 0.0, 0.0)
+    """displacement of that point"""
+
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        if not any(self.axis):
+            yield ("axis",), "must not be zero"
+
+
+class Support(Spec):
+    """Prescribed displacement on a region: zero for the components in ``fix``, by formulas, or a rigid motion.
+
+    ``fix: [normal]`` lets a region slide: no motion along the normal of the given mesh, at each node.
+    """
+
+    alternatives: ClassVar[tuple[str, ...]] = ("fix", "displacement", "motion")
 
     region: str
     """physical group of the mesh, a name from 'regions', or 'boundary' for the whole of it"""
-    fix: ListOf[Literal["x", "y", "z"]] | None = None
-    """fixed components, some of x, y, z"""
+    fix: ListOf[Literal["x", "y", "z", "normal"]] | None = None
+    """fixed components, some of x, y, z and normal, the normal of the given mesh"""
+    normal: Triple[float] | None = None
+    """direction that 'normal' stands for, of any length; by default the normal of each node's surface"""
     displacement: Triple[Expression | None] | None = None
     """three formulas of x, y, z in the given mesh, with null for a free component"""
+    motion: Motion | None = None
+    """rigid motion of the region from the unloaded to the loaded body, in all three components"""
     constants: Mapping[str, AnyQuantity] = {}
     """values of further names in the formulas"""
     case: Name | None = None
     """load case (a name from 'load_cases') of the displacement; by default the first"""
+    hinge: bool = Field(default=False, exclude_if=lambda hinge: not hinge)
+    """of the edge of a shell: hold its midsurface only, about which the shell may turn"""
+
+    @property
+    def moves(self) -> bool:
+        """True if the region is moved, not only held."""
+        return self.fix is None
 
     @property
     def held(self) -> frozenset[AxisName]:
         """The components that the support prescribes."""
+        if self.motion is not None:
+            return frozenset(AXES)
         if self.displacement is None:
-            return frozenset(self.fix or ())
+            return frozenset(axis for axis in AXES if axis in (self.fix or ()))
         return frozenset(a for a, formula in zip(AXES, self.displacement, strict=True) if formula is not None)
+
+    @property
+    def slides(self) -> bool:
+        """True if the region is fixed along its normal, which need not be an axis."""
+        return "normal" in (self.fix or ())
+
+    @property
+    def components(self) -> list[str]:
+        """Names of what is prescribed, for messages."""
+        return [*sorted(self.held), *(["normal"] if self.slides else [])]
 
     def numbers(self) -> dict[KeyPath, Number | str]:
         """The constants of the formulas by place."""
@@ -502,17 +571,23 @@ class Support(Spec):
         return self.model_copy(update={"constants": replace_scalar(self.constants, place[1:], number)})
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
-        if (self.fix is None) == (self.displacement is None):
-            yield (), "needs exactly one of 'fix' (fixed components) and 'displacement' (three formulas)"
-        elif not self.held:
-            yield (), "prescribes no component; remove it or name some of x, y, z"
+        if [self.fix, self.displacement, self.motion].count(None) != 2:
+            parts = "'fix' (fixed components), 'displacement' (three formulas) and 'motion' (a rigid motion)"
+            yield (), f"needs exactly one of {parts}"
+        elif not self.components:
+            yield (), "prescribes no component; remove it or name some of x, y, z, normal"
         elif self.displacement is not None:
             yield from faults_with_constants("displacement", self.displacement, self.constants, COORDINATES, LENGTH)
         else:
-            if self.case is not None:
+            if self.case is not None and not self.moves:
                 yield ("case",), "is not valid without 'displacement': what is fixed is fixed in every load case"
             if self.constants:
                 yield ("constants",), "are not valid without 'displacement'"
+        if self.normal is not None:
+            if not self.slides:
+                yield ("normal",), "is valid with 'fix: [normal]' only"
+            elif not any(self.normal):
+                yield ("normal",), "must not be zero"
 
 
 def is_of_nodes(quantity: Mapping[str, Any], let: Mapping[str, Any]) -> bool:
@@ -563,7 +638,7 @@ class QuantityOfInterest(Spec):
     quadrature points, which lie inside the cells or facets"""
     over: Literal["reference", "current"] | None = None
     """body over whose volume or area an integral, mean or rms is taken; by default the reference body for means and rms
-    of stresses. Body of which a cavity's volume is; by default the current one"""
+    of stresses. Body of a cavity's volume; by default the current one"""
     state: Name | None = Field(default=None, exclude_if=lambda state: state is None)
     """state of the body in which it is evaluated; by default each loaded one, under names such as NAME-STATE"""
     about: Triple[Length] | None = Field(default=None, exclude_if=lambda about: about is None)
@@ -653,7 +728,7 @@ class QuantityOfInterest(Spec):
         if self.is_of_cavity:
             return CAVITY_QUANTITIES[self.of.source.strip()]
         dimension = self.of.check(POSITIONS | FIELDS)
-        # That of an integral depends on whether its region is a volume or a surface.
+        # The dimension of an integral depends on whether its region is a volume or a surface.
         return dimension if isinstance(dimension, Dimension) and self.reduce != "integral" else None
 
     @property

@@ -246,5 +246,5 @@ class Output(Spec):
     @classmethod
     def _check_summary(cls, summary: tuple[str, ...]) -> tuple[str, ...]:
         if "json" not in summary:
-            raise ValueError("must contain json, from which it is read whether a run has finished")
+            raise ValueError("must contain json: it says whether a run has finished")
         return summary

@@ -52,7 +52,7 @@ class StateSpec(Spec):
         if self.start is not None and self.is_rest:
             yield ("start",), "is not valid for the rest shape, a state without effects and supports"
         elif self.start is not None and self.given:
-            yield ("start",), "is not valid for the given state, from which the rest shape is found"
+            yield ("start",), "is not valid for the given state: the rest shape is solved from it"
         elif self.start is not None and self.controlled:
             yield ("start",), "is not possible with 'volumes': their path begins with the rest shape"
         if self.given and self.volumes:

@@ -31,7 +31,7 @@ LONGEST_NUMBER = 400
 """characters of one number; the largest double has fewer digits"""
 
 _PREFIX = "tag:yaml.org,2002:"
-_Loader: Any = getattr(yaml, "CLoader", yaml.Loader)  # of which only the parser is used
+_Loader: Any = getattr(yaml, "CLoader", yaml.Loader)  # only its parser is used
 _PATTERNS = {
     "null": re.compile(r"~|null|Null|NULL|"),
     "bool": re.compile(r"true|True|TRUE|false|False|FALSE"),
@@ -109,7 +109,7 @@ _REMEDIES = {
 
 
 def _syntax_error(error: yaml.MarkedYAMLError, where: str) -> str:
-    """Return the message for a syntax error: what was found, in which line, and what to do."""
+    """Return the message for a syntax error: what it is, its line, and what to do."""
     mark, begin = error.problem_mark or error.context_mark, error.context_mark
     line = f":{mark.line + 1}" if mark else ""
     problem = " ".join(filter(None, [error.problem or "is not valid YAML", error.context]))

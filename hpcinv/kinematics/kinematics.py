@@ -311,7 +311,7 @@ class Kinematics(ABC):
     def dm(self, integrand: Any, density_in: str) -> Any:
         """Return the integral of what is in proportion to a mass density, over the volume to which that refers.
 
-        The volume of the current body is that of the `given` state, so that all states have the same mass.
+        The volume of the current body is the volume in the `given` state, so that all states have the same mass.
         """
         if density_in == "reference":
             return self.dV(integrand)
@@ -325,7 +325,7 @@ class Kinematics(ABC):
         """Return the integral over the current area of a region of the boundary.
 
         Args:
-            least_degree: quadrature degree, if that of the scene is lower.
+            least_degree: quadrature degree, if the scene's is lower.
         """
         return integrand * self.areas[1] * self.integration.surface(region, least_degree)
 
@@ -333,7 +333,7 @@ class Kinematics(ABC):
         """Return ``∫ vector · n da`` over a region of the boundary, with the outward unit normal ``n``.
 
         Args:
-            least_degree: quadrature degree, if that of the scene is lower.
+            least_degree: quadrature degree, if the scene's is lower.
         """
         n_da = self.reference_and_current(self._normal, self._area_vector)[1]
         return ufl.inner(vector, n_da) * self.integration.surface(region, least_degree)

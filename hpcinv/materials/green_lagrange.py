@@ -8,7 +8,7 @@ from pydantic import Field
 from hpcinv.materials.isochoric import IsochoricLaw
 
 _POWERS = {"I1": "-2/3", "I2": "-4/3", "I4": "-2/3", "I5": "-4/3", "I8": "-2/3"}
-"""Powers of ``J`` that turn invariants of ``C`` into those of ``C_bar``; for I8 of directions at right angles."""
+"""Powers of ``J`` that turn invariants of ``C`` into invariants of ``C_bar``; for I8 of orthogonal directions."""
 _INVARIANT = re.compile(r"\b(I[1-8])\w*")
 
 

@@ -23,7 +23,7 @@ class HolzapfelGasserOgden(IsochoricLaw):
     """
 
     formula = f"{_GROUND} + {_FIBRES}"
-    """The formula for one family; there is a second term for each, in which its number replaces ``_i``."""
+    """The formula for one family; its number replaces ``_i`` in the second term."""
     example: ClassVar = {
         "law": "holzapfel-gasser-ogden",
         "mu": "3 kPa",

@@ -1,4 +1,4 @@
-"""Elastic moduli of an isotropic material, of which any two determine the others."""
+"""Elastic moduli of an isotropic material; any two determine the others."""
 
 from collections.abc import Callable, Mapping
 from math import inf, isinf, sqrt

@@ -20,7 +20,7 @@ class Ogden(IsochoricLaw):
     """
 
     formula = "mu_i/alpha_i*(lambda1_bar**alpha_i + lambda2_bar**alpha_i + lambda3_bar**alpha_i - 3)"
-    """One of the terms, in which the number of the term replaces ``_i``."""
+    """One of the terms; the number of the term replaces ``_i``."""
     replaceable = ("mu", "kappa")
     example: ClassVar = {
         "law": "ogden",

@@ -33,7 +33,8 @@ from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.io.cad import cad_mesh
 from hpcinv.mesh.io.length_unit import check_unit
 from hpcinv.mesh.label_groups import add_label_groups
-from hpcinv.mesh.readers import FILES, GENERATORS
+from hpcinv.mesh.midsurface import thicken
+from hpcinv.mesh.readers import FILES, GENERATORS, read_surface
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geometry, surface_geometry
 from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
@@ -178,7 +179,9 @@ def read_source(
             parameters = spec.parameters if spec.unit == 1.0 else converted_parameters(path, spec.parameters, spec.unit)
             monitor = MeshingMonitor(spec.maximum_cells, report)
             generate = GENERATORS[suffix_of(path)]
-            source = generate(path, parameters, spec.geometry_degree, monitor, size_factor).convert_to_metres(spec.unit)
+            is_surface = spec.shell is not None
+            source = generate(path, parameters, spec.geometry_degree, monitor, size_factor, is_surface=is_surface)
+            source = source.convert_to_metres(spec.unit)
         elif spec.is_cad:
             source = cad_mesh(path, spec, report, size_factor)
         elif spec.size is not None and spec.is_surface:
@@ -193,7 +196,7 @@ def read_source(
 
             source = image_mesh(path, spec, report)
         else:
-            source = FILES[suffix_of(path)](path)
+            source = FILES[suffix_of(path)](path) if spec.shell is None else read_surface(path)
             for note in source.notes:
                 report(note)
             if not FORMATS[suffix_of(path)].is_partitioned:  # partitioned meshes are in metres
@@ -202,7 +205,8 @@ def read_source(
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     check_nodes(source)
-    source = join_facets(_with_sets(source, spec, path).drop_unused_nodes())
+    source = _with_sets(source, spec, path).drop_unused_nodes()
+    source = join_facets(source if spec.shell is None else thicken(source, spec.shell))
     return source if spec.geometry_degree is None else change_degree(source, spec.geometry_degree)
 
 

@@ -1,4 +1,4 @@
-"""Points of one body in the cells of another mesh of it, of which every rank has all cells."""
+"""Points of one body in the cells of another mesh of it; every rank has all its cells."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from hpcinv.parallel.runtime import MPI
 FARTHEST = 0.5
 """Distance outside a reference cell up to which functions can be extrapolated from it."""
 _CHUNK = 20_000  # points, for memory
-_NEAR = (24, 240)  # cells with the nearest centres among which that of a point is looked for, and if it is not there
-_TRIES = 4  # of these, in which reference coordinates are computed
+_NEAR = (24, 240)  # cells with the nearest centres; a point's cell is searched among the first, then among all
+_TRIES = 4  # cells of these; reference coordinates are computed in them
 _INSIDE = 1e-9  # distance outside the reference cell, by rounding errors
 _CURVED = 0.25  # error of that distance if a cell is taken for a linear one
-_FAR = 0.1  # the same, from which more cells are looked at
+_FAR = 0.1  # the same; above it more cells are looked at
 _STEPS, _CONVERGED = 10, 1e-10  # of Newton's method for reference coordinates, and their error
 _LOW, _HIGH = -1.0, 2.0  # reference coordinates beyond which a cell is not extrapolated
 

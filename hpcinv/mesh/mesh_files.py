@@ -11,6 +11,7 @@ from hpcinv.formats import FORMATS
 from hpcinv.formats.mesh_format import loaded
 from hpcinv.mesh.body import Body, reorder_to_source
 from hpcinv.mesh.distributed.partitioned import write_partitioned
+from hpcinv.mesh.midsurface import surface_source
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
 from hpcinv.parallel.runtime import on_root
 from hpcinv.reading.suffix import suffix_of
@@ -28,9 +29,10 @@ SAVERS: dict[str, Callable[[Path, MeshSource, Floats], None]] = {
 def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, Floats] = MappingProxyType({})) -> None:
     """Write the body at ``coordinates`` (m) of its local geometry nodes, in the format of the suffix; collective.
 
-    Node order, node and cell tags, physical groups and data arrays are those of the source (vectors are not rotated
+    Node order, node and cell tags, physical groups and data arrays are as in the source (vectors are not rotated
     with the body); the file is written completely or not at all. A ``.bp`` is written by all ranks, in metres. Other
-    formats are written by rank 0, in the length unit of the source's file, and not from a partitioned mesh.
+    formats are written by rank 0, in the length unit of the source's file, and not from a partitioned mesh. Of a shell
+    they have the midsurface, with thickness and director as data (`surface_source`).
 
     Args:
         more: further data arrays (n, components) at the local geometry nodes, by name.
@@ -45,7 +47,7 @@ def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, F
         write_partitioned(path, comm, dataclasses.replace(source, points=points))
     else:
         assert not body.source.is_partitioned
-        on_root(comm, lambda: save(path, source, points))
+        on_root(comm, lambda: save(path, *(surface_source(source, points) if source.midsurface else (source, points))))
 
 
 def save(path: Path, source: MeshSource, points: Floats) -> None:

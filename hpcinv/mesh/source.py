@@ -1,5 +1,7 @@
 """A mesh as it was read: plain arrays, in the order and with the tags of its file."""
 
+from __future__ import annotations
+
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -87,7 +89,7 @@ class MeshSource:
     which its parts begin, followed by the number of cells.
 
     ``points`` (n, 3) are in metres; ``cells`` (m, k) and ``facets`` (f, l) contain global rows of ``points``, vertices
-    first, in the node order of DOLFINx. ``facets`` are only those of groups. ``unit`` (m) is the length unit of the
+    first, in the node order of DOLFINx. ``facets`` has only facets of groups. ``unit`` (m) is the length unit of the
     file, by the file itself or by the job; ``None`` is unknown, and taken as metres.
     """
 
@@ -110,6 +112,8 @@ class MeshSource:
     surface_cells: SurfaceCells | None = None  # until regions are made of their values (`label_groups`)
     nodes_per_cell: int = 0  # of the elements in the file of another program; 0: as many as in ``cells``
     surface: CadSurface | None = None  # of the CAD model that was meshed, if there is one
+    midsurface: MeshSource | None = None  # of a shell, whose groups of cells have ``dim`` 3, and of edges 2
+    slenderness: float = 1.0  # of a shell: mean diameter of its cells by their thickness
 
     @property
     def is_partitioned(self) -> bool:
@@ -159,7 +163,8 @@ class MeshSource:
     def header(self) -> Self:
         """The same source with empty arrays, for ranks other than 0."""
         none: Ints = np.zeros(0, dtype=np.int64)
-        return dataclasses.replace(self.select(none, none, none), surface=None, surface_cells=None)
+        middle = self.midsurface and self.midsurface.header()
+        return dataclasses.replace(self.select(none, none, none), surface=None, surface_cells=None, midsurface=middle)
 
     def convert_to_metres(self, unit: float) -> Self:
         """The same mesh in metres, from coordinates in ``unit`` (m)."""

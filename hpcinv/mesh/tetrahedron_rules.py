@@ -1,7 +1,7 @@
 """Quadrature rules on tetrahedra that are symmetric under all 24 permutations of the vertices.
 
 A rule is a set of orbits: all distinct permutations of one point in barycentric coordinates, with one weight. All
-weights are positive and all points are inside. The orbits are those of Jaśkowiec & Sukumar, "High-order symmetric
+weights are positive and all points are inside. The orbits are from Jaśkowiec & Sukumar, "High-order symmetric
 cubature rules for tetrahedra and pyramids", Int. J. Numer. Methods Eng. 122, 148–171 (2021), doi:10.1002/nme.6528;
 their coordinates and weights were computed anew by Newton's method with 50 digits, until all integrals of symmetric
 polynomials were exact to 1e-25.

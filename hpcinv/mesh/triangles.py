@@ -28,7 +28,7 @@ def meeting(points: Floats, corners: Ints) -> Ints:
 def crossing(points: Floats, first: Ints, second: Ints) -> tuple[npt.NDArray[np.bool_], Floats]:
     """Return, pair by pair, whether an edge of one triangle passes through the interior of the other, and where.
 
-    Two triangles in general position that meet do so on a segment, each end of which is such a point. What they have in
+    Two triangles in general position that meet do so on a segment; each of its ends is such a point. What they have in
     common by being neighbours does not count: their shared corner, or their shared edge, on which all of it lies.
 
     Args:

@@ -70,7 +70,7 @@ class Start:
 
     @property
     def is_unloaded(self) -> bool:
-        """True for the unloaded body, of which nothing is known."""
+        """True for the unloaded body, where nothing is known."""
         return self.solution is None and self.guess is None and self.origin is None and not self.solves
 
 

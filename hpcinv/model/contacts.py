@@ -105,7 +105,7 @@ class _Nodal:
         self.values, self._count = fem.Function(self.space), count
 
     def __call__(self) -> Floats:
-        # On all cells: a rank may own a node on the edge of a region of which it has no facet.
+        # On all cells: a rank may own a node on the edge of a region without having a facet of it.
         self.values.interpolate(self._compiled)
         self.values.x.scatter_forward()
         values: Floats = self.values.x.array.reshape(-1, self._count)
@@ -164,7 +164,7 @@ class Contacts:
         """Set the pressures and penalties of rigid obstacles to a solution's.
 
         Args:
-            transfer: returns a function of the solution's mesh on that of these contacts, which has the same cells.
+            transfer: returns a function of the solution's mesh on the mesh of these contacts, which has the same cells.
         """
         for contact, report in zip(self._all, reports, strict=True):
             contact.restore(report, scales, transfer)

@@ -143,7 +143,7 @@ def _computed(body: Body, rule: FibreRule, where: str) -> Directions:
 
 
 def _potentials(body: Body, rule: FibreRule, where: str) -> Mapping[str, fem.Function]:
-    """Return the Laplace solutions that a rule needs by name; those of the same surfaces are solved for once."""
+    """Return the Laplace solutions that a rule needs by name; each set of surfaces is solved for once."""
     laplace = list[Laplace]()  # made only if something is not known yet
     surfaces = dict[str, Dofs]()
 

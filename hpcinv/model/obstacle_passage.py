@@ -37,7 +37,7 @@ _TOUCH = 0.1
 """Share of the way between entry and turn where a point is left: it must press there. If it is raised, points go in and
 out of contact for more iterations; if it is lowered, more iterations end at the obstacle."""
 _MOST = 128
-"""Steps along one way, of which the shortest doubles after each 8. If it is lowered, ways along a surface are not
+"""Steps along one way; the shortest one doubles after each 8. If it is lowered, ways along a surface are not
 followed to their end."""
 _DIVISIONS = 8
 """Parts of an edge of a facet, between points that are followed, for an obstacle without a known size; at least 2 are

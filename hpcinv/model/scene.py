@@ -46,7 +46,7 @@ from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.nondimensional import Scales
 
 LABEL = Label(1_000_001)
-"""Label of ``H``, by which laws are differentiated; fixed and large as the kinematics'."""
+"""Label of ``H``, the variable of the laws' derivatives; fixed and large as the kinematics'."""
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ class _Copies:
 
     Args:
         numbers: map of the degrees of freedom.
-        dofs: those of the local cells that are split, (cells, n).
+        dofs: of the local cells that are split, (cells, n).
         owned: number of owned cells.
 
     Attributes:
@@ -103,14 +103,14 @@ class _Copies:
         return result
 
     def numbered(self, dofs: Ints) -> tuple[Any, npt.NDArray[np.int32]]:
-        """Return a map with the copies, and local numbers in it instead of those of `cell_copies`."""
+        """Return a map with the copies, and local numbers in it instead of the numbers of `cell_copies`."""
         comm, numbers = self._comm, self._numbers
         owned, local = numbers.size_local, numbers.size_local + numbers.num_ghosts
         mine, other = np.flatnonzero(self._is_mine), np.flatnonzero(~self._is_mine)
         old_begins, begins = (np.cumsum([0, *comm.allgather(n)]) for n in (owned, owned + len(mine)))
 
         used = np.unique(dofs)
-        ghosts = used[(used >= owned) & (used < local)] - owned  # without those of which only copies are left
+        ghosts = used[(used >= owned) & (used < local)] - owned  # without dofs that have only copies left
         owners = np.asarray(numbers.owners, dtype=np.int64)[ghosts]
         names = np.asarray(numbers.ghosts)[ghosts] - old_begins[owners] + begins[owners]
 

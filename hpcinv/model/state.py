@@ -20,7 +20,7 @@ class State:
         displacement: ``x - X`` in m.
         pressure: pressure of the mixed form in Pa, else ``None``.
         load: load factor at which it is a solution; 1 is the full load.
-        given_displacement: displacement (m) of the given state, on whose current body fibres, fields and densities may
+        given_displacement: displacement (m) of the given state; on its current body fibres, fields and densities may
             be given; ``None`` if this state is the given one.
     """
 

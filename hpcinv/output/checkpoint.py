@@ -1,4 +1,4 @@
-"""Checkpoints: converged states of a run, from which it resumes with any number of ranks.
+"""Checkpoints: converged states of a run; it resumes from them with any number of ranks.
 
 A checkpoint is a directory with the functions (ADIOS2, in the cell order of the mesh's source, so that neither the
 partition nor the number of ranks matters) and ``state.json``: position of the run, fingerprint of the problem, and a
@@ -197,7 +197,7 @@ def named(number: int, u: Function, p: Function | None) -> dict[str, Function]:
 
 
 def cells_digest(body: Body) -> str:
-    """Return a checksum of the cells of a body's mesh, in whose order functions are saved; collective."""
+    """Return a checksum of the cells of a body's mesh; functions are saved in their order; collective."""
     cells = body.source.cells
     return Rows.distributed(body.mesh.comm, len(cells)).checksum(cells)
 

@@ -24,7 +24,7 @@ from hpcinv.job.yaml_reader import read_yaml
 
 _JOB, _ORIGIN, _LOG, _SUMMARY = "job.yaml", "origin.json", "run.log", "summary.json"
 _CONTENT = (  # in the order in which it is removed: what is left after a kill never counts as a finished run
-    *(_SUMMARY, _JOB, "checkpoints", "fields", "shape.*", "shape-*", "surface.npz", "snapshots"),
+    *(_SUMMARY, _JOB, "checkpoints", "fields", "shape.*", "shape-*", "surface.npz", "interior.npz", "snapshots"),
     *("summary.*", _LOG, "report.html"),
     ".*.partial",
 )
@@ -33,13 +33,13 @@ _CONTENT = (  # in the order in which it is removed: what is left after a kill n
 @dataclass(frozen=True)
 class RunDirectory:
     """``job.yaml`` as run, ``origin.json`` (where from), ``checkpoints/``, ``fields/``, ``shape.*``, ``summary.*``, and
-    ``surface.npz`` and ``snapshots/`` for pictures.
+    ``surface.npz``, ``interior.npz`` and ``snapshots/`` for pictures.
 
     A run that is killed at its beginning leaves nothing, ``.lock``, or ``origin.json`` without ``job.yaml``: never a
     partial file.
 
     Attributes:
-        text: content of ``job.yaml``; left out, that of the file from which the job was read.
+        text: content of ``job.yaml``; left out, the content of the file that the job was read from.
         claimed: whether a claim in a ledger excludes other processes, so that no lock is needed.
     """
 
@@ -81,7 +81,7 @@ class RunDirectory:
             return False
 
     def check_same_problem(self, job: Job) -> None:
-        """Raise ``CheckpointError`` if the results here are those of other physics than a job's."""
+        """Raise ``CheckpointError`` if the results here have other physics than a job."""
         summary = self.summary() or {}
         if "fingerprint" not in summary:
             return
@@ -217,7 +217,7 @@ class RunDirectory:
             return False
 
     def job(self, changed: Path | None) -> Job:
-        """Return the job to resume: the one that was run, or that of a ``changed`` file.
+        """Return the job to resume: the one that was run, or the job in a ``changed`` file.
 
         Raises:
             OutputError: this is not the directory of a run.

@@ -72,7 +72,7 @@ class RunStore:
     def open(
         self, job: Job, equations: Equations, progress: Progress, *, overwrite: bool, resume: bool
     ) -> tuple[Checkpoints | None, Restart | None]:
-        """Make the directory for a job, or open that of the run to resume.
+        """Make the directory for a job, or open the directory of the run to resume.
 
         Args:
             equations: the equations of its first solve.

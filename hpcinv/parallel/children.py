@@ -14,7 +14,7 @@ from typing import IO
 
 from hpcinv.parallel.signals import ASK_TO_STOP, signals_blocked
 
-# It imports little, since each kernel waits for it: 20 ms. exec keeps ignored signals, of which Python adds two.
+# It imports little, since each kernel waits for it: 20 ms. exec keeps ignored signals; Python adds two of them.
 _LAUNCH = f"""
 import ctypes, os, sys
 parent, processors, ignored, command = int(sys.argv[1]), sys.argv[2], sys.argv[3], sys.argv[4:]

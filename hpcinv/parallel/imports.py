@@ -30,7 +30,7 @@ def imports_explained() -> Iterator[None]:
 
 @contextmanager
 def imports_at_start() -> Iterator[None]:
-    """Context of imports at the start of the program, in which a missing package ends it with one message."""
+    """Context of imports at the start of the program: a missing package ends it with one message."""
     try:
         with imports_explained(), paused_collection():
             yield
@@ -42,7 +42,7 @@ def imports_at_start() -> Iterator[None]:
 
 @contextmanager
 def paused_collection() -> Iterator[None]:
-    """Context of imports, in which Python does not search memory for garbage; it never searches what they leave.
+    """Context of imports: Python does not search memory for garbage in it, and never searches what they leave.
 
     A search of all modules at the exit takes so long that launchers kill the process in it.
     """
@@ -62,7 +62,7 @@ def is_other_rank() -> bool:
 def _package(error: ImportError) -> str:
     """Return the package whose import failed; empty if it is part of hpcinv or of Python, or not known."""
     name = error.name
-    if not name:  # raised by the package, whose own module is that of the last frame outside Python's library
+    if not name:  # raised by the package: its module has the last frame outside Python's library
         names = [frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__)]
         name = next((module for module in reversed(names) if _top(module) not in sys.stdlib_module_names), "")
     top = _top(name)

@@ -2,11 +2,11 @@
 
 The file name of a kernel is a hash of its form, of version and options of FFCx, of compiler flags, and of the Python
 version, so that a directory of kernels can be shared by any jobs, users and machines. HPCINV_KERNELS names the
-directory; the default is that of DOLFINx, ``~/.cache/fenics``. If HPCINV_KERNELS is read-only, missing kernels are
+directory; the default is DOLFINx's, ``~/.cache/fenics``. If HPCINV_KERNELS is read-only, missing kernels are
 compiled to the default directory.
 
 This module replaces three functions of FFCx, once: for the search, the compilation, and the loading of a kernel; and
-that of DOLFINx which calls them on all ranks. Those of FFCx compile in place, and mark a kernel under compilation by
+DOLFINx's function that calls them on all ranks. FFCx's own compile in place, and mark a kernel under compilation by
 the file ``NAME.c`` without ``NAME.c.cached``: if the process is killed, all others wait for this kernel until they
 time out. The functions here (with `hpcinv.parallel.kernel_files`) have no such state. Kernels are code: files that
 another user could have written are not loaded. A fourth function of FFCx is replaced since it takes a time that is
@@ -126,7 +126,7 @@ def _environment() -> list[str]:
 
 
 def _has_avx() -> bool:
-    """Return whether the processor has AVX, with which long kernels take half the time.
+    """Return whether the processor has AVX: long kernels take half the time with it.
 
     x86 processors have had it since 2011.
     """

@@ -24,7 +24,7 @@ def compile_kernel(code: str, name: str, flags: Sequence[str], directory: Path) 
     """Compile C code to a shared object.
 
     Args:
-        flags: of the compiler; those of CPPFLAGS, CFLAGS and LDFLAGS in the environment come later and prevail.
+        flags: of the compiler; CPPFLAGS, CFLAGS and LDFLAGS in the environment come later and prevail.
         directory: for the files of the compiler.
 
     Raises:

@@ -46,7 +46,7 @@ def make_directory(path: Path) -> None:
 
 
 def unsealed(content: bytes) -> bytes:
-    """Content that was published, from that of its file."""
+    """Content that was published, from the content of its file."""
     return content[: -len(_MARK) - sha256().digest_size]
 
 

@@ -40,7 +40,7 @@ def _open_to_others(status: os.stat_result) -> str:
 
 
 def _is_private(group: int) -> bool:
-    """Return whether a group is that of root, or the private group of the user with the same name and no other member.
+    """Return whether a group is root's, or the private group of the user with the same name and no other member.
 
     Many systems make such groups, with a file mode mask that lets the group write.
     """

@@ -25,6 +25,7 @@ DOLFINX = "0.11"
 """The version whose interface is used; others differ in it."""
 
 INSTALLING = "docs/start/installing.md says how DOLFINx is installed with hpcinv, and what your own must be."
+WITHOUT_DEPENDENCIES = f"Type 'pip install --no-deps adios4dolfinx=={DOLFINX}.*' (docs/start/installing.md says why)."
 
 
 def _load_stack() -> None:
@@ -39,7 +40,8 @@ def _load_stack() -> None:
             if name == "adios2":
                 importlib.import_module("hpcinv.parallel.adios").provide_mpi()
         except ImportError as exc:
-            raise SystemPartMissing(f"{name.partition('.')[0]} cannot be imported: {exc}", INSTALLING) from None
+            remedy = WITHOUT_DEPENDENCIES if name == "adios4dolfinx" else INSTALLING
+            raise SystemPartMissing(f"{name.partition('.')[0]} cannot be imported: {exc}", remedy) from None
         if name == "petsc4py.PETSc" and issubclass(module.ScalarType, complexfloating):
             raise SystemPartMissing("PETSc has complex scalars, and hpcinv needs real ones", INSTALLING)
         # Here, since it waits for all ranks, and some may never solve. The log measures the time of linear solves.
@@ -71,7 +73,7 @@ def compilation_explained(comm: MPI.Intracomm) -> Iterator[None]:
 
 
 def c_compiler() -> list[str]:
-    """Command of the C compiler: that of CC, else that of the Python in use, else cc."""
+    """Command of the C compiler: CC, else the compiler of the Python in use, else cc."""
     if asked := os.environ.get("CC"):
         return shlex.split(asked)
     own = shlex.split(sysconfig.get_config_var("CC") or "cc")

@@ -10,7 +10,7 @@ from hpcinv.parallel.memory_use import Memory
 WORK = ("compile", "residual", "tangent", "factorization", "linear solve", "admissibility check", "evaluation")
 """Phases in kernels, PETSc and MPI, and the compilation of kernels; the rest of the wall time is overhead."""
 NESTED = ("coarser mesh", "transfer")
-"""Phases that nested iteration adds to those of any solve."""
+"""Phases that nested iteration adds to the phases of any solve."""
 SOLVER = (
     *("residual", "tangent", "factorization", "linear solve", "newton", "admissibility check", "fixed-point update"),
     *NESTED,

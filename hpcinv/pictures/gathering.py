@@ -31,7 +31,7 @@ def boundary_of(
     """Gather the boundary of a body and of what was found of it on rank 0, ``None`` on others; collective.
 
     Args:
-        solutions: the first, and those of further states of the body; others, such as the way back of a round trip,
+        solutions: the first, and one of each further state of the body; others, such as the way back of a round trip,
             are left out.
         estimate: of the first solution.
         families: fibres of the job.
@@ -111,7 +111,7 @@ def cut_of(surface: Surface) -> Triangles:
 def error_in(body: Body, solution: Solution, estimate: Estimate, cells: LocalIndices) -> Floats:
     """Return the estimated error of the displacement gradient in local cells, root mean square, (cells,).
 
-    Volumes are those of the Jacobian in the middle: exact for straight cells.
+    Volumes are by the Jacobian in the middle: exact for straight cells.
     """
     kind, nodes = body.source.kind, solution.mesh_nodes / body.length_scale
     middle = scalar_element(kind, 1).points.mean(axis=0)[None]

@@ -15,9 +15,9 @@ from typing import Any
 
 @cache
 def meanings(kind: type) -> Mapping[str, str]:
-    """Docstrings of the fields by name, with those of base classes; empty if the source is not available.
+    """Docstrings of the fields by name, also of base classes; empty if the source is not available.
 
-    Those of class variables, which a job cannot have, are left out.
+    Class variables, which a job cannot have, are left out.
     """
     inherited = {name: text for base in reversed(kind.__bases__) for name, text in meanings(base).items()}
     return inherited if kind.__module__ in _LIBRARIES else inherited | dict(_own(kind))

@@ -15,6 +15,7 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar, Union, get_args, get
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
@@ -22,6 +23,7 @@ from pydantic import (
     ModelWrapValidatorHandler,
     ValidationError,
     ValidationInfo,
+    WithJsonSchema,
     model_validator,
 )
 from pydantic.fields import FieldInfo
@@ -41,6 +43,11 @@ type Faults = Iterator[tuple[KeyPath, str]]
 T = TypeVar("T")
 ListOf = Annotated[tuple[T, ...], Field(strict=False)]  # YAML lists become tuples
 Triple = Annotated[tuple[T, T, T], Field(strict=False)]
+TextOrTexts = Annotated[
+    ListOf[str],
+    BeforeValidator(lambda v: [v] if isinstance(v, str) else v),
+    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}),
+]
 
 
 def _is_identifier(name: str) -> str:
@@ -101,7 +108,7 @@ class Spec(BaseModel):
     """A part of a job: immutable, without unknown keys, and with strict types (text and true are not numbers)."""
 
     alternatives: ClassVar[tuple[str, ...]] = ()
-    """keys of which a part has exactly one, for its JSON schema; `_contradictions` reports it otherwise"""
+    """alternative keys, exactly one in a part, for its JSON schema; `_contradictions` reports it otherwise"""
 
     model_config = ConfigDict(
         frozen=True,

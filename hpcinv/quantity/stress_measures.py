@@ -46,7 +46,7 @@ PRESTRAIN_COMPONENTS = {f"F0{a}{b}": (i, j) for i, a in enumerate("xyz") for j, 
 
 
 def measure_named(name: str) -> Callable[..., Any] | None:
-    """Return a measure of the total stress or of that of prestrain; ``None`` if it is none."""
+    """Return a measure of the total stress or of the prestrain's stress; ``None`` if the name is neither."""
     return MEASURES.get(name.removeprefix(PRESTRAIN))
 
 

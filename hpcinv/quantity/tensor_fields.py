@@ -18,7 +18,7 @@ _FORM = "must be a tensor, 3 rows of 3 numbers, or 3 numbers on its diagonal"
 
 @dataclass(frozen=True)
 class TensorQuantity(VaryingQuantity):
-    """Metadata of a field that is a tensor; ``unit`` and bounds are those of each component."""
+    """Metadata of a field that is a tensor; ``unit`` and bounds hold for each component."""
 
     def read(self, value: object, definitions: Mapping[str, Expression] = MappingProxyType({})) -> Any:
         """Rows of numbers (SI) and fields, or an array of nine components, row by row; ``ValueError`` if invalid.

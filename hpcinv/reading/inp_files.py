@@ -321,7 +321,7 @@ def _rows(
 
 
 def _flattened(part: _Part, kind: str, key: str, above: frozenset[str]) -> Iterator[tuple[str, str]]:
-    """Yield the members of a set, those of sets in it included."""
+    """Yield the members of a set, also of sets in it."""
     if key in above:
         raise Fault(f"set '{shown(part.names[kind, key])}' contains itself")
     for member, face in part.sets.get((kind, key), ()):

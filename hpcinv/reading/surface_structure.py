@@ -39,7 +39,7 @@ def _check_stl(content: bytes) -> int | None:
     if not re.search(rb"(?i)(?:^|\n)[ \t]*endsolid[^\n]*\s*\Z", content):
         raise Fault("does not end with 'endsolid'", _IS_IT_COMPLETE)
     if not facets == ends == lines / 3 == vertices / 3:
-        raise Fault(f"has {facets:,} facets, of which {ends:,} end, and {lines:,} vertices", _IS_IT_COMPLETE)
+        raise Fault(f"has {facets:,} facets ({ends:,} end) and {lines:,} vertices", _IS_IT_COMPLETE)
     return None
 
 
@@ -63,7 +63,7 @@ def _check_obj(content: bytes) -> int:
     points = sum(word == b"v" for word in words)
     whole = _count(rb"v" + _POINT + rb"(?:" + _BLANKS + _NUMBER + rb")*[ \t\r]*(?:#[^\n]*)?$", content)
     if points != whole:
-        raise Fault(f"has {points:,} vertices, of which {points - whole:,} are not three numbers", _IS_IT_COMPLETE)
+        raise Fault(f"has {points:,} vertices; {points - whole:,} of them are not three numbers", _IS_IT_COMPLETE)
     return sum(word == b"f" for word in words)
 
 
@@ -82,7 +82,7 @@ _VTK_ARRAY = re.compile(rb"(OFFSETS|CONNECTIVITY)[ \t]+(\w+)[ \t\r]*\n")
 
 
 def _check_vtk(content: bytes) -> None:
-    """Check that in a file with numbers as bytes a line ends after those of points and cells: VTK goes on anywhere."""
+    """Check that in a binary file a line ends after the bytes of points and cells: VTK goes on anywhere."""
     head = content.split(b"\n", 4)
     if len(head) < 4 or head[2].strip().upper() != b"BINARY":
         return

@@ -12,7 +12,7 @@ from hpcinv.reading.fault import Fault
 from hpcinv.reading.voxels import VoxelGrid
 from hpcinv.reading.vtk_headers import elements_of, parse
 
-MOST_COMPRESSED = 1100  # largest ratio of compression; that of zlib is 1032
+MOST_COMPRESSED = 1100  # largest ratio of compression; zlib reaches 1032
 _SIZES = ("NumberOfPoints", "NumberOfCells", "NumberOfComponents", "NumberOfTuples")
 _SIZES_OF_SURFACES = ("NumberOfVerts", "NumberOfLines", "NumberOfStrips", "NumberOfPolys")
 _FORMATS = "Save it again by the program that made it."
@@ -155,7 +155,7 @@ def _cells(extent: list[int], more: int) -> int:
 
 
 def fault_of_header(path: Path) -> str | None:
-    """Impossible size of an array, or numbers in text that are more than those of it, if there are such.
+    """Impossible size of an array, or more numbers in text than it has, if there are such.
 
     VTK allocates memory for arrays before it reads data, and passes over numbers that are too many: one of them in the
     middle gives all points after it the coordinates of others.

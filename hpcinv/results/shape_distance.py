@@ -1,7 +1,7 @@
 """Distances between shapes: recovered and expected, beginning and end of a round trip.
 
 Every distance is a dict of ``max`` and ``rms`` over the geometry nodes (m), and ``relative``, the first divided by the
-diagonal of the body's bounding box. From a surface they are those of points of the recovered surface, and ``max`` is
+diagonal of the body's bounding box. From a surface they are of points of the recovered surface, and ``max`` is
 the largest distance of either surface from the other one.
 """
 
@@ -90,7 +90,7 @@ def read_same_cells(spec: MeshSpec, job: Job, body: Body, name: str) -> MeshSour
         counts = f"{nodes} nodes, but the job's mesh has {nodes_given}"
         raise MeshError(f"{source.path}: has {counts}", advice)
     if not body.mesh.comm.allreduce(np.array_equal(source.cells, given.cells), op=MPI.LAND):
-        raise MeshError(f"{source.path}: its cells join other nodes than those of the job's mesh", advice)
+        raise MeshError(f"{source.path}: its cells join other nodes than the job's mesh", advice)
     return source
 
 

@@ -14,7 +14,7 @@ import vtk
 
 from hpcinv.mesh.source import Floats
 
-_SAMPLES = 64  # voxels along the longest side of both bodies, by which the overlap is found
+_SAMPLES = 64  # voxels along the longest side of both bodies, for their overlap
 _STEPS, _LANDMARKS = 200, 5000
 
 
@@ -40,7 +40,7 @@ class Side:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two bodies, of which the first one may have been moved to the second.
+    """Two bodies; the first one may have been moved to the second.
 
     Attributes:
         dice: twice the volume in both over the sum of both volumes.

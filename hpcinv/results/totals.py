@@ -227,7 +227,7 @@ def _resultant(equations: Equations, direction: Direction) -> tuple[tuple[float,
         unknowns.set_displacement(translation.x.array)
         work = forces * unknowns.state.x.array[: len(forces)]
         resultant[axis], total[axis] = comm.allreduce(work.sum()), comm.allreduce(np.abs(work).sum())
-    resultant += response  # that of an obstacle which has travelled on is not a load
+    resultant += response  # the response of an obstacle that has travelled on is not a load
     equations.unload()
     system.set_load(0.0)
     equations.release(equilibrium)

@@ -71,7 +71,7 @@ class ReferenceChange:
 class Change:
     """Derivatives by one parameter (SI): of the scene's parameters (scaled), displacement (m) and pressure (Pa).
 
-    ``u`` is that of the displacement at the local geometry nodes, (n, 3); ``reference`` is for further states.
+    ``u`` is the displacement's at the local geometry nodes, (n, 3); ``reference`` is for further states.
     """
 
     direction: ParameterDirection

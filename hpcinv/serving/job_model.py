@@ -17,8 +17,8 @@ from hpcinv.solver.workspace import Workspace
 
 
 @dataclass(frozen=True)
-class Evaluation:
-    """Outputs at some inputs, in SI.
+class Linearisation:
+    """Outputs and their derivatives at some inputs, in SI.
 
     Attributes:
         outputs: name of each value; the components of a vector are ``NAME.x``, ``NAME.y`` and ``NAME.z``.
@@ -53,14 +53,14 @@ class JobModel:
         self.parameters = self.job.differentiated
         self._workspace, self._stop = workspace, stop
         self._guesses: tuple[Guess, ...] = ()
-        self._last: tuple[tuple[tuple[float, ...], str], Evaluation] | None = None
+        self._last: tuple[tuple[tuple[float, ...], str], Linearisation] | None = None
 
     @property
     def start(self) -> list[float]:
         """Inputs (SI) in the job."""
         return [p.value for p in self.parameters]
 
-    def evaluate(self, inputs: Sequence[float], level: str = "off") -> Evaluation:
+    def evaluate(self, inputs: Sequence[float], level: str = "off") -> Linearisation:
         """Evaluate outputs and derivatives; collective.
 
         Args:
@@ -81,12 +81,12 @@ class JobModel:
         if result.certificate.verdict is Verdict.FAIL:
             lines = [line.name for line in result.certificate.lines if line.verdict is Verdict.FAIL]
             raise SolveError(f"the certificate fails: {', '.join(lines)}")
-        evaluation = _evaluation(result)
+        evaluation = _linearised(result)
         self._last = key, evaluation
         return evaluation
 
 
-def _evaluation(result: Result) -> Evaluation:
+def _linearised(result: Result) -> Linearisation:
     assert result.sensitivities is not None
     assert isinstance(result.quantities, Quantities)
     keys, slopes = [p.key for p in result.sensitivities.parameters], result.sensitivities.slopes
@@ -101,4 +101,4 @@ def _evaluation(result: Result) -> Evaluation:
             rows.append(np.full((parts.size, len(keys)), np.nan))
         else:
             rows.append(np.column_stack([np.atleast_1d(known[key]) for key in keys]))
-    return Evaluation(tuple(outputs), tuple(units), np.concatenate(values), np.concatenate(rows))
+    return Linearisation(tuple(outputs), tuple(units), np.concatenate(values), np.concatenate(rows))

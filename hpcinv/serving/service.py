@@ -6,7 +6,7 @@ from typing import Any
 from hpcinv.errors import HpcinvError, Interrupted, JobError
 from hpcinv.job.job import Job
 from hpcinv.parallel.ranks import MPI, on_root
-from hpcinv.serving.job_model import Evaluation, JobModel
+from hpcinv.serving.job_model import JobModel, Linearisation
 from hpcinv.serving.um_bridge import Request, Server, error
 from hpcinv.solver.workspace import Workspace
 
@@ -19,7 +19,7 @@ def serve(
     port: int,
     token: str,
     stop: Callable[[], bool],
-    ready: Callable[[str, JobModel, Evaluation], None],
+    ready: Callable[[str, JobModel, Linearisation], None],
 ) -> int:
     """Answer requests until the process is asked to stop; return the number of solves. Collective.
 
@@ -61,7 +61,7 @@ def serve(
                 try:
                     evaluation = model.evaluate(*asked)
                     solves += 1
-                    if request is not None:
+                    if request is not None:  # on rank 0
                         reply(request.answer(evaluation))
                 except Interrupted:
                     reply(error("ModelError", "the server was stopped"))

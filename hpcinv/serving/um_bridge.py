@@ -15,7 +15,7 @@ import numpy as np
 
 from hpcinv.errors import OutputError
 from hpcinv.job.settings import LEVELS
-from hpcinv.serving.job_model import Evaluation
+from hpcinv.serving.job_model import Linearisation
 
 LONGEST = 1_000_000
 """bytes of a request; longer ones are refused"""
@@ -50,7 +50,7 @@ class Request:
     vector: list[float]
     answers: "queue.Queue[dict[str, Any]]" = field(default_factory=lambda: queue.Queue(1))
 
-    def answer(self, evaluation: Evaluation) -> dict[str, Any]:
+    def answer(self, evaluation: Linearisation) -> dict[str, Any]:
         """Return the answer of the protocol."""
         values, jacobian = evaluation.values, evaluation.jacobian
         try:
@@ -189,13 +189,13 @@ class Server:
         given = body.get("input")
         if not isinstance(given, list) or len(given) != 1:
             raise Refusal("InvalidInput", f"'input' must be one list of {self.inputs} numbers")
-        for key in {"Evaluate": (), "Gradient": ("outWrt", "inWrt"), "ApplyJacobian": ("outWrt", "inWrt")}[kind]:
-            if body.get(key) != 0:
+        for key in ("outWrt", "inWrt"):
+            if kind != "Evaluate" and body.get(key) != 0:
                 raise Refusal("InvalidInput", f"'{key}' must be 0: there is one list")
         config = body.get("config") or {}
-        level = (
-            config.get("certificate", "off") if isinstance(config, dict) and config.keys() <= {"certificate"} else ""
-        )
+        if not isinstance(config, dict) or not config.keys() <= {"certificate"}:
+            raise Refusal("InvalidInput", "'config' may have 'certificate' only")
+        level = config.get("certificate", "off")
         if level not in LEVELS:
             raise Refusal("InvalidInput", f"'config' may have 'certificate': {', '.join(LEVELS)}")
         key = _ANSWERED[kind]

@@ -51,7 +51,7 @@ class ArcLengthSteps:
 def trace(
     equations: Equilibrium, steps: ArcLengthSteps, tolerance: float, *, load: float = 0.0, passed: int = 0
 ) -> Iterator[Solve]:
-    """Yield every solve along the path from ``load``, at which the present state is in equilibrium.
+    """Yield every solve along the path from ``load``; the present state is in equilibrium with it.
 
     The state is always the state of the last accepted solve. The last solve is accepted at load factor 1, or its
     outcome is the reason why the full load was not reached: `Outcome.LIMIT_POINT` at one limit point more than allowed.

@@ -75,7 +75,7 @@ class Bordering:
     def __init__(self, equations: Equilibrium, cases: int = 1) -> None:
         self.equations, self.cases = equations, cases
         self._floor = equations.floor(1.0)
-        # residual, its negative derivative by the load factor, K⁻¹ times both, and the residual of which that is
+        # residual, its negative derivative by the load factor, K⁻¹ times both, and the residual that was solved for
         self._r, self._r_load, self._d, self._g, self._r_here = (equations.system.position() for _ in range(5))
 
     def tangent(self, x: PETSc.Vec, load: float, chord: PETSc.Vec | None, direction: int = 1) -> BorderedTangent | None:

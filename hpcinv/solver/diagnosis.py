@@ -132,7 +132,7 @@ _PREFERRED = ("arc-length", "load steps")
 
 
 def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
-    """Return the reason why the solves of one direction, the last of which failed, ended before the full load."""
+    """Return the reason why the solves of one direction ended before the full load; the last of them failed."""
     accepted = [solve for solve in solves if solve.outcome.accepted]
     last = max((number for number, solve in enumerate(solves) if solve.outcome.accepted), default=-1)
     if any(solve.outcome is Outcome.PASSED_THROUGH for solve in solves[last + 1 :]):

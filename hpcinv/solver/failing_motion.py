@@ -25,9 +25,7 @@ _RIGID = 0.5
 _FAR = 0.1
 """Largest displacement, in lengths of the body, below which the supports are not blamed."""
 _ALONG = 0.95  # cosine of the angle to an axis up to which a direction is called by its name
-_TURNS = (
-    0.02  # squares of a motion by its rotation, relative to those by its translation, from which it is called a turn
-)
+_TURNS = 0.02  # squares of a motion by its rotation, relative to its translation; above it the motion is called a turn
 
 
 def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, failures: int) -> list[str]:
@@ -108,7 +106,7 @@ def _supports(job: Job, body: Body) -> Iterator[str]:
     whole = _area(body, BOUNDARY)
     for support in job.supports:
         area = _area(body, support.region)
-        axes = ", ".join(sorted(support.held))
+        axes = ", ".join(support.components)
         size = f"{area * body.length_scale**2:.3g} m² ({area / whole:.2%} of the surface)"
         yield f"'{support.region}' holds {axes} on {size}"
 

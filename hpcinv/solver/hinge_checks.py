@@ -103,7 +103,7 @@ def check_hinges(body: Body, supports: Supports, space: fem.FunctionSpace, syste
 def _joints(body: Body, space: fem.FunctionSpace, cell_parts: Ints) -> _Joints:
     """Return on rank 0 the nodes that parts share, sorted, and none elsewhere; collective.
 
-    They are the nodes of the displacement, or those of the geometry where that has more: turns about vertices on a line
+    They are the nodes of the displacement, or of the geometry where that has more: turns about vertices on a line
     strain the cells on a curved edge.
     """
     comm, geometry = body.mesh.comm, body.mesh.geometry
@@ -157,10 +157,11 @@ def _frames(body: Body, cell_parts: Ints, count: int) -> tuple[list[Frame], Ints
 def _held(supports: Supports, cell_parts: Ints, frames: list[Frame], comm: MPI.Intracomm) -> dict[int, Floats]:
     """Return on rank 0 rows (n, 6) that supports prescribe of each part's motions; {} elsewhere; collective."""
     rows: dict[int, list[Floats]] = {}
-    for support in supports.prescribed:
-        points, labels = support.points, node_labels(support.now.function_space, cell_parts)[support.nodes]
+    for support in supports.holders:
+        points, labels = support.points, node_labels(support.space, cell_parts)[support.nodes]
         for part in np.unique(labels).tolist():
-            rows.setdefault(part, []).append(frames[part].motions(points[labels == part])[:, support.axis])
+            components = support.component_of(frames[part].motions(points))
+            rows.setdefault(part, []).append(components[labels == part])
     gathered = comm.gather({part: _reduced(np.vstack(part_rows)) for part, part_rows in rows.items()})
     together: dict[int, list[Floats]] = {}
     for rank_rows in gathered or []:
@@ -218,7 +219,7 @@ def _free(
 def _unsprung_motions(
     system: System, cell_parts: Ints, frames: list[Frame], motions: Sequence[tuple[Ints, Floats]]
 ) -> list[tuple[Ints, Floats]]:
-    """Return those of the motions of groups of parts that springs leave free; collective."""
+    """Return the motions of groups of parts that springs leave free; collective."""
     space, comm = system.scene.unknowns.displacement_space, system.comm
     points, node_parts = space.tabulate_dof_coordinates(), node_labels(space, cell_parts)
     low, high = extent(comm, points)

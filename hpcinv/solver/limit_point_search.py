@@ -1,4 +1,4 @@
-"""Location of limit points on a path of equilibria, at which ``dλ/ds`` vanishes."""
+"""Location of limit points on a path of equilibria, where ``dλ/ds`` vanishes."""
 
 import math
 from dataclasses import dataclass

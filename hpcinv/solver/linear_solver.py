@@ -142,7 +142,7 @@ class LinearSolver:
         return False
 
     def limit_iterations(self) -> None:
-        """Limit the Krylov iterations from now on to those of one solve of Newton's method."""
+        """Limit the Krylov iterations from now on to the iterations of one solve of Newton's method."""
         self.configuration.test.left = self.choice.budget
 
     def back_substitute(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
@@ -215,7 +215,7 @@ class LinearSolver:
             release_freed_memory()
 
     def forget_factors(self) -> None:
-        """Discard the factors after a failed factorization, with which MUMPS cannot continue; `failure` has why."""
+        """Discard the factors after a failed factorization: MUMPS cannot continue with them; `failure` has why."""
         self.failure = self.configuration.failure(self.ksp)
         self._factorized, self._released = -1, -1
         self.options.restore()

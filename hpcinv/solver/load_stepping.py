@@ -133,7 +133,7 @@ def follow(
         solve = equilibrium.solve(target, wanted, predicted=predicted)
         step = steps.next_step(solve, target - load)
         if solve.outcome.accepted:
-            # A step that changes nothing, such as that of an obstacle that is still away, needs no tangent.
+            # A step that changes nothing, as while an obstacle is still away, needs no tangent.
             load, has_tangent = target, has_tangent or predicted is not None or equilibrium.system.tangents > tangents
         else:
             state.array[:] = accepted

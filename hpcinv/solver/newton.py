@@ -31,7 +31,7 @@ class Solve:
     """Report of one solve at a fixed load factor.
 
     Attributes:
-        iterations: those of Newton's method; empty if a test that the user's options chose ended the solve.
+        iterations: of Newton's method; empty if a test that the user's options chose ended the solve.
         factorizations: number of tangents that were factorized.
         signs: signs of their determinants, empty if the linear solver does not give them; where the sign changes, the
             number of negative eigenvalues has changed by an odd number.
@@ -81,7 +81,7 @@ class NewtonMonitor:
     """Decides after each correction whether to stop, and whether the next one needs a new tangent.
 
     Args:
-        tolerance: estimated error of the state, relative to its norm, at which a solve ends.
+        tolerance: estimated error of the state, relative to its norm; a solve ends below it.
         reuse: largest contraction at which a tangent is kept (Shamanskii's method); 0 is full Newton.
         begins_near: whether the initial state is known to be near the solution.
         predicted: length of the step along the tangent that predicted the initial state; 0 without a prediction.

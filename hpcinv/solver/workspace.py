@@ -108,7 +108,7 @@ class Workspace:
 
 
 def collect_garbage(comm: MPI.Intracomm) -> None:
-    """Collect garbage on all ranks: meshes and matrices hold communicators, of which MPI has few."""
+    """Collect garbage on all ranks: meshes and matrices hold communicators, and MPI has few of them."""
     gc.collect()
     PETSc.garbage_cleanup(cast(PETSc.Comm, comm))
 

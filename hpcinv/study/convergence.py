@@ -31,7 +31,7 @@ def richardson(sizes: Sequence[float], values: Sequence[float]) -> tuple[float, 
     The order solves ``(h₂ᵖ - h₃ᵖ) / (h₁ᵖ - h₂ᵖ) = (v₃ - v₂) / (v₂ - v₁)``, whose left side decreases with p.
 
     Raises:
-        ValueError: the values are not monotone, or their differences do not shrink as those of a convergent series do.
+        ValueError: the values are not monotone, or their differences do not shrink as in a convergent series.
 
     Source: Celik et al., *Procedure for estimation and reporting of uncertainty due to discretization in CFD
     applications* (2008), doi:10.1115/1.2960953.

@@ -40,7 +40,7 @@ class StudyDirectory:
 def check_content(path: Path, study: str) -> None:
     """Raise ``OutputError`` if a directory holds anything else than this study.
 
-    Hidden files are those of another allocation that begins at the same moment.
+    Hidden files are from another allocation that begins at the same moment.
     """
     if (
         path.is_dir()

@@ -78,9 +78,9 @@ class Executions:
         return self.repetitions(run) + any(record.compiled for record in records)
 
     def distinct(self) -> dict[str, BatchCase]:
-        """Return the executions that are finished or known to be needed, by key; those of one run are a reuse group.
+        """Return the executions that are finished or known to be needed, by key; one run's are a reuse group.
 
-        Those of a run that is not ready have a provisional key; a run that cannot begin has none.
+        Executions of a run that is not ready have a provisional key; a run that cannot begin has none.
         """
         cases: dict[str, BatchCase] = {}
         for i, run in enumerate(self.plan.runs):

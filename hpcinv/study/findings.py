@@ -19,8 +19,8 @@ class StepStatistics:
 
     Attributes:
         errors: of the cases that have one.
-        statistics: columns of the table: those of the errors (``sd`` of a sample), averages of the costs of the cases
-            that converged, the ``ratio`` of time to that of the base series for the cases that converged in both, and
+        statistics: columns of the table: of the errors (``sd`` of a sample), averages of the costs of the cases
+            that converged, the ``ratio`` of time to the base series for the cases that converged in both, and
             the number of ``failed`` cases; ``None`` if unknown.
         promised: average size of the errors that certificates estimate, ``None`` without any.
     """

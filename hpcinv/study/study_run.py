@@ -59,7 +59,7 @@ def run_study(
         executions = known()
         history = f"; {done} executions were done before" if (done := executions.count()[0]) else ""
         if retry_failed:
-            history += f", {executions.retry()} of which failed and are open again"
+            history += f", {executions.retry()} of them failed and are open again"
         ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
         note(f"{plan.study.study}: {len(plan.runs)} runs, {ranks}; results in {directory}{history}")
 

@@ -46,7 +46,7 @@ class Taken(Spec):
     """A value that is taken from the run of an earlier series, such as the accuracy to be reached."""
 
     series: Title
-    """an earlier series; the value is that of its run of the same case, and of the same step unless it has only one"""
+    """an earlier series; the value is of its run of the same case, and of the same step unless it has only one"""
     key: SummaryKey
     """key of the value in the summary of that run, such as errors.round_trip.relative"""
     at_least: float
@@ -89,7 +89,7 @@ class RefinementSeries(Spec):
 
 
 def faults_between(listed: tuple[RefinementSeries, ...]) -> Faults:
-    """Yield the contradictions between series, each of which is valid."""
+    """Yield the contradictions between series that are valid by themselves."""
     if not listed:
         raise ValueError("must hold at least one series")
     earlier: dict[str, RefinementSeries] = {}

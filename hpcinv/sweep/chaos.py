@@ -33,7 +33,7 @@ HIGHEST = 12
 GOOD = 0.95
 """share of the variance (Q²) that a surrogate must predict for its indices to count"""
 _CONDITION = 1e8  # of the polynomials at the sample, above which a degree is not used
-_LONG_TAIL = 1.0  # excess kurtosis; that of a uniform sample is -1.2, of a normal one 0
+_LONG_TAIL = 1.0  # excess kurtosis; a uniform sample has -1.2, a normal one 0
 _RESAMPLES, _SEED = 1000, 20080701
 
 

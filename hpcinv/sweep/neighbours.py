@@ -20,7 +20,7 @@ from hpcinv.methods.method import Guess
 
 MOST_BYTES = 256_000_000
 """largest size of the solutions that each rank keeps"""
-_LARGEST_WEIGHTS = 4.0  # Σ |c_i|, by which errors of the neighbours grow; 1 in an interpolation
+_LARGEST_WEIGHTS = 4.0  # Σ |c_i|: growth of the neighbours' errors; 1 in an interpolation
 
 
 class ParameterSpace:

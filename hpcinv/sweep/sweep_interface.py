@@ -15,7 +15,7 @@ from hpcinv.sweep.table import columns, units
 class Table(dict[str, list[Any]]):
     """Columns by name, with an entry for each case in the order of the sweep; ``pandas.DataFrame`` takes it.
 
-    Numbers are SI; unknown values are ``None``. The columns are those of ``sweep table``.
+    Numbers are SI; unknown values are ``None``. The columns are as in ``sweep table``.
 
     Attributes:
         units: SI units of the columns that have one.

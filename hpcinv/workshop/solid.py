@@ -56,7 +56,7 @@ class Solid:
         return Solid(self.points * factor, self.triangles)
 
     def round_to_single(self) -> Solid:
-        """Return the solid as formats with numbers of 4 bytes hold it, in which close points may coincide.
+        """Return the solid as formats with numbers of 4 bytes hold it; close points may coincide in them.
 
         Raises:
             OutputError: it would not be closed.
@@ -67,7 +67,7 @@ class Solid:
         solid = Solid(rounded.astype(np.float64), triangles[(a != b) & (b != c) & (c != a)])
         if not solid.is_closed:
             raise OutputError(
-                "is not closed in the numbers of 4 bytes of this format, in which points of the surface coincide",
+                "is not closed in the numbers of 4 bytes of this format: points of the surface coincide in them",
                 "Take a larger --tolerance.",
             )
         return solid

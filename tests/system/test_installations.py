@@ -13,6 +13,8 @@ import pytest
 from helpers.command_line import COLUMN, command, environment, write_job
 
 from hpcinv.parallel.imports import imports_explained
+from hpcinv.parallel.runtime import DOLFINX
+from hpcinv.version import __version__
 
 ROOT = Path(__file__).parents[2]
 # What a site's own DOLFINx comes with.
@@ -41,6 +43,7 @@ def test_an_unsuitable_part_is_named(tmp_path: Path, module: str, text: str, tol
     assert ended.returncode == 5, ended.stderr
     assert told in ended.stderr
     assert "docs/start/installing.md" in ended.stderr
+    assert ("pip install --no-deps" in ended.stderr) == (module == "adios4dolfinx")
     assert "Traceback" not in ended.stderr
     assert not (tmp_path / "out").exists()
 
@@ -105,3 +108,27 @@ def test_the_page_names_every_package_that_a_site_lacks() -> None:
     line = re.search(r"--no-deps \. && pip install (.*)", (ROOT / "docs" / "start" / "installing.md").read_text())
     assert line
     assert set(line[1].split()) == {name.split("==")[0] for name in needed} - OF_THE_SITE
+
+
+def test_dependencies_can_be_installed_by_pip_alone() -> None:
+    """adios4dolfinx asks for a package that no index has: the page installs it by a line of its own."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert not any(name.startswith("adios4dolfinx") for name in project["dependencies"])
+    (pinned,) = project["optional-dependencies"]["checkpoints"]
+    name, _, release = pinned.partition("==")
+    line = re.search(r"pip install --no-deps '(.*)\.\*'", (ROOT / "docs" / "start" / "installing.md").read_text())
+    assert line
+    assert line[1] == f"{name}=={DOLFINX}"
+    assert release.startswith(DOLFINX)
+
+
+@pytest.mark.parametrize(
+    ("file", "line"),
+    [
+        ("CITATION.cff", "version: {}"),
+        ("codemeta.json", '  "version": "{}",'),
+        ("containers/conda/recipe.yaml", '  version: "{}"'),
+    ],
+)
+def test_the_version_is_the_same_in_each_file(file: str, line: str) -> None:
+    assert line.format(__version__) in (ROOT / file).read_text().splitlines()

@@ -271,7 +271,7 @@ SURFACES: dict[str, tuple[str, bool, Callable[[bytes], bytes], str]] = {
         "its header says 4,000,000,000",
     ),
     "more bytes": ("a.stl", True, lambda c: c + b"1", "bytes, but its header says"),
-    "vertex": ("a.stl", False, lambda c: c.replace(b"vertex", b"verteks", 1), "facets, of which"),
+    "vertex": ("a.stl", False, lambda c: c.replace(b"vertex", b"verteks", 1), "facets \\("),
     "points": (
         "a.ply",
         True,

@@ -256,7 +256,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ),
     (
         {"quantities": [{"name": "a", "of": "reaction", "on": "clamp"}], "accuracy": {"a": "1 N"}},
-        "accuracy.a: is a reaction, for which there is no error estimate",
+        "accuracy.a: is a reaction, which has no error estimate",
     ),
     ({"quantities": [{"name": "a", "of": "x < 1", "at": [0, 0, 0]}]}, "quantities[0].of: must be a number, but"),
     ({"quantities": [{"name": "a", "of": "x + w", "at": [0, 0, 0]}]}, "quantities[0].of: unknown name 'w'"),

@@ -1,4 +1,4 @@
-"""Record of a finished case, and its file: JSON with a digest, by which damage is detected."""
+"""Record of a finished case, and its file: JSON with a digest that detects damage."""
 
 import hashlib
 import json

@@ -289,7 +289,7 @@ class Ledger:
             with as_output_error(file):
                 record = CaseRecord.decoded(file.read_bytes())
             if (home := self.homes.get(key)) is not None and (changed := changed_inputs(record.inputs, home)):
-                raise ValueError(f"{home / changed[0]}, of which the mesh was made, has changed since")
+                raise ValueError(f"{home / changed[0]} has changed since the mesh was made from it")
             return record
         except OtherVersionError as error:
             raise OutputError(

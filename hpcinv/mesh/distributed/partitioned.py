@@ -41,7 +41,7 @@ type RowArray = npt.NDArray[Any]
 
 
 def write_partitioned(path: Path, comm: MPI.Intracomm, source: MeshSource) -> None:
-    """Write a mesh, of which each rank has some rows, as the directory ``path``; collective.
+    """Write a mesh whose rows are spread over the ranks as the directory ``path``; collective.
 
     It is written completely or not at all. A mesh without parts is written as one part.
 

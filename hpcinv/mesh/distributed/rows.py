@@ -37,7 +37,7 @@ class Rows:
         return int(self.offsets[-1])
 
     def fetch[T: np.generic](self, values: npt.NDArray[T], wanted: npt.NDArray[np.integer]) -> npt.NDArray[T]:
-        """The rows ``wanted`` (w,), of any ranks, of an array of which this rank has the rows ``values`` (n, c)."""
+        """The rows ``wanted`` (w,), of any ranks, of an array; this rank has its rows ``values`` (n, c)."""
         mine, fetched = np.ascontiguousarray(values), np.empty((len(wanted), values.shape[1]), dtype=values.dtype)
         with self._forest(len(mine), wanted, mine) as (forest, row):
             forest.bcastBegin(row, mine, fetched, MPI.REPLACE)
@@ -69,7 +69,7 @@ class Rows:
             forest.destroy()
 
     def checksum(self, values: npt.NDArray[np.generic]) -> str:
-        """Checksum (16 hex digits) of an array of which this rank has ``values``, independent of the distribution."""
+        """Checksum (16 hex digits) of an array, from each rank's ``values``; any distribution has the same."""
         width = int(np.prod(values.shape[1:]))
         numbers = np.ascontiguousarray(values).reshape(-1).view(np.uint64)
         total = np.zeros(1, dtype=np.uint64)

@@ -27,7 +27,7 @@ _ROUNDS = 4  # of smoothing
 _WITHIN = 0.08  # distance by which MMG may move surfaces, relative to the size of cells
 _FINEST = 0.4  # smallest edge of surfaces, relative to the size of cells
 _HXT = 10
-_COARSE = 1.2  # edges of surfaces whose tetrahedra are as large as those of MMG
+_COARSE = 1.2  # edges of surfaces whose tetrahedra are as large as the ones MMG makes
 
 
 def cells_between_surfaces(
@@ -67,7 +67,7 @@ def cells_between_surfaces(
         mesh.set_field("metric", _COARSE * scale * sizes.interpolate(points)[:, None])
     least = min(_FINEST, sizes.least * scale)
     try:
-        with handlers_restored():  # MMG takes those of SIGTERM and SIGINT away
+        with handlers_restored():  # MMG removes the handlers of SIGTERM and SIGINT
             mesh.remesh(hmax=_COARSE, hmin=least, hausd=_WITHIN, hgrad=1.5, ar=60.0, verbose=-1)
         triangles, refs = mesh.get_triangles_with_refs()[:2]
         filled = _filled(
@@ -99,7 +99,7 @@ def _fill_touching_edges(labels: Ints) -> Ints:
 
 
 def _parts(labels: Ints) -> tuple[Ints, Ints]:
-    """Numbers of connected parts of labels, and the label of each, of which the first is the outside."""
+    """Numbers of connected parts of labels, and the label of each; the first part is the outside."""
     parts, label_of = np.zeros_like(labels), [0]
     for label in range(1, int(labels.max()) + 1):
         numbers, count = ndimage.label(labels == label)
@@ -184,7 +184,7 @@ def _filled(points: Floats, facets: Ints, shell: Ints, pairs: Ints) -> Lattice:
 
 @contextmanager
 def _muted_output() -> Iterator[None]:
-    """Context in which the standard output of this process is discarded, also that of libraries in C."""
+    """Context that discards the standard output of this process, also of libraries in C."""
     sys.stdout.flush()
     kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)

@@ -1,4 +1,4 @@
-"""Closed surfaces of triangles as fine voxels, from which they are meshed as images are.
+"""Closed surfaces of triangles as fine voxels, which are meshed as images are.
 
 A surface that is filled with voxels needs no repair where triangles are long, small or cut each other a little, as in
 surfaces of scans; cells cannot be worse for it.
@@ -91,7 +91,7 @@ def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit
 
 
 def _check_nested(names: Sequence[str], masks: Sequence[Bools], path: Path) -> None:
-    """Check that of two regions, the larger one first, the smaller is in the other or apart from it."""
+    """Check two regions, the larger one first: the smaller is in the other or apart from it."""
     for i, mask in enumerate(masks):
         for j in range(i + 1, len(masks)):
             both, whole = np.count_nonzero(mask & masks[j]), np.count_nonzero(masks[j])
@@ -138,7 +138,7 @@ def read_closed(path: Path) -> pyvista.PolyData:
 
 
 def _together(paths: Sequence[Path]) -> pyvista.PolyData:
-    """The surfaces in some files as one, of which the body is between a shell and those in it."""
+    """The surfaces in some files as one; the body is between a shell and the surfaces in it."""
     surfaces = [read_closed(path) for path in paths]
     if len(surfaces) == 1:
         return surfaces[0]
@@ -169,7 +169,7 @@ def _distinct_facets(facets: Ints) -> Iterator[Ints]:
 
 
 def _edges(facets: Ints) -> tuple[Ints, Ints]:
-    """Places in ``facets.ravel()`` at which edges begin, those of one edge together, and the number of each edge."""
+    """Places in ``facets.ravel()`` where edges begin, sorted by edges, and the number of each edge."""
     tail, head = facets.ravel(), np.roll(facets, -1, axis=1).ravel()
     key = np.minimum(tail, head) * (int(facets.max(initial=0)) + 1) + np.maximum(tail, head)
     order = np.argsort(key, kind="stable")

@@ -54,7 +54,7 @@ def curved(
         source: straight tetrahedra of positive volume.
         labels: of its cells, (m,).
         pairs: labels on both sides of its facets, (f, 2), the smaller one first.
-        spacing: of the lattice of which the cells were made (m).
+        spacing: of the lattice that the cells were made from (m).
         volumes: of the labels (m³), of the n-th at n - 1.
         least: scaled Jacobian below which straight cells do not become worse.
         report: called with the number of nodes that were held back.
@@ -144,7 +144,7 @@ def _volumes(cells: Ints, points: Floats, labels: Ints, count: int) -> Floats:
 
 
 def _determinants(cells: Ints, points: Floats) -> Floats:
-    """Coefficients (n, 20) of det J of cells in the Bernstein basis, between the least and largest of which it is.
+    """Coefficients (n, 20) of det J of cells in the Bernstein basis; the least and the largest of them bound it.
 
     Source: Johnen, Remacle, Geuzaine, "Geometrical validity of curvilinear finite elements" (2013),
     doi:10.1016/j.jcp.2012.08.051.

@@ -141,7 +141,7 @@ def _geometry(points: Floats, facets: Ints) -> tuple[Floats, Floats, Floats]:
 def _cell_behind(mesh: MeshSource, cells: Ints) -> Ints:
     """Return the one of these cells that each facet of the mesh belongs to, or -1."""
     table = FacetTable.build(mesh.kind, mesh.cells[cells, :4])
-    owner = np.full(len(table.vertices) + 1, -1)  # the last entry is that of facets of other cells
+    owner = np.full(len(table.vertices) + 1, -1)  # the last entry is for facets of other cells
     owner[table.cell_facets] = cells[:, None]
     return np.asarray(owner[table.find(mesh.facets[:, :3])])
 

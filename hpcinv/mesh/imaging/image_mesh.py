@@ -31,7 +31,7 @@ from hpcinv.quantity.units import readable
 
 _FINE = 0.5  # spacing of the lattice, relative to the size of cells
 _FINEST = 0.75  # the same, relative to the voxels: below that there is nothing to see
-_MOST_FIT = 5e6  # cubes of the cells' size in a box around the body, for which there is memory
+_MOST_FIT = 5e6  # cubes of the cells' size in a box around the body: there is memory for them
 _RIGHT = 0.01  # relative error of a volume up to which it is not noted
 _GAPS = 2  # cells of the lattice: half of the width of gaps in which cells outside the body keep surfaces apart
 _REACHES = (2, 6, 10_000)  # the same: distance from crossing facets, up to which others do
@@ -73,7 +73,7 @@ def image_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None]) -> Mes
     """Mesh a segmented image on this process, in metres.
 
     Regions are the labels; ``A|B`` and ``A|outside``, the facets between labels; ``A|cavity``, ``A|cavity-2`` and so
-    on, those of closed cavities, the largest first; and ``cut``, where a label ends at the image's border.
+    on, boundaries of closed cavities, the largest first; and ``cut``, where a label ends at the image's border.
 
     Args:
         report: called with what a user should know.
@@ -117,7 +117,7 @@ def _meshed(
     Args:
         volumes: of the labels, which the mesh keeps.
         tolerance: largest distance by which MMG may move boundaries, in voxels.
-        surface: triangles (m) from which the voxels were made, on which nodes of cells of second degree lie.
+        surface: triangles (m) that the voxels were made from; nodes of cells of second degree lie on them.
     """
     cubes, first = _cubes(image, spec, volumes, tolerance, report)
     cells, points, crossing, least = _cells(cubes, report)
@@ -291,7 +291,7 @@ def _remeshed(lattice: Lattice, cubes: _Cubes) -> Lattice:
     least = min(sizes.least * scale, _UNIFORM)
     options: dict[str, Any] = {"hmax": 1.0, "hmin": least, "hausd": cubes.tolerance * scale, "hgrad": 1.5}
     try:
-        with handlers_restored():  # MMG takes those of SIGTERM and SIGINT away
+        with handlers_restored():  # MMG removes the handlers of SIGTERM and SIGINT
             mesh.remesh(**options, ar=60.0, verbose=-1)
     except RuntimeError as error:
         raise MeshError(f"{cubes.path}: MMG could not mesh it: {error}", "Try another mesh.size.") from error

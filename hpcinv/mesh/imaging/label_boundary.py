@@ -43,7 +43,7 @@ class Memberships:
         return np.asarray(self.evaluate(points.reshape(-1, 3)).argmax(axis=0).reshape(len(y), len(z)))
 
     def difference(self, points: Floats, lower: Ints, upper: Ints) -> Floats:
-        """Membership of label ``lower`` less that of ``upper``, for each point."""
+        """Membership of label ``lower`` less membership of ``upper``, for each point."""
         memberships, rows = self.evaluate(points), np.arange(len(points))
         return np.asarray(memberships[lower, rows] - memberships[upper, rows])
 
@@ -114,7 +114,7 @@ def two_label_nodes(facets: Ints, pairs: Ints, points: int, count: int) -> tuple
 
 
 def shift(outward: Floats, lower: Ints, upper: Ints) -> Floats:
-    """Distance of boundaries into label ``lower`` where labels grow ``outward`` (m), of which 0 is the outside."""
+    """Distance of boundaries into label ``lower`` where labels grow ``outward`` (m); label 0 is the outside."""
     return np.where(lower == 0, outward[upper], 0.5 * (outward[upper] - outward[lower]))
 
 

@@ -141,7 +141,7 @@ def _numbered(
     """The labels with numbers instead of names of segments."""
     for name in (name for members in labels.values() for name in members if isinstance(name, str)):
         if not names:
-            raise MeshError(f"{path}: has numbers and no names as '{name}'", "Names are those of DICOM segmentations.")
+            raise MeshError(f"{path}: has numbers and no names as '{name}'", "DICOM segmentations have names.")
         if name not in names:
             raise MeshError(f"{path}: has no segment '{name}'.{did_you_mean(name, names)}")
     return {

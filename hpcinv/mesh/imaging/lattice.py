@@ -43,7 +43,7 @@ def scaled_jacobians(corners: Floats) -> Floats:
 
 
 def lattice_of(labels: Ints, spacing: float, chosen: npt.NDArray[np.bool_]) -> Lattice:
-    """Divide each chosen grid cell into six tetrahedra, whose facets fit those of its neighbours.
+    """Divide each chosen grid cell into six tetrahedra, whose facets fit its neighbours' facets.
 
     Source: Kuhn, "Some combinatorial lemmas in topology" (1960), doi:10.1147/rd.45.0518.
     """

@@ -36,7 +36,7 @@ def report_mesh(source: MeshSource, frame: str, report: Callable[[str], None]) -
 
 
 def report_sizes(source: MeshSource, sizes: WallSizes, report: Callable[[str], None]) -> None:
-    """Report the lengths of edges, to which walls they are graded, and walls that are too thin for two of them."""
+    """Report the lengths of edges, the walls that they are graded to, and walls too thin for two of them."""
     corners = source.points[source.cells]
     edges = np.concatenate(
         [np.linalg.norm(corners[:, i] - corners[:, j], axis=1) for i, j in combinations(range(4), 2)]

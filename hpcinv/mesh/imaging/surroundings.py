@@ -24,7 +24,7 @@ def surroundings(points: Floats, facets: Ints, pairs: Ints, image: LabelImage, f
 
     Args:
         points: (n, 3) in m from the voxel ``first``, the facets' corners.
-        facets, pairs: those of `interfaces`, (m, 3) and (m, 2).
+        facets, pairs: from `interfaces`, (m, 3) and (m, 2).
         reach: distance (m) up to which neighbours are next to the surface.
 
     Raises:

@@ -15,7 +15,7 @@ _GROWTH = 0.3  # of the size per distance from the boundary
 _RATIO = 4.0  # of the largest size and the smallest one, unless it is given
 _LEAST = 0.2  # size at strong curvatures, relative to the largest one, unless the ratio is given
 _MORE = 4.0  # times as many cells as without grading, at most, unless the ratio is given
-_FACES = 2 / 3  # area of a smooth surface, relative to that of the faces of its voxels
+_FACES = 2 / 3  # area of a smooth surface, relative to the area of the faces of its voxels
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def _closest(gmsh: Any, entity: int, shapes: Floats, straight: Floats, given: Fl
 
     Args:
         shapes: shape functions (l, n) of the given nodes at these nodes.
-        straight: those of the vertices (l, v) on straight facets.
+        straight: the same of the vertices (l, v) on straight facets.
         given: nodes (f, n, 3) of the facets, vertices first.
         parameters: of the vertices (f, v, 2); they may jump by a period within a facet.
     """

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from hpcinv.errors import MeshError
 from hpcinv.formats.mesh_format import MeshArrays
 from hpcinv.formats.vtu import REGION
-from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
+from hpcinv.mesh.cells import EDGE_KIND, FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.io.isolated import read_isolated
 from hpcinv.mesh.io.length_unit import FIELD, as_unit
 from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
@@ -18,6 +18,7 @@ from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, SurfaceCe
 from hpcinv.parallel.runtime import MPI
 
 VTK_TYPES = {
+    "interval": (3, 21, 68),
     "triangle": (5, 22, 69),
     "quadrilateral": (9, 28, 70),
     "tetrahedron": (10, 24, 71),
@@ -204,7 +205,7 @@ def content_of(source: MeshSource) -> tuple[list[tuple[Ints, int]], Arrays, Arra
     """Return nodes and VTK's type of the cells and facets, arrays at nodes and in cells, and fields."""
     cells = [
         (nodes[:, np.argsort(vtk_order(kind, source.degree))], VTK_TYPES[kind][source.degree - 1])
-        for kind, nodes in ((source.kind, source.cells), (FACET_KIND[source.kind], source.facets))
+        for kind, nodes in ((source.kind, source.cells), ((FACET_KIND | EDGE_KIND)[source.kind], source.facets))
     ]
     node_arrays: dict[str, npt.NDArray[Any]] = {}
     cell_arrays: dict[str, npt.NDArray[Any]] = {}

@@ -81,7 +81,7 @@ def write_vtu(
     sizes = [comm.allreduce(array.values.nbytes) for array in every]
     counts = comm.allreduce(len(grid.points)), comm.allreduce(len(widths))
     stream = _Stream(path, comm)
-    # meshio refuses versions above 1.0. Lagrange cells need 2.2, by which VTK numbers their nodes.
+    # meshio refuses versions above 1.0. Lagrange cells need 2.2: VTK numbers their nodes by it.
     version = "2.2" if any(kind in _LAGRANGE for _, kind in grid.cells) else "1.0"
     stream.write_text(_head(version, places, sizes, counts, numbers))
     for array, size in zip(every, sizes, strict=True):

@@ -16,7 +16,7 @@ from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, Place, data_a
 from hpcinv.mesh.topology import find_rows
 
 KIND_OF = {"tet": "tetrahedron", "hex": "hexahedron", "tri": "triangle", "qua": "quadrilateral"}
-MOST_COMPRESSED = 1100  # largest ratio of compression; that of zlib is 1032
+MOST_COMPRESSED = 1100  # largest ratio of compression; zlib reaches 1032
 PLACES: dict[str, Place] = {"Node": "nodes", "Cell": "cells"}
 
 

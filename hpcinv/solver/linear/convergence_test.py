@@ -86,7 +86,7 @@ class Refinement(Settling):
     """Convergence test for solutions with rounded factors of the matrix, or with kept factors of an earlier one.
 
     Attributes:
-        error: relative error, and relative residual, at which a correction has converged; ten times that if rough.
+        error: relative error, and relative residual, of a correction that has converged; ten times that if rough.
         patience: number of iterations that is worth a factorization.
         is_kept: whether the factors are an earlier matrix's.
         gave_up: whether the last solution ended because new factors would have been cheaper.

@@ -1,7 +1,7 @@
 """Cost model of factorizations and preconditioned Krylov iterations, from size and shape of the body.
 
 Nested dissection cuts a body with n unknowns by separators of about s = n h/L of them, where L is its longest extent
-and h the distance of its nodes. Most work is in the largest fronts: O(s³) each, of which a cube has O(1) and a rod
+and h the distance of its nodes. Most work is in the largest fronts: O(s³) each; a cube has O(1) of them and a rod
 O(n/s^1.5) one after the other, so that both take O(n s^1.5) operations and O(n s^0.5) entries (George, SIAM J. Numer.
 Anal. 10, 345–363, 1973, doi:10.1137/0710032). The constants were fitted to MUMPS's own counts for blocks of 2,312 to
 112,724 unknowns and of aspect ratio 1 to 40 (docs/performance/linear-solvers.md), the times to one core; more cores
@@ -78,7 +78,7 @@ class Forecast:
         """Return the time that nested iteration saves by the time that it takes.
 
         Args:
-            tangents: number of them on the way from the unloaded body, of which one is left.
+            tangents: number of them on the way from the unloaded body; one of them is left.
             ranks: number of ranks, which share assembly and transfer, and factorizations less well; gmsh runs on one.
         """
         coarser = self.coarser
@@ -86,7 +86,7 @@ class Forecast:
         return (tangents - 1) * self.tangent(ranks) / (moved + tangents * coarser.tangent(ranks))
 
     def tangent(self, ranks: int = 1) -> float:
-        """Time of one tangent and its factorization (s); those of slender bodies have little to share among ranks."""
+        """Time of one tangent and its factorization (s); slender bodies have little to share among ranks."""
         factorization = self.factorization if self.operations < SINGLE else self._single_precision_time
         return _TANGENT * self.unknowns * self.degree**2 / 4 / ranks + factorization / math.sqrt(ranks)
 

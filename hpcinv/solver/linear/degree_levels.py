@@ -139,7 +139,7 @@ class DegreeLevels:
     def _straight_weights(self) -> Floats:
         """Return weights of the vertices that give the present position of each node, (nodes, vertices).
 
-        Nodes of curved cells are off the straight cells by an offset, by which displacements of degree 1 are extended
+        Nodes of curved cells are off the straight cells by an offset; displacements of degree 1 are extended by it
         with their gradient. So the coarse space contains rotations; without them, bodies that bend do not converge.
         """
         nodes = self._unknowns.displacement_space.tabulate_dof_coordinates()[self._places]
@@ -215,7 +215,7 @@ def _inverted(blocks: Floats) -> Floats:
 
 
 def _identity_rows(matrix: PETSc.Mat) -> Booleans:
-    """Return which owned rows have a one on the diagonal and nothing else, as those of prescribed unknowns."""
+    """Return which owned rows have a one on the diagonal and nothing else, as prescribed unknowns have."""
     x, y = matrix.createVecRight(), matrix.createVecLeft()
     x.array[:] = np.random.default_rng(0).uniform(1.0, 2.0, len(x.array))  # no other row gives the same number
     matrix.mult(x, y)

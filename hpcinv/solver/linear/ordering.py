@@ -1,4 +1,4 @@
-"""Ordering of nodes instead of unknowns, by which MUMPS's analysis is made on a graph a third or a quarter in size.
+"""Ordering of nodes instead of unknowns: MUMPS's analysis is on a graph a third or a quarter in size.
 
 All unknowns of a node have the same neighbours, so that the ordering is as good.
 """

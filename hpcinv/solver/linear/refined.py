@@ -4,7 +4,7 @@ Rounding the factors to single precision halves their memory, and nearly the tim
 factors of large bodies take less of both (Amestoy et al., ACM Trans. Math. Softw. 45, 2, 2019, doi:10.1145/3242094).
 FGMRES restores what that loses (Carson & Higham, SIAM J. Sci. Comput. 40, A817–A847, 2018, doi:10.1137/17M1140819).
 
-It also restores what the lower triangle of a tangent adds to the upper one, from which L D Lᵀ is made, if that is
+It also restores what the lower triangle of a tangent adds to the upper one, which L D Lᵀ is made from, if that is
 little: inverse tangents are nearly symmetric as long as displacements are small, and forward ones under pressure. These
 factors take half of the memory of L U, and the certificate can take them.
 
@@ -80,7 +80,7 @@ class Refined(Direct):
         super().prepare(ksp, matrix)
         ksp.setComputeEigenvalues(True)
         self._has_own_tolerance = PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_rtol")
-        if not self._has_own_tolerance:  # that of the job has priority
+        if not self._has_own_tolerance:  # the job's has priority
             ksp.setConvergenceTest(self.test)
         self.test.is_kept = False
 

@@ -9,7 +9,7 @@ from hpcinv.model.spaces import Unknowns
 from hpcinv.solver.linear.ordering import order_by_nodes
 
 _MATCHING = 6  # ICNTL(6) permutes columns by values, which are not there yet
-_INFO = 32  # numbers of PETSc's ``MatFactorInfo``, of which there are fewer; MUMPS reads none of them
+_INFO = 32  # numbers of PETSc's ``MatFactorInfo``: more than it has; MUMPS reads none of them
 
 
 def operations_of(matrix: PETSc.Mat, unknowns: Unknowns) -> float | None:
@@ -18,7 +18,7 @@ def operations_of(matrix: PETSc.Mat, unknowns: Unknowns) -> float | None:
     The values of the matrix are not read.
     """
     function = _petsc_function()
-    if function is None or not matrix.assembled:  # those of small meshes have their pattern later
+    if function is None or not matrix.assembled:  # matrices of small meshes have their pattern later
         return None
     pc = PETSc.PC().create(matrix.comm)
     try:
