@@ -18,6 +18,7 @@ from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.gmsh_model import extract, session
 from hpcinv.mesh.io.isolated import check_cad
 from hpcinv.mesh.source import MeshSource
+from hpcinv.mesh.thin_walls import report_thin_walls
 from hpcinv.quantity.units import readable
 
 _HAIR = 1e-3  # gap of two solids, relative to the whole size, that is taken for a fault; more refuses separate parts
@@ -67,7 +68,9 @@ def cad_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None], size_fac
             gmsh.model.mesh.setOrder(2)
         source = extract(gmsh, path)
         source = replace(source, surface=cad_surface(gmsh, source.kind, source.degree))
-    return source.convert_to_metres(unit)
+    source = source.convert_to_metres(unit)
+    report_thin_walls(source, report)
+    return source
 
 
 def _imported(gmsh: Any, path: Path, report: Callable[[str], None]) -> tuple[list[_Solid], Mapping[int, str]]:
