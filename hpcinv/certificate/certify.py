@@ -17,6 +17,7 @@ from hpcinv.certificate.ineffective_loads import ineffective_loads
 from hpcinv.certificate.limit_point_check import limit_points
 from hpcinv.certificate.round_trip import closure_error, round_trip
 from hpcinv.certificate.shape import cells, self_overlap
+from hpcinv.certificate.shell_check import faces
 from hpcinv.certificate.stability_check import stability
 from hpcinv.certificate.two_level import MANY
 from hpcinv.certificate.volume import volume
@@ -75,6 +76,9 @@ def certify(
 
     def discretisation() -> Iterable[Line]:
         nonlocal estimated
+        if solution.job.mesh.shell is not None:
+            yield skipped(DISCRETISATION, "is not estimated for shells: compare with a finer mesh")
+            return
         if solution.cavities:
             yield skipped(DISCRETISATION, "is not estimated where the pressure of a cavity is unknown")
             return
@@ -109,6 +113,8 @@ def certify(
                 if solution.cavities:
                     check("cavities", lambda: cavities(solution))
                 check("volume", lambda: volume(equations, solution))
+                if solution.job.mesh.shell is not None:
+                    check("faces", lambda: faces(equations, solution))
             check("discretisation error", discretisation)
             if is_checked:
                 check("cells", lambda: cells(equations, solution))

@@ -233,12 +233,12 @@ class _Relabelling:
         F[~(np.linalg.det(F) > 0.0)] = np.eye(3)  # means of very different cells
         self._inverse = np.linalg.inv(F)
         self._dofs = unknowns.owned_displacement_dofs
-        self._held = np.concatenate([self._dofs[:0], *(part.dofs for part in equations.supports.prescribed)])
+        self._supports = equations.supports
 
     def apply(self, correction: Floats) -> None:
         """Multiply the displacements of a correction by ``F⁻¹``, but those that are prescribed."""
-        held = self._held[self._held < len(correction)]
-        kept = correction[held]
+        kept = self._supports.held_part(correction)
         u = correction[self._dofs].reshape(-1, 3)
         correction[self._dofs] = np.einsum("nij,nj->ni", self._inverse, u).ravel()
-        correction[held] = kept
+        self._supports.free(correction)
+        correction += kept

@@ -39,7 +39,7 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
         legend.append((f"support {_text(given, f'region: {support.region}')}", colour))
         marked |= mask
         parts.append(DrawnBody(boundary.points, boundary.triangles[mask], colour))
-        parts.extend(_fixings(boundary, support.region, sorted(support.held), colour, size))
+        parts.extend(_fixings(boundary, support.region, support.components, colour, size))
     for effect, colour, given in zip(job.effects, cycle(_LOADS), _rows(given_data, "effects"), strict=False):
         kept = {name: value for name, value in given.items() if name != "effect"}
         legend.append((_text(kept, effect.effect), colour))  # type: ignore[attr-defined]
@@ -102,12 +102,15 @@ def _sample(boundary: Boundary, region: str) -> tuple[Floats, Floats]:
 
 
 def _fixings(boundary: Boundary, region: str, axes: Sequence[str], colour: str, size: float) -> Iterator[Glyphs]:
-    """Cubes where all displacements are prescribed, else arrows along each prescribed axis, from outside."""
+    """Cubes where all displacements are prescribed, else arrows along each prescribed axis or normal, from outside."""
     centres, normals = _sample(boundary, region)
     if len(axes) == 3:
         yield Glyphs(centres, colour, size=0.2 * _SIZE * size)
         return
     for axis in axes:
+        if axis == "normal":
+            yield Glyphs(centres, colour, -0.6 * _SIZE * size * normals)
+            continue
         direction = np.eye(3)["xyz".index(axis)]
         sides = np.where(normals @ direction > 0, -1.0, 1.0)
         yield Glyphs(centres, colour, 0.6 * _SIZE * size * sides[:, None] * direction)
