@@ -12,6 +12,10 @@ from .references import Reference
 
 type Verdict = Literal["inside", "outside", "not reliable", "failed", "skipped"]
 
+MESHES = 3.0
+"""Error of our value over its largest change on finer meshes: the safety factor of Roache (1994,
+doi:10.1115/1.2910291) for meshes whose order of convergence is not known. Larger: longer error bars."""
+
 ROUNDING = 1e-11
 """Error of our value on a common mesh, relative to it: ten times Newton's tolerance. Larger: a coarser comparison."""
 
@@ -74,6 +78,9 @@ def _error(reference: Reference, summary: Mapping[str, Any], name: str, componen
     ours = abs(_number(summary["quantities"].get(name), component))
     if reference.comparison == "mesh":
         return ROUNDING * ours, ""
+    if summary.get("finer"):
+        others = [_number(quantities.get(name), component) for quantities in summary["finer"]]
+        return MESHES * max(abs(other - _number(summary["quantities"].get(name), component)) for other in others), ""
     if accuracy := summary.get("accuracy"):
         return abs(accuracy["bounds"][name]), ""
     estimate = summary["certificate"].get("estimate") or {}

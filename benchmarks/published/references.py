@@ -8,6 +8,7 @@
 | value, unit | the published number with all its digits, and its unit (empty: a pure number) |
 | spread | their uncertainty in the same unit; empty: one unit of the last digit |
 | comparison | ``mesh``: both solve the same discrete problem; ``limit``: the exact solution, our estimate counts |
+| finer | settings of finer meshes, divided by ``|``: our error is from changes on them, if one mesh gives none |
 | loaded | for an inverse row, the forward job (with the same changes) whose loaded body is its mesh |
 | small | ``yes`` for rows that the tests run |
 | source, place | DOI or repository with commit; table, figure, or file with line |
@@ -36,6 +37,7 @@ COLUMNS = (
     "unit",
     "spread",
     "comparison",
+    "finer",
     "loaded",
     "small",
     "source",
@@ -58,6 +60,7 @@ class Reference:
         value: in the unit of the table, as printed.
         spread: in the unit of the table.
         factor: from the unit of the table to SI.
+        finer: settings of each finer mesh.
     """
 
     folder: str
@@ -70,6 +73,7 @@ class Reference:
     unit: str
     factor: float
     comparison: str
+    finer: tuple[Mapping[str, Any], ...]
     loaded: str
     small: bool
     source: str
@@ -79,7 +83,7 @@ class Reference:
     @property
     def case(self) -> tuple[str, str, str, str]:
         """Rows of the same case come from one run."""
-        return self.folder, self.job, repr(sorted(self.changes.items())), self.loaded
+        return self.folder, self.job, f"{sorted(self.changes.items())}{self.finer or ''}", self.loaded
 
 
 def sources() -> list[str]:
@@ -123,6 +127,7 @@ def _reference(source: str, path: Path, line: int, row: Mapping[str, str]) -> Re
             unit=row["unit"],
             factor=float(parse_unit(row["unit"])[0]) if row["unit"] else 1.0,
             comparison=row["comparison"],
+            finer=tuple(dict(_changes(mesh)) for mesh in row["finer"].split("|") if mesh.strip()),
             loaded=row["loaded"],
             small=row["small"] == "yes",
             source=row["source"],

@@ -25,6 +25,7 @@ from hpcinv.quantity.keys import assigned
 
 from .references import FOLDER, Reference
 
+_WITHOUT_ESTIMATE: dict[str, Any] = {"certificate": "quick"}  # finer meshes need none
 SUMMARY, BODY, QUANTITIES = "summary.json", "shape.msh", "quantities.json"
 
 
@@ -35,7 +36,8 @@ class Missing(HpcinvError):
 def summary_of(row: Reference, store: Path, comm: MPI.Intracomm) -> Mapping[str, Any]:
     """Return ``summary.json`` of the run that a row needs, which is solved unless the store has it; collective.
 
-    A run that fails gives ``{"failure": message}``, one whose files are missing ``{"missing": message}``.
+    ``finer`` in it has the quantities on the finer meshes of the row. A run that fails gives ``{"failure": message}``,
+    one whose files are missing ``{"missing": message}``.
     """
     try:
         changes = dict(row.changes)
@@ -44,11 +46,13 @@ def summary_of(row: Reference, store: Path, comm: MPI.Intracomm) -> Mapping[str,
             changes = {key: value for key, value in changes.items() if not key.startswith("mesh.")}
             changes["mesh"] = {"file": str((loaded / BODY).resolve())}
         directory = _solved(row, row.job, changes, store, comm)
+        finer = [_solved(row, row.job, changes | _WITHOUT_ESTIMATE | dict(mesh), store, comm) for mesh in row.finer]
     except Missing as error:
         return {"missing": error.message}
     except HpcinvError as error:
         return {"failure": str(error).splitlines()[0]}
-    summary: Mapping[str, Any] = on_root(comm, lambda: _summary(directory))
+    summary: dict[str, Any] = on_root(comm, lambda: _summary(directory))
+    summary["finer"] = on_root(comm, lambda: [_summary(mesh)["quantities"] for mesh in finer])
     return summary
 
 

@@ -92,6 +92,26 @@ def test_rows_are_judged_by_both_error_bars() -> None:
     assert [row(14.745e-3, 1e-8, analysis).inverse for analysis in ("forward", "inverse")] == [False, True]
 
 
+def test_changes_on_finer_meshes_give_the_error_where_an_estimate_is_not_reliable() -> None:
+    from benchmarks.published.comparison import MESHES, compare
+    from benchmarks.published.references import read
+
+    limit = dataclasses.replace(read("cook")[0], comparison="limit", value="14.74", spread=0.01)
+    summary = {
+        "quantities": {"tip": 14.70e-3},
+        "finer": [{"tip": 14.71e-3}, {"tip": 14.69e-3}, {"tip": 14.705e-3}],
+        "certificate": {"estimate": {"quantities": {"tip": 1e-9}, "unreliable": ["tip"]}},
+        "mesh": {"unknowns": 1},
+        "timings": {"total": 1.0},
+        "job": {"analysis": "forward"},
+    }
+    row = compare(limit, summary)
+    assert row.error == pytest.approx(MESHES * 0.01)
+    assert row.verdict == "inside"
+    assert compare(limit, summary | {"finer": []}).verdict == "not reliable"
+    assert next(row.finer for row in read("land") if row.quantity == "twisted-x")[1] == {"mesh.parameters.apex": 0.5}
+
+
 def test_rows_without_the_files_of_the_user_are_skipped_and_not_counted() -> None:
     from benchmarks.published import page
     from benchmarks.published.comparison import compare

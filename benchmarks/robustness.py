@@ -1,0 +1,121 @@
+"""Which methods find an unloaded shape, as load, number of load steps and method vary: slab and left ventricle.
+
+The grid is from Barnafi, Regazzoni and Riccobelli (2024), doi:10.1016/j.cma.2024.116845, section 6, and their scripts
+``fenics/run-tests-robustness.sh`` (nabw/mechanics-reference-configuration). The slab is theirs: 1 cm x 3 mm x 3 mm,
+neo-Hookean with E = 10 kPa, 24 x 8 x 8 boxes of linear tetrahedra, gravity of 1 to 100 m/s². The ventricle has their
+law and springs, on an ellipsoid of ours; the active stress is our second Piola-Kirchhoff stress.
+
+A cell is the number of factorizations, or why there is no result. Fixed points may take 100 forward solves.
+
+Command: mpirun -n 2 python benchmarks/robustness.py [slab] [ventricle]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import hpcinv
+from hpcinv.errors import HpcinvError
+from hpcinv.job.job import Job, parse
+from hpcinv.parallel.runtime import MPI
+
+HERE = Path(__file__)
+SLAB: dict[str, Any] = {
+    "job": "slab",
+    "analysis": "inverse",
+    "mesh": {
+        "file": "../meshes/box.py",
+        "parameters": {"lx": "10 mm", "ly": "3 mm", "lz": "3 mm", "nx": 24, "ny": 8, "nz": 8},
+    },
+    "material": {
+        "law": "formula",
+        "energy": "mu/2*(I1_bar - 3) + lam/2*(J - 1)*ln(J)",
+        "parameters": {"mu": 1e4 / 2.6, "lam": 3e3 / (1.3 * 0.4)},
+    },
+    "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
+    "discretisation": {"displacement": 1},
+}
+VENTRICLE: dict[str, Any] = {
+    "job": "ventricle",
+    "analysis": "inverse",
+    "mesh": {"file": "../meshes/ventricle.py", "unit": "mm", "parameters": {"size": "8 mm"}},
+    "fibres": {
+        family: {
+            "rule": {"kind": "ventricle", "endo": "endo", "epi": "epi", "base": "base", "helix": ["60 deg", "-60 deg"]}
+            | ({"gives": "sheet"} if family == "sheet" else {}),
+            "given_on": "current",
+        }
+        for family in ("fibre", "sheet")
+    },
+    "material": {
+        "law": "usyk-mcculloch",
+        "c": "0.88 kPa",
+        "b_f": 8,
+        "b_s": 6,
+        "b_n": 3,
+        "b_fs": 12,
+        "b_fn": 3,
+        "b_sn": 3,
+        "kappa": "50 kPa",
+    },
+    "discretisation": {"displacement": 1, "formulation": "displacement"},
+}
+SPRINGS = {"effect": "elastic-foundation", "region": "epi", "normal": 2e5, "tangential": 2e4, "area_in": "current"}
+METHODS: Mapping[str, Mapping[str, Any]] = {
+    "direct": {},
+    "direct, 1 step": {"solver": {"strategy": "fixed", "steps": 1}},
+    "direct, 10 steps": {"solver": {"strategy": "fixed", "steps": 10}},
+    "direct, 100 steps": {"solver": {"strategy": "fixed", "steps": 100}},
+    "sellier": {"method": "sellier", "fixed_point": {"maximum_iterations": 100, "tolerance": 1e-6}},
+    "anderson": {"method": "anderson", "fixed_point": {"maximum_iterations": 100, "tolerance": 1e-6}},
+}
+
+
+def slabs() -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield the loads of the slab: title and changes of the job."""
+    for load in (1, 10, 25, 50, 75, 100):
+        gravity = {"effect": "gravity", "acceleration": [0, 0, load], "density": 1000, "density_in": "current"}
+        yield f"gravity {load} m/s²", SLAB | {"effects": [gravity]}
+
+
+def ventricles() -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield the loads of the ventricle: pressures without contraction, then contractions without pressure."""
+    for pressure in (100, 1000, 2500, 5000, 10000):
+        load = {"effect": "pressure", "region": "endo", "pressure": pressure}
+        yield f"pressure {pressure} Pa", VENTRICLE | {"effects": [SPRINGS, load]}
+    for stress in (1000, 5000, 10000, 20000, 40000):
+        load = {"effect": "active-stress", "stress": stress}
+        yield f"active stress {stress} Pa", VENTRICLE | {"effects": [SPRINGS, load]}
+
+
+def outcome(job: Job, comm: MPI.Intracomm) -> str:
+    """Return the factorizations of a run, or why it found no unloaded shape; collective."""
+    try:
+        result = hpcinv.run(job, comm, progress=False)
+    except HpcinvError as error:
+        return error.message.partition(":")[2].strip() or error.message
+    return str(sum(solution["factorizations"] for solution in result.to_dict()["solutions"]))
+
+
+def main() -> None:
+    grids = {"slab": slabs, "ventricle": ventricles}
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("body", nargs="*", choices=[[], *grids], help="bodies; default: both")
+    comm = MPI.COMM_WORLD
+    for body in parser.parse_args().body or grids:
+        if comm.rank == 0:
+            print(f"| {body} | {' | '.join(METHODS)} |\n|---|{'---|' * len(METHODS)}", flush=True)
+        for title, data in grids[body]():
+            ends = [
+                outcome(parse({**data, **method, "certificate": "off"}, HERE.with_suffix(".yaml")), comm)
+                for method in METHODS.values()
+            ]
+            if comm.rank == 0:
+                print(f"| {title} | {' | '.join(ends)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
