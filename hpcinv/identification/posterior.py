@@ -176,7 +176,7 @@ class _Surrogate:
 def _walk(surrogate: _Surrogate, count: int, seed: int, steps: int) -> Floats:
     """Return samples (count, k) of the surrogate's posterior, far apart in the chains of its walkers."""
     try:
-        import emcee  # type: ignore[import-untyped]
+        import emcee
     except ImportError:
         raise JobError("the posterior needs the package 'emcee': pip install 'hpcinv[posterior]'") from None
     random = np.random.default_rng(seed)
