@@ -47,6 +47,7 @@ COMMANDS = {
     "promises": "python benchmarks/promises.py",
     "effectivity-layers": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2"
     ' --bodies "layered sphere" "grown layers"',
+    "cavities": "mpirun -n 1 python benchmarks/cavities.py",
     "effectivity-cubic": "python benchmarks/effectivity.py --divisions 2 --displacement 3",
 }
 

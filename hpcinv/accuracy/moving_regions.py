@@ -4,13 +4,14 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from hpcinv.job.region_rules import RegionRule, RegionUnion
+from hpcinv.job.region_rules import RegionRule
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.cells import jacobians, kind_and_degree, quadrature, scalar_element
 from hpcinv.mesh.checks import det
 from hpcinv.mesh.regions import BOUNDARY, evaluate, is_facet_condition
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.expressions import Expression
 
 # Share of the body that fulfils a condition outside of the region's cells, or by which a region of facets changes, from
 # which its border moves; larger ones are let pass.
@@ -26,7 +27,7 @@ def cut_regions(body: Body, rules: Mapping[str, RegionRule]) -> Iterator[str]:
     nodes = body.given_nodes[mesh.geometry.dofmaps[0][:owned]]
     for name, condition in rules.items():
         region = body.regions[name]
-        if isinstance(condition, RegionUnion) or not region.cell_count or is_facet_condition(condition):
+        if not isinstance(condition, Expression) or not region.cell_count or is_facet_condition(condition):
             continue
         parts = np.zeros(2)
         if owned:

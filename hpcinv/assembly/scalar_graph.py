@@ -97,12 +97,34 @@ class ScalarGraph:
             return self.number(0.0)
         if x == 1:
             return b
-        return a if y == 1 else self._node("multiply", *sorted((a, b)))
+        if y == 1:
+            return a
+        (c, u), (d, v) = self._factored(a), self._factored(b)
+        if (self.varies[a] and u != a) or (self.varies[b] and v != b):  # fewer nodes whose coefficients enter sums
+            return self.multiply(self.multiply(c, d), self.multiply(u, v))
+        return self._node("multiply", *sorted((a, b)))
 
     def divide(self, a: Node, b: Node) -> Node:
         if (y := self._value(b)) is not None:
             return self.multiply(a, self.number(1 / y))
-        return self.number(0.0) if self._value(a) == 0 else self._node("divide", a, b)
+        if self._value(a) == 0:
+            return self.number(0.0)
+        (c, u), (d, v) = self._factored(a), self._factored(b)
+        if self.varies[b] and (v != b or (self.varies[a] and u != a)):
+            return self.multiply(self.divide(c, d), self.divide(u, v))
+        return self._node("divide", a, b)
+
+    def _factored(self, node: Node) -> tuple[Node, Node]:
+        """Return the factor of a node that does not depend on the unknowns, and the rest."""
+        unity, operation = self.number(1.0), self.operations[node]
+        if not self.varies[node]:
+            return node, unity
+        if operation[0] == "multiply":
+            fixed = [argument for argument in operation[1:] if not self.varies[argument]]
+            if fixed:
+                (rest,) = (argument for argument in operation[1:] if argument != fixed[0])
+                return fixed[0], rest
+        return unity, node
 
     def power(self, a: Node, n: Node) -> Node:
         if self.varies[n]:

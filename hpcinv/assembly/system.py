@@ -16,6 +16,7 @@ from hpcinv.assembly.tangent import Tangent, tangent_of
 from hpcinv.assembly.tangent_moduli import Term
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.scene import Scene
+from hpcinv.model.sliding import MatrixConstraint
 from hpcinv.model.supports import Supports
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
@@ -50,6 +51,7 @@ class System:
         self.comm = scene.unknowns.mesh.comm
         self.state = scene.unknowns.state
         self.tangents, self._like = 0, like
+        self._constraint: MatrixConstraint | None = None
         self._path: tuple[npt.NDArray[np.float64], float] | None = None  # R(x_0, 1) and 1 - λ
         with timings("set-up"):
             self.rhs = fem_petsc.create_vector(scene.unknowns.space)
@@ -80,7 +82,12 @@ class System:
         tangent, like = self._tangent, self._like
         with self.timings("tangent"):
             _multiply_without_inodes()
-            return tangent.create_matrix(self.supports.conditions, like._tangent if like and like.tangents else None)
+            matrix, assemble = tangent.create_matrix(
+                self.supports.conditions, like._tangent if like and like.tangents else None
+            )
+            if self.supports.sliding is not None:
+                self._constraint = self.supports.sliding.constraint(matrix)
+            return matrix, assemble
 
     @property
     def matrix(self) -> PETSc.Mat:
@@ -150,23 +157,21 @@ class System:
     def residual(self, b: PETSc.Vec) -> None:
         """Assemble R at the present state and load into ``b``."""
         self._forces(b)
-        conditions, state = self.supports.conditions, self.state.x.petsc_vec
         with self.timings("residual"):
             if self.supports.prescribe_motion:
                 self._add_lifting(b, self.state.x.array)
             b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-            fem_petsc.set_bc(b, conditions, x0=state, alpha=-1.0)
+            self._set_held_rows(b, -self.supports.missing(self.state.x.array))
 
     def lift(self, b: PETSc.Vec) -> None:
         """Set ``b`` to the right-hand side of ``K x = b`` for the prescribed values, with the assembled K."""
-        conditions = self.supports.conditions
         with self.timings("residual"):
             with b.localForm() as local:
                 local.set(0.0)
                 self._add_lifting(b, None)
                 local.scale(-1.0)
             b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-            fem_petsc.set_bc(b, conditions)
+            self._set_held_rows(b, self.supports.missing(None))
 
     def forces(self, load: float) -> npt.NDArray[np.float64]:
         """Return internal less external nodal forces (scaled) of the owned unknowns, without reactions of supports."""
@@ -179,6 +184,8 @@ class System:
         """Assemble K at the present state and load into ``matrix``, with the sum of some `term`."""
         with self.timings("tangent"):
             self._matrix[1](terms)
+            if self._constraint is not None:
+                self._constraint.apply()
         self.tangents += 1
 
     def term(self, term: Term) -> Any:
@@ -238,6 +245,9 @@ class System:
 
     def destroy(self) -> None:
         """Free PETSc objects."""
+        if self._constraint is not None:
+            self._constraint.destroy()
+            self._constraint = None
         if "_matrix" in self.__dict__:
             self.matrix.destroy()
         self.tangents = 0
@@ -251,11 +261,15 @@ class System:
                 forces, share = self._path
                 local.array[:] -= share * forces
 
+    def _set_held_rows(self, b: PETSc.Vec, values: npt.NDArray[np.float64]) -> None:
+        """Set the part of ``b`` in which nodes are held to local ``values``, which are zero elsewhere."""
+        forces: npt.NDArray[np.float64] = b.array
+        self.supports.free(forces)
+        forces += values[: len(forces)]
+
     def _add_lifting(self, b: PETSc.Vec, x: npt.NDArray[np.float64] | None) -> None:
         """Add ``K (ū - x)`` with prescribed values ``ū``; ``ū - x`` is zero for free unknowns."""
-        self._step.x.array[:] = 0.0
-        for condition in self.supports.conditions:
-            condition.set(self._step.x.array, x)
+        self._step.x.array[:] = self.supports.missing(x)
         fem_petsc.assemble_vector(b, self._step_form)
 
     @cached_property

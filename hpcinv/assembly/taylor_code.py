@@ -17,6 +17,7 @@ Source: Griewank & Walther, *Evaluating Derivatives*, 2008, ch. 13, doi:10.1137/
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -45,45 +46,36 @@ static lanes raised(lanes x, lanes n) {
   return x;
 }
 /* Sums without the coefficients of order k are kept: these are set anew once the unknowns are known. */
-static __attribute__((noinline)) void product(lanes *y, const lanes *u, const lanes *v, lanes *inner, int k, int anew) {
+static __attribute__((noinline)) void quotient(lanes *y, const lanes *v, int step, const lanes *kept, lanes *inner,
+                                               int k, int anew) {
   if (anew) {
     lanes sum = {0};
-    for (int j = 1; j < k; j++) sum += u[j] * v[k - j];
+    for (int j = 1; j < k; j++) sum += v[j * step] * kept[(k - j) * KEPT];
     *inner = sum;
   }
-  *y = *inner + u[0] * v[k] + u[k] * v[0];
+  *y = (*y - *inner - v[k * step] * kept[0]) / v[0];
 }
-static __attribute__((noinline)) void quotient(lanes *y, const lanes *v, const lanes *kept, lanes *inner, int k,
-                                               int anew) {
+static __attribute__((noinline)) void power(lanes *y, const lanes *u, int step, const lanes *kept, const lanes *n,
+                                            lanes *inner, int k, int anew) {
   if (anew) {
     lanes sum = {0};
-    for (int j = 1; j < k; j++) sum += v[j] * kept[k - j];
+    for (int j = 1; j < k; j++) sum += (*n * (double)j - (double)(k - j)) * u[j * step] * kept[(k - j) * KEPT];
     *inner = sum;
   }
-  *y = (*y - *inner - v[k] * kept[0]) / v[0];
+  *y = (*inner + *n * (double)k * u[k * step] * kept[0]) / (u[0] * (double)k);
 }
-static __attribute__((noinline)) void power(lanes *y, const lanes *u, const lanes *kept, const lanes *n, lanes *inner,
-                                            int k, int anew) {
+static __attribute__((noinline)) void integral(lanes *y, const lanes *u, int step, const lanes *g, int steps,
+                                               lanes *inner, int k, int anew) {
   if (anew) {
     lanes sum = {0};
-    for (int j = 1; j < k; j++) sum += (*n * (double)j - (double)(k - j)) * u[j] * kept[k - j];
+    for (int j = 1; j < k; j++) sum += (double)j * u[j * step] * g[(k - j) * steps];
     *inner = sum;
   }
-  *y = (*inner + *n * (double)k * u[k] * kept[0]) / (u[0] * (double)k);
+  *y = (*inner + (double)k * u[k * step] * g[0]) / (double)k;
 }
-static __attribute__((noinline)) void integral(lanes *y, const lanes *u, const lanes *g, lanes *inner, int k,
-                                               int anew) {
-  if (anew) {
-    lanes sum = {0};
-    for (int j = 1; j < k; j++) sum += (double)j * u[j] * g[k - j];
-    *inner = sum;
-  }
-  *y = (*inner + (double)k * u[k] * g[0]) / (double)k;
-}
-/* Fetch what order k needs of the next block: without it, a sweep takes twice as long, waiting for memory. */
-static void fetch(const lanes *kept, int stored, int k) {
-  for (int n = 0; n < KEPT; n++, kept += stored)
-    for (int j = 0; j <= k; j += 2) __builtin_prefetch(kept + j, 1);
+/* Fetch what order k needs of the next block: without it, a sweep waits for memory. */
+static void fetch(const lanes *kept, int k) {
+  for (int n = 0; n <= k * KEPT; n += 2) __builtin_prefetch(kept + n, 1);
 }
 """
 
@@ -94,16 +86,16 @@ _SWEEP = """
    blocks   number of blocks of LANES points
    stored   number of coefficients for which there is room
    stride   blocks of kept coefficients: 1, or 0 if all blocks use the same room; then first must be 0
-   leaves   (blocks, LEAVES, stored, LANES)
+   leaves   (blocks, stored, LEAVES, LANES)
    inputs   (blocks, INPUTS, LANES)
-   kept     (blocks, KEPT stored + SUMS, LANES);  choices  (blocks, CHOICES, LANES)
+   kept     (blocks, stored KEPT + SUMS, LANES);  choices  (blocks, CHOICES, LANES)
    outputs  (blocks, OUTPUTS, LANES) */
 void sweep(int64_t blocks, int stored, int first, int last, int stride, const lanes *leaves, const lanes *inputs,
            lanes *kept, masks *choices, lanes *outputs) {
   const int room = KEPT * stored + SUMS;
   for (; blocks--; leaves += LEAVES * stored, inputs += INPUTS, kept += stride * room, choices += stride * CHOICES,
                    outputs += OUTPUTS) {
-    if (blocks && stride) fetch(kept + room, stored, last);
+    if (blocks && stride) fetch(kept + room, last);
     for (int k = first; k <= last; k++)
       if (k) further(k, !first || k > first, stored, leaves, inputs, kept, choices, outputs);
       else values(stored, leaves, inputs, kept, choices, outputs);
@@ -145,6 +137,14 @@ def taylor_code(graph: ScalarGraph, leaves: int, outputs: Sequence[Node]) -> Tay
     return TaylorCode(_HEAD % sizes + "".join(bodies) + _SWEEP, len(writer.kept), len(writer.sums), len(writer.choices))
 
 
+@dataclass(frozen=True)
+class _Convolution:
+    """A sum of products and of other nodes, each with its sign."""
+
+    products: list[tuple[str, Node, Node]]
+    others: list[tuple[str, Node]]
+
+
 class _Writer:
     """Statements for the value and for a coefficient of higher order of each node.
 
@@ -157,6 +157,7 @@ class _Writer:
     def __init__(self, graph: ScalarGraph, outputs: Sequence[Node]) -> None:
         self._graph, self._outputs = graph, outputs
         self._nodes = graph.needed(outputs)
+        self._convolutions, self._absorbed = self._collected()
         kept = sorted({node for node in self._nodes for node in self._summed(node)})
         self.kept = {node: place for place, node in enumerate(n for n in kept if graph.operations[n][0] != "leaf")}
         self.sums = {node: place for place, node in enumerate(n for n in self._nodes if self._summed(n))}
@@ -178,6 +179,8 @@ class _Writer:
             if not self._graph.varies[node]:
                 yield f"  const lanes v{node} = {self._value(node)};"
                 continue
+            if node in self._absorbed:
+                continue
             yield from self._coefficient(node)
             yield from self._keep(node, "k")
         yield from self._return(constant="(lanes){0}")
@@ -185,9 +188,11 @@ class _Writer:
     def _summed(self, node: Node) -> tuple[Node, ...]:
         """Return the nodes whose coefficients enter the sums of one."""
         varies = self._graph.varies
+        if node in self._absorbed:
+            return ()
+        if node in self._convolutions:
+            return tuple(factor for _, *factors in self._convolutions[node].products for factor in factors)
         match self._graph.operations[node]:
-            case ("multiply", a, b) if varies[a] and varies[b]:
-                return a, b
             case ("divide", _, b) if varies[b]:
                 return node, b
             case ("power", a, _) if varies[a]:
@@ -196,16 +201,83 @@ class _Writer:
                 return (x, derivative) if varies[derivative] else (x,)
         return ()
 
+    def _collected(self) -> tuple[dict[Node, _Convolution], set[Node]]:
+        """Return sums of products, and the nodes that are only parts of them."""
+        graph = self._graph
+        uses = Counter([*self._outputs, *(a for node in self._nodes for a in graph.arguments(node))])
+        convolutions, absorbed = dict[Node, _Convolution](), set[Node]()
+
+        def collect(node: Node, sign: str, parts: _Convolution, *, is_root: bool = False) -> None:
+            if not graph.varies[node]:
+                return
+            operation = graph.operations[node]
+            minus = self._negated(node)
+            is_product = operation[0] == "multiply" and all(graph.varies[a] for a in operation[1:])
+            if not (is_root or uses[node] == 1) or not (is_product or operation[0] == "add" or minus is not None):
+                parts.others.append((sign, node))
+                return
+            if not is_root:
+                absorbed.add(node)
+            if is_product:
+                parts.products.append((sign, *operation[1:]))
+            elif minus is not None:
+                collect(minus, "+" if sign == "-" else "-", parts)
+            else:
+                for argument in operation[1:]:
+                    collect(argument, sign, parts)
+
+        for node in reversed(self._nodes):
+            if node not in absorbed:
+                before, parts = set(absorbed), _Convolution([], [])
+                collect(node, "+", parts, is_root=True)
+                if parts.products:
+                    convolutions[node] = parts
+                else:
+                    absorbed = before
+        return convolutions, absorbed
+
+    def _negated(self, node: Node) -> Node | None:
+        """Return the node whose negative this is, if it is any."""
+        operation, *arguments = self._graph.operations[node]
+        signs = [self._graph.operations[a] == ("number", -1.0) for a in arguments] if operation == "multiply" else []
+        return arguments[signs.index(False)] if any(signs) else None
+
+    def _convolution(self, node: Node) -> Iterator[str]:
+        """Yield a coefficient of a sum of products."""
+        parts = self._convolutions[node]
+        inner = f"kept[KEPT * stored + {self.sums[node]}]"
+        below, ends = "", ""
+        for sign, a, b in parts.products:
+            below += f" {sign} {self._at(a, 'j')} * {self._at(b, 'k - j')}"
+            if a == b:
+                ends += f" {sign} 2 * {self._at(a, '0')} * {self._at(a, 'k')}"
+            else:
+                ends += (
+                    f" {sign} {self._at(a, '0')} * {self._at(b, 'k')} {sign} {self._at(a, 'k')} * {self._at(b, '0')}"
+                )
+        others = " ".join(f"{sign} v{other}" for sign, other in parts.others)
+        yield f"  if (anew) {{\n    lanes sum = {{0}};\n    for (int j = 1; j < k; j++) sum += {below};"
+        yield f"    {inner} = sum;\n  }}\n  lanes v{node} = {inner}{ends} {others};"
+
     def _series(self, node: Node) -> str:
+        """Return the first coefficient of a node and the distance between two of them, as arguments."""
         operation = self._graph.operations[node]
-        return f"leaves + {operation[1]} * stored" if operation[0] == "leaf" else f"kept + {self.kept[node]} * stored"
+        if operation[0] == "leaf":
+            return f"leaves + {operation[1]}, LEAVES"
+        return f"kept + {self.kept[node]}, KEPT"
+
+    def _at(self, node: Node, k: str) -> str:
+        operation = self._graph.operations[node]
+        if operation[0] == "leaf":
+            return f"leaves[({k}) * LEAVES + {operation[1]}]"
+        return f"kept[({k}) * KEPT + {self.kept[node]}]"
 
     def _inner(self, node: Node) -> str:
         return f"kept + KEPT * stored + {self.sums[node]}, k, anew"
 
     def _keep(self, node: Node, k: str) -> Iterator[str]:
         if node in self.kept:
-            yield f"  ({self._series(node)})[{k}] = v{node};"
+            yield f"  {self._at(node, k)} = v{node};"
 
     def _return(self, constant: str = "") -> Iterator[str]:
         for place, node in enumerate(self._outputs):
@@ -214,7 +286,7 @@ class _Writer:
     def _value(self, node: Node) -> str:
         match self._graph.operations[node]:
             case ("leaf", number):
-                return f"leaves[{number} * stored]"
+                return f"leaves[{number}]"
             case ("input", number):
                 return f"inputs[{number}]"
             case ("number", value):
@@ -242,22 +314,22 @@ class _Writer:
         into = f"  lanes v{node}"
         match self._graph.operations[node]:
             case ("leaf", number):
-                yield f"{into} = leaves[{number} * stored + k];"
+                yield f"{into} = leaves[k * LEAVES + {number}];"
+            case _ if node in self._convolutions:
+                yield from self._convolution(node)
             case ("add", a, b):
                 yield f"{into} = {' + '.join(f'v{x}' for x in (a, b) if varies[x])};"
-            case ("multiply", a, b) if varies[a] and varies[b]:
-                yield f"{into};\n  product(&v{node}, {self._series(a)}, {self._series(b)}, {self._inner(node)});"
             case ("multiply", a, b):
                 yield f"{into} = v{a} * v{b};"
             case ("divide", a, b) if varies[b]:
                 start = f"v{a}" if varies[a] else "(lanes){0}"
                 yield f"{into} = {start};"
-                yield f"  quotient(&v{node}, {self._series(b)}, {self._series(node)}, {self._inner(node)});"
+                yield f"  quotient(&v{node}, {self._series(b)}, kept + {self.kept[node]}, {self._inner(node)});"
             case ("divide", a, b):
                 yield f"{into} = v{a} / v{b};"
             case ("power", a, n):
                 yield f"{into};"
-                yield f"  power(&v{node}, {self._series(a)}, {self._series(node)}, &v{n}, {self._inner(node)});"
+                yield f"  power(&v{node}, {self._series(a)}, kept + {self.kept[node]}, &v{n}, {self._inner(node)});"
             case ("integral", _, x, derivative) if varies[derivative]:
                 yield f"{into};"
                 yield f"  integral(&v{node}, {self._series(x)}, {self._series(derivative)}, {self._inner(node)});"

@@ -357,7 +357,7 @@ class _Part:
             self._kept = np.empty(0)  # free the memory before
             self._kept = np.empty(shape)
         self._choices = np.empty((room, kernel.plan.choices, LANES), dtype=np.int64)
-        self._leaves = np.zeros((self._blocks, kernel.leaves, stored, LANES))
+        self._leaves = np.zeros((self._blocks, stored, kernel.leaves, LANES))
         self._results = np.empty((self._blocks, kernel.outputs, LANES))
         self._inputs = np.zeros((self._blocks, kernel.plan.input_count, LANES))
         if kernel.inputs is not None and self._count:
@@ -370,10 +370,10 @@ class _Part:
         for slot in plan.leaves:
             size = math.prod(slot.shape)
             values: Any = 0.0 if x is None else self._in_lanes(self._at_points(slot, x))
-            self._leaves[:, at : at + size, k] = values
+            self._leaves[:, k, at : at + size] = values
             at += size
         for case in plan.cases:
-            self._leaves[:, at, k] = loads[case]
+            self._leaves[:, k, at] = loads[case]
             at += 1
 
     def sweep(self, k: int) -> Floats:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from hpcinv.certificate.check import Line, Verdict, skipped, upper_bound_line
 from hpcinv.certificate.limit_point_check import LIMIT_POINTS
+from hpcinv.quantity.units import readable
 from hpcinv.results.solution import Solution
 
 _WARN, _FAIL = 1e-8, 1e-5
@@ -17,7 +18,7 @@ def cavities(solution: Solution) -> Iterator[Line]:
     """Yield the line of each cavity of unknown pressure."""
     for cavity in solution.cavities:
         name = f"equation of cavity '{cavity.name}', relative to its volume"
-        note = f"pressure {cavity.pressure:.6g} Pa, volume {cavity.volume:.6g} m^3"
+        note = f"pressure {readable(cavity.pressure, 'Pa', 6)}, volume {readable(cavity.volume, 'm^3', 6)}"
         yield upper_bound_line(name, cavity.residual, _WARN, _FAIL, note=note)
 
 

@@ -17,10 +17,12 @@ from hpcinv.certificate.ineffective_loads import ineffective_loads
 from hpcinv.certificate.limit_point_check import limit_points
 from hpcinv.certificate.round_trip import closure_error, round_trip
 from hpcinv.certificate.shape import cells, self_overlap
+from hpcinv.certificate.shell_check import faces
 from hpcinv.certificate.stability_check import stability
 from hpcinv.certificate.two_level import MANY
 from hpcinv.certificate.volume import volume
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.units import readable
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.quantities_of_interest import Value
 from hpcinv.results.solution import Solution
@@ -74,6 +76,9 @@ def certify(
 
     def discretisation() -> Iterable[Line]:
         nonlocal estimated
+        if solution.job.mesh.shell is not None:
+            yield skipped(DISCRETISATION, "is not estimated for shells: compare with a finer mesh")
+            return
         if solution.cavities:
             yield skipped(DISCRETISATION, "is not estimated where the pressure of a cavity is unknown")
             return
@@ -108,6 +113,8 @@ def certify(
                 if solution.cavities:
                     check("cavities", lambda: cavities(solution))
                 check("volume", lambda: volume(equations, solution))
+                if solution.job.mesh.shell is not None:
+                    check("faces", lambda: faces(equations, solution))
             check("discretisation error", discretisation)
             if is_checked:
                 check("cells", lambda: cells(equations, solution))
@@ -130,7 +137,9 @@ def _way_back(line: Line, scale: float, largest: float) -> Line:
     """Return the line on the round trip, relative to ``scale``, judged by the largest other error of the shape (m)."""
     if line.verdict is not Verdict.WARN or (line.value or 0.0) * scale > largest:
         return line
-    return replace(line, verdict=Verdict.PASS, note=f"{line.note}; the shape has a larger error of {largest:.3g} m")
+    return replace(
+        line, verdict=Verdict.PASS, note=f"{line.note}; the shape has a larger error of {readable(largest, 'm')}"
+    )
 
 
 def _discretisation(equations: Equations, solution: Solution, estimated: Estimate | None, uncertain: float) -> Line:
@@ -145,7 +154,7 @@ def _discretisation(equations: Equations, solution: Solution, estimated: Estimat
         note = "could not be estimated: at the points of a finer quadrature the solution is not admissible"
         return Line(DISCRETISATION, None, "", "must be finite", Verdict.WARN, note)
     scale = displacement_scale(equations, solution)
-    note = "; ".join(filter(None, [f"{estimated.shape:.3g} m{estimated.left_out}", scale.note]))
+    note = "; ".join(filter(None, [f"{readable(estimated.shape, 'm')}{estimated.left_out}", scale.note]))
     line = upper_bound_line(
         DISCRETISATION, estimated.shape / scale.length if scale.length else 0.0, 0.05, LINEAR, note=note
     )
@@ -167,5 +176,5 @@ def _discretisation(equations: Equations, solution: Solution, estimated: Estimat
     if not uncertain or estimated.shape > uncertain:
         return line
     # The mesh need not be better than the image deserves.
-    note += f"; the given surface leaves {uncertain:.2g} m uncertain: a finer mesh is not worth its time"
+    note += f"; the given surface leaves {readable(uncertain, 'm', 2)} uncertain: a finer mesh is not worth its time"
     return replace(line, note=note, verdict=Verdict.PASS if line.verdict is Verdict.WARN else line.verdict)

@@ -108,6 +108,10 @@ def assembled(equations: Equations, solution: Solution) -> Iterator[PETSc.Mat]:
     with equations.timings("tangent"):
         matrix = fem_petsc.assemble_matrix(form, bcs=equations.supports.conditions)
         matrix.assemble()
+        if equations.supports.sliding is not None:
+            constraint = equations.supports.sliding.constraint(matrix)
+            constraint.apply()
+            constraint.destroy()
     try:
         yield matrix
     finally:

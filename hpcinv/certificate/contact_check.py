@@ -15,6 +15,7 @@ from hpcinv.certificate.multigrid_solver import MultigridSolver
 from hpcinv.methods.updates import Anderson
 from hpcinv.model.contacts import ContactReport, PenaltyDirection
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.units import readable
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
@@ -56,7 +57,7 @@ def penalties(equations: Equations, solution: Solution, forward: ForwardFactors)
                     yield Line(name, None, "", "must be known", Verdict.UNDECIDED, note)
                     continue
                 change = log(2) * rate * equations.scales.length
-                note = f"{change:.3g} m, relative to the displacement"
+                note = f"{readable(change, 'm')}, relative to the displacement"
                 yield upper_bound_line(name, change / size if size else 0.0, _PENALTY, inf, note=note)
 
 
@@ -109,13 +110,13 @@ def _line(contact: ContactReport, far: float) -> Line:
         return Line(name, 0.0, "m²", "area in contact; warning if there is none", Verdict.WARN, note)
     if contact.tolerance is not None:
         limit, note = _RIGID * contact.tolerance, "penetration between vertices: refine the mesh where the body touches"
-        rule = f"penetration; warning above {limit:.3g} m"
+        rule = f"penetration; warning above {readable(limit, 'm')}"
         verdict = Verdict.PASS if contact.penetration <= limit else Verdict.WARN
         note = contact.assumption if verdict is Verdict.PASS else f"{contact.assumption}; {note}"
         return Line(name, contact.penetration, "m", rule, verdict, note)
     if contact.is_given:
         verdict = Verdict.PASS if contact.distance <= far else Verdict.WARN
-        rule = f"distance from the obstacle where the pressure acts; warning above {far:.3g} m"
+        rule = f"distance from the obstacle where the pressure acts; warning above {readable(far, 'm')}"
         return Line(name, contact.distance, "m", rule, verdict, contact.assumption)
     return Line(
         name, contact.penetration, "m", "penetration of the layer; no threshold", Verdict.PASS, contact.assumption

@@ -24,18 +24,16 @@ def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[L
     """
     comm = equations.body.mesh.comm
     dofs = equations.unknowns.owned_displacement_dofs
-    held = [prescribed.dofs for prescribed in equations.supports.prescribed]
-    free = np.setdiff1d(dofs, np.concatenate(held)) if held else dofs
 
-    def norm(forces: np.ndarray, where: np.ndarray) -> float:
-        return float(np.sqrt(comm.allreduce(float(np.sum(forces[where] ** 2)), op=MPI.SUM)))
+    def norm(forces: np.ndarray) -> float:
+        return float(np.sqrt(comm.allreduce(float(np.sum(forces[dofs] ** 2)), op=MPI.SUM)))
 
     equations.put(solution)
     equilibrium = equations.equilibrium(equations.scene(solution.direction))
     none, full = equilibrium.system.forces(0.0), equilibrium.system.forces(1.0)
     equations.release(equilibrium)
-    load = max(norm(full - none, dofs), norm(full, dofs))
-    left, balanced = norm(full, free), ""
+    load = max(norm(full - none), norm(full))
+    left, balanced = norm(full - equations.supports.held_part(full)), ""
     if left > WARN * load:  # loads may balance each other at each point
         _, nominal = nominal_sizes(equations, solution)
         if FLOOR * nominal > load:

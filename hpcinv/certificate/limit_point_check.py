@@ -10,6 +10,7 @@ from hpcinv.certificate.check import Line, Verdict, skipped
 from hpcinv.methods.method import NESTED
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.series_continuation import STRATEGY as SERIES
 
 LIMIT_POINTS = "limit points of the path"
 
@@ -59,6 +60,11 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
     if not any(s.factorizations for s in solution.solves):
         return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "nothing moves the body")
     signs = [s.signs for s in solution.solves if s.outcome.accepted and s.signs]
+    # A series whose load has a maximum is not followed beyond it.
+    rises = all(s.strategy == SERIES for s in solution.solves if s.outcome.accepted)
+    if not signs and rises:
+        rule = "the load must rise along the path from the unloaded body to the loaded one"
+        return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "the load rises all along the power series")
     if not signs:
         return skipped(LIMIT_POINTS, "an iterative solver does not provide the sign of the tangent's determinant")
     start_sign = signs[0][0] if solution.start else unloaded
@@ -66,6 +72,7 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
         # A coarse solve with a limit point on its path, or another sign at the end of it, is not used.
         nested = any(s.strategy == NESTED and s.outcome.accepted for s in solution.solves)
         note = "the same sign at each load that was solved" + (", on coarser cells along the path" if nested else "")
+        note += ", and the load rises all along the power series" if rises else ""
         return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, note)
     note = "another shape may carry the same load: compare with smaller steps"
     if may_be_spurious:

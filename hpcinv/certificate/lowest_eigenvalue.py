@@ -96,7 +96,7 @@ class _Search:
         self._u = unknowns.owned_displacement_dofs
         self._p = self._u[:0] if unknowns.p is None else unknowns.owned_pressure_dofs
         self._points = unknowns.owned_displacement_points()
-        self._held = np.concatenate([self._u[:0], *(part.dofs for part in supports.prescribed)])
+        self._supports = supports
         self._b, self._x = solver.matrix.createVecRight(), solver.matrix.createVecRight()
         self._mass = solver.pressure_mass
         self._w: list[PETSc.Vec] = []  # solutions
@@ -188,7 +188,7 @@ class _Search:
         waves = np.array([[1.0, 2.3, 3.1], [2.9, 1.3, 1.7], [1.9, 3.7, 0.7]])
         field = sum(np.sin(k * x @ waves + np.array([0.3, 1.1, 2.2])) / k for k in (1.0, 2.7, 7.1))
         y[self._u] = np.ravel(field)
-        y[self._held[self._held < len(y)]] = 0.0
+        self._supports.free(y)
         return y
 
     def _unit(self, y: Floats) -> Floats | None:

@@ -33,6 +33,7 @@ from hpcinv.methods.method import UNLOADED
 from hpcinv.methods.updates import Anderson
 from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.units import readable
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
@@ -72,7 +73,7 @@ def round_trip(
 def closure_error(equations: Equations, solution: Solution, back: np.ndarray) -> Line:
     """Compare a solution's displacements with those (m) of the solve back at the same nodes; collective."""
     difference, scale = _difference(equations, solution, back), displacement_scale(equations, solution)
-    note = "; ".join(filter(None, [f"{difference:.3g} m", scale.note]))
+    note = "; ".join(filter(None, [readable(difference, "m"), scale.note]))
     return upper_bound_line(ROUND_TRIP, scale.share(difference), WARN, FAIL, note=note)
 
 
@@ -232,12 +233,12 @@ class _Relabelling:
         F[~(np.linalg.det(F) > 0.0)] = np.eye(3)  # means of very different cells
         self._inverse = np.linalg.inv(F)
         self._dofs = unknowns.owned_displacement_dofs
-        self._held = np.concatenate([self._dofs[:0], *(part.dofs for part in equations.supports.prescribed)])
+        self._supports = equations.supports
 
     def apply(self, correction: Floats) -> None:
         """Multiply the displacements of a correction by ``F⁻¹``, but those that are prescribed."""
-        held = self._held[self._held < len(correction)]
-        kept = correction[held]
+        kept = self._supports.held_part(correction)
         u = correction[self._dofs].reshape(-1, 3)
         correction[self._dofs] = np.einsum("nij,nj->ni", self._inverse, u).ravel()
-        correction[held] = kept
+        self._supports.free(correction)
+        correction += kept

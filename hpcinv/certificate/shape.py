@@ -10,6 +10,7 @@ from hpcinv.certificate.overlap import MOST_FACETS, overlap
 from hpcinv.certificate.quality import worst_cells
 from hpcinv.certificate.symmetry import symmetry_planes
 from hpcinv.mesh.regions import BOUNDARY
+from hpcinv.quantity.units import readable
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
@@ -36,7 +37,9 @@ def cells(equations: Equations, solution: Solution) -> Iterator[Line]:
         yield lower_bound_line(f"worst cell, by its {worst.measure}", worst.value, warn=enough, fail=fail, note=note)
     for plane in symmetry_planes(solution.job, body, given, moved):
         name = f"depth beyond the plane of symmetry '{plane.region}', relative to the body"
-        note = f"{plane.crossed:.3g} m inside of its mirror image, unless this is a wall that the body may pass"
+        note = (
+            f"{readable(plane.crossed, 'm')} inside of its mirror image, unless this is a wall that the body may pass"
+        )
         # A rest that is not larger than the region is held in the same way.
         depth = plane.crossed / body.length_scale
         yield upper_bound_line(name, depth, warn=1e-9, fail=math.inf, note=note if plane.crossed else "")

@@ -32,6 +32,7 @@ LEAST = math.radians(30)  # rad: below it they always are
 SHARPER = 2.0  # least ratio of an edge's angle to its neighbours'; larger takes more edges for a curved surface
 LIMITING = 0.95  # exponents above it hardly limit anything, and are left out
 FIBRES = "singular fibres"
+_NORMAL = 8  # bit of the normal, after three of the axes
 SCALE_FREE = 0.999
 """Exponent of singular fibres: 1, but below `SMOOTH`, since no degree resolves them. Lower: they refine more."""
 KAPPA = {True: 1.0, False: 1.8}  # 3 - 4ν, of (nearly) incompressible material, and of Poisson's ratio 0.3
@@ -68,7 +69,7 @@ def singular_edges(job: Job, body: Body, configurations: Mapping[str, Floats] | 
     nodes, areas = outer_facets(mesh, exterior)
     held = np.zeros((len(exterior), len(job.supports)), dtype=np.int64)
     for number, support in enumerate(job.supports):
-        axes = sum(1 << axis for axis, name in enumerate(AXES) if name in support.held)
+        axes = sum(1 << axis for axis, name in enumerate(AXES) if name in support.held) + support.slides * _NORMAL
         held[np.isin(exterior, body.facets(support.region)), number] = axes
     numbers = mesh.geometry.index_map().local_to_global(nodes.ravel()).reshape(nodes.shape)
     gathered = mesh.comm.gather((numbers, mesh.geometry.x[nodes], areas, held))
@@ -143,7 +144,7 @@ def _edges(
     Args:
         facets: global vertices (f, k); corners: their coordinates (f, k, 3).
         areas: area vectors (f, 3), out of the body.
-        held: components that each support holds on each facet (f, supports), a bit for each axis.
+        held: components that each support holds on each facet (f, supports), a bit for each axis and the normal.
     """
     local = sub_entities(kind, 1)
     vertices, place = unique_rows(np.sort(facets[:, local].reshape(-1, 2), axis=1))
@@ -211,8 +212,10 @@ def _is_sharp(angle: Any, neighbour_angle: Any) -> Any:
 
 
 def _holds(mask: int, normal: Floats, tangent: Floats) -> tuple[Hold, bool]:
-    """Return how a face that holds the axes of a ``mask`` is held across an edge, and whether along it."""
+    """Return how a face that holds the directions of a ``mask`` is held across an edge, and whether along it."""
     axes = np.eye(3)[[axis for axis in range(3) if mask >> axis & 1]]
+    if mask & _NORMAL and np.linalg.matrix_rank(np.vstack([axes, normal]), 1e-6) > len(axes):
+        axes = np.linalg.qr(np.vstack([axes, normal]).T)[0].T
     # Directions across the edge that are held: axes that have no component along it.
     tangential = axes @ tangent
     if len(axes) == 3:

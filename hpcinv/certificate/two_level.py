@@ -119,7 +119,7 @@ class _Coarse:
     """Solution in the spaces of the solution, of residuals in the finer ones."""
 
     def __init__(self, given: Equations, finer: Unknowns, linear: LinearSolver) -> None:
-        self._linear, self._conditions = linear, given.supports.conditions
+        self._linear, self._supports = linear, given.supports
         self._transfer = Transfer(given.unknowns, finer)
         self._b, self._x = (fem_petsc.create_vector(given.unknowns.space) for _ in range(2))
         linear.configuration.set_rough(rough=True)
@@ -127,7 +127,7 @@ class _Coarse:
     def solve(self, residual: Singles) -> Singles:
         """Return the solution for a residual, both at the owned unknowns of the finer spaces."""
         self._b.array[:] = self._transfer.restrict(residual)
-        fem_petsc.set_bc(self._b, self._conditions, alpha=0.0)
+        self._supports.free(self._b.array)
         self._linear.limit_iterations()
         self._linear.back_substitute(self._b, self._x)
         return self._transfer.interpolate(self._x.array).astype(np.float32)
@@ -146,12 +146,11 @@ class _FinerProblem:
         self, finer: Equations, direction: Direction, coarse: _Coarse, volume_product: TangentProduct | None
     ) -> None:
         self._coarse, self._comm, self._volume_product = coarse, finer.body.mesh.comm, volume_product
-        self._unknowns, self._conditions = finer.unknowns, finer.supports.conditions
+        self._unknowns, self._supports = finer.unknowns, finer.supports
         scene, state = finer.scene(direction), finer.unknowns.state.x
         scene.parameters.set_load(1.0)
         finer.supports.scale(1.0)
-        for condition in self._conditions:
-            condition.set(state.array)
+        finer.supports.impose(state.array)
         state.scatter_forward()
         with finer.timings("compile"):
             form = fem.form(scene.residual, jit_options=JIT_OPTIONS)
@@ -160,10 +159,6 @@ class _FinerProblem:
         self._b = fem_petsc.create_vector(self._unknowns.space)
         self._residual = self._assemble(form)
         self._undisturbed = self._residual if self._differentiated is None else self._assemble(self._differentiated)
-        prescribed = np.zeros(len(state.array), dtype=bool)
-        for condition in self._conditions:
-            prescribed[condition.dof_indices()[0]] = True
-        self._prescribed = prescribed[: len(self._residual)]
         diagonals = diagonals_of_cells(scene)
         self._scale = tangent_scale(self._unknowns, diagonals).astype(np.float32)
         self._stiffness = diagonals[0].sum(axis=1)
@@ -207,6 +202,7 @@ class _FinerProblem:
             stop_if_asked(self._comm, observer)
             is_smoothing = k % (_SMOOTHING + 1) < _SMOOTHING
             direction = self._scale * self._signs * r if is_smoothing else self._coarse.solve(r / self._scale)
+            self._supports.free(direction)  # the scale mixes directions along a slide and across it
             if not is_smoothing:
                 combined = np.linalg.solve(triangle[:k, :k], shares[:k]).astype(r.dtype)
                 solution, residual = combined @ directions[:k] + direction, self._length(r)
@@ -237,7 +233,7 @@ class _FinerProblem:
             state.array[: len(x)] += share * x
             state.scatter_forward()
             product += ((self._assemble(self._differentiated) - self._undisturbed) / share).astype(np.float32)
-        product[self._prescribed] = 0.0
+        self._supports.free(product)
         return product
 
     def _assemble(self, form: fem.Form) -> Floats:
@@ -246,7 +242,7 @@ class _FinerProblem:
             local.set(0.0)
         fem_petsc.assemble_vector(self._b, form)
         self._b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        fem_petsc.set_bc(self._b, self._conditions, alpha=0.0)
+        self._supports.free(self._b.array)
         return np.array(self._b.array)
 
     def _sum(self, a: Any) -> Any:

@@ -88,8 +88,8 @@ def _differentiated(job: Job) -> Job:
     """Return the job, one with a section ``identify`` also with the derivatives that this needs."""
     if job.identify is None:
         return job
-    given = {key: {"sd": entry.sd, "also": list(entry.also)} for key, entry in job.sensitivities.items()}
-    tied = {key for entry in job.sensitivities.values() for key in entry.also}
+    given = {number.key: {"sd": number.deviation, **number.tied_keys} for number in job.differentiated}
+    tied = {tie.key for number in job.differentiated for tie in number.ties}
     return job.with_(
         {"sensitivities": given | {key: None for key in job.identify.keys if key not in tied | given.keys()}}
     )

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from hpcinv.mesh.source import Floats
 
 
+_FEWEST = 10  # samples of a posterior: with fewer its quantiles say nothing
+
+
 def add_identify(commands: Any) -> None:
     identify = add_command(
         commands,
@@ -39,12 +42,21 @@ def add_identify(commands: Any) -> None:
         metavar="N",
         help="ranks of each team that solves some of the states (default: all)",
     )
+    identify.add_argument(
+        "--posterior",
+        type=int,
+        default=0,
+        metavar="N",
+        help="sample the posterior, with N exact evaluations after those of its surrogate",
+    )
     add_ranks(identify)
     add_option(identify)
     identify.set_defaults(command=_identify)
 
 
 def _identify(options: argparse.Namespace) -> int:
+    if options.posterior < 0 or 0 < options.posterior < _FEWEST:
+        raise JobError(f"--posterior {options.posterior}: is too few: {_FEWEST} or more, or 0 for none")
     from hpcinv.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):
@@ -71,6 +83,7 @@ def _identify(options: argparse.Namespace) -> int:
             report=tell,
             stop_asked=stop,
             ranks_per_state=options.ranks_per_state,
+            samples=options.posterior,
         )
         texts = warnings(identified.estimate)
         verdict = identified.result.certificate.verdict

@@ -19,6 +19,7 @@ from hpcinv.job.job import load
 from hpcinv.job.sections import CADS, IMAGES, SURFACES, MeshSpec
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.quantity.units import length_symbol
+from hpcinv.reading.suffix import suffix_of
 
 _OUTPUT = "mesh to write or replace (.msh, .vtu)"
 
@@ -160,7 +161,7 @@ def _image_mesh(options: argparse.Namespace) -> int:
     if missing := [name for name, value in needed.items() if not value]:
         raise JobError(_what_to_give(options, missing))
     parsed: Callable[[str], tuple[str, Sequence[int | str]]] = label_of
-    if options.input.suffix == ".dcm":
+    if suffix_of(options.input) == ".dcm":
         parsed = _segments_of
     given: dict[str, Any] = {"labels": {}, "neighbours": {}, "orientation": options.orientation}
     for texts, regions in ((options.label, given["labels"]), (options.neighbour, given["neighbours"])):
@@ -183,7 +184,7 @@ def _what_to_give(options: argparse.Namespace, missing: list[str]) -> str:
 
 
 def _check_ending(path: Path, endings: tuple[str, ...], kind: str) -> None:
-    if path.suffix not in endings:
+    if suffix_of(path) not in endings:
         raise OutputError(f"{path}: is not in a format of {kind}s; the endings are {', '.join(endings)}")
 
 
@@ -197,7 +198,7 @@ def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, gi
     from hpcinv.mesh.checks import check
     from hpcinv.mesh.mesh_files import SAVERS, save
 
-    if options.output.suffix not in SAVERS:
+    if suffix_of(options.output) not in SAVERS:
         raise OutputError(f"{options.output}: cannot be written; the endings are {', '.join(SAVERS)}")
     source = read_source(spec, options.input, lambda text: print(f"{options.input}: {text}", flush=True))
     check(source)
@@ -225,7 +226,7 @@ def _segments_of(text: str) -> tuple[str, list[int | str]]:
 
 
 def _partition(options: argparse.Namespace) -> int:
-    if options.output.suffix != SUFFIX:
+    if suffix_of(options.output) != SUFFIX:
         raise OutputError(f"{options.output}: a partitioned mesh ends in {SUFFIX}", f"Name it *{SUFFIX}.")
     spec, path = _asked_for(options)
     check_one_process("mesh")
@@ -248,7 +249,7 @@ def _partition(options: argparse.Namespace) -> int:
 
 
 def _gather(options: argparse.Namespace) -> int:
-    if options.input.suffix != SUFFIX:
+    if suffix_of(options.input) != SUFFIX:
         raise OutputError(f"{options.input}: is not a partitioned mesh ({SUFFIX})")
     if is_asked() and (fault := mesh_fault(options.input.parent, options.input.name)):
         raise JobError(f"{options.input}: {fault}")
@@ -256,7 +257,7 @@ def _gather(options: argparse.Namespace) -> int:
     from hpcinv.mesh.mesh_files import SAVERS, save
     from hpcinv.mesh.readers import FILES
 
-    if options.output.suffix not in SAVERS:
+    if suffix_of(options.output) not in SAVERS:
         raise OutputError(f"{options.output}: cannot be written; the endings are {', '.join(SAVERS)}")
     source = FILES[SUFFIX](options.input)
     save(options.output, source, source.points)
@@ -272,7 +273,7 @@ def _asked_for(options: argparse.Namespace) -> tuple[MeshSpec, Path]:
         "unit": options.unit,
         "geometry_degree": options.geometry_degree,
     }
-    if options.input.suffix in JOBS:
+    if suffix_of(options.input) in JOBS:
         if any(given.values()):
             raise JobError(f"{options.input}: says itself which parameters, unit and degree its mesh has")
         job = load(options.input)

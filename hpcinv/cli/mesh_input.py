@@ -1,12 +1,13 @@
 """Meshes that commands are given: their section as in a job."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from hpcinv.errors import OutputError
+from hpcinv.errors import MeshError, OutputError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.sections import LENGTH, MeshSpec
 from hpcinv.quantity.schema import job_error
@@ -15,6 +16,10 @@ from hpcinv.quantity.units import LENGTH_UNITS, parse_quantity
 
 JOBS = (".yaml", ".yml")
 """suffixes of job files"""
+CELLS = 8000
+"""cells of a body whose size of cells is not given; if it is raised, meshes are finer and take longer"""
+CELL = 0.03
+"""volume of a tetrahedron, relative to the cube of its size"""
 
 
 def mesh_spec(path: Path, given: Mapping[str, Any]) -> MeshSpec:
@@ -27,6 +32,32 @@ def mesh_spec(path: Path, given: Mapping[str, Any]) -> MeshSpec:
         context = {"directory": path.parent, "untrusted": is_asked()}
         entries = {"file": path.name} | {key: value for key, value in given.items() if value}
         return MeshSpec.model_validate(entries, context=context)
+    except ValidationError as error:
+        raise job_error(path, error, MeshSpec) from None
+
+
+def image_spec(path: Path, unit: str | None) -> MeshSpec:
+    """Return the mesh section that makes a region of each label of an image, with cells that are few enough to look at.
+
+    Raises:
+        MeshError: the image cannot be read, or has no labels.
+        JobError: its labels cannot be regions.
+    """
+    from hpcinv.mesh.imaging.image_files import read_voxels
+
+    grid = read_voxels(path)
+    names = {number: re.sub(r"[^\w-]", "-", name) for name, number in grid.names.items()}
+    numbers = [number for number in grid.labels.tolist() if number]
+    if not numbers:
+        raise MeshError(f"{path}: has no labels", "Label the voxels of the body with numbers other than 0.")
+    labels = {names.get(number, f"label-{number}"): number for number in numbers}
+    voxel = float(grid.spacing.prod())
+    counts = dict(zip(grid.labels.tolist(), grid.counts.tolist(), strict=True))
+    volume = sum(counts[number] for number in numbers) * voxel
+    size = f"{(volume / (CELL * CELLS)) ** (1 / 3):.3g} {unit or 'mm'}"
+    entries = {"image": path.name, "labels": labels, "size": size} | ({"unit": unit} if unit else {})
+    try:
+        return MeshSpec.model_validate(entries, context={"directory": path.parent, "untrusted": is_asked()})
     except ValidationError as error:
         raise job_error(path, error, MeshSpec) from None
 

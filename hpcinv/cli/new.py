@@ -14,16 +14,18 @@ from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh import label_of
-from hpcinv.cli.mesh_input import length, length_unit
+from hpcinv.cli.mesh_input import CELL, CELLS, length, length_unit
 from hpcinv.errors import JobError, OutputError
 from hpcinv.files.atomic import output_errors, replace, write_output
 from hpcinv.files.names import escaped_line, yaml_text
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import parse
-from hpcinv.job.sections import IMAGES, SURFACES
+from hpcinv.job.sections import IMAGES, STRESS, SURFACES
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.materials import laws
+from hpcinv.quantity.quantity import positive
 from hpcinv.quantity.schema import NAME_OF_FILE
+from hpcinv.reading.suffix import suffix_of
 
 if TYPE_CHECKING:  # validation loads no numpy
     import numpy as np
@@ -32,8 +34,8 @@ _HERE = Path(__file__).resolve().parent
 _TEMPLATES = _HERE / "templates"
 _GENERATORS = _HERE / "meshes" if (_HERE / "meshes").is_dir() else _HERE.parents[1] / "meshes"
 """The copy in an installed package, or the directory ``meshes`` of a clone."""
-_CELLS, _MOST_CELLS = 8000, 30000
-_CELL = 0.03  # volume of a tetrahedron, relative to the cube of its size
+_MOST_CELLS = 30000
+_PRESSURE = "9 mmHg"  # of a ventricle at the end of filling
 _HELD = 0.25  # share of the body's length within which it is held
 _GENERATED: Mapping[str, tuple[str, str]] = {
     "liver": ("ellipsoid.py", "parameters: {size: 12 mm}, geometry_degree: 2"),
@@ -45,6 +47,7 @@ _GENERATED: Mapping[str, tuple[str, str]] = {
     ),
     "ventricle": ("ventricle.py", "parameters: {size: 8 mm}, geometry_degree: 2"),
     "part": ("pdms_beam.py", "parameters: {length: 80 mm, size: 4 mm}, geometry_degree: 2"),
+    "shell": ("sheet.py", "parameters: {length: 50 mm, width: 30 mm, nx: 10, ny: 6}, shell: {thickness: 2 mm}"),
 }
 """Generator and its parameters of the example of each kind of body."""
 _SURFACES = {"artery": (("inlet", "outlet"), "inner", "outer"), "ventricle": (("base",), "endo", "epi")}
@@ -97,6 +100,12 @@ def add_new(commands: Any) -> None:
     new.add_argument("--surface", type=Path, help="closed surface of triangles (.stl, .ply, .obj, .vtp, .vtk)")
     new.add_argument("--unit", help="length unit of the image (by default mm) or of the surface")
     new.add_argument("--size", help="largest length of edges; by default for about 8000 cells")
+    new.add_argument(
+        "--ed-pressure", metavar="P", help="of a ventricle: pressure at the end of filling, such as '10 mmHg'"
+    )
+    new.add_argument(
+        "--klotz", action="store_true", help="of a ventricle: find its stiffness by Klotz's pressure-volume curve"
+    )
     add_option(new)
     new.add_argument("--force", action="store_true", help="replace files that exist")
     new.set_defaults(command=_new)
@@ -115,6 +124,9 @@ def _new(options: argparse.Namespace) -> int:
         "command": escaped_line(" ".join(["hpcinv new", kind, *_typed(options), shlex.quote(str(output))])),
         "file": escaped_line(shlex.quote(str(output))),
         "name": output.stem,
+        "klotz": options.klotz,
+        "pressure": options.ed_pressure or _PRESSURE,
+        "pressure_source": "" if options.ed_pressure else ": typical order of magnitude",
     }
     text = _job(kind, source, values)
     paths = [output] if source.mesh_file is None else [output, source.mesh_file]
@@ -131,14 +143,14 @@ def _new(options: argparse.Namespace) -> int:
             source.mesh_file.unlink(missing_ok=True)
         raise
     print(f"{output}: a job for {_article(kind)}; read what it says, and change it. Then:")
-    for line in ("validate", "show", "run"):
+    for line in ("validate", "show", "identify" if options.klotz else "run"):
         print(f"  python -m hpcinv {line} {values['file']}")
     return 0
 
 
 def _check(options: argparse.Namespace) -> None:
     """Raise an error if options do not fit each other."""
-    if options.output.suffix not in (".yaml", ".yml"):
+    if suffix_of(options.output) not in (".yaml", ".yml"):
         raise OutputError(f"{options.output}: is not a name of a job", "Name it *.yaml.")
     if not re.fullmatch(NAME_OF_FILE, options.output.stem):
         raise OutputError(
@@ -146,9 +158,20 @@ def _check(options: argparse.Namespace) -> None:
         )
     if not options.output.parent.is_dir():
         raise OutputError(f"{options.output.parent}: is not a directory", "Make it first.")
+    for name in ("ed_pressure", "klotz"):
+        if getattr(options, name) and options.kind != "ventricle":
+            raise JobError(f"--{name.replace('_', '-')}: is for a ventricle, and this is {_article(options.kind)}")
+    if options.ed_pressure is not None:
+        try:
+            positive(options.ed_pressure, STRESS, "the pressure")
+        except ValueError as error:
+            raise JobError(f"--ed-pressure: {error}") from None
     if options.image is not None and options.surface is not None:
         raise JobError("--surface: a job has one mesh, and --image gives it, too")
     given = options.image or options.surface
+    if options.kind == "shell" and given is not None:
+        name = "image" if options.image is not None else "surface"
+        raise JobError(f"--{name}: a shell is a surface of quadrilaterals; put such a mesh into the example")
     if options.surface is not None and options.kind in _WALLS:
         raise JobError(
             f"--surface: of the wall of {_article(options.kind)}, it does not distinguish the cavity from the outside;"
@@ -162,7 +185,7 @@ def _check(options: argparse.Namespace) -> None:
         raise JobError("--unit: is needed with --surface, since its formats have no unit: such as --unit mm")
     for name, endings in (("image", IMAGES), ("surface", SURFACES)):
         path = getattr(options, name)
-        if path is not None and path.suffix not in endings:
+        if path is not None and suffix_of(path) not in endings:
             raise JobError(f"--{name} {path}: is not in a format of {name}s; the endings are {', '.join(endings)}")
         if path is not None and not path.is_file():
             raise JobError(f"--{name} {path}: no such file")
@@ -225,7 +248,7 @@ def _wall_source(options: argparse.Namespace) -> _Source:
 
 def _size_in_wall(thickness: float, volume: float) -> str:
     """Two cells through a wall, if they are not too many."""
-    return f"{max(thickness / 1.5, (volume / (_CELL * _MOST_CELLS)) ** (1 / 3)) * 1e3:.2g} mm"
+    return f"{max(thickness / 1.5, (volume / (CELL * _MOST_CELLS)) ** (1 / 3)) * 1e3:.2g} mm"
 
 
 def _article(kind: str) -> str:
@@ -313,7 +336,7 @@ def _size(options: argparse.Namespace, volume: float) -> str:
     if options.size is not None:
         length("--size", options.size)
         return " ".join(str(options.size).split())
-    return f"{(volume / (_CELL * _CELLS)) ** (1 / 3) * 1e3:.2g} mm"
+    return f"{(volume / (CELL * CELLS)) ** (1 / 3) * 1e3:.2g} mm"
 
 
 def _relative(path: Path, options: argparse.Namespace) -> str:
@@ -323,7 +346,9 @@ def _relative(path: Path, options: argparse.Namespace) -> str:
 
 def _typed(options: argparse.Namespace) -> list[str]:
     """The options as they were typed."""
-    names = ("image", "surface", "unit", "size")
-    given = [(f"--{name}", str(value)) for name in names if (value := getattr(options, name)) is not None]
+    names = ("image", "surface", "unit", "size", "ed_pressure")
+    given = [
+        (f"--{name.replace('_', '-')}", str(value)) for name in names if (value := getattr(options, name)) is not None
+    ]
     given += [("--label", text) for text in options.label]
-    return [f"{name} {shlex.quote(value)}" for name, value in given]
+    return [*(f"{name} {shlex.quote(value)}" for name, value in given), *(["--klotz"] if options.klotz else [])]

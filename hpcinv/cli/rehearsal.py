@@ -52,7 +52,7 @@ def _rehearse(job: Job, source: MeshSource) -> None:
         finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
     points = [np.array(q.at) for q in job.quantities if q.at is not None]
     body = sample_body(source, job.regions, points, finer).raise_degree(job.discretisation.displacement)
-    moved = [any(s.displacement for s in step.job.supports) or step.start is not None for step in job.plan]
+    moved = [any(s.moves for s in step.job.supports) or step.start is not None for step in job.plan]
 
     def compile_step(
         number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver

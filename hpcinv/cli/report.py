@@ -1,4 +1,4 @@
-"""``hpcinv report``: one HTML file with the result of a run, a sweep or a study, to look at in a browser."""
+"""``hpcinv report``: one HTML file with the result of a run, an identification, a sweep or a study."""
 
 import argparse
 from pathlib import Path
@@ -15,11 +15,13 @@ def add_report(commands: Any) -> None:
     report = add_command(
         commands,
         "report",
-        "Write one HTML file with the result of a run, a sweep or a study, to look at in a browser.",
+        "Write one HTML file with the result of a run, an identification, a sweep or a study.",
         examples="hpcinv report results/thick-sphere\nhpcinv report sweep.yaml --cases\nhpcinv report study.yaml",
         page="how-to/report.md",
     )
-    report.add_argument("input", type=Path, help="directory of a run, or file of a sweep or a study")
+    report.add_argument(
+        "input", type=Path, help="directory of a run or an identification, or file of a sweep or a study"
+    )
     report.add_argument(
         "--output", type=Path, metavar="FILE", help="the page (default: report.html in the directory of the results)"
     )
@@ -47,9 +49,17 @@ def _report(options: argparse.Namespace) -> int:
         print(_sweep_report(given, options.output, each=options.cases))
     elif is_study:
         print(_study_report(given, options.output, options.results))
+    elif (given / "identification.json").is_file():
+        print(_identification_report(given, options.output))
     else:
         print(_run_report(given, options.output))
     return 0
+
+
+def _identification_report(directory: Path, output: Path | None) -> Path:
+    from hpcinv.identification.identification_page import write_identification_report
+
+    return write_identification_report(directory, output)
 
 
 def _run_report(directory: Path, output: Path | None) -> Path:

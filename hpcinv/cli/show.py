@@ -1,4 +1,4 @@
-"""``hpcinv show``: draw a job before it runs, a mesh, or the result of a run as PNG."""
+"""``hpcinv show``: draw a job before it runs, a mesh, or the result of a run as PNG; or a page of a job or mesh."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh_input import JOBS, check_one_process, mesh_spec
+from hpcinv.cli.mesh_input import JOBS, check_one_process, image_spec, length, mesh_spec
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
-from hpcinv.job.job import load
+from hpcinv.job.job import Job, load
+from hpcinv.job.sections import IMAGES
 from hpcinv.pictures.colours import COLOURS, Colour
 
 if TYPE_CHECKING:
+    from hpcinv.mesh import Body
     from hpcinv.pictures.drawing import Picture
 
 
@@ -22,16 +24,26 @@ def add_show(commands: Any) -> None:
     command = add_command(
         commands,
         "show",
-        "Draw a job before it runs, a mesh, or the result of a run, as a PNG, without a display.",
+        "Draw a job before it runs, a mesh, or the result of a run, as a PNG, or a job or mesh as a page to click.",
         examples=(
             "hpcinv show jobs/thick-sphere.yaml\n"
+            "hpcinv show --html jobs/thick-sphere.yaml\n"
             "hpcinv show body.msh --unit mm\n"
             "hpcinv show results/thick-sphere --colour von-mises"
         ),
-        page="start/jobs.md",
+        page="how-to/show.md",
     )
     add_picture(command, "job file, mesh or generator of one, or directory of a run")
     command.add_argument("--colour", choices=COLOURS, help="field on the bodies of a run; by default displacement")
+    command.add_argument(
+        "--section",
+        type=_plane,
+        metavar="AXIS[=PLACE]",
+        help="of a run: cut the bodies, such as x (in the middle of each) or 'z=3 mm'",
+    )
+    command.add_argument(
+        "--html", action="store_true", help="of a job or mesh: a page to turn, cut, measure and click (NAME.html)"
+    )
     command.set_defaults(command=show)
 
 
@@ -42,7 +54,7 @@ def add_picture(command: argparse.ArgumentParser, given: str) -> None:
         "--output",
         type=Path,
         help="picture to write (default: in the working directory NAME.png of a job, NAME-mesh.png of a mesh,"
-        " NAME-result.png of a run, NAME-result-COLOUR.png with --colour)",
+        " NAME-result.png of a run, NAME-result-COLOUR.png with --colour, and -section-AXIS with --section)",
     )
     command.add_argument("--unit", help="length unit of a mesh, as mesh.unit of a job")
     add_option(command)
@@ -54,27 +66,58 @@ def show(options: argparse.Namespace) -> int:
     if not given.exists():
         raise OutputError(f"{given}: no such file or directory", "Give a job file, a mesh, or the directory of a run.")
     is_run = given.is_dir() and given.suffix != ".bp"
-    colour = f"-{options.colour}" if is_run and options.colour else ""  # pictures of several colours are kept
+    chosen = (options.colour, f"section-{options.section[0]}" if getattr(options, "section", None) else None)
+    colour = "".join(f"-{text}" for text in chosen if text and is_run)  # pictures of several colours are kept
     kind = f"-result{colour}" if is_run else "" if given.suffix in JOBS else "-mesh"
-    path = options.output or Path(f"{given.resolve().stem}{kind}.png")  # a job, its mesh and its run have one name
+    is_page = getattr(options, "html", False)
+    suffix = "html" if is_page else "png"
+    path = options.output or Path(f"{given.resolve().stem}{kind}.{suffix}")  # a job, its mesh and its run have one name
 
-    from hpcinv.pictures.drawing import check_png
+    if is_page:
+        _check_page(given, path, is_run=is_run)
+    else:
+        from hpcinv.pictures.drawing import check_png
 
-    check_png(path)
+        check_png(path)
     check_one_process("show")
     if options.colour and not is_run:
         raise OutputError(f"{given}: --colour is for results, and this is not the directory of a run")
+    section = getattr(options, "section", None)
+    if section and not is_run:
+        raise OutputError(f"{given}: --section is for results, and this is not the directory of a run")
     if options.unit and (is_run or given.suffix in JOBS):
         raise OutputError(f"{given}: --unit is for meshes; jobs and results state theirs")
-    picture = _run_picture(given, options.colour or "displacement") if is_run else _body_picture(given, options.unit)
+    if is_page:
+        from hpcinv.reports.page import write_page
+
+        write_page(path, _page(given, options.unit))
+        print(path)
+        return 0
+    picture = (
+        _run_picture(given, options.colour or "displacement", section) if is_run else _body_picture(given, options.unit)
+    )
     picture.save(path)
     print(path)
     return 0
 
 
-def _run_picture(directory: Path, colour: Colour) -> Picture:
+def _plane(text: str) -> tuple[str, float | None]:
+    """Return the axis and the place (m) of a section."""
+    axis, _, place = (part.strip() for part in text.partition("="))
+    if axis not in ("x", "y", "z"):
+        raise argparse.ArgumentTypeError(f"'{text}' must be x, y or z, or a place on it such as 'z=3 mm'")
+    try:
+        return axis, length("--section", place, positive=False) if place else None
+    except OutputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _run_picture(directory: Path, colour: Colour, section: tuple[str, float | None] | None) -> Picture:
     from hpcinv.output.run_directory import RunDirectory
+    from hpcinv.pictures.body_section import Cut
     from hpcinv.pictures.boundary_surface import NAME, read_boundary
+    from hpcinv.pictures.interior import NAME as INTERIOR
+    from hpcinv.pictures.interior import read_interior
     from hpcinv.pictures.result_picture import draw_result
 
     summary = RunDirectory(directory).summary()
@@ -83,8 +126,14 @@ def _run_picture(directory: Path, colour: Colour) -> Picture:
             f"{directory}: has no summary of a run", "Give the directory that 'run' printed at its beginning."
         )
     boundary = read_boundary(directory / NAME)
+    cut = None
+    if section is not None:
+        interior = read_interior(directory / INTERIOR)
+        if interior is None or len(interior.results) != len(boundary.results):
+            raise OutputError(f"{directory}: has no {INTERIOR} for a section", "Run the job again.")
+        cut = Cut(interior, *section)
     try:
-        return draw_result(summary, boundary, colour)
+        return draw_result(summary, boundary, colour, cut)
     except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
         raise OutputError(
             f"{directory}: its summary does not have what a picture needs ({type(error).__name__}: {error})",
@@ -92,14 +141,43 @@ def _run_picture(directory: Path, colour: Colour) -> Picture:
         ) from error
 
 
+def _check_page(given: Path, path: Path, *, is_run: bool) -> None:
+    if is_run:
+        raise OutputError(f"{given}: --html is for jobs and meshes", f"Of a run: hpcinv report {given}")
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise OutputError(f"{path}: --html writes HTML files", f"Name it {path.with_suffix('.html').name}.")
+    if not path.parent.is_dir():
+        raise OutputError(f"{path.parent}: no such directory", "Make it first, or name another one.")
+
+
 def _body_picture(path: Path, unit: str | None) -> Picture:
+    job, body = _job_and_body(path, unit)
+
+    from hpcinv.pictures.gathering import boundary_of
+    from hpcinv.pictures.job_picture import draw_job, draw_mesh
+
+    boundary = boundary_of(body)
+    assert boundary is not None  # there is one rank
+    return draw_job(job, boundary) if job else draw_mesh(path.name, boundary)
+
+
+def _page(path: Path, unit: str | None) -> bytes:
+    job, body = _job_and_body(path, unit)
+
+    from hpcinv.reports.of_job import job_page, length_unit_of
+
+    text = path.read_text("utf-8") if job else ""
+    symbol = unit or length_unit_of(job, job.mesh.file if job else path.name)
+    return job_page(path.stem, body, job, text, symbol)
+
+
+def _job_and_body(path: Path, unit: str | None) -> tuple[Job | None, Body]:
+    """The job, unless a mesh is given, and its body with all regions that it names."""
     job = load(path) if path.suffix in JOBS else None
-    spec = job.mesh if job else mesh_spec(path, {"unit": unit})
+    spec = job.mesh if job else image_spec(path, unit) if path.suffix in IMAGES else mesh_spec(path, {"unit": unit})
 
     from hpcinv.mesh import build_body
     from hpcinv.parallel.runtime import MPI
-    from hpcinv.pictures.gathering import boundary_of
-    from hpcinv.pictures.job_picture import draw_job, draw_mesh
 
     def report(text: str) -> None:
         print(f"meshing {spec.file}: {text}", file=sys.stderr, flush=True)
@@ -111,6 +189,4 @@ def _body_picture(path: Path, unit: str | None) -> Picture:
         for part in parts:
             if (name := getattr(part, "region", None)) is not None:
                 body.facets(name)  # raises MeshError if the mesh lacks it
-    boundary = boundary_of(body)
-    assert boundary is not None  # there is one rank
-    return draw_job(job, boundary) if job else draw_mesh(path.name, boundary)
+    return job, body

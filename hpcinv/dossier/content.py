@@ -16,6 +16,7 @@ from jinja2 import UndefinedError
 
 from hpcinv.dossier.context import OPEN, DossierContext
 from hpcinv.errors import OutputError
+from hpcinv.formats import FORMATS
 from hpcinv.reports.of_run import quantity_rows
 from hpcinv.reports.page import render
 from hpcinv.reports.wording import words
@@ -145,18 +146,7 @@ def _limits(summary: Mapping[str, Any]) -> Iterator[str]:
 def _hashes(directory: Path) -> Iterator[tuple[str, str]]:
     """Yield name and SHA-256 of the files of a run that decide about it, and of its shapes."""
     for path in sorted(directory.iterdir()):
-        if path.is_file() and path.suffix in (
-            ".yaml",
-            ".json",
-            ".h5",
-            ".msh",
-            ".inp",
-            ".feb",
-            ".vtu",
-            ".xdmf",
-            ".npz",
-            ".log",
-        ):
+        if path.is_file() and path.suffix in (*FORMATS, ".yaml", ".json", ".h5", ".npz", ".log"):
             try:
                 with path.open("rb") as file:
                     yield path.name, hashlib.file_digest(file, "sha256").hexdigest()

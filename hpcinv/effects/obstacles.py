@@ -15,6 +15,7 @@ from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.quantity import Dimensionless, LengthUnit, Size
 from hpcinv.quantity.schema import OneOf, Spec, shown
 from hpcinv.quantity.units import Dimension
+from hpcinv.reading.suffix import suffix_of
 
 LENGTH, NUMBER = Dimension(length=1), Dimension()
 FORMATS = (".stl", ".ply", ".obj", ".vtp")
@@ -224,7 +225,7 @@ class SurfaceObstacle(Obstacle):
     @classmethod
     def _check_file(cls, file: str, info: ValidationInfo) -> str:
         path = (info.context or {}).get("directory", Path()) / file
-        if path.suffix.lower() not in FORMATS:
+        if suffix_of(path) not in FORMATS:
             raise ValueError(f"{shown(file)} is not a readable surface; valid suffixes are {', '.join(FORMATS)}")
         if applies(info):
             raise ValueError(f"{shown(file)} is read by VTK in this process, and is {REFUSED}")

@@ -20,6 +20,7 @@ from pydantic import AfterValidator, ValidationInfo
 from hpcinv.errors import JobError
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.image_headers import METAIMAGE, NRRD, source_of
+from hpcinv.reading.suffix import suffix_of
 
 _IMAGES = METAIMAGE + NRRD
 """suffixes of images whose headers can name other files"""
@@ -114,7 +115,7 @@ def path_fault(directory: Path, path: str) -> str:
 
 def image_fault(path: Path) -> str:
     """Fault of a file that is an image with a header that is damaged, or names other files."""
-    if path.suffix not in (*_IMAGES, ".gz"):
+    if suffix_of(path) not in (*_IMAGES, ".gz"):
         return ""
     try:
         source = source_of(path)

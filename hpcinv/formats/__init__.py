@@ -5,10 +5,11 @@ from pathlib import Path
 from hpcinv.files.untrusted import REFUSED, image_fault, path_fault
 from hpcinv.formats.mesh_format import MeshFormat
 from hpcinv.quantity.schema import import_modules
+from hpcinv.reading.suffix import suffix_of
 
 import_modules(__name__, __path__)
 
-FORMATS = {kind.suffix: kind() for kind in MeshFormat.__subclasses__()}
+FORMATS = {suffix: kind() for kind in MeshFormat.__subclasses__() for suffix in (kind.suffix, *kind.other_suffixes)}
 """formats by suffix"""
 SAVED = tuple(sorted(suffix[1:] for suffix, kind in FORMATS.items() if kind.saver or kind.is_partitioned))
 """names of the formats that are written"""
@@ -17,9 +18,9 @@ SAVED = tuple(sorted(suffix[1:] for suffix, kind in FORMATS.items() if kind.save
 def mesh_fault(directory: Path, file: str) -> str:
     """Fault of the mesh of an untrusted job in ``directory``; empty text if there is none."""
     path = directory / file
-    if path.suffix in (".py", ".geo"):
+    if suffix_of(path) in (".py", ".geo"):
         return f"is a program that a run executes, and is {REFUSED}; ask for its mesh (.msh, .vtu)"
-    mesh_format = FORMATS.get(path.suffix)
+    mesh_format = FORMATS.get(suffix_of(path))
     if mesh_format and (fault := mesh_format.untrusted()):
         return fault
     if (fault := path_fault(directory, file)) or not path.is_file():

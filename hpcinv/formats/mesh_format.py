@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from hpcinv.quantity.arrays import Floats, Ints
 
 
+OUTER, INNER = "outer", "inner"
+"""regions of the faces of a shell: the outer one is on the side of its normal"""
+
+
 @dataclass(frozen=True)
 class Groups:
     """Names of the groups of surfaces and volumes of a mesh, and of points and curves; patterns of further names."""
@@ -20,6 +24,12 @@ class Groups:
     names: frozenset[str]
     thin: frozenset[str] = frozenset()
     patterns: tuple[str, ...] = ()
+
+    def of_shell(self) -> Groups:
+        """Return the names that are possible where the mesh is a shell, whose curves are edges."""
+        faces = {f"{name}|{face}" for name in self.names for face in (OUTER, INNER)}
+        names = self.names | self.thin | faces | {OUTER, INNER}
+        return Groups(names, patterns=(*self.patterns, r"curve-\d+", rf"surface-\d+\|({OUTER}|{INNER})"))
 
 
 @dataclass(frozen=True)
@@ -51,6 +61,7 @@ class MeshFormat(ABC):
     """
 
     suffix: ClassVar[str]
+    other_suffixes: ClassVar[tuple[str, ...]] = ()
     reader: ClassVar[str] = ""
     """``module:function`` that reads a path as a ``MeshSource``"""
     saver: ClassVar[str] = ""

@@ -3,12 +3,16 @@
 Minimized is ``χ² = Σ ((computed - observed)/σ)² + Σ ((θ - mean)/σ_prior)²``, by the trust-region method of
 `scipy.optimize.least_squares` (a Levenberg–Marquardt method with bounds), on rank 0; all ranks solve.
 
-Source: Branch, Coleman & Li, "A subspace, interior, and conjugate gradient method for large-scale bound-constrained
-minimization problems" (1999), doi:10.1137/S1064827595289108.
+Hidden forces are sought if χ² without them is too large for the standard deviations of the observations. Their strength
+then has the largest evidence (MacKay).
+
+Sources: Branch, Coleman & Li, "A subspace, interior, and conjugate gradient method for large-scale bound-constrained
+minimization problems" (1999), doi:10.1137/S1064827595289108; MacKay, "Bayesian interpolation" (1992),
+doi:10.1162/neco.1992.4.3.415.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +22,7 @@ import scipy.stats
 from hpcinv.errors import JobError, SolveError
 from hpcinv.fitting.linearised import Combination, Linearised, correlation_of
 from hpcinv.identification.job_evaluation import Evaluation, Evaluations
+from hpcinv.identification.posterior import Posterior, Target, sample
 from hpcinv.job.identification import bounds_of, prior_of, start_of
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
@@ -29,6 +34,13 @@ _INSIGNIFICANT = 1e-4  # change of χ² with which the search ends, a hundredth 
 _TIE = 1e-3  # to the starting values, in their sizes: what the data leave free stays there
 _DIGITS = 10  # of the parameters
 _AT_BOUND = 1e-6
+_STRENGTHS = (1e-4, 1e4)
+"""Range of the strength of hidden forces, in their priors' standard deviations. A wider one admits larger forces."""
+_REJECTED = 0.95
+"""Probability of a smaller χ² without hidden forces, above which they are sought. Higher: fewer spurious forces."""
+_SEED = 1  # of samples of the posterior: a killed command takes the same ones again
+_SAME_STRENGTH = 0.1  # relative change of the strength that is no longer followed
+_MOST_STRENGTHS = 5
 _IDLE = 1e-6  # standard deviations by which data change as a parameter doubles, below which they do not depend on it
 
 
@@ -50,6 +62,21 @@ class Residuals:
 
 
 @dataclass(frozen=True)
+class HiddenForces:
+    """Choice of the strength of hidden forces.
+
+    Attributes:
+        strength: number by which the standard deviations of their priors are multiplied; 0 if none is needed.
+        without: χ² of the observations without them.
+        numbers: number of observed numbers, which χ² is on average without errors of the model.
+    """
+
+    strength: float
+    without: float
+    numbers: int
+
+
+@dataclass(frozen=True)
 class ParameterEstimate:
     """Parameters that fit the observations best.
 
@@ -61,6 +88,8 @@ class ParameterEstimate:
         bound_flags: whether parameters are at a bound.
         history: χ² after each evaluation, infinite where a state was not reached.
         converged: whether the tolerance was met; otherwise the evaluations ended it.
+        hidden: what was found of hidden forces; ``None`` without any.
+        sampled: samples of the posterior, if they were asked for.
     """
 
     parameters: Sequence[Parameter]
@@ -73,6 +102,8 @@ class ParameterEstimate:
     evaluations: Sequence[Evaluation]
     history: Sequence[float]
     converged: bool
+    hidden: HiddenForces | None = None
+    sampled: Posterior | None = None
 
     @cached_property
     def posterior(self) -> Linearised:
@@ -138,8 +169,11 @@ type Report = Callable[[int, Floats, float, Evaluation], None]
 """called on rank 0 with the number of an evaluation, the values, χ² and the evaluation"""
 
 
-def estimate(evaluations: Evaluations, report: Report) -> ParameterEstimate:
+def estimate(evaluations: Evaluations, report: Report, samples: int = 0) -> ParameterEstimate:
     """Find the parameters, on all ranks; collective.
+
+    Args:
+        samples: number of exact evaluations that samples of the posterior take; 0 for none.
 
     Raises:
         JobError: on all ranks, if the observations cannot determine the parameters.
@@ -152,6 +186,8 @@ def estimate(evaluations: Evaluations, report: Report) -> ParameterEstimate:
         result: ParameterEstimate | None = None
         try:
             result = problem.solve()
+            if samples:
+                result = replace(result, sampled=problem.sampled(result, samples))
         except (JobError, SolveError) as error:
             comm.bcast((None, error))
             raise
@@ -178,7 +214,8 @@ class _Problem:
         pairs = list(zip(self.parameters, sought, strict=True))
         self._start = np.array([start_of(p, s) for p, s in pairs])
         self._lower, self._upper = np.array([bounds_of(s) for s in sought]).T
-        self._priors = [prior_of(p, s) for p, s in pairs]
+        self._given_priors = self._priors = [prior_of(p, s) for p, s in pairs]
+        self._forces = [i for i, s in enumerate(sought) if s.prior and s.prior.strength == "evidence"]
         self._most = section.maximum_evaluations
         self._counts = [observed.count for observed in evaluations.observed]
         self._deviation = np.repeat([observed.deviation for observed in evaluations.observed], self._counts)
@@ -200,18 +237,12 @@ class _Problem:
                 "Choose other values of 'start' in the section 'identify'.",
             )
         self._check(first)
-        solution = scipy.optimize.least_squares(
-            self._residuals,
-            self._inner_point(self._start / self._unit),
-            jac=self._jacobian,
-            bounds=(self._lower / self._unit, self._upper / self._unit),
-            x_scale="jac",
-            ftol=_INSIGNIFICANT / max(sum(self._counts), 1),
-            xtol=_TOLERANCE,
-            gtol=_TOLERANCE**1.5,
-            max_nfev=self._most,
-        )
-        last, values = self._evaluation(solution.x * self._unit), solution.x * self._unit
+        if self._forces:
+            values, converged, hidden = self._with_hidden_forces()
+        else:
+            values, converged = self._minimised(self._start, range(len(self._start)))
+            hidden = None
+        last = self._evaluation(values)
         parts = np.split(last.differences / self._deviation, np.cumsum(self._counts)[:-1])
         observed = self._evaluations.observed
         tolerance = _AT_BOUND * self._unit
@@ -225,8 +256,117 @@ class _Problem:
             bound_flags=((values - self._lower < tolerance) | (self._upper - values < tolerance)).tolist(),
             evaluations=list(self._known.values()),
             history=self._history,
-            converged=bool(solution.status > 0),
+            converged=converged,
+            hidden=hidden,
         )
+
+    def sampled(self, estimated: ParameterEstimate, count: int) -> Posterior:
+        """Return samples of the posterior about the estimate."""
+        if free := estimated.posterior.undetermined():
+            keys = " and ".join(self.parameters[i].key for i in free)
+            raise JobError(
+                f"{self._evaluations.job.path}: identify: {keys} is not determined, so that it has no posterior:"
+                " give a prior, or observe more"
+            )
+
+        def differences(values: Floats) -> tuple[Floats, Floats] | None:
+            evaluation = self._evaluation(values)
+            if evaluation.failure:
+                return None
+            return evaluation.differences / self._deviation, evaluation.jacobian / self._deviation[:, None]
+
+        target = Target(
+            differences, estimated.values, estimated.covariance, self._lower, self._upper, list(self._priors)
+        )
+        return sample(target, count, _SEED)
+
+    def _minimised(self, start: Floats, free: Sequence[int]) -> tuple[Floats, bool]:
+        """Return the values that minimize χ², where only some parameters are free, and whether they converged."""
+        chosen, x = list(free), start / self._unit
+        if not chosen:
+            return start, True
+
+        def whole(part: Floats) -> Floats:
+            values = x.copy()
+            values[chosen] = part
+            return np.asarray(values)
+
+        solution = scipy.optimize.least_squares(
+            lambda part: self._residuals(whole(part)),
+            self._inner_point(x)[chosen],
+            jac=lambda part: self._jacobian(whole(part))[:, chosen],
+            bounds=((self._lower / self._unit)[chosen], (self._upper / self._unit)[chosen]),
+            x_scale="jac",
+            ftol=_INSIGNIFICANT / max(sum(self._counts), 1),
+            xtol=_TOLERANCE,
+            gtol=_TOLERANCE**1.5,
+            max_nfev=self._most,
+        )
+        values: Floats = whole(solution.x) * self._unit
+        return values, bool(solution.status > 0)
+
+    def _with_hidden_forces(self) -> tuple[Floats, bool, HiddenForces]:
+        """Return the values, whether they converged, and what was found of hidden forces."""
+        others = [i for i in range(len(self._start)) if i not in self._forces]
+        start, numbers = self._start.copy(), sum(self._counts)
+        for i in self._forces:
+            start[i] = self._prior(i)[0]
+        values, converged = self._minimised(start, others)
+        without = float((self._weighted(values) ** 2).sum())
+        freedom = max(numbers - len(others), 1)
+        self._set_strength(_STRENGTHS[0])
+        strength = 0.0
+        if without > scipy.stats.chi2.ppf(_REJECTED, freedom):
+            for _ in range(_MOST_STRENGTHS):
+                earlier, strength = strength, self._strength(values)
+                if earlier and abs(strength / earlier - 1) < _SAME_STRENGTH:
+                    break
+                self._set_strength(strength)
+                values, converged = self._minimised(values, range(len(values)))
+        return values, converged, HiddenForces(strength, without, numbers)
+
+    def _prior(self, i: int) -> tuple[float, float]:
+        prior = self._given_priors[i]
+        assert prior is not None  # of a hidden force
+        return prior
+
+    def _set_strength(self, strength: float) -> None:
+        """Multiply the standard deviations of hidden forces."""
+        self._priors = [
+            (p[0], strength * p[1]) if p is not None and i in self._forces else p
+            for i, p in enumerate(self._given_priors)
+        ]
+
+    def _weighted(self, values: Floats) -> Floats:
+        """Return the differences in standard deviations."""
+        weighted: Floats = self._evaluation(values).differences / self._deviation
+        return weighted
+
+    def _strength(self, values: Floats) -> float:
+        """Return the strength with the largest evidence, of the observations linearised at some values.
+
+        Without hidden forces, differences ``r`` in standard deviations have the covariance 1, and with their priors
+        ``1 + s² A Aᵀ``. Combinations that the other parameters change are left out.
+        """
+        jacobian = self._evaluation(values).jacobian / self._deviation[:, None]
+        means = np.array([self._prior(i)[0] for i in self._forces])
+        deviations = np.array([self._prior(i)[1] for i in self._forces])
+        r = self._weighted(values) - jacobian[:, self._forces] @ (values[self._forces] - means)
+        changed = np.linalg.qr(np.delete(jacobian, self._forces, axis=1) * np.delete(self._unit, self._forces))[0]
+        r, A = (part - changed @ (changed.T @ part) for part in (r, jacobian[:, self._forces] * deviations))
+        modes, sizes, _ = np.linalg.svd(A, full_matrices=False)
+        squares = (modes.T @ r) ** 2
+
+        def surprise(logarithm: float) -> float:
+            variances = 1 + (10.0**logarithm * sizes) ** 2
+            return float((squares / variances + np.log(variances)).sum())
+
+        low, high = np.log10(_STRENGTHS)
+        coarse = np.linspace(low, high, 81)
+        best = coarse[int(np.argmin([surprise(logarithm) for logarithm in coarse]))]
+        width = coarse[1] - coarse[0]
+        fine = scipy.optimize.minimize_scalar(surprise, bounds=(best - width, best + width), method="bounded")
+        return float(np.clip(10.0**fine.x, *_STRENGTHS))
 
     def _check(self, first: Evaluation) -> None:
         """Raise ``JobError`` if the observations cannot determine the parameters, whatever their values are."""

@@ -1,5 +1,7 @@
 """Report of an identification: estimate, residuals and identifiability as text, as data, and as sections of a job."""
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -8,15 +10,16 @@ import yaml
 from hpcinv.fitting.candidate import quantity, short
 from hpcinv.fitting.fit_report import commented, rounded
 from hpcinv.fitting.linearised import Combination, correlations
-from hpcinv.identification.gauss_newton import ParameterEstimate
-from hpcinv.job.identification import Identification
+from hpcinv.identification.gauss_newton import HiddenForces, ParameterEstimate
+from hpcinv.identification.posterior import Posterior
 from hpcinv.job.job import Job
-from hpcinv.job.sensitivities import Parameter
+from hpcinv.job.sensitivities import TIES, Parameter
 from hpcinv.output.run_directory import as_yaml
 from hpcinv.quantity.keys import parse_key
 from hpcinv.quantity.units import Dimension
 
 _VAGUE = 1.0  # relative standard deviation of a combination from which on it is called not determined
+_ROUGH = 0.3  # share of accepted samples of the posterior below which they are too few
 _UNLIKELY = 1e-3  # probability of χ² below which the model does not describe the data
 _SMALL = 0.05  # share of a parameter in a combination, relative to the largest, that is left out
 
@@ -42,15 +45,37 @@ def describe(estimate: ParameterEstimate) -> list[str]:
     probability = estimate.probability
     chance = "" if probability is None else f"; as large by chance: {probability:.2g}"
     lines.append(f"chi-square: {estimate.chi_squared:.4g}, {estimate.freedom} degrees of freedom{chance}")
+    if estimate.hidden is not None:
+        lines.append(f"hidden forces: {_hidden_text(estimate.hidden)}")
     lines.append("residuals, in standard deviations:")
     lines += [
         f"  {residual.name}: {len(residual.values)} numbers, root mean square {residual.rms:.3g},"
         f" largest {residual.largest:.3g}"
         for residual in estimate.residuals
     ]
+    if estimate.sampled is not None:
+        lines += _posterior_lines(estimate.parameters, estimate.sampled)
     lines.append("identifiability by the observations alone:")
     lines += [f"  {text}" for text in identifiability(estimate)]
     return lines
+
+
+def _posterior_lines(parameters: Sequence[Parameter], sampled: Posterior) -> list[str]:
+    lines = [
+        f"posterior, {len(sampled.samples)} samples, {sampled.evaluations} exact evaluations,"
+        f" {100 * sampled.acceptance:.0f} % of the surrogate's proposals accepted:"
+    ]
+    for p, (low, _, median, _, high) in zip(parameters, sampled.quantiles.T, strict=True):
+        texts = [value_text(p, float(value), 4) for value in (median, low, high)]
+        lines.append(f"  {p.key}: median {texts[0]}, 95 % from {texts[1]} to {texts[2]}")
+    return lines
+
+
+def _hidden_text(hidden: HiddenForces) -> str:
+    without = f"chi-square without them is {hidden.without:.4g} of {hidden.numbers} numbers"
+    if hidden.strength == 0.0:
+        return f"none is needed, {without}"
+    return f"found with {hidden.strength:.2g} of their priors' standard deviations, {without}"
 
 
 def _correlation(estimate: ParameterEstimate) -> str:
@@ -100,6 +125,11 @@ def warnings(estimate: ParameterEstimate) -> list[str]:
         for p, bound in zip(estimate.parameters, estimate.bound_flags, strict=True)
         if bound
     ]
+    if estimate.sampled is not None and estimate.sampled.acceptance < _ROUGH:
+        texts.append(
+            f"only {100 * estimate.sampled.acceptance:.0f} % of the surrogate's proposals were accepted: the posterior"
+            " has few different samples; raise --posterior"
+        )
     probability = estimate.probability
     if probability is not None and probability < _UNLIKELY:
         texts.append(
@@ -117,6 +147,7 @@ def as_data(estimate: ParameterEstimate) -> dict[str, Any]:
                 "key": p.key,
                 "value": float(value),
                 "unit": p.dimension.unit if p.dimension else "",
+                **{kind: p.tied_keys.get(kind, []) for kind in TIES},
                 "standard_deviation": sd,
                 "at_bound": bound,
                 "prior": prior and {"mean": prior[0], "sd": prior[1]},
@@ -133,6 +164,8 @@ def as_data(estimate: ParameterEstimate) -> dict[str, Any]:
         "covariance": estimate.covariance,
         "correlation": estimate.correlation,
         "chi_squared": estimate.chi_squared,
+        "posterior": estimate.sampled and estimate.sampled.as_data(),
+        "hidden_forces": estimate.hidden and asdict(estimate.hidden),
         "degrees_of_freedom": estimate.freedom,
         "probability": estimate.probability,
         "observations": [
@@ -156,12 +189,12 @@ def as_data(estimate: ParameterEstimate) -> dict[str, Any]:
     }
 
 
-def changes(estimate: ParameterEstimate, section: Identification) -> dict[str, float | str]:
+def changes(estimate: ParameterEstimate) -> dict[str, float | str]:
     """Return the values by key, with the digits that a job needs."""
     return {
-        key: quantity(float(v), p.dimension or Dimension())
+        number.key: quantity(number.ratio * float(v), number.dimension or Dimension())
         for p, v in zip(estimate.parameters, estimate.values, strict=True)
-        for key in section.keys_of(p.key)
+        for number in (p, *p.ties)
     }
 
 
@@ -170,7 +203,7 @@ def sensitivities(estimate: ParameterEstimate) -> dict[str, Any]:
     section: dict[str, Any] = {}
     for p, sd in zip(estimate.parameters, estimate.deviations, strict=True):
         text = None if sd is None else rounded(sd, p.dimension or Dimension())
-        section[p.key] = {"sd": text, "also": [tie.key for tie in p.ties]} if p.ties else text
+        section[p.key] = {"sd": text, **p.tied_keys} if p.ties else text
     return section
 
 

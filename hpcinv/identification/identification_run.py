@@ -1,8 +1,8 @@
 """Flow of an identification: evaluations and estimate, then one run of the job at the estimate.
 
-A directory has ``identification.json``, ``sections.yaml`` (of the job, at the estimate), ``run/`` (the run there) and
-``evaluations/``. A command that was killed continues from them: the least squares take the same steps again, and find
-there what was evaluated before.
+A directory has ``identification.json``, ``sections.yaml`` (of the job, at the estimate), ``curve-NAME.png``, ``run/``
+(the run there) and ``evaluations/``. A command that was killed continues from them: the least squares take the same
+steps again, and find there what was evaluated before.
 """
 
 import json
@@ -22,6 +22,7 @@ from hpcinv.files.atomic import create, output_errors, replace
 from hpcinv.files.directory_lock import DirectoryLock
 from hpcinv.files.json_data import json_data
 from hpcinv.files.names import check_output
+from hpcinv.identification.fitted_curves import FittedCurve, fitted_curves, picture
 from hpcinv.identification.gauss_newton import ParameterEstimate, Report, estimate
 from hpcinv.identification.identification_report import as_data, changes, sections, sensitivities
 from hpcinv.identification.job_evaluation import Evaluation, Evaluations, SolveTimer
@@ -71,6 +72,7 @@ class Identified:
         shape_deviations: largest standard deviation of a node's position by computed shape, in m, with the correlations
             of the parameters; ``""`` is the one shape of a job without states.
         quantity_deviations: standard deviations of the quantities, likewise.
+        curves: pressure-volume curves at the estimate.
     """
 
     estimate: ParameterEstimate
@@ -79,6 +81,7 @@ class Identified:
     cost: IdentificationCost
     shape_deviations: dict[str, float]
     quantity_deviations: dict[str, float | list[float]]
+    curves: list[FittedCurve]
 
 
 def identify(
@@ -91,6 +94,7 @@ def identify(
     stop_asked: Callable[[], bool] = lambda: False,
     workspace: Workspace | None = None,
     ranks_per_state: int | None = None,
+    samples: int = 0,
 ) -> Identified:
     """Find the parameters in the section ``identify`` of a job, and its rest shape, on all ranks; collective.
 
@@ -102,6 +106,7 @@ def identify(
         stop_asked: called on every rank before each Newton iteration; true ends the run.
         workspace: body and equations of earlier runs on ``comm``.
         ranks_per_state: ranks of each team that solves some of the states; by default all ranks solve each state.
+        samples: number of exact evaluations of the posterior's second stage; 0 for no posterior.
 
     Raises:
         JobError, MeshError, OutputError: the same on every rank.
@@ -126,12 +131,12 @@ def identify(
             on_root(comm, open_and_lock)
         begun = time.perf_counter()
         try:
-            estimated = estimate(evaluations, report)
+            estimated = estimate(evaluations, report, samples)
         except Interrupted:
             where = f"evaluations are kept in {directory}" if directory else "nothing was saved"
             raise Interrupted(f"stopped by a signal; {where}", "Start the same command again.") from None
         took, timer = time.perf_counter() - begun, SolveTimer(comm)
-        best = job.with_(changes(estimated, evaluations.section))
+        best = job.with_(changes(estimated))
         result = run(
             best.with_({"sensitivities": sensitivities(estimated)}),
             comm,
@@ -143,7 +148,8 @@ def identify(
         )
         cost = _cost(estimated.evaluations, took, timer.solves[0], result.solutions[0].factorizations)
         shapes, quantities = _spread(result, [p.key for p in estimated.parameters], estimated.covariance)
-        identified = Identified(estimated, best, result, cost, shapes, quantities)
+        curves = fitted_curves(best, result, quantities)
+        identified = Identified(estimated, best, result, cost, shapes, quantities, curves)
         if directory is not None:
             on_root(comm, lambda: _write(directory, identified))
         return identified
@@ -208,6 +214,7 @@ def _write(directory: Path, identified: Identified) -> None:
             name: {"value": identified.result.quantities[name], "sd": sd}
             for name, sd in identified.quantity_deviations.items()
         },
+        "curves": [curve.as_data() for curve in identified.curves],
         "cost": {
             "evaluations": identified.cost.evaluations,
             "kept": identified.cost.kept,
@@ -221,5 +228,7 @@ def _write(directory: Path, identified: Identified) -> None:
         },
     }
     with output_errors(directory):
+        for curve in identified.curves:
+            replace(directory / f"curve-{curve.name}.png", picture(curve))
         replace(directory / _SECTIONS, sections(identified.job, identified.estimate).encode())
         replace(directory / _FIGURES, (json.dumps(json_data(figures), indent=1, ensure_ascii=False) + "\n").encode())

@@ -25,7 +25,7 @@ from hpcinv.identification.shares import Share
 from hpcinv.job.fingerprint import content_key, file_digest
 from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job
-from hpcinv.job.sensitivities import Parameter, stated_values
+from hpcinv.job.sensitivities import TIES, Parameter, stated_values
 from hpcinv.mesh.source import Floats
 from hpcinv.methods.method import Guess
 from hpcinv.output.progress import Progress
@@ -127,7 +127,10 @@ class Evaluations:
         stop: Callable[[], bool],
     ) -> None:
         self.job, self.comm = job, comm
-        sought = {key: {"also": self.section.keys_of(key)[1:]} for key in self.section.parameters}
+        sought = {
+            key: {kind: list(getattr(self.section.sought(key), kind)) for kind in TIES}
+            for key in self.section.parameters
+        }
         # Without what does not count here: checks, and the section itself.
         self._base = job.with_({"certificate": "off", "sensitivities": sought, "identify": None})
         self.parameters: Sequence[Parameter] = self._base.differentiated
@@ -179,13 +182,15 @@ class Evaluations:
         agree(self.comm, stopped)
         if result is None:
             return _TeamResult({}, 0, failure)
-        keys = [share.key(p) for p in self.parameters]
+        numbers = [share.number(p) for p in self.parameters]
         predictions: dict[str, PredictedObservation] = {}
         for observation in self._own:
-            prediction = observation.predict(result, [key for key in keys if key])
+            prediction = observation.predict(result, [number.key for number in numbers if number])
             if prediction is not None:
-                whole = np.zeros((len(prediction.differences), len(keys)))
-                whole[:, [i for i, key in enumerate(keys) if key]] = prediction.jacobian
+                whole = np.zeros((len(prediction.differences), len(numbers)))
+                whole[:, [i for i, number in enumerate(numbers) if number]] = prediction.jacobian * [
+                    number.ratio for number in numbers if number
+                ]
                 predictions[observation.spec.name] = PredictedObservation(prediction.differences, whole)
         return _TeamResult(predictions, sum(solution.factorizations for solution in result.solutions))
 

@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 
 from hpcinv.errors import MeshError, naming_field
+from hpcinv.identification.filling_curves import filling_curve
+from hpcinv.job.filling_points import filling_points
 from hpcinv.job.identification import TABLES, Observation
 from hpcinv.job.job import Job
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.sections import CUBIC, MeshSpec
 from hpcinv.mesh import Body, reorder_to_source
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.location import PointLocation, locate, position
@@ -29,6 +31,7 @@ from hpcinv.parallel.runtime import on_root
 from hpcinv.quantity.csv_rows import Row
 from hpcinv.quantity.quantity import Measured
 from hpcinv.quantity.table_files import readings_of
+from hpcinv.reading.suffix import suffix_of
 from hpcinv.results.shape_distance import read_same_cells
 
 _REMEDY = "What is observed is on the surface of the body: name a region of the boundary."
@@ -151,7 +154,7 @@ class ObservedSurface(Observed):
         def read() -> Floats:
             from hpcinv.mesh.io.surface_files import read_points  # loads VTK
 
-            return read_table(path, 3) if path.suffix in TABLES else read_points(path)
+            return read_table(path, 3) if suffix_of(path) in TABLES else read_points(path)
 
         self._points = on_root(body.mesh.comm, read) * spec.unit
         self._facets = None if spec.on is None else body.boundary_facets(spec.on, _REMEDY)
@@ -202,6 +205,8 @@ def observations_of(job: Job, body: Body) -> list[Observed]:
             match spec.kind:
                 case "quantity":
                     observations.append(ObservedQuantity(spec))
+                case "curve" | "klotz":
+                    observations += [ObservedQuantity(point) for point in _points_of_curve(spec, job, body)]
                 case "mesh":
                     observations.append(ObservedMesh(spec, deviation, job, body))
                 case "landmarks":
@@ -210,6 +215,23 @@ def observations_of(job: Job, body: Body) -> list[Observed]:
                     observations.append(ObservedSurface(spec, deviation, job, body))
                     check_size(observations[-1]._points, body)  # type: ignore[attr-defined]
     return observations
+
+
+def _points_of_curve(spec: Observation, job: Job, body: Body) -> list[Observation]:
+    """Return the observation of a curve as observations of volumes; collective."""
+    curve = filling_curve(spec, job, body)
+    points = filling_points(str(spec.cavity), job.cavities, job.quantities, job.states)
+    return [
+        spec.model_copy(
+            update={
+                "name": f"{spec.name}: {point.quantity}",
+                "quantity": point.quantity,
+                "value": Measured(curve.volume(point.pressure), CUBIC),
+                **dict.fromkeys(("curve", "klotz", "cavity")),
+            }
+        )
+        for point in points
+    ]
 
 
 def check_size(points: Floats, body: Body) -> None:

@@ -6,7 +6,7 @@ other, except for those that begin at one another.
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from hpcinv.errors import OutputError
@@ -38,17 +38,25 @@ class Share:
             {
                 "states": [job.data["states"][i] for i in self.states],
                 "quantities": [q for q in job.data.get("quantities", ()) if q.get("state", names[0]) in names],
-                "sensitivities": {keys[0]: {"also": keys[1:]} for p in job.differentiated if (keys := self._keys(p))},
+                "sensitivities": {
+                    numbers[0].key: replace(numbers[0], ties=tuple(numbers[1:])).tied_keys
+                    for p in job.differentiated
+                    if (numbers := self._numbers(p))
+                },
             }
         )
 
-    def key(self, parameter: Parameter) -> str | None:
-        """Return the key of a parameter in that job, ``None`` if it is of states that it has not."""
-        return next(iter(self._keys(parameter)), None)
+    def number(self, parameter: Parameter) -> Parameter | None:
+        """Return the number that stands for a parameter in that job, ``None`` if all are of states that it has not."""
+        return next(iter(self._numbers(parameter)), None)
 
-    def _keys(self, parameter: Parameter) -> list[str]:
-        """Return the keys in that job of all numbers that it has with the parameter's value."""
-        return [own for number in (parameter, *parameter.ties) if (own := self._own(number.key)) is not None]
+    def _numbers(self, parameter: Parameter) -> list[Parameter]:
+        """Return the numbers, with their keys in that job, that change there with a parameter."""
+        return [
+            replace(number, key=own)
+            for number in (parameter, *parameter.ties)
+            if (own := self._own(number.key)) is not None
+        ]
 
     def _own(self, key: str) -> str | None:
         match = _OF_STATE.fullmatch(key)

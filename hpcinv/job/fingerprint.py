@@ -16,6 +16,7 @@ from hpcinv.job.job import Job
 from hpcinv.quantity.expressions import LET
 from hpcinv.quantity.plugins import inputs_of
 from hpcinv.quantity.schema import KeyPath, dotted_key
+from hpcinv.reading.suffix import suffix_of
 
 _PHYSICS = {"analysis", "regions", "fibres", "material", "load_cases", "effects", "supports"}
 WITH_DEFINITIONS = {LET: True}
@@ -26,6 +27,7 @@ _MESH = {
     "parameters",
     "unit",
     "geometry_degree",
+    "shell",
     "labels",
     "array_labels",
     "neighbours",
@@ -46,7 +48,7 @@ def file_digest(path: Path) -> str:
 
     For a partitioned mesh it is the hash of the header, which contains checksums of all arrays.
     """
-    mesh_format = FORMATS.get(path.suffix)
+    mesh_format = FORMATS.get(suffix_of(path))
     if mesh_format and mesh_format.is_partitioned:
         return read_header(path).digest()
     digest = hashlib.sha256()
@@ -55,7 +57,7 @@ def file_digest(path: Path) -> str:
         digest.update(content)
         for name in sorted(mesh_format.data_files(path)) if mesh_format else ():
             digest.update((path.parent / name).read_bytes())
-        if path.suffix in _HEADERS:
+        if suffix_of(path) in _HEADERS:
             for file in _voxel_files(path, content[:_LONGEST_HEADER]):
                 digest.update(file.name.encode())
                 with file.open("rb") as voxels:

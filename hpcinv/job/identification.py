@@ -2,20 +2,25 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Annotated
+from itertools import pairwise
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo
 
 from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import applies
 from hpcinv.formats import FORMATS, mesh_fault
-from hpcinv.job.sections import LENGTH, QuantityOfInterest, directory_of
-from hpcinv.job.sensitivities import Owner, Parameter, fault_of_tie, parameter
+from hpcinv.job.cavities import Cavity
+from hpcinv.job.filling_points import FillingPoint, filling_points, pressure_in, pressure_keys
+from hpcinv.job.sections import CUBIC, LENGTH, QuantityOfInterest, directory_of
+from hpcinv.job.sensitivities import TIES, Owner, Parameter, fault_of_tie, parameter
+from hpcinv.job.states import StateSpec, rest_of
 from hpcinv.quantity.keys import JobKey
-from hpcinv.quantity.quantity import AnyMeasured, Length, LengthUnit, Measured, Size
+from hpcinv.quantity.quantity import AnyMeasured, Length, LengthUnit, Measured, Quantity, Size
 from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Spec, Triple, repeated, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
+from hpcinv.reading.suffix import suffix_of
 
 TABLES = (".csv", ".txt", ".xlsx")
 SURFACES = (".stl", ".ply", ".obj", ".vtp", *TABLES)
@@ -38,6 +43,9 @@ class Prior(Spec):
     """its mean; by default the number in the job"""
     sd: AnyMeasured
     """its standard deviation"""
+    strength: Literal["given", "evidence"] = "given"
+    """evidence: the parameter is a hidden force, which is the mean unless the observations exclude that with 95 %. All
+    such standard deviations are then multiplied by one number, with which the observations are most probable"""
 
 
 class Sought(Spec):
@@ -51,6 +59,13 @@ class Sought(Spec):
     """what is known of it before the observations"""
     also: ListOf[JobKey] = ()
     """keys of further numbers that have the same value, such as the density in other states"""
+    scale: ListOf[JobKey] = ()
+    """keys of further numbers that are multiplied by the same factor as this one, such as other stiffnesses of a law"""
+
+
+def ties_of(sought: Sought) -> list[tuple[tuple[str, int], str]]:
+    """Return the keys that change with a parameter, with their places in its section."""
+    return [((kind, i), key) for kind in TIES for i, key in enumerate(getattr(sought, kind))]
 
 
 class Landmark(Spec):
@@ -62,9 +77,18 @@ class Landmark(Spec):
     """its observed position"""
 
 
+class PressureAndVolume(Spec):
+    """A point of a pressure-volume curve."""
+
+    pressure: Annotated[float, Quantity("Pa", at_least=0.0)]
+    """pressure in the cavity"""
+    volume: Annotated[float, Quantity("m^3", above=0.0)]
+    """volume of the cavity"""
+
+
 class Observation(Spec):
     """Something that was measured in a state of the body, with its standard deviation: exactly one of ``mesh``,
-    ``surface``, ``landmarks`` and ``quantity``."""
+    ``surface``, ``landmarks``, ``quantity``, ``curve`` and ``klotz``."""
 
     name: Name
     """its name in reports"""
@@ -83,6 +107,14 @@ class Observation(Spec):
     """name of a quantity of interest, such as volume-supine"""
     value: AnyMeasured | Triple[Length] | None = None
     """observed value of the quantity"""
+    curve: ListOf[PressureAndVolume] | None = None
+    """measured pressure-volume curve of a cavity, in order of pressure, with straight lines between the points. Each
+    computed volume of the cavity, the unloaded one included, is compared at its pressure"""
+    klotz: Annotated[Literal["given"] | PressureAndVolume, Field(union_mode="left_to_right")] | None = None
+    """Klotz's curve of human left ventricles, estimated from one point at the end of diastole: 'given' for pressure and
+    volume in the given state, or {pressure, volume}"""
+    cavity: Name | None = None
+    """cavity (a name from 'cavities') of a curve"""
     unit: LengthUnit = 1.0
     """length unit of a file, such as mm"""
     sd: AnyMeasured
@@ -91,6 +123,10 @@ class Observation(Spec):
     @property
     def kind(self) -> str:
         return next(kind for kind in KINDS if getattr(self, kind) is not None)
+
+    @property
+    def is_curve(self) -> bool:
+        return self.curve is not None or self.klotz is not None
 
     @property
     def file(self) -> str | None:
@@ -104,14 +140,26 @@ class Observation(Spec):
             return
         if (self.value is None) == (self.kind == "quantity"):
             yield ("value",), "is needed, and valid, with a quantity"
+        if (self.cavity is None) == self.is_curve:
+            yield ("cavity",), "is needed, and valid, with a curve and with klotz"
+        if self.curve is not None:
+            pressures = [point.pressure for point in self.curve]
+            if len(pressures) < 2 or any(b <= a for a, b in pairwise(pressures)):
+                yield ("curve",), "must have two points at least, with growing pressures"
+        if isinstance(self.klotz, PressureAndVolume) and not 0 < self.klotz.pressure < KLOTZ_LIMIT:
+            yield ("klotz", "pressure"), KLOTZ_RANGE
+        if self.is_curve and self.state is not None:
+            yield ("state",), "is not valid with a curve, which is of all states"
         if self.on is not None and self.kind != "surface":
             yield ("on",), "is valid only with a surface"
         if "unit" in self.model_fields_set and self.file is None:
             yield ("unit",), "is valid only with a file: give units with the numbers"
         if self.sd.value <= 0:
             yield ("sd",), "must be above 0"
-        if self.kind != "quantity" and self.sd.dimension not in (LENGTH, Dimension()):
-            yield ("sd",), f"must be a length, as positions are, but it is {self.sd.dimension}"
+        if self.kind != "quantity":
+            known, text = (CUBIC, "volume") if self.is_curve else (LENGTH, "length, as positions are")
+            if self.sd.dimension not in (known, Dimension()):
+                yield ("sd",), f"must be a {text}, but it is {self.sd.dimension}"
         if self.file is not None:
             suffixes = {
                 "mesh": tuple(suffix for suffix in FORMATS if not FORMATS[suffix].is_partitioned),
@@ -119,7 +167,7 @@ class Observation(Spec):
                 "landmarks": TABLES,
             }[self.kind]
             path = directory_of(info) / self.file
-            if path.suffix not in suffixes:
+            if suffix_of(path) not in suffixes:
                 yield (self.kind,), f"{shown(self.file)} must end in {' or '.join(suffixes)}"
             elif applies(info) and (fault := mesh_fault(directory_of(info), self.file)):
                 yield (self.kind,), f"{shown(self.file)} {fault}"
@@ -127,7 +175,9 @@ class Observation(Spec):
                 yield (self.kind,), f"there is no file '{path}'. Paths start from the directory of the job file"
 
 
-KINDS = ("mesh", "surface", "landmarks", "quantity")
+KINDS = ("mesh", "surface", "landmarks", "quantity", "curve", "klotz")
+KLOTZ_LIMIT = 100 * 133.322387415  # Pa: the unloaded volume would be 0 or less
+KLOTZ_RANGE = "must be between 0 and 100 mmHg for Klotz's curve"
 
 
 class Identification(Spec):
@@ -146,8 +196,8 @@ class Identification(Spec):
         return self.parameters[key] or Sought()
 
     def keys_of(self, key: str) -> list[str]:
-        """Keys of all numbers that have the value of a parameter."""
-        return [key, *self.sought(key).also]
+        """Keys of a parameter and all numbers that change with it."""
+        return [key, *(other for _, other in ties_of(self.sought(key)))]
 
     @property
     def keys(self) -> list[str]:
@@ -159,16 +209,17 @@ def faults_of_identification(
     section: Identification,
     owners: Mapping[str, Owner],
     quantities: Sequence[QuantityOfInterest],
-    shapes: Sequence[str],
-    given: str,
+    states: Sequence[StateSpec],
+    cavities: Mapping[str, Cavity],
 ) -> Faults:
     """Faults with their places in the section.
 
     Args:
         owners: laws, effects, fibres and supports by their keys.
-        shapes: names of the states whose shape is computed; empty in a job without states.
-        given: name of the given state.
     """
+    given = next((state.name for state in states if state.given), "")
+    names = dict.fromkeys([*(state.name for state in states), rest_of(states)] if states else [])
+    shapes = [name for name in names if name != given]  # those that are computed
     if not section.parameters:
         yield ("parameters",), "must name one number of the job at least"
     for key, sought in section.parameters.items():
@@ -179,26 +230,30 @@ def faults_of_identification(
             continue
         for place, text in _faults_of_parameter(number, sought or Sought()):
             yield ("parameters", key, *place), text
-        for i, other in enumerate(sought.also if sought else ()):
+        for place, other in ties_of(sought or Sought()):
             try:
                 tied = parameter(other, owners, None)
             except ValueError as error:
-                yield ("parameters", key, "also", i), str(error)
+                yield ("parameters", key, *place), str(error)
             else:
-                if fault := fault_of_tie(tied, number):
-                    yield ("parameters", key, "also", i), fault
+                if fault := fault_of_tie(tied, number, place[0]):
+                    yield ("parameters", key, *place), fault
     keys = section.keys
     for i in repeated(keys):
         yield ("parameters",), f"{keys[i]} is duplicated"
-    names = [observation.name for observation in section.observations]
-    for i in repeated(names):
-        yield ("observations", i, "name"), f"'{names[i]}' is the name of an earlier observation"
-    if not names:
+    titles = [observation.name for observation in section.observations]
+    for i in repeated(titles):
+        yield ("observations", i, "name"), f"'{titles[i]}' is the name of an earlier observation"
+    if not titles:
         yield ("observations",), "must have one entry at least: one scan by itself fixes no material"
     known = {quantity.name: quantity for quantity in quantities}
     for i, observation in enumerate(section.observations):
-        for place, text in _faults_of_observation(observation, known, shapes, given):
-            yield ("observations", i, *place), text
+        faults = (
+            _faults_of_curve(observation, section, quantities, states, cavities)
+            if observation.is_curve
+            else _faults_of_observation(observation, known, shapes, given)
+        )
+        yield from ((("observations", i, *place), text) for place, text in faults)
 
 
 def _faults_of_parameter(number: Parameter, sought: Sought) -> Faults:
@@ -227,6 +282,47 @@ def _faults_of_parameter(number: Parameter, sought: Sought) -> Faults:
     elif not low <= start_of(number, sought) <= high:
         where = "start" if sought.start is not None else "bounds"
         yield (where,), f"the starting value {start_of(number, sought):g} (SI) must be within the bounds"
+
+
+def _faults_of_curve(
+    observation: Observation,
+    section: Identification,
+    quantities: Sequence[QuantityOfInterest],
+    states: Sequence[StateSpec],
+    cavities: Mapping[str, Cavity],
+) -> Faults:
+    name = str(observation.cavity)
+    if name not in cavities:
+        yield ("cavity",), f"there is no cavity '{name}'.{did_you_mean(name, cavities)}"
+        return
+    if not states:
+        yield (), "needs a job with 'states', which have the pressures of the curve"
+        return
+    try:
+        points = list(filling_points(name, cavities, quantities, states))
+        if observation.klotz == "given":
+            number, given = next((i, state) for i, state in enumerate(states) if state.given)
+            pressure, effects = pressure_in(given.effects, cavities[name])
+            if not 0 < pressure < KLOTZ_LIMIT:
+                yield ("klotz",), f"the pressure of '{name}' in the given state {KLOTZ_RANGE}"
+            points.append(FillingPoint("", pressure, pressure_keys(number, effects)))
+    except ValueError as error:
+        yield ("cavity",), f"'{name}': {error}"
+        return
+    if not any(point.quantity for point in points):
+        yield (
+            ("cavity",),
+            f"no volume of '{name}' is computed at a known pressure: add {{name: V, of: volume, cavity: {name}}} to"
+            " 'quantities', and states with pressures in it",
+        )
+    if observation.curve is not None:
+        low, high = observation.curve[0].pressure, observation.curve[-1].pressure
+        outside = [point.quantity for point in points if not low <= point.pressure <= high]
+        if outside:
+            yield ("curve",), f"does not reach the pressure of {' and '.join(outside)}"
+    sought = {key for point in points for key in point.keys} & {*section.keys}
+    if sought:
+        yield ("cavity",), f"its pressure {min(sought)} is sought: a curve needs known pressures"
 
 
 def _faults_of_observation(

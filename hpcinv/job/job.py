@@ -27,7 +27,7 @@ from hpcinv.formats import SAVED
 from hpcinv.job import rules
 from hpcinv.job.cavities import Cavity, cavities_of_state, unknown_cavities, unsuited_controls
 from hpcinv.job.fibres import FibreFamily
-from hpcinv.job.identification import Identification
+from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
@@ -38,6 +38,7 @@ from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest,
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
+from hpcinv.job.shell_rules import unsuited_shell
 from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import Material, MaterialLaw
@@ -62,6 +63,7 @@ from hpcinv.quantity.schema import (
     shown,
 )
 from hpcinv.quantity.spatial_fields import ELSEWHERE, fields_in
+from hpcinv.reading.suffix import suffix_of
 
 MOST_ENTRIES = 10_000
 """entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""
@@ -106,7 +108,8 @@ class Job(Spec):
     """names for parts of formulas, such as {r: "norm(x, y)"}, which all formulas of the job can use"""
     regions: Mapping[Name, RegionRule] = {}
     """parts of the given body by conditions on x, y, z, the outer normal nx, ny, nz, and the number of the cavity; or
-    unions of regions and groups of the mesh by their names, such as {skin: [endo, epi]}"""
+    unions of regions and groups of the mesh by their names, such as {skin: [endo, epi]}; or the facet nearest to a
+    point with all that is smooth with it, such as {foot: {smooth: [0, 0, 2 mm], angle: 30 deg}}"""
     plugins: ListOf[str] = ()
     """Python files, by paths relative to the job file, that define further laws and effects"""
     files: ListOf[str] = ()
@@ -205,7 +208,7 @@ class Job(Spec):
     def shape_formats(self) -> tuple[str, ...]:
         if self.output.mesh is not None:
             return self.output.mesh
-        given = Path(self.mesh.file).suffix.removeprefix(".")
+        given = suffix_of(self.mesh.file).removeprefix(".")
         return ("bp",) if self.mesh.is_partitioned else (given if given in SAVED else "msh", *({"vtu"} - {given}))
 
     @property
@@ -363,6 +366,8 @@ class Job(Spec):
                 "needs a mesh that a generator makes (.py, .geo) by sizes of cells, since a mesh file has no coarser"
                 " cells; leave it out"
             )
+        if self.mesh.shell is not None:
+            return "is not possible with a shell"
         if self.solver.strategy != "adaptive":
             return "needs 'strategy: adaptive': other strategies are chosen for the path that they take"
         if self.method != "direct" and first.direction == "inverse":
@@ -492,6 +497,7 @@ class Job(Spec):
                 yield (key,), "is not valid with 'states': one of them is the given state; remove it"
         yield from rules.contradicting_directions(self.analysis, self.first, self.method, self.fixed_point, self.states)
         yield from rules.contradicting_meshes(self.mesh, self.output, self.expected_shape)
+        yield from unsuited_shell(self)
         yield from unsuited_controls(self)
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
@@ -499,7 +505,9 @@ class Job(Spec):
         if self.sensitivities:
             yield from rules.below(("sensitivities",), rules.underivable(self.effects, self.states, "are"))
         if self.identify is not None:
-            faults = rules.unsuited_identification(self.identify, self._owners_in_states, self.quantities, self.states)
+            faults = faults_of_identification(
+                self.identify, self._owners_in_states, self.quantities, self.states, self.cavities
+            )
             yield from rules.below(("identify",), faults)
             yield from rules.below(("identify",), rules.underivable(self.effects, self.states, "is"))
         demands = rules.contradicting_demands(
@@ -532,6 +540,7 @@ class Job(Spec):
             yield ("effects",), text
         yield from rules.below(("states",), rules.unsuited_states(self.states, self.fibres, self.load_cases))
         yield from rules.below(("supports",), rules.unsuited_shared(self.supports, self.states, self.load_cases))
+        yield from rules.rigid_motions(self.supports, self.states)
         states = {f"states[{i}]": state for i, state in enumerate(self.states)}
         effects = {k: v for where, s in states.items() for k, v in numbered(f"{where}.effects", s.effects).items()}
         fibres = {f"fibres.{name}": family for name, family in self.fibres.items()}
@@ -587,7 +596,12 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
     job._path, job._data, job._untrusted = path, data, untrusted
     # names by the values of an array are known when the mesh is read
     named = () if job.mesh.array_labels is not None else _named_regions(job)
-    unknown = unknown_regions(job.resolve(job.mesh.file), {*job.regions, *job.mesh.faces}, named)
+    unknown = unknown_regions(
+        job.resolve(job.mesh.file),
+        {*job.regions, *job.mesh.faces},
+        named,
+        is_shell=job.mesh.shell is not None,
+    )
     if lines := [f"{path}: {dotted_key(where)}: {what}" for where, what in unknown]:
         raise JobError(*lines)
     return job

@@ -15,6 +15,7 @@ from hpcinv.quantity.quantity import QUANTITIES
 from hpcinv.quantity.schema import KeyPath, collected, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
+from hpcinv.reading.suffix import suffix_of
 
 type ParameterValue = float | int | bool | str
 
@@ -121,7 +122,7 @@ def read_parameters(
         with collected(problems, name):
             if name not in known:
                 raise ValueError(f"{path.name} has no such parameter.{did_you_mean(name, known)}")
-            known[name].check_dimension(name, value, unit if path.suffix == ".py" else 1.0)
+            known[name].check_dimension(name, value, unit if suffix_of(path) == ".py" else 1.0)
             values[name] = known[name].read(value)
     problems += [((n,), f"is needed by {path.name}") for n, p in known.items() if p.required and n not in given]
     return values, problems
@@ -178,13 +179,13 @@ def resolution_of(path: Path, given: Mapping[str, ParameterValue]) -> Resolution
 
 
 def is_generator(path: Path) -> bool:
-    return path.suffix in _FORMATS
+    return suffix_of(path) in _FORMATS
 
 
 def parameters_of(path: Path) -> dict[str, GeneratorParameter]:
     """Parameters of ``build()`` in a Python generator or of ``DefineConstant`` in a gmsh script, by name."""
     try:
-        return _FORMATS[path.suffix](path.read_text(encoding="utf-8"))
+        return _FORMATS[suffix_of(path)](path.read_text(encoding="utf-8"))
     except UnicodeDecodeError:
         raise ValueError(f"{path.name} is not a text file in UTF-8") from None
     except SyntaxError as error:

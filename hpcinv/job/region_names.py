@@ -14,17 +14,19 @@ from hpcinv.formats import FORMATS
 from hpcinv.formats.mesh_format import Groups
 from hpcinv.quantity.schema import KeyPath
 from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.reading.suffix import suffix_of
 
 _BOUNDARY = "boundary"
 
 
 def unknown_regions(
-    path: Path, defined: Iterable[str], named: Iterable[tuple[KeyPath, str]]
+    path: Path, defined: Iterable[str], named: Iterable[tuple[KeyPath, str]], *, is_shell: bool = False
 ) -> Iterator[tuple[KeyPath, str]]:
     """Places in a job with the name of an unknown region, and messages.
 
     Args:
         named: all references of the job to regions, with their places.
+        is_shell: whether the mesh is the midsurface of a shell.
     """
     try:
         state = path.stat()
@@ -33,6 +35,8 @@ def unknown_regions(
         return
     if groups is None:
         return
+    if is_shell:
+        groups = groups.of_shell()
     known = {*defined, _BOUNDARY, *groups.names}
     for where, name in named:
         if name in known or any(re.fullmatch(pattern, name) for pattern in groups.patterns):
@@ -46,4 +50,4 @@ def unknown_regions(
 @lru_cache(maxsize=16)  # all cases of a sweep use one mesh
 def _groups(path: Path, _changed: int, _size: int) -> Groups | None:
     """Groups of a mesh file, None if they cannot be known."""
-    return FORMATS[path.suffix].groups(path) if path.suffix in FORMATS else None
+    return FORMATS[suffix_of(path)].groups(path) if suffix_of(path) in FORMATS else None

@@ -1,5 +1,7 @@
-"""How a job defines a region: by a condition on places and normals, or by the union of other regions without some."""
+"""How a job defines a region: by a condition on places and normals, by others, or as a smooth face around a point."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -8,6 +10,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
 from hpcinv.quantity.expressions import Expression
+from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import shown
 
 EXCEPT = "not "
@@ -40,13 +43,53 @@ class RegionUnion:
         return f"[{', '.join(self.entries)}]"
 
 
+ANGLE = math.radians(30)
+"""rad between the normals of neighbouring facets of a smooth face; if it is raised, faces pass over sharper edges"""
+_POINT, _ANGLE = Quantity("m"), Quantity("", above=0.0, at_most=math.pi)
+
+
+@dataclass(frozen=True)
+class SmoothFace:
+    """The boundary facet nearest to a point, with all facets that are reached from it over edges that are not sharp.
+
+    Attributes:
+        point: m.
+        angle: rad between the normals of two neighbouring facets above which their edge is sharp.
+    """
+
+    point: tuple[float, float, float]
+    angle: float = ANGLE
+
+    @property
+    def plain(self) -> dict[str, object]:
+        """The mapping as a job writes it, in SI units."""
+        return {"smooth": list(self.point), "angle": self.angle}
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{x:g}" for x in self.point)
+        return f"smooth face at ({place}) m within {math.degrees(self.angle):g} deg"
+
+
+def _smooth_face(value: Mapping[object, object]) -> SmoothFace:
+    """Raise ``ValueError`` unless the mapping is a point and perhaps an angle."""
+    point, angle = value.get("smooth"), value.get("angle", ANGLE)
+    is_point = isinstance(point, list | tuple) and len(point) == 3
+    if not is_point or value.keys() - {"smooth", "angle"}:
+        raise ValueError(f"must be such as {{smooth: [0, 0, 2 mm], angle: 30 deg}}, not {shown(value)}")
+    assert isinstance(point, list | tuple)  # for mypy
+    x, y, z = (_POINT.parse(component) for component in point)
+    return SmoothFace((x, y, z), _ANGLE.parse(angle))
+
+
 class _Rule:
-    """Annotation of a condition or a list of names."""
+    """Annotation of a condition, a list of names, or a smooth face."""
 
     @staticmethod
-    def _read(value: object, info: ValidationInfo) -> Expression | RegionUnion:
-        if isinstance(value, RegionUnion):
+    def _read(value: object, info: ValidationInfo) -> Expression | RegionUnion | SmoothFace:
+        if isinstance(value, RegionUnion | SmoothFace):
             return value
+        if isinstance(value, Mapping) and "smooth" in value:
+            return _smooth_face(value)
         if not isinstance(value, list | tuple):
             return Expression.read(value, info)
         if not value or not all(isinstance(name, str) for name in value):
@@ -58,7 +101,11 @@ class _Rule:
         return RegionUnion(members, without)
 
     @staticmethod
-    def _plain(rule: Expression | RegionUnion, info: SerializationInfo) -> str | list[str]:
+    def _plain(
+        rule: Expression | RegionUnion | SmoothFace, info: SerializationInfo
+    ) -> str | list[str] | dict[str, object]:
+        if isinstance(rule, SmoothFace):
+            return rule.plain
         return rule.entries if isinstance(rule, RegionUnion) else rule.plain(info)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
@@ -67,7 +114,17 @@ class _Rule:
 
     def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: Any) -> JsonSchemaValue:
         names = {"type": "array", "items": {"type": "string"}, "minItems": 1}
-        return {"anyOf": [{"type": ["string", "number"]}, names]}
+        number = {"type": ["string", "number"]}
+        face = {
+            "type": "object",
+            "properties": {
+                "smooth": {"type": "array", "items": number, "minItems": 3, "maxItems": 3},
+                "angle": number,
+            },
+            "required": ["smooth"],
+            "additionalProperties": False,
+        }
+        return {"anyOf": [number, names, face]}
 
 
-RegionRule = Annotated[Expression | RegionUnion, _Rule()]
+RegionRule = Annotated[Expression | RegionUnion | SmoothFace, _Rule()]

@@ -4,10 +4,9 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from hpcinv.effects import Direction, Effect
 from hpcinv.effects.contact import Contact
-from hpcinv.job.identification import Identification, faults_of_identification
+from hpcinv.job.identification import Identification
 from hpcinv.job.owners import have_derivatives
 from hpcinv.job.sections import AXES, ExpectedShape, MeshSpec, QuantityOfInterest, Support
-from hpcinv.job.sensitivities import Owner
 from hpcinv.job.settings import Discretisation, FixedPoint, Output, Solver
 from hpcinv.job.states import StateSpec, given_on_current, rest_of
 from hpcinv.materials import MaterialLaw
@@ -83,7 +82,7 @@ def unsuited_effects(
 def unsuited_supports(supports: Sequence[Support], effects: Sequence[Effect], cases: Collection[str]) -> Faults:
     """Faults of supports that leave the body free, refer to unknown load cases, or repeat each other."""
     free = set(AXES).difference(*(s.held for s in supports), *(e.holds for e in effects))
-    if free:
+    if free and not any(s.slides for s in supports):  # which axes a normal holds is known on the mesh only
         yield (), f"leave the body free to move along {' and '.join(sorted(free))}: hold it there in some region"
         return
     for i, support in enumerate(supports):
@@ -91,10 +90,19 @@ def unsuited_supports(supports: Sequence[Support], effects: Sequence[Effect], ca
             yield (i, *place), text
     taken: set[tuple[str, str]] = set()
     for i, support in enumerate(supports):
-        held = {(support.region, axis) for axis in support.held}
+        held = {(support.region, axis) for axis in support.components}
         for region, axis in sorted(held & taken):
             yield (i,), f"prescribes {axis} on '{region}' a second time"
         taken |= held
+
+
+def rigid_motions(supports: Sequence[Support], states: Sequence[StateSpec]) -> Faults:
+    """Faults of rigid motions in a job with states: only of one state is it known where the region was before."""
+    lists = [(("supports",), supports), *((("states", i, "supports"), s.supports or ()) for i, s in enumerate(states))]
+    for place, entries in lists:
+        for number, support in enumerate(entries):
+            if support.motion is not None:
+                yield (*place, number, "motion"), "is not possible with 'states': give formulas as 'displacement'"
 
 
 def unsuited_states(states: Sequence[StateSpec], fibres: Collection[str], cases: Collection[str]) -> Faults:
@@ -308,23 +316,6 @@ def contradicting_demands(
         yield (), "needs 'method: direct'"
     elif mesh.is_partitioned:
         yield (), "needs a mesh that can be refined, not a partitioned one: use its original file"
-
-
-def unsuited_identification(
-    section: Identification,
-    owners: Mapping[str, Owner],
-    quantities: Sequence[QuantityOfInterest],
-    states: Sequence[StateSpec],
-) -> Faults:
-    """Faults of the section ``identify``, with their places in it.
-
-    Args:
-        owners: laws, effects, fibres and supports by their keys.
-    """
-    given = next((state.name for state in states if state.given), "")
-    names = dict.fromkeys([*(state.name for state in states), rest_of(states)] if states else [])
-    shapes = [name for name in names if name != given]
-    yield from faults_of_identification(section, owners, quantities, shapes, given)
 
 
 def underivable(effects: Iterable[Effect], states: Iterable[StateSpec], verb: str) -> Faults:

@@ -25,7 +25,7 @@ from hpcinv.formats import mesh_fault
 from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_generator, read_parameters
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number, replace_scalar
-from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Size
+from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Quantity, Size
 from hpcinv.quantity.schema import (
     WRITTEN_AS,
     Faults,
@@ -43,6 +43,7 @@ from hpcinv.quantity.schema import (
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
+from hpcinv.reading.suffix import suffix_of
 
 type AxisName = Literal["x", "y", "z"]
 AXES: tuple[AxisName, ...] = ("x", "y", "z")
@@ -123,8 +124,9 @@ class MeshFile(Spec):
     """A mesh: a file, or a generator that is run when the mesh is needed."""
 
     file: str
-    """path from the job file to a gmsh generator (.py, .geo), a mesh (.msh, .inp, .feb, .xdmf, .vtu), or a
-    partitioned mesh made by 'hpcinv mesh partition' (.bp): each rank reads a part"""
+    """path from the job file to a gmsh generator (.py, .geo), a mesh (.msh, .vtu, .xdmf, or of another program: .inp,
+    .feb, .cdb, .bdf, .e, .med, .unv, .vtk, .mesh), or a partitioned mesh made by 'hpcinv mesh partition' (.bp): each
+    rank reads a part"""
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a mesh file, or of a Python generator, such as mm: lengths are passed to it in
     that unit, for bodies too small or too large for gmsh's absolute tolerances in metres"""
@@ -161,23 +163,23 @@ class MeshFile(Spec):
     @property
     def is_partitioned(self) -> bool:
         """True if each rank reads some parts of the mesh, and none reads all of it."""
-        suffix = Path(self.file).suffix
+        suffix = suffix_of(self.file)
         return suffix in MESHES and MESHES[suffix].is_partitioned
 
     @property
     def is_image(self) -> bool:
         """True if the mesh is made from a segmented image."""
-        return Path(self.file).suffix in IMAGES
+        return suffix_of(self.file) in IMAGES
 
     @property
     def is_surface(self) -> bool:
         """True if the mesh is made from a closed surface."""
-        return Path(self.file).suffix in SURFACES
+        return suffix_of(self.file) in SURFACES
 
     @property
     def is_cad(self) -> bool:
         """True if the mesh is made from a CAD file."""
-        return Path(self.file).suffix in CADS
+        return suffix_of(self.file) in CADS
 
     @model_validator(mode="before")
     @classmethod
@@ -191,14 +193,14 @@ class MeshFile(Spec):
     @property
     def metres(self) -> float:
         """Length unit (m) of the coordinates that are read: ``unit``; mm by default in images, and of STEP and IGES."""
-        is_stated = self.is_image or (self.is_cad and Path(self.file).suffix != ".brep")
+        is_stated = self.is_image or (self.is_cad and suffix_of(self.file) != ".brep")
         return 1e-3 if is_stated and "unit" not in self.model_fields_set else self.unit
 
     @field_validator("file")
     @classmethod
     def _check_file(cls, file: str, info: ValidationInfo) -> str:
         path = directory_of(info) / file
-        if path.suffix not in cls.formats:
+        if suffix_of(path) not in cls.formats:
             raise ValueError(f"{shown(file)} is not a readable mesh; valid suffixes are {', '.join(cls.formats)}")
         if applies(info) and (fault := mesh_fault(directory_of(info), file)):
             raise ValueError(f"{shown(file)} {fault}")
@@ -206,7 +208,7 @@ class MeshFile(Spec):
             others = [p.name for p in path.parent.glob("*")] if exists(path.parent) else []
             near = did_you_mean(path.name, others, list_all=False)
             raise ValueError(f"there is no file '{path}'.{near or ' Paths start from the directory of the job file'}")
-        mesh_format = MESHES.get(path.suffix)
+        mesh_format = MESHES.get(suffix_of(path))
         if not is_file(path / mesh_format.head if mesh_format else path):
             raise ValueError(
                 f"'{path}' is not of the kind of its suffix; 'hpcinv mesh partition' makes a partitioned mesh"
@@ -247,7 +249,7 @@ class MeshFile(Spec):
                 yield ("unit",), "is needed: files of surfaces do not have one"
         elif self.is_partitioned:
             yield ("unit",), "is not valid with a partitioned mesh, which is in metres"
-        elif Path(self.file).suffix == ".geo":
+        elif suffix_of(self.file) == ".geo":
             yield ("unit",), "is not valid with a .geo script, which does not define which parameters are lengths"
         elif is_generator(Path(self.file)):
             try:
@@ -309,6 +311,27 @@ class ArrayLabels(Spec):
 WRITTEN_AS["array_labels"] = "labels"
 
 
+class Shell(Spec):
+    """A shell whose midsurface is the mesh: quadrilaterals of degree 2, in a file (.msh) or by a generator of gmsh.
+
+    The displacement is quadratic through the thickness, and any law of three dimensions holds there.
+    """
+
+    thickness: Size | None = None
+    """thickness of the given body along its director, half of it on each side"""
+    director: Literal["normal", "data"] = "normal"
+    """of the given body: the normal of the surface; or data: the arrays 'outer' and 'inner' of the file, vectors (m)
+    from its nodes to both faces, which give the thickness too, as shape files of runs have them"""
+    kind: Literal["director"] = "director"
+    """director: with bending, and with shear and strain through the thickness"""
+
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        if self.director == "normal" and self.thickness is None:
+            yield ("thickness",), "is needed, unless the file has the faces ('director: data')"
+        elif self.director == "data" and self.thickness is not None:
+            yield ("thickness",), "is not valid with 'director: data', which gives it"
+
+
 class MeshSpec(MeshFile):
     """The mesh on which the job is solved: of the reference body in a forward analysis, else of the current body."""
 
@@ -345,6 +368,9 @@ class MeshSpec(MeshFile):
     glue: Annotated[Size | None, Field(exclude_if=lambda gap: gap is None)] = None
     """of a CAD file (written as 'cad' instead of 'file'): distance up to which solids that miss each other are
     joined"""
+    shell: Annotated[Shell | None, Field(exclude_if=lambda shell: shell is None)] = None
+    """of a surface mesh: the shell around it, such as {thickness: 1.2 mm}; its faces are the regions 'outer' and
+    'inner'"""
     surface_error: Annotated[SurfaceError | None, Field(exclude_if=lambda error: error is None)] = None
     """error of the given surface, whose effect on shape and quantities the certificate reports; of an image by default
     {sd: 0.12 voxels, correlation: a voxel or half of 'size'}"""
@@ -357,6 +383,11 @@ class MeshSpec(MeshFile):
         "surface": ("unit", "size"),
         "surfaces": ("unit", "size"),
     }
+
+    @property
+    def is_surface(self) -> bool:
+        """True if the mesh is made from a closed surface; a .vtk file without a size of cells is a mesh."""
+        return super().is_surface and (self.size is not None or suffix_of(self.file) not in MESHES)
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -410,7 +441,7 @@ class MeshSpec(MeshFile):
             if not files:
                 raise Problems(((name,), "has no file"))
             for file in files:
-                if Path(file).suffix not in SURFACES:
+                if suffix_of(file) not in SURFACES:
                     raise Problems(((name,), f"{shown(file)} is not a surface; the suffixes are {', '.join(SURFACES)}"))
                 try:
                     cls._check_file(file, info)
@@ -426,14 +457,14 @@ class MeshSpec(MeshFile):
         for key in ("labels", "orientation", "neighbours"):
             if key in self.model_fields_set and getattr(self, key) and not self.is_image:
                 yield (key,), "is for segmented images only, and 'file' is none"
-        is_read = Path(self.file).suffix in MESHES and not self.is_partitioned
+        is_read = suffix_of(self.file) in MESHES and not self.is_partitioned
         for key in ("array_labels", "faces"):
             if getattr(self, key) and not is_read:
                 yield (key,), "is for mesh files that are read whole"
         yield from self._faults_of_labels()
         if self.is_image and not self.labels:
             yield ("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"
-        if self.is_cad and (Path(self.file).suffix == ".brep") != ("unit" in self.model_fields_set):
+        if self.is_cad and (suffix_of(self.file) == ".brep") != ("unit" in self.model_fields_set):
             stated = "is needed: BREP files do not have one"
             yield ("unit",), stated if "unit" not in self.model_fields_set else "is in the file already; leave it out"
         if self.glue is not None and not self.is_cad:
@@ -453,34 +484,83 @@ class MeshSpec(MeshFile):
                 if name in RESERVED or (key == "neighbours" and name in self.labels):
                     yield (key, name), "is the name of another region; choose another"
                 for number in numbers:
-                    if isinstance(number, str) and Path(self.file).suffix != ".dcm":
+                    if isinstance(number, str) and suffix_of(self.file) != ".dcm":
                         yield (key, name), f"must be numbers, not {shown(number)}: only DICOM segments have names"
                     if (other := names.setdefault(number, name)) != name:
                         yield (key, name), f"has the number {number}, which '{other}' has too"
 
 
-class Support(Spec):
-    """Prescribed displacement on a region: zero for the components in ``fix``, or by formulas."""
+Turn = Annotated[
+    float,
+    Quantity("", at_least=-1.5707963267948968, at_most=1.5707963267948968, remedy="write degrees as '60 deg'"),
+]
 
-    alternatives: ClassVar[tuple[str, ...]] = ("fix", "displacement")
+
+class Motion(Spec):
+    """A rigid motion: a rotation about an axis, then a displacement."""
+
+    rotate: Turn = 0.0
+    """angle, by the right-hand rule"""
+    axis: Triple[float] = (0.0, 0.0, 1.0)
+    """direction of the axis, of any length"""
+    about: Triple[Length] = (0.0, 0.0, 0.0)
+    """a point on the axis, in the unloaded body"""
+    move: Triple[Length] = (0.0, 0.0, 0.0)
+    """displacement of that point"""
+
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        if not any(self.axis):
+            yield ("axis",), "must not be zero"
+
+
+class Support(Spec):
+    """Prescribed displacement on a region: zero for the components in ``fix``, by formulas, or a rigid motion.
+
+    ``fix: [normal]`` lets a region slide: no motion along the normal of the given mesh, at each node.
+    """
+
+    alternatives: ClassVar[tuple[str, ...]] = ("fix", "displacement", "motion")
 
     region: str
     """physical group of the mesh, a name from 'regions', or 'boundary' for the whole of it"""
-    fix: ListOf[Literal["x", "y", "z"]] | None = None
-    """fixed components, some of x, y, z"""
+    fix: ListOf[Literal["x", "y", "z", "normal"]] | None = None
+    """fixed components, some of x, y, z and normal, the normal of the given mesh"""
+    normal: Triple[float] | None = None
+    """direction that 'normal' stands for, of any length; by default the normal of each node's surface"""
     displacement: Triple[Expression | None] | None = None
     """three formulas of x, y, z in the given mesh, with null for a free component"""
+    motion: Motion | None = None
+    """rigid motion of the region from the unloaded to the loaded body, in all three components"""
     constants: Mapping[str, AnyQuantity] = {}
     """values of further names in the formulas"""
     case: Name | None = None
     """load case (a name from 'load_cases') of the displacement; by default the first"""
+    hinge: bool = Field(default=False, exclude_if=lambda hinge: not hinge)
+    """of the edge of a shell: hold its midsurface only, about which the shell may turn"""
+
+    @property
+    def moves(self) -> bool:
+        """True if the region is moved, not only held."""
+        return self.fix is None
 
     @property
     def held(self) -> frozenset[AxisName]:
         """The components that the support prescribes."""
+        if self.motion is not None:
+            return frozenset(AXES)
         if self.displacement is None:
-            return frozenset(self.fix or ())
+            return frozenset(axis for axis in AXES if axis in (self.fix or ()))
         return frozenset(a for a, formula in zip(AXES, self.displacement, strict=True) if formula is not None)
+
+    @property
+    def slides(self) -> bool:
+        """True if the region is fixed along its normal, which need not be an axis."""
+        return "normal" in (self.fix or ())
+
+    @property
+    def components(self) -> list[str]:
+        """Names of what is prescribed, for messages."""
+        return [*sorted(self.held), *(["normal"] if self.slides else [])]
 
     def numbers(self) -> dict[KeyPath, Number | str]:
         """The constants of the formulas by place."""
@@ -491,17 +571,23 @@ class Support(Spec):
         return self.model_copy(update={"constants": replace_scalar(self.constants, place[1:], number)})
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
-        if (self.fix is None) == (self.displacement is None):
-            yield (), "needs exactly one of 'fix' (fixed components) and 'displacement' (three formulas)"
-        elif not self.held:
-            yield (), "prescribes no component; remove it or name some of x, y, z"
+        if [self.fix, self.displacement, self.motion].count(None) != 2:
+            parts = "'fix' (fixed components), 'displacement' (three formulas) and 'motion' (a rigid motion)"
+            yield (), f"needs exactly one of {parts}"
+        elif not self.components:
+            yield (), "prescribes no component; remove it or name some of x, y, z, normal"
         elif self.displacement is not None:
             yield from faults_with_constants("displacement", self.displacement, self.constants, COORDINATES, LENGTH)
         else:
-            if self.case is not None:
+            if self.case is not None and not self.moves:
                 yield ("case",), "is not valid without 'displacement': what is fixed is fixed in every load case"
             if self.constants:
                 yield ("constants",), "are not valid without 'displacement'"
+        if self.normal is not None:
+            if not self.slides:
+                yield ("normal",), "is valid with 'fix: [normal]' only"
+            elif not any(self.normal):
+                yield ("normal",), "must not be zero"
 
 
 def is_of_nodes(quantity: Mapping[str, Any], let: Mapping[str, Any]) -> bool:

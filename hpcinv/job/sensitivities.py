@@ -13,6 +13,9 @@ from hpcinv.quantity.units import Dimension
 
 type Owner = Ingredient | Support
 
+TIES = ("also", "scale")
+"""fields with the keys of numbers that change with another one"""
+
 
 class Uncertain(Spec):
     """Uncertainty of a number by which the results are differentiated, and numbers that change with it."""
@@ -21,6 +24,8 @@ class Uncertain(Spec):
     """its standard deviation"""
     also: ListOf[JobKey] = ()
     """keys of further numbers that have the same value and change with it, such as the density in other states"""
+    scale: ListOf[JobKey] = ()
+    """keys of further numbers that are multiplied by the same factor, such as the other stiffnesses of a law"""
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,8 @@ class Parameter:
         dimension: ``None`` if it depends on the use in a formula.
         deviation: its standard deviation in SI, or ``None``.
         ties: further numbers that change with it.
+        kind: of a tie: ``also`` or ``scale``.
+        ratio: of a tie: its value relative to the parameter's.
     """
 
     key: str
@@ -44,6 +51,14 @@ class Parameter:
     dimension: Dimension | None
     deviation: float | None = None
     ties: tuple["Parameter", ...] = ()
+    kind: str = ""
+    ratio: float = 1.0
+
+    @property
+    def tied_keys(self) -> dict[str, list[str]]:
+        """Keys of the ties by their kind, as the sections of a job have them."""
+        keys = {kind: [tie.key for tie in self.ties if tie.kind == kind] for kind in TIES}
+        return {kind: names for kind, names in keys.items() if names}
 
 
 def read_sensitivities(given: object, owners: Mapping[str, Owner]) -> dict[str, Uncertain]:
@@ -68,19 +83,24 @@ def read_sensitivities(given: object, owners: Mapping[str, Owner]) -> dict[str, 
         known = {name for first, entry in uncertain.items() for name in (first, *entry.also)}
         with collected(problems, place):
             number = _number(key, owners, known)
-            deviation, also = (value.get("sd"), value.get("also", ())) if isinstance(value, Mapping) else (value, ())
-            if isinstance(value, Mapping) and (unknown := value.keys() - Uncertain.model_fields.keys()):
-                raise ValueError(f"has {shown(min(map(str, unknown)))}; it may have sd and also")
-            if not isinstance(also, list | tuple):
-                raise ValueError(f"also must be a list of keys, not {shown(also)}")
+            entry: Mapping[object, object] = value if isinstance(value, Mapping) else {"sd": value}
+            deviation = entry.get("sd")
+            if unknown := entry.keys() - Uncertain.model_fields.keys():
+                raise ValueError(f"has {shown(min(map(str, unknown)))}; it may have sd, also and scale")
             known.add(number.key)
-            for other in also:
-                tied = _number(other, owners, known)
-                known.add(tied.key)
-                if fault := fault_of_tie(tied, number):
-                    raise ValueError(fault)
+            keys: dict[str, tuple[str, ...]] = {}
+            for kind in TIES:
+                others = entry.get(kind, ())
+                if not isinstance(others, list | tuple):
+                    raise ValueError(f"{kind} must be a list of keys, not {shown(others)}")
+                for other in others:
+                    tied = _number(other, owners, known)
+                    known.add(tied.key)
+                    if fault := fault_of_tie(tied, number, kind):
+                        raise ValueError(fault)
+                keys[kind] = tuple(others)
             sd = None if deviation is None else positive(deviation, number.dimension, number.key)
-            uncertain[number.key] = Uncertain.model_construct(sd=sd, also=tuple(also))
+            uncertain[number.key] = Uncertain.model_construct(sd=sd, also=keys["also"], scale=keys["scale"])
     raise_if_any(problems)
     return uncertain
 
@@ -94,8 +114,10 @@ def _number(key: object, owners: Mapping[str, Owner], known: set[str]) -> Parame
     return parameter(key, owners, None)
 
 
-def fault_of_tie(tied: Parameter, number: Parameter) -> str | None:
-    """Fault of a number that shall have the value of another one."""
+def fault_of_tie(tied: Parameter, number: Parameter, kind: str) -> str | None:
+    """Fault of a number that shall have the value of another one (``also``), or keep its ratio to it (``scale``)."""
+    if kind == "scale":
+        return f"{number.key} is 0, so that {tied.key} has no ratio to it" if number.value == 0.0 else None
     if tied.dimension != number.dimension:
         return f"{tied.key} is {tied.dimension}, but {number.key} is {number.dimension}"
     return None
@@ -103,10 +125,14 @@ def fault_of_tie(tied: Parameter, number: Parameter) -> str | None:
 
 def uncertain_parameters(given: Mapping[str, Uncertain], owners: Mapping[str, Owner]) -> list[Parameter]:
     """The parameters of a section, with what changes with each."""
-    return [
-        replace(parameter(key, owners, entry.sd), ties=tuple(parameter(other, owners, None) for other in entry.also))
-        for key, entry in given.items()
-    ]
+    parameters = []
+    for key, entry in given.items():
+        number = parameter(key, owners, entry.sd)
+        equal = [replace(parameter(other, owners, None), kind="also") for other in entry.also]
+        scaled = [replace(parameter(other, owners, None), kind="scale") for other in entry.scale]
+        scaled = [replace(tie, ratio=tie.value / number.value) for tie in scaled]
+        parameters.append(replace(number, ties=(*equal, *scaled)))
+    return parameters
 
 
 def tied_parameters(parameters: Sequence[Parameter]) -> list[Parameter]:
@@ -116,12 +142,12 @@ def tied_parameters(parameters: Sequence[Parameter]) -> list[Parameter]:
 
 def stated_values(parameters: Sequence[Parameter], values: Iterable[float]) -> dict[str, float | str]:
     """Return values (SI) exactly, as a job may state them, by key, with what changes with each parameter."""
-    stated: dict[str, float | str] = {}
-    for number, value in zip(parameters, values, strict=True):
-        unit = number.dimension.unit if number.dimension is not None else ""
-        text = f"{float(value)!r} {unit}" if unit else float(value)
-        stated |= {tied.key: text for tied in (number, *number.ties)}
-    return stated
+    return {
+        tied.key: f"{tied.ratio * float(value)!r} {unit}" if unit else tied.ratio * float(value)
+        for number, value in zip(parameters, values, strict=True)
+        for tied in (number, *number.ties)
+        for unit in [tied.dimension.unit if tied.dimension is not None else ""]
+    }
 
 
 def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) -> Parameter:

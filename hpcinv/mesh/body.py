@@ -33,13 +33,15 @@ from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.io.cad import cad_mesh
 from hpcinv.mesh.io.length_unit import check_unit
 from hpcinv.mesh.label_groups import add_label_groups
-from hpcinv.mesh.readers import FILES, GENERATORS
+from hpcinv.mesh.midsurface import thicken
+from hpcinv.mesh.readers import FILES, GENERATORS, read_surface
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geometry, surface_geometry
 from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.quantity.nondimensional import power_of_two
+from hpcinv.reading.suffix import suffix_of
 
 
 @dataclass(frozen=True)
@@ -173,11 +175,13 @@ def read_source(
     if not exists(path):
         raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
     try:
-        if path.suffix in GENERATORS:
+        if suffix_of(path) in GENERATORS:
             parameters = spec.parameters if spec.unit == 1.0 else converted_parameters(path, spec.parameters, spec.unit)
             monitor = MeshingMonitor(spec.maximum_cells, report)
-            generate = GENERATORS[path.suffix]
-            source = generate(path, parameters, spec.geometry_degree, monitor, size_factor).convert_to_metres(spec.unit)
+            generate = GENERATORS[suffix_of(path)]
+            is_surface = spec.shell is not None
+            source = generate(path, parameters, spec.geometry_degree, monitor, size_factor, is_surface=is_surface)
+            source = source.convert_to_metres(spec.unit)
         elif spec.is_cad:
             source = cad_mesh(path, spec, report, size_factor)
         elif spec.size is not None and spec.is_surface:
@@ -192,16 +196,17 @@ def read_source(
 
             source = image_mesh(path, spec, report)
         else:
-            source = FILES[path.suffix](path)
+            source = FILES[suffix_of(path)](path) if spec.shell is None else read_surface(path)
             for note in source.notes:
                 report(note)
-            if not FORMATS[path.suffix].is_partitioned:  # partitioned meshes are in metres
+            if not FORMATS[suffix_of(path)].is_partitioned:  # partitioned meshes are in metres
                 check_unit(path, source.unit, spec.unit)
                 source = source.convert_to_metres(spec.unit)
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     check_nodes(source)
-    source = join_facets(_with_sets(source, spec, path).drop_unused_nodes())
+    source = _with_sets(source, spec, path).drop_unused_nodes()
+    source = join_facets(source if spec.shell is None else thicken(source, spec.shell))
     return source if spec.geometry_degree is None else change_degree(source, spec.geometry_degree)
 
 
@@ -304,7 +309,7 @@ def _transfer(
 def read_finer_geometry(spec: MeshSpec, path: Path, source: MeshSource) -> FinerGeometry:
     """Geometry of higher degree that a mesh file or generator has for the cells of ``source``; not collective."""
 
-    if path.suffix in GENERATORS or spec.is_cad:
+    if suffix_of(path) in GENERATORS or spec.is_cad:
         return surface_geometry(source)
     if spec.geometry_degree != 1 or spec.size is not None:  # of images and surfaces other cells are made
         return FinerGeometry(NO_CAD)

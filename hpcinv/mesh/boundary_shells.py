@@ -71,3 +71,25 @@ def shells(facets: Ints, volumes: Floats) -> Ints:
     inner = np.flatnonzero(enclosed < 0)
     number[inner[np.argsort(enclosed[inner], kind="stable")]] = np.arange(1, len(inner) + 1)
     return np.asarray(number[shell])
+
+
+SIDES = 7
+"""number of values of `facing`"""
+
+
+def facing(mesh: Mesh) -> Ints:
+    """Return for each local node 0 inside, else the axis and sign nearest to the boundary's normal, 1 to 6; collective.
+
+    Nodes that are no vertices count as inside.
+    """
+    exterior = dolfinx.mesh.exterior_facet_indices(mesh.topology).astype(np.int32)
+    corners, areas = outer_facets(mesh, exterior)
+    total = dolfinx.la.vector(mesh.geometry.index_map(), 3)
+    sums = total.array.reshape(-1, 3)
+    for k in range(corners.shape[1]):
+        np.add.at(sums, corners[:, k], areas)
+    total.scatter_reverse(dolfinx.la.InsertMode.add)
+    total.scatter_forward()
+    axis = np.abs(sums).argmax(axis=1)
+    is_positive = sums[np.arange(len(sums)), axis] > 0
+    return np.asarray(np.where(sums.any(axis=1), 1 + 2 * axis + is_positive, 0), dtype=np.int64)

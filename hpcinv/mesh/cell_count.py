@@ -51,21 +51,21 @@ def monitored(gmsh: Any, path: Path, monitor: MeshingMonitor) -> Iterator[None]:
 
     def monitored_generate(dim: int = 3) -> None:
         if dim >= 2 and not len(mesh.getElementTypes(1)) and not len(mesh.getElementTypes(2)):
-            _require(path, _least(gmsh), monitor.limit)
+            require_at_most(path, _least(gmsh), monitor.limit)
             generate(1)
         if dim >= 2 and (expected := _expected(gmsh)):
-            _require(path, expected, monitor.limit)
+            require_at_most(path, expected, monitor.limit)
             monitor.report(f"about {rounded(expected)} cells expected")
         generate(dim)
 
     def monitored_refine() -> None:
-        _require(path, 8.0 * count(gmsh), monitor.limit)
+        require_at_most(path, 8.0 * count(gmsh), monitor.limit)
         refine()
 
     mesh.generate, mesh.refine = monitored_generate, monitored_refine
     try:
         yield
-        _require(path, count(gmsh) if gmsh.isInitialized() else 0, monitor.limit)
+        require_at_most(path, count(gmsh) if gmsh.isInitialized() else 0, monitor.limit)
     finally:
         mesh.generate, mesh.refine = generate, refine
 
@@ -83,7 +83,8 @@ def rounded(number: float) -> str:
     return f"{round(number / 10**digits) * 10**digits:,}"
 
 
-def _require(path: Path, cells: float, limit: int) -> None:
+def require_at_most(path: Path, cells: float, limit: int) -> None:
+    """Raise ``MeshError`` if there are more cells than the limit."""
     if cells > limit:
         raise MeshError(
             f"{path}: about {rounded(cells)} cells expected, more than mesh.maximum_cells allows ({limit:,})",

@@ -11,8 +11,10 @@ from hpcinv.formats import FORMATS
 from hpcinv.formats.mesh_format import loaded
 from hpcinv.mesh.body import Body, reorder_to_source
 from hpcinv.mesh.distributed.partitioned import write_partitioned
+from hpcinv.mesh.midsurface import surface_source
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
 from hpcinv.parallel.runtime import on_root
+from hpcinv.reading.suffix import suffix_of
 
 
 def _load_and_save(saver: str, path: Path, source: MeshSource, points: Floats) -> None:
@@ -29,7 +31,8 @@ def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, F
 
     Node order, node and cell tags, physical groups and data arrays are as in the source (vectors are not rotated
     with the body); the file is written completely or not at all. A ``.bp`` is written by all ranks, in metres. Other
-    formats are written by rank 0, in the length unit of the source's file, and not from a partitioned mesh.
+    formats are written by rank 0, in the length unit of the source's file, and not from a partitioned mesh. Of a shell
+    they have the midsurface, with thickness and director as data (`surface_source`).
 
     Args:
         more: further data arrays (n, components) at the local geometry nodes, by name.
@@ -40,11 +43,11 @@ def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, F
     points, comm = reorder_to_source(body, coordinates), body.mesh.comm
     arrays = {name: DataArray(name, "nodes", reorder_to_source(body, values)) for name, values in more.items()}
     source = dataclasses.replace(body.source, data={**body.source.data, **arrays})
-    if FORMATS[path.suffix].is_partitioned:
+    if FORMATS[suffix_of(path)].is_partitioned:
         write_partitioned(path, comm, dataclasses.replace(source, points=points))
     else:
         assert not body.source.is_partitioned
-        on_root(comm, lambda: save(path, source, points))
+        on_root(comm, lambda: save(path, *(surface_source(source, points) if source.midsurface else (source, points))))
 
 
 def save(path: Path, source: MeshSource, points: Floats) -> None:
@@ -57,7 +60,7 @@ def save(path: Path, source: MeshSource, points: Floats) -> None:
     """
     unfinished = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
-        SAVERS[path.suffix](unfinished, source, points / (source.unit or 1.0))
+        SAVERS[suffix_of(path)](unfinished, source, points / (source.unit or 1.0))
         unfinished.replace(path)
     except OSError as exc:
         unfinished.unlink(missing_ok=True)

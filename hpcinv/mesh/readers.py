@@ -15,10 +15,10 @@ from hpcinv.files.inputs import recorded_inputs
 from hpcinv.formats import FORMATS
 from hpcinv.formats.mesh_format import MeshFormat, loaded
 from hpcinv.job.mesh_generators import ParameterValue
-from hpcinv.mesh.cell_count import MeshingMonitor, monitored
+from hpcinv.mesh.cell_count import MeshingMonitor, monitored, require_at_most
 from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.generator_files import note_script, noted_files
-from hpcinv.mesh.io.gmsh_model import extract, read_views, session
+from hpcinv.mesh.io.gmsh_model import extract, extract_surface, read_views, session
 from hpcinv.mesh.io.isolated import check_msh
 from hpcinv.mesh.io.length_unit import stored_unit
 from hpcinv.mesh.io.vtu import source_of
@@ -31,10 +31,15 @@ def build_python(
     degree: int | None,
     monitor: MeshingMonitor,
     size_factor: float = 1.0,
+    *,
+    is_surface: bool = False,
 ) -> MeshSource:
     """Mesh a generator: a Python file whose ``build(gmsh, *, size: Size = 0.002, …)`` meshes the model, in metres.
 
     Relative paths in it start from its directory.
+
+    Args:
+        is_surface: whether it is the surface of a shell.
     """
     file = str(path.absolute())
     with session(path.stem, size_factor) as gmsh, recorded_inputs(path, anew=True) as inputs, noted_files(gmsh):
@@ -55,7 +60,7 @@ def build_python(
             raise MeshError(f"{path}{line}: {described(exc)}", "Correct the generator or its parameters.") from exc
         if not gmsh.isInitialized():
             raise MeshError(f"{path}: build() finalised gmsh", "Leave gmsh running: its mesh is read after build().")
-        source = _extracted(gmsh, path, degree)
+        source = _extracted_surface(gmsh, path, monitor) if is_surface else _extracted(gmsh, path, degree)
     return dataclasses.replace(source, inputs=inputs)
 
 
@@ -65,6 +70,8 @@ def build_geo(
     degree: int | None,
     monitor: MeshingMonitor,
     size_factor: float = 1.0,
+    *,
+    is_surface: bool = False,
 ) -> MeshSource:
     """Mesh a gmsh script (metres) whose ``DefineConstant`` values are the parameters."""
     file = path.absolute()
@@ -75,18 +82,23 @@ def build_geo(
         _merge(gmsh, file, path)  # not open, which would discard the numbers set above
         try:
             with monitored(gmsh, path, monitor):
-                if not len(gmsh.model.mesh.getElementTypes(3)):
-                    gmsh.model.mesh.generate(3)
+                dim = 2 if is_surface else 3
+                if not len(gmsh.model.mesh.getElementTypes(dim)):
+                    gmsh.model.mesh.generate(dim)
         except HpcinvError:
             raise
         except Exception as exc:  # gmsh raises nothing narrower
             raise MeshError(f"{path}: gmsh could not mesh it: {exc}", "Check the geometry and the parameters.") from exc
-        source = _extracted(gmsh, path, degree)
+        source = _extracted_surface(gmsh, path, monitor) if is_surface else _extracted(gmsh, path, degree)
     return dataclasses.replace(source, inputs=inputs)
 
 
-def read_msh(path: Path) -> MeshSource:
-    """Read MSH 2.2 or 4.1, ASCII or binary; the sections $NodeData and $ElementData become data arrays."""
+def read_msh(path: Path, extracted: Callable[[Any, Path], MeshSource] = extract) -> MeshSource:
+    """Read MSH 2.2 or 4.1, ASCII or binary; the sections $NodeData and $ElementData become data arrays.
+
+    Args:
+        extracted: takes the mesh from gmsh's model, by default that of a solid.
+    """
     if fault := FORMATS[".msh"].fault(path):
         raise MeshError(f"{path}: {fault}", "Export the mesh again (gmsh: gmsh.write, or -save).")
     with session(path.stem) as gmsh, tempfile.TemporaryDirectory(prefix="hpcinv-mesh-") as empty:
@@ -97,8 +109,13 @@ def read_msh(path: Path) -> MeshSource:
         _merge(gmsh, link, path)
         if gmsh.model.getNumberOfPartitions():
             gmsh.model.mesh.unpartition()
-        source = extract(gmsh, path)
+        source = extracted(gmsh, path)
         return dataclasses.replace(source, data=read_views(gmsh, source), unit=stored_unit(gmsh))
+
+
+def read_surface(path: Path) -> MeshSource:
+    """Read the surface of a shell from an MSH file."""
+    return read_msh(path, extract_surface)
 
 
 def _merge(gmsh: Any, path: Path, called: Path | None = None) -> None:
@@ -126,10 +143,16 @@ def _extracted(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
     return dataclasses.replace(source, surface=cad_surface(gmsh, source.kind, source.degree))
 
 
-GENERATORS: dict[str, Callable[[Path, Mapping[str, ParameterValue], int | None, MeshingMonitor, float], MeshSource]] = {
-    ".py": build_python,
-    ".geo": build_geo,
-}
+def _extracted_surface(gmsh: Any, path: Path, monitor: MeshingMonitor) -> MeshSource:
+    """The generated surface of a shell, in cells of degree 2 with their nodes on the CAD surfaces."""
+    gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 0)
+    gmsh.model.mesh.setOrder(2)
+    source = extract_surface(gmsh, path)
+    require_at_most(path, len(source.cells), monitor.limit)
+    return source
+
+
+GENERATORS: dict[str, Callable[..., MeshSource]] = {".py": build_python, ".geo": build_geo}
 
 
 def _read(mesh_format: MeshFormat, path: Path) -> MeshSource:

@@ -8,13 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import HpcinvError, MeshError
-from hpcinv.job.region_rules import RegionRule, RegionUnion
+from hpcinv.job.region_rules import RegionRule, RegionUnion, SmoothFace
 from hpcinv.mesh.boundary_shells import LocalIndices as LocalIndices
 from hpcinv.mesh.boundary_shells import Mesh as Mesh
 from hpcinv.mesh.boundary_shells import cavities, outer_facets
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
 from hpcinv.mesh.label_groups import integer_arrays
+from hpcinv.mesh.smooth_faces import smooth_face
 from hpcinv.mesh.source import MASK_BITS, Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, agree
 from hpcinv.quantity.expressions import Expression
@@ -43,6 +44,7 @@ def build_regions(
 
     A geometric region contains the boundary facets and the cells all of whose vertices satisfy its condition in SI
     coordinates; if the condition is one of outer normals (``nx``, ``ny``, ``nz``) or cavities, only boundary facets.
+    So has a smooth face.
     The comparison has no tolerance: write ``x < 1e-6 m``, not ``x == 0``. A union has all facets and cells of its
     members without the members of regions that it leaves out.
 
@@ -75,6 +77,10 @@ def build_regions(
             regions[name] = region = _region(mesh, name, "union", facets, cells)
             if region.facet_count == region.cell_count == 0:
                 problems.append(f"region '{name}': nothing is left of {condition}")
+            continue
+        if isinstance(condition, SmoothFace):
+            mask = smooth_face(mesh, exterior, np.array(condition.point) / length_scale, condition.angle)
+            regions[name] = _region(mesh, name, "geometric", exterior[mask], none)
             continue
         if "cavity" in condition.names and cavity is None:
             cavity = cavities(mesh, exterior)
@@ -122,8 +128,8 @@ def _holds(
 
 
 def is_facet_condition(rule: RegionRule) -> bool:
-    """Return whether a rule is a condition on outer normals or cavities, which only facets have."""
-    return isinstance(rule, Expression) and bool(rule.names & _OF_FACETS)
+    """Return whether a rule is one of outer normals or cavities, which only facets have, or a smooth face."""
+    return isinstance(rule, SmoothFace) or (isinstance(rule, Expression) and bool(rule.names & _OF_FACETS))
 
 
 def _facet_mask(

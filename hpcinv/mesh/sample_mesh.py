@@ -17,6 +17,7 @@ from hpcinv.mesh.regions import Region, build_regions, evaluate, is_facet_condit
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.nondimensional import power_of_two
 
 HELD = "one facet of each cell"
@@ -94,7 +95,7 @@ def _memberships(
     exterior = table.sharing == 1
     yield exterior[table.cell_facets].any(axis=1)
     for name, condition in rules.items():
-        if isinstance(condition, RegionUnion) or is_facet_condition(condition):  # a union follows from its members
+        if not isinstance(condition, Expression) or is_facet_condition(condition):  # a union follows from its members
             continue
         is_inside = evaluate(name, condition, source.points)
         yield np.asarray(is_inside[source.cells[:, : vertex_count(source.kind)]].all(axis=1))

@@ -1,5 +1,7 @@
 """A mesh as it was read: plain arrays, in the order and with the tags of its file."""
 
+from __future__ import annotations
+
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -108,7 +110,10 @@ class MeshSource:
     inputs: Mapping[str, str] = field(default_factory=dict)  # files that its generator read, see `files.inputs`
     notes: tuple[str, ...] = ()  # what the reader did with the file, or did not use
     surface_cells: SurfaceCells | None = None  # until regions are made of their values (`label_groups`)
+    nodes_per_cell: int = 0  # of the elements in the file of another program; 0: as many as in ``cells``
     surface: CadSurface | None = None  # of the CAD model that was meshed, if there is one
+    midsurface: MeshSource | None = None  # of a shell, whose groups of cells have ``dim`` 3, and of edges 2
+    slenderness: float = 1.0  # of a shell: mean diameter of its cells by their thickness
 
     @property
     def is_partitioned(self) -> bool:
@@ -158,7 +163,8 @@ class MeshSource:
     def header(self) -> Self:
         """The same source with empty arrays, for ranks other than 0."""
         none: Ints = np.zeros(0, dtype=np.int64)
-        return dataclasses.replace(self.select(none, none, none), surface=None, surface_cells=None)
+        middle = self.midsurface and self.midsurface.header()
+        return dataclasses.replace(self.select(none, none, none), surface=None, surface_cells=None, midsurface=middle)
 
     def convert_to_metres(self, unit: float) -> Self:
         """The same mesh in metres, from coordinates in ``unit`` (m)."""

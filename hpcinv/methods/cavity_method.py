@@ -1,6 +1,7 @@
 """Load path of bodies with cavities whose pressures are unknown: given volumes, or amounts of gas."""
 
 from collections.abc import Iterator
+from functools import partial
 
 from hpcinv.effects import Direction
 from hpcinv.methods.method import UNLOADED, Method, Start
@@ -28,16 +29,17 @@ class CavityMethod(Method):
         newton = CavityNewton(self.equilibrium, self._cavities)
         if load > 0.0:
             newton.recover_pressures(load)
-        step = self._steps.start()
+        step, forward = self._steps.start(), self.equilibrium.system.scene.kinematics.direction == "forward"
+        shortened = partial(self._steps.shortened, forward=forward)
         try:
             while load < 1.0:
                 target = target_of(load, step, 1)
                 # A coarse path costs nothing that the last solve does not correct.
                 tolerance = self._tolerance if target == 1.0 else self._steps.path_tolerance
-                solve = newton.solve(target, tolerance)
-                step = self._steps.next_step(solve, target - load)
+                solve = newton.solve(target, tolerance, start=load, shortened=shortened)
+                step = self._steps.next_step(solve, solve.load - load)
                 if solve.outcome.accepted:
-                    self.reached = load = target
+                    self.reached = load = solve.load
                 yield solve
                 if not solve.outcome.accepted and (step < self._steps.least or solve.outcome.is_final):
                     return

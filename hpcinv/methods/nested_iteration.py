@@ -235,8 +235,8 @@ def _transferred(coarse: Equations, equations: Equations, sign: int) -> Guess | 
     if equations.body.mesh.comm.allreduce(farthest, op=MPI.MAX) > FARTHEST:
         return None
     equations.put_fields((fields[0], fields[1] if len(fields) > 1 else None))
-    for support in equations.supports.prescribed:
-        equations.unknowns.state.x.array[support.dofs] = support.full[support.nodes]
+    equations.supports.scale(1.0)
+    equations.supports.impose(equations.unknowns.state.x.array)
     u, p = equations.state().fields
     equations.unload()
     return Guess(np.array(u.x.array), None if p is None else np.array(p.x.array), sign, NESTED)

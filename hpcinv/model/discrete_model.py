@@ -10,7 +10,8 @@ from hpcinv.job.job import UNNAMED, Job
 from hpcinv.job.states import given_on_current
 from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
 from hpcinv.mesh import Body
-from hpcinv.mesh.source import Floats
+from hpcinv.mesh.cells import LayerDegree
+from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.model.cell_layers import layers_of_cells
 from hpcinv.model.field_checks import check_fields, shear_modulus
 from hpcinv.model.fields import BodyFields
@@ -48,7 +49,7 @@ class DiscreteModel:
         self._given: Function | None = None  # displacement of the given state, if something is given there (scaled)
         self._kept: Function | None = None  # for the next use, since scenes refer to it
         self._given_displacement: Function | None = None
-        self.quadrature_degree = _quadrature(job, body.source.kind)
+        self.quadrature_degree = _quadrature(job, body.source)
         body.place(body.given_nodes)
         with timings("set-up"):
             self.fields: BodyFields = BodyFields(body) if like is None else like.fields
@@ -195,13 +196,13 @@ class DiscreteModel:
         return Scales(self.body.length_scale, power_of_two(shear_modulus(self.job, self.fields)))
 
 
-def _quadrature(job: Job, kind: str) -> int:
-    """Return the quadrature degree of a job on cells of one kind.
+def _quadrature(job: Job, source: MeshSource) -> int:
+    """Return the quadrature degree of a job on the cells of a mesh.
 
     Raises:
         JobError: it leaves motions of the cells without energy.
     """
-    given, displacement = job.discretisation.quadrature, job.discretisation.displacement
+    kind, given, displacement = source.kind, job.discretisation.quadrature, job.discretisation.displacement
     least = default_quadrature(kind, displacement)
     if given is not None and given < least:
         cells = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}[kind]
@@ -210,7 +211,7 @@ def _quadrature(job: Job, kind: str) -> int:
             f" of degree {displacement}, not {given}: with fewer points, cells have spurious motions without energy,"
             " which make the tangent singular or nearly so; raise it, or leave it out"
         )
-    return given or least
+    return given or least if source.midsurface is None else LayerDegree(given or least, source.slenderness)
 
 
 def default_quadrature(kind: str, displacement: int) -> int:

@@ -43,6 +43,6 @@ class Integration:
             entities = fem.compute_integration_domains(fem.IntegralType.exterior_facet, topology, facets)
             self._known[region] = len(self._known) + 1
             self._facets.append((self._known[region], entities))
-        rule = {"quadrature_degree": max(self._degree, least_degree)}
+        rule = {"quadrature_degree": max(int(self._degree), least_degree)}
         measure = ufl.Measure("ds", self._body.mesh, subdomain_data=self._facets, metadata=rule)
         return measure(self._known[region])

@@ -11,6 +11,7 @@ from dolfinx import fem
 from hpcinv.kinematics.staged_derivatives import remove_stages
 from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.regions import Mesh
+from hpcinv.mesh.source import Floats
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 
@@ -53,14 +54,13 @@ class CellMeans:
         return means
 
 
-class QuadratureValues:
-    """A UFL expression, compiled for the quadrature points of a mesh.
+class PointValues:
+    """A UFL expression, compiled for ``points`` (n, 3) of the reference cell.
 
     Iteration yields some of the owned cells (or of ``cells``) at a time, with their present values (cells, points, …).
     """
 
-    def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: CellNumbers | None = None) -> None:
-        points, _ = quadrature(mesh.basix_cell().name, quadrature_degree)
+    def __init__(self, expression: Any, mesh: Mesh, points: Floats, cells: CellNumbers | None = None) -> None:
         self._compiled = fem.Expression(remove_stages(expression), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
         self._mesh = mesh
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
@@ -78,3 +78,10 @@ class QuadratureValues:
             low, high = np.minimum(low, values.min()), np.maximum(high, values.max())
         comm = self._mesh.comm
         return float(comm.allreduce(low, op=MPI.MIN)), float(comm.allreduce(high, op=MPI.MAX))
+
+
+class QuadratureValues(PointValues):
+    """A UFL expression, compiled for the quadrature points of a mesh."""
+
+    def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: CellNumbers | None = None) -> None:
+        super().__init__(expression, mesh, quadrature(mesh.basix_cell().name, quadrature_degree)[0], cells)

@@ -127,6 +127,11 @@ class Unknowns:
         return unknowns, np.append(np.flatnonzero(starts), len(unknowns)).astype(np.int32)
 
     @property
+    def displacement_dofs_of_nodes(self) -> npt.NDArray[np.int32]:
+        """Local numbers of the displacements in the state, (nodes of the displacement's space, 3)."""
+        return self._displacement_dofs.reshape(-1, 3)
+
+    @property
     def owned_displacement_dofs(self) -> npt.NDArray[np.int32]:
         """Local numbers of the displacements in the state, without ghosts; consecutive for each node."""
         return np.extract(self._is_owned(self._displacement_dofs), self._displacement_dofs)

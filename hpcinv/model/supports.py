@@ -1,7 +1,8 @@
 """Supports: components of the displacement that are fixed or prescribed on regions of the boundary."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,13 +11,19 @@ from dolfinx import fem
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES, Support
+from hpcinv.kinematics.rigid_motion import RigidMotion
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
+from hpcinv.model.nodal_normals import nodal_normals
 from hpcinv.model.parameters import load_factor
+from hpcinv.model.sliding import Slide, Sliding
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.parameter_paths import POINTS, central_difference, step_at
+
+_TOUCHING = 1e-12
+"""Distance (scaled) of a node from its slide that is a rounding error; raised, a path may begin off the slide."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +51,16 @@ class Prescribed:
     now: fem.Function
 
     @property
+    def space(self) -> fem.FunctionSpace:
+        """The space of which ``nodes`` are numbers."""
+        return self.now.function_space
+
+    def component_of(self, vectors: Floats) -> Floats:
+        """Return the held component of vectors (n, 3, …) at ``nodes``."""
+        component: Floats = vectors[:, self.axis]
+        return component
+
+    @property
     def points(self) -> npt.NDArray[np.float64]:
         """Present positions of ``nodes``, (n, 3) in scaled lengths."""
         points: npt.NDArray[np.float64] = self.now.function_space.tabulate_dof_coordinates()[self.nodes]
@@ -54,7 +71,13 @@ class Supports:
     """Dirichlet conditions ``u_i = λ ū_i``, with the load factor λ of each support's load case.
 
     ``ū`` is evaluated once, at the coordinates of the mesh of the job (m): in a round trip both directions prescribe
-    the same displacement of the same material points.
+    the same displacement of the same material points. The normals of slides are those of that mesh, too.
+
+    Attributes:
+        conditions: Dirichlet conditions of components along axes.
+        prescribed: these components, support by support.
+        slides: nodes that are held along their normals, support by support.
+        sliding: the constraints of ``slides``; ``None`` without any.
     """
 
     def __init__(self, job: Job, body: Body, unknowns: Unknowns) -> None:
@@ -62,25 +85,47 @@ class Supports:
         self.prescribed: list[Prescribed] = []
         self.prescribe_motion = False
         self._path: list[npt.NDArray[np.float64]] | None = None  # displacements at the beginning of a path
+        self.slides: list[Slide] = []
+        self._first_gap: Floats | float = 0.0  # distance of slides' nodes from them at the beginning of a path
+        self._gap: Floats | float = 0.0  # now
+        self._unknowns = unknowns
         self._case_count, self._length, self._comm = job.case_count, body.length_scale, body.mesh.comm
         for number, spec in enumerate(job.supports):
             place = f"{job.place('supports')}[{number}]"
             with naming_field(f"{place}.region"):
                 facets = body.facets(spec.region)
+            if spec.slides:
+                self.slides.append(_slide(spec, place, body, unknowns))
             for axis, name in enumerate(AXES):
                 if name not in spec.held:
                     continue
                 part = unknowns.displacement_component(axis)
                 scalar, _ = part.collapse()
                 dofs = fem.locate_dofs_topological((part, scalar), body.mesh.topology.dim - 1, facets)
+                if spec.hinge:
+                    kept = np.isin(dofs[1], _middle_nodes(scalar))
+                    dofs = [part_dofs[kept] for part_dofs in dofs]
                 now = fem.Function(scalar)
                 full = np.zeros_like(now.x.array)
                 self.conditions.append(fem.dirichletbc(now, dofs, part))
-                field = f"{place}.{'displacement' if spec.displacement else 'fix'}"
+                field = f"{place}.{'fix' if spec.fix else 'displacement' if spec.displacement else 'motion'}"
                 self.prescribed.append(
                     Prescribed(field, number, spec.region, axis, job.case_of(spec), dofs[0], dofs[1], full, now)
                 )
+        fixed = np.zeros(len(unknowns.state.x.array), dtype=bool)
+        fixed[self._dofs] = True
+        slides = job.supports and any(spec.slides for spec in job.supports)
+        self.sliding = Sliding(self.slides, unknowns, fixed) if slides else None
         self.update_parameters(job)
+
+    @property
+    def _dofs(self) -> npt.NDArray[np.int32]:
+        return np.concatenate([np.zeros(0, dtype=np.int32), *(entry.dofs for entry in self.prescribed)])
+
+    @property
+    def holders(self) -> list[Prescribed | Slide]:
+        """All that holds the body, component by component."""
+        return [*self.prescribed, *self.slides]
 
     def update_parameters(self, job: Job) -> None:
         """Set the displacements of a job with supports on the same regions, on the mesh at its given coordinates.
@@ -90,7 +135,11 @@ class Supports:
         """
         for entry in self.prescribed:
             spec = job.supports[entry.support]
-            if spec.displacement and (formula := spec.displacement[entry.axis]) is not None:
+            if spec.motion is not None:
+                motion = RigidMotion(spec.motion.rotate, spec.motion.axis, spec.motion.about, spec.motion.move)
+                moved = motion.displacement(entry.points * self._length, job.directions[0])
+                entry.full[entry.nodes] = moved[:, entry.axis] / self._length
+            elif spec.displacement and (formula := spec.displacement[entry.axis]) is not None:
                 entry.full[entry.nodes] = _values(spec, formula, entry.points * self._length) / self._length
                 if not self._comm.allreduce(bool(np.isfinite(entry.full).all()), op=MPI.LAND):
                     raise MeshError(
@@ -98,6 +147,25 @@ class Supports:
                         "Check it for divisions by zero, and for roots and logarithms of negative numbers.",
                     )
         self.end_path()
+        self._check_slides()
+
+    def _check_slides(self) -> None:
+        """Refuse displacements that would leave a slide; collective."""
+        if self.sliding is None:
+            return
+        full = np.zeros(len(self._unknowns.state.x.array))
+        for entry in self.prescribed:
+            full[entry.dofs] = entry.full[entry.nodes]
+        off = float(self.sliding.disagreement(full).max(initial=0.0))
+        size = max((float(np.abs(entry.full).max(initial=0.0)) for entry in self.prescribed), default=0.0)
+        off, size = (self._comm.allreduce(value, op=MPI.MAX) for value in (off, size))
+        if off > 1e-9 * size:
+            raise MeshError(
+                f"{', '.join(slide.field for slide in self.slides)}: other supports move nodes of"
+                f" {', '.join(repr(slide.region) for slide in self.slides)} along the normal by"
+                f" {off * self._length:.6g} m",
+                "Let the regions share no node, or prescribe a motion along the surface.",
+            )
 
     def rates(self, number: int, variant: Callable[[float], Support], value: float) -> list[Floats]:
         """Return derivatives of the displacements at full load, on the mesh at its given coordinates.
@@ -125,6 +193,7 @@ class Supports:
 
     def scale(self, load: float) -> None:
         """Prescribe the displacements at a share of the whole load, or of the path from another state."""
+        self._gap = (1 - load) * self._first_gap
         for number, entry in enumerate(self.prescribed):
             if self._path is None:
                 entry.now.x.array[:] = load_factor(load, entry.case, self._case_count) * entry.full
@@ -136,20 +205,100 @@ class Supports:
         for one in self.prescribed:
             one.now.x.array[:] = rates[one.case] * one.full
 
+    def held_part[T: np.floating[Any]](
+        self, values: npt.NDArray[T], regions: Collection[str] | None = None
+    ) -> npt.NDArray[T]:
+        """Return the part of vectors at nodes along which they are held, zero elsewhere.
+
+        Args:
+            values: of the local unknowns, or of the owned ones.
+            regions: of the supports that count; by default all.
+        """
+        part = np.zeros_like(values)
+        for entry in self.prescribed:
+            if regions is None or entry.region in regions:
+                dofs = entry.dofs[entry.dofs < len(values)]
+                part[dofs] = values[dofs]
+        if self.sliding is not None:
+            dofs, held = self.sliding.held(values, regions)
+            np.add.at(part, dofs, held)
+        return part
+
+    def free(self, values: npt.NDArray[np.floating[Any]]) -> None:
+        """Set to zero the held part of vectors at nodes, such as forces; of local unknowns or of owned ones."""
+        dofs = self._dofs
+        values[dofs[dofs < len(values)]] = 0.0
+        if self.sliding is not None:
+            dofs, held = self.sliding.held(values)
+            values[dofs] -= held
+
+    def impose(self, x: Floats) -> None:
+        """Set the held part of displacements among all local unknowns ``x`` to what is prescribed now."""
+        x += self.missing(x)
+
+    def missing(self, x: Floats | None) -> Floats:
+        """Return what displacements among all local unknowns lack of what is prescribed now, zero if free.
+
+        Args:
+            x: the displacements, ``None`` for none.
+        """
+        missing = np.zeros(len(self._unknowns.state.x.array))
+        for condition in self.conditions:
+            condition.set(missing)
+        if self.sliding is not None:
+            targets = self.sliding.targets(missing) + self._gap
+        if x is not None:
+            dofs = self._dofs
+            missing[dofs] -= x[dofs]
+        if self.sliding is not None:
+            missing[self.sliding.dofs] += targets
+            if x is not None:
+                dofs, held = self.sliding.held(x)
+                missing[dofs] -= held
+        return missing
+
     def begin_path(self, x: npt.NDArray[np.float64]) -> None:
         """Let the displacements lead from the values in a state ``x`` (all local unknowns) to the prescribed ones."""
         self._path = [x[entry.dofs] for entry in self.prescribed]
+        if self.sliding is not None:
+            self._first_gap = self.sliding.normal_part(x) - self.sliding.targets(x)
         moves = any(
             bool((start != entry.full[entry.nodes]).any())
             for start, entry in zip(self._path, self.prescribed, strict=True)
         )
+        moves |= bool(np.abs(self._first_gap).max(initial=0.0) > _TOUCHING)
         self.prescribe_motion = self._comm.allreduce(moves, op=MPI.LOR)
 
     def end_path(self) -> None:
         """Let the displacements lead from the unloaded body again; collective."""
-        self._path = None
+        self._path, self._first_gap, self._gap = None, 0.0, 0.0
         moves = any(bool(entry.full.any()) for entry in self.prescribed)
         self.prescribe_motion = self._comm.allreduce(moves, op=MPI.LOR)
+
+
+def _slide(spec: Support, place: str, body: Body, unknowns: Unknowns) -> Slide:
+    """Return the nodes of a support that slide, on the mesh at its given coordinates; collective."""
+    space, facets = unknowns.displacement_space, body.facets(spec.region)
+    if spec.normal is None:
+        with naming_field(f"{place}.region"):
+            facets = body.boundary_facets(spec.region, "Name a region of the boundary, or give the 'normal'.")
+        nodes, normals, edge = nodal_normals(space, facets)
+        if edge is not None:
+            point = ", ".join(f"{c:.6g}" for c in edge * body.length_scale)
+            raise MeshError(
+                f"{place}.fix: '{spec.region}' has a sharp edge at ({point}) m, where it has no normal",
+                "Give each smooth face a support of its own.",
+            )
+    else:
+        nodes = fem.locate_dofs_topological(space, body.mesh.topology.dim - 1, facets)
+        normals = np.tile(np.array(spec.normal) / np.linalg.norm(spec.normal), (len(nodes), 1))
+    return Slide(f"{place}.fix", spec.region, space, nodes, normals)
+
+
+def _middle_nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+    """Return local degrees of freedom on the midsurface of a shell, half way along the third axis of its cells."""
+    points = space.element.basix_element.points
+    return np.unique(space.dofmap.list[:, np.abs(points[:, 2] - 0.5) < 1e-9])
 
 
 def _values(spec: Support, formula: Expression, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
@@ -18,6 +19,7 @@ from hpcinv.job.sections import REACTIONS, is_of_nodes
 from hpcinv.model.fibre_directions import notes_on_rules
 from hpcinv.output.run_log import RunLog
 from hpcinv.quantity.units import readable
+from hpcinv.quantity.written_units import as_shown
 from hpcinv.reports.shape_error import shape_error
 from hpcinv.solver.observer import Observer
 
@@ -36,13 +38,14 @@ if TYPE_CHECKING:
     from hpcinv.solver.observer import SolveEvent
 
 _ERRORS = {
-    "round_trip": "round trip: closes to {max:.3g} m ({relative:.1g} of the body's length)",
-    "expected_shape": "recovered shape: {max:.3g} m from the expected one ({relative:.1g} of its length)",
-    "expected_surface": "recovered surface: up to {max:.3g} m from the expected one, rms {rms:.3g} m, 95 % within"
-    " {quantile_95:.3g} m, overlap (Dice) {dice:.3f}",
+    "round_trip": "round trip: closes to {max} ({relative:.1g} of the body's length)",
+    "expected_shape": "recovered shape: {max} from the expected one ({relative:.1g} of its length)",
+    "expected_surface": "recovered surface: up to {max} from the expected one, rms {rms}, 95 % within"
+    " {quantile_95}, overlap (Dice) {dice:.3f}",
 }
 
 
+_LENGTHS = ("max", "rms", "quantile_95")  # in _ERRORS
 _SHOWN = 0.05  # s; times of checks above it are printed
 
 
@@ -248,9 +251,11 @@ class Progress(Observer):
             effort += f", {solve.linear_iterations} Krylov iterations"
         if solve.outcome.accepted:
             F = {"forward": "det F", "inverse": "det F^-1"}[self._direction]
-            state = f"largest displacement {event.largest_displacement:.4g} m, {F} > {event.min_mesh_J:.4g}"
+            state = f"largest displacement {readable(event.largest_displacement, 'm', 4)}, {F} > {event.min_mesh_J:.4g}"
             distance = (
-                "" if solve.position_residual is None else f" {solve.position_residual:.3g} m from the given shape,"
+                ""
+                if solve.position_residual is None
+                else f" {readable(solve.position_residual, 'm')} from the given shape,"
             )
             self.note(f"  load {solve.load:.4g}: {effort},{distance} {state}, {seconds:.1f} s")
         else:
@@ -300,22 +305,22 @@ class _Phase:
     details: list[str] = field(default_factory=list)
 
 
-def _contact(contact: Mapping[str, Any]) -> str:
-    penetration = f"penetration at most {_number(contact['penetration'])} m"
+def _contact(contact: Mapping[str, Any], symbols: Mapping[str, str]) -> str:
+    penetration = f"penetration at most {as_shown(contact['penetration'], 'm', symbols)}"
     if contact["tolerance"]:
-        penetration += f" (tolerated: {_number(contact['tolerance'])} m)"
+        penetration += f" (tolerated: {as_shown(contact['tolerance'], 'm', symbols)})"
     return (
-        f"  {contact['effect']} contact on '{contact['region']}': force {_value(contact['force'], unit='N')}, area"
-        f" {_number(contact['area'])} m², largest pressure {_number(contact['largest_pressure'])} Pa, {penetration};"
+        f"  {contact['effect']} contact on '{contact['region']}': force"
+        f" {as_shown(contact['force'], 'N', symbols)}, area {_number(contact['area'])} m², largest pressure"
+        f" {as_shown(contact['largest_pressure'], 'Pa', symbols)}, {penetration};"
         f" {contact['assumption']}"
     )
 
 
-def _cavity(cavity: Mapping[str, Any]) -> str:
-    return (
-        f"  cavity '{cavity['name']}': pressure {_number(cavity['pressure'])} Pa,"
-        f" volume {_number(cavity['volume'])} m³, unloaded {_number(cavity['unloaded_volume'])} m³"
-    )
+def _cavity(cavity: Mapping[str, Any], symbols: Mapping[str, str]) -> str:
+    pressure = as_shown(cavity["pressure"], "Pa", symbols)
+    volume, unloaded = (as_shown(cavity[key], "m^3", symbols) for key in ("volume", "unloaded_volume"))
+    return f"  cavity '{cavity['name']}': pressure {pressure}, volume {volume}, unloaded {unloaded}"
 
 
 def _short_report(statistics: Mapping[str, Any], directory: str) -> list[str]:
@@ -328,7 +333,7 @@ def _short_report(statistics: Mapping[str, Any], directory: str) -> list[str]:
 
 def report(statistics: Mapping[str, Any]) -> list[str]:
     """Return the report of a run: lines of text on its statistics."""
-    timings, solutions = statistics["timings"], statistics["solutions"]
+    timings, solutions, symbols = statistics["timings"], statistics["solutions"], statistics.get("units", {})
     total = sum(solution["factorizations"] for solution in solutions)
     lines = [f"{statistics['status']}, {_count(total, 'factorization')}, {timings['total']:.1f} s"]
     slowest = sorted(((p["max"], phase) for phase, p in timings["phases"].items()), reverse=True)
@@ -349,8 +354,8 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
             f"  {title}: J from {_number(solution['J']['min'])} to {_number(solution['J']['max'])}, "
             f"strain energy {_number(solution['strain_energy'])} J"
         )
-        lines += map(_contact, solution["contacts"])
-        lines += map(_cavity, solution.get("cavities", ()))
+        lines += (_contact(contact, symbols) for contact in solution["contacts"])
+        lines += (_cavity(cavity, symbols) for cavity in solution.get("cavities", ()))
     if unused := statistics["unused_petsc_options"]:
         lines.append(f"  solver.petsc: nothing asked for {', '.join(unused)}: misspelt, or without effect here")
     lines += _certificate(statistics["certificate"])
@@ -364,28 +369,33 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     slopes = statistics["sensitivities"] or {"quantities": {}}
     surface_deviations = (statistics.get("surface_errors") or {}).get("quantities", {})
     reactions, node_reductions = _reactions(statistics), _node_reductions(statistics)
+    units = statistics.get("quantity_units", {})
     for name, value in statistics["quantities"].items():
         notes = []
+        unit = units.get(name, "m" if isinstance(value, list) else "")
+        text = partial(as_shown, unit=unit, symbols=symbols)
         if (spread := surface_deviations.get(name)) is not None:
-            notes.append(f"± {_value(spread, digits=2)} by errors of the surface")
+            notes.append(f"± {text(spread, digits=2)} by errors of the surface")
         if name in bounds:  # only one error of a quantity is printed
-            notes.append(f"error at most {_number(bounds[name], 3)}{omission}")
+            notes.append(f"error at most {text(bounds[name], digits=3)}{omission}")
         elif name in estimated["quantities"]:
             doubt = ", not reliable here" if is_doubted or name in unreliable else ""
-            notes.append(f"estimated error {_value(estimated['quantities'][name], digits=2)}{omission}{doubt}")
+            notes.append(f"estimated error {text(estimated['quantities'][name], digits=2)}{omission}{doubt}")
         elif name in reactions and statistics["certificate"]["estimate"] is not None:
             notes.append("no error estimate for reactions")
         if (deviation := slopes["quantities"].get(name, {"sd": None})["sd"]) is not None:
-            notes.append(f"standard deviation {_value(deviation, digits=2)}")
+            notes.append(f"standard deviation {text(deviation, digits=2)}")
         elif name in reactions and statistics["sensitivities"] is not None:
             notes.append("no sensitivities of reactions")
         lines.append(
-            f"{name}: {_value(value, unit=reactions.get(name, 'm'))}{f' ({", ".join(notes)})' if notes else ''}"
+            f"{name}: {text(value)}{f' ({", ".join(notes)})' if notes else ''}"
             + (f", {node_reductions[name]} of the nodes" if name in node_reductions else "")
         )
-    lines += _sensitivities(statistics["sensitivities"])
+    lines += _sensitivities(statistics["sensitivities"], symbols)
     lines += [
-        _ERRORS["expected_surface" if "dice" in sizes else name].format(**sizes)
+        _ERRORS["expected_surface" if "dice" in sizes else name].format(
+            **sizes | {key: as_shown(sizes[key], "m", symbols, 3) for key in _LENGTHS if key in sizes}
+        )
         for name in ("round_trip", "expected_shape")
         if (sizes := statistics["errors"].get(name))
     ]
@@ -405,7 +415,7 @@ def _certificate(certificate: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _sensitivities(sensitivities: Mapping[str, Any] | None) -> list[str]:
+def _sensitivities(sensitivities: Mapping[str, Any] | None, symbols: Mapping[str, str]) -> list[str]:
     """Return lines on the derivatives by each parameter, and on the standard deviation of the shape."""
     if sensitivities is None:
         return []
@@ -419,7 +429,7 @@ def _sensitivities(sensitivities: Mapping[str, Any] | None) -> list[str]:
         lines.append(f"  {key}: {', '.join(slopes)}")
     for state, shape in shapes.items():
         if shape["sd"] is not None:
-            most = f"up to {_number(shape['sd'], 2)} m, at {_value(shape['sd_at'], 4)}"
+            most = f"up to {as_shown(shape['sd'], 'm', symbols, 2)}, at {as_shown(shape['sd_at'], 'm', symbols, 4)}"
             lines.append(f"{_shape(state)}: standard deviation {most}")
     return lines
 

@@ -19,6 +19,8 @@ from hpcinv.output.vtk import write_fields
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.boundary_surface import Boundary
 from hpcinv.pictures.gathering import boundary_of
+from hpcinv.pictures.interior import Interior
+from hpcinv.pictures.interior_gathering import interior_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.sensitivity.analysis import Sensitivities
@@ -86,13 +88,18 @@ class Result:
         object.__setattr__(self, "quantities", Quantities(self.quantities, self._units()))
 
     def _units(self) -> dict[str, str]:
-        """Units of the quantities of interest by name; an integral is over the cells of its region, if it has some."""
+        """Units of the quantities of interest by name, which ends with the state of the body, if there are states.
+
+        An integral is over the cells of its region, if it has some.
+        """
         units: dict[str, str] = {}
-        for quantity in self.job.quantities:
+        for quantity in sorted(self.job.quantities, key=lambda quantity: len(quantity.name)):  # the longest fits best
             region = self.body.regions.get(quantity.on or "")
             is_integral = quantity.reduce == "integral" and region is not None and not quantity.is_reaction
             volume = 3 if region is not None and region.cell_count else 2
-            units[quantity.name] = quantity.unit_of_integral(volume) if is_integral else quantity.unit
+            unit = quantity.unit_of_integral(volume) if is_integral else quantity.unit
+            own = (name for name in self.quantities if name == quantity.name or name.startswith(f"{quantity.name}-"))
+            units |= dict.fromkeys(own, unit)
         return units
 
     @property
@@ -133,6 +140,11 @@ class Result:
             line.state for line in self.certificate.lines if line.name == OVERLAP and line.verdict is Verdict.FAIL
         }
         return boundary_of(self.body, self.solutions, self.estimate, self.job.fibres, overlapping=overlapping)
+
+    def interior(self) -> Interior | None:
+        """Gather the interior with the results on rank 0, ``None`` on others; collective."""
+        labels = [where.partition(".")[2] for where in self.job.laws]
+        return interior_of(self.body, self.solutions, labels)
 
     def write_fields(self, directory: Path) -> None:
         """Write fields for ParaView, on both bodies and in all states; collective.

@@ -24,7 +24,7 @@ from hpcinv.job.yaml_reader import read_yaml
 
 _JOB, _ORIGIN, _LOG, _SUMMARY = "job.yaml", "origin.json", "run.log", "summary.json"
 _CONTENT = (  # in the order in which it is removed: what is left after a kill never counts as a finished run
-    *(_SUMMARY, _JOB, "checkpoints", "fields", "shape.*", "shape-*", "surface.npz", "snapshots"),
+    *(_SUMMARY, _JOB, "checkpoints", "fields", "shape.*", "shape-*", "surface.npz", "interior.npz", "snapshots"),
     *("summary.*", _LOG, "report.html"),
     ".*.partial",
 )
@@ -33,7 +33,7 @@ _CONTENT = (  # in the order in which it is removed: what is left after a kill n
 @dataclass(frozen=True)
 class RunDirectory:
     """``job.yaml`` as run, ``origin.json`` (where from), ``checkpoints/``, ``fields/``, ``shape.*``, ``summary.*``, and
-    ``surface.npz`` and ``snapshots/`` for pictures.
+    ``surface.npz``, ``interior.npz`` and ``snapshots/`` for pictures.
 
     A run that is killed at its beginning leaves nothing, ``.lock``, or ``origin.json`` without ``job.yaml``: never a
     partial file.

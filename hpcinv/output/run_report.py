@@ -19,6 +19,8 @@ from hpcinv.output.summary import statistics, write_summary
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.boundary_surface import NAME as BOUNDARY
 from hpcinv.pictures.boundary_surface import write_boundary
+from hpcinv.pictures.interior import NAME as INTERIOR
+from hpcinv.pictures.interior import write_interior
 from hpcinv.results.displacement_scale import nominal_sizes
 from hpcinv.results.quantities_of_interest import NOT_FINITE, Value, fault_of
 from hpcinv.results.solution import Solution
@@ -164,11 +166,12 @@ class RunReport(Observer):
                     result.write_fields(path / "fields")
             if result.solutions and self.job.output.has_surface:
                 with equations.timings("output"):
-                    boundary = result.boundary()
+                    boundary, interior = result.boundary(), result.interior()
 
                     def write() -> None:
-                        if boundary is not None:
+                        if boundary is not None and interior is not None:
                             write_boundary(path / BOUNDARY, boundary)
+                            write_interior(path / INTERIOR, interior)
 
                     on_root(store.comm, write)
             # Last is summary.json, which marks the run as finished.

@@ -26,6 +26,7 @@ from hpcinv.output.result import Result
 from hpcinv.parallel.memory_use import Memory, peak
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import WORK, Timings
+from hpcinv.quantity.written_units import written_units
 from hpcinv.reports.shape_error import shape_error
 from hpcinv.results.solution import Solution
 from hpcinv.version import __version__
@@ -62,6 +63,8 @@ def statistics(
         "solutions": [_solution(solution, job.discretisation.displacement) for solution in result.solutions],
         "unused_petsc_options": list(unused_options),
         "quantities": dict(result.quantities),
+        "units": written_units(job.data),
+        "quantity_units": dict(getattr(result.quantities, "units", {})),
         "sensitivities": result.sensitivities and result.sensitivities.as_data(),
         "surface_errors": result.surface_spread and result.surface_spread.as_data(),
         "errors": dict(result.errors),

@@ -77,7 +77,8 @@ def write_fields(
         for name, points in zip(BODIES, fields.points(), strict=True):
             fibre_arrays = fields.fibres(undeformed, name)
             path = partial / _data_file(name, solution.state)
-            failed = write_vtu(path, comm, fields.grid(points), node_arrays, [*cell_arrays, *fibre_arrays])
+            own_arrays = [*node_arrays, *fields.shell_arrays(name)]
+            failed = write_vtu(path, comm, fields.grid(points), own_arrays, [*cell_arrays, *fibre_arrays])
             if failed is not None:
                 on_root(comm, lambda: shutil.rmtree(partial, ignore_errors=True))
                 raise OutputError(f"{directory}: cannot be written: {failed.strerror or failed}", advice) from None
@@ -119,7 +120,8 @@ class _Fields:
         self._owned = self._spaces[()].dofmap.index_map.size_local
         self.cells = np.arange(mesh.topology.index_map(3).size_local)
         self.gradients = deformation_gradients(body, solution, self.cells)
-        self._u = self._nodal(solution.displacement)
+        self._local_u = self._local_nodal(solution.displacement)
+        self._u = self._local_u[: self._owned]
 
     def _space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
         kwargs: dict[str, Any] = {"shape": shape} if shape else {}
@@ -128,12 +130,15 @@ class _Fields:
 
     def _nodal(self, function: fem.Function) -> Floats:
         """Values at the owned nodes, (n,) or (n, 3)."""
+        return self._local_nodal(function)[: self._owned]
+
+    def _local_nodal(self, function: fem.Function) -> Floats:
+        """Values at all local nodes, (n,) or (n, 3)."""
         shape = tuple(function.ufl_shape)
         nodal = fem.Function(self._spaces[shape])
         nodal.interpolate(function)
         nodal.x.scatter_forward()
-        values = nodal.x.array.reshape(-1, *shape)
-        return np.asarray(values[: self._owned])
+        return np.asarray(nodal.x.array.reshape(-1, *shape))
 
     def _mean_of_cells(self, function: fem.Function) -> Floats:
         """Values of a scalar at the owned nodes, (n,): where it jumps, means over the cells around them."""
@@ -149,9 +154,28 @@ class _Fields:
 
     def points(self) -> tuple[Floats, Floats]:
         """Positions of the owned nodes in the undeformed and in the deformed body, (n, 3) m."""
-        mesh = self._spaces[()].tabulate_dof_coordinates()[: self._owned] * self._body.length_scale
-        other = mesh + self._solution.sign * self._u
+        undeformed, deformed = self._local_points()
+        return undeformed[: self._owned], deformed[: self._owned]
+
+    def _local_points(self) -> tuple[Floats, Floats]:
+        """Positions of all local nodes in the undeformed and in the deformed body, (n, 3) m."""
+        mesh = self._spaces[()].tabulate_dof_coordinates() * self._body.length_scale
+        other = mesh + self._solution.sign * self._local_u
         return (mesh, other) if self._solution.direction == "forward" else (other, mesh)
+
+    def shell_arrays(self, name: str) -> Iterator[Array]:
+        """Director and thickness of a shell at the owned nodes, in one of the bodies; none of other bodies."""
+        if self._body.source.midsurface is None:
+            return
+        places = self._spaces[()].element.basix_element.points
+        ends = [places * [1, 1, 0] + [0, 0, side] for side in (0.0, 1.0)]
+        inner, outer = (np.abs(end[:, None] - places).max(axis=2).argmin(axis=1) for end in ends)
+        points, nodes = self._local_points()[BODIES.index(name)], self._spaces[()].dofmap.list
+        through = np.zeros_like(points)
+        through[nodes] = points[nodes[:, outer]] - points[nodes[:, inner]]
+        through = through[: self._owned]
+        yield Array("director", unit_vectors(through).astype(np.float32))
+        yield Array("thickness", np.linalg.norm(through, axis=1), "m")
 
     def grid(self, points: Floats) -> Grid:
         dofmap, kind = self._spaces[()].dofmap, self._body.source.kind

@@ -50,6 +50,10 @@ class DrawnBody:
     """Triangles to draw, in one colour or with values (triangles,) or (points,) on a colour map.
 
     Of a translucent body only the far side is drawn, so that it veils nothing within it.
+
+    Attributes:
+        cut: normal (3,) and place of the plane ``normal · x = place`` below which nothing is drawn.
+        is_section: whether it is drawn without shades and edges.
     """
 
     points: Floats
@@ -57,6 +61,8 @@ class DrawnBody:
     colour: str = "#d9d9d9"
     values: Floats | None = None
     opacity: float = 1.0
+    cut: tuple[Floats, float] | None = None
+    is_section: bool = False
 
 
 @dataclass(frozen=True)
@@ -140,7 +146,7 @@ def figure(
         bar.ax.tick_params(labelsize=10 * larger)
     if legend:
         patches = [Patch(color=colour, label=text) for text, colour in legend]
-        sheet.legend(handles=patches, loc="outside lower left", fontsize=9, frameon=False)
+        sheet.legend(handles=patches, loc="outside lower left", fontsize=9 * larger, frameon=False)
     stream = io.BytesIO()
     with mpl.rc_context({"savefig.facecolor": "white"}):
         sheet.savefig(stream, format="png")
@@ -207,9 +213,19 @@ def _add(plotter: Any, part: DrawnBody | Glyphs, limits: tuple[float, float] | N
     mesh = pv.PolyData.from_regular_faces(part.points, part.triangles)
     look: dict[str, Any] = {"color": part.colour}
     if part.values is not None:
-        look = {"scalars": part.values, "cmap": COLOUR_MAP, "clim": limits, "show_scalar_bar": False}
+        mesh["values"] = part.values
+    if part.cut is not None:
+        normal, place = part.cut
+        mesh = mesh.clip(normal=normal, origin=normal * place, invert=False)
+        if not mesh.n_cells:
+            return
+    if part.values is not None:
+        look = {"scalars": "values", "cmap": COLOUR_MAP, "clim": limits, "show_scalar_bar": False}
     if part.opacity < 1:
         look["culling"] = "front"  # a shadow that is larger than the body would veil the body's colours
+    if part.is_section:
+        plotter.add_mesh(mesh, lighting=False, **look)
+        return
     plotter.add_mesh(mesh, opacity=part.opacity, ambient=0.25, smooth_shading=False, **look)
     sharp = mesh.extract_feature_edges(_SHARP, boundary_edges=True, manifold_edges=False, non_manifold_edges=True)
     if sharp.n_cells:

@@ -9,13 +9,13 @@ import yaml
 
 from hpcinv.job.job import Job
 from hpcinv.pictures.boundary_surface import Boundary
+from hpcinv.pictures.colours import REGIONS
 from hpcinv.pictures.drawing import DrawnBody, Glyphs, Picture, View, directions, extent, figure
 from hpcinv.quantity.arrays import Floats
 
 _BODY = "#d9d9d9"
 _SUPPORTS = ("#0072B2", "#56B4E9", "#004466", "#88AACC")
 _LOADS = ("#D55E00", "#E69F00", "#CC79A7", "#8B2500")
-_REGIONS = ("#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0072B2", "#D55E00", "#F0E442", "#666666")
 _SYMBOLS = 40  # of one support or load
 _SIZE = 0.07  # of an arrow, relative to the body
 _TEXT = 90  # characters of a line of the legend
@@ -39,7 +39,7 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
         legend.append((f"support {_text(given, f'region: {support.region}')}", colour))
         marked |= mask
         parts.append(DrawnBody(boundary.points, boundary.triangles[mask], colour))
-        parts.extend(_fixings(boundary, support.region, sorted(support.held), colour, size))
+        parts.extend(_fixings(boundary, support.region, support.components, colour, size))
     for effect, colour, given in zip(job.effects, cycle(_LOADS), _rows(given_data, "effects"), strict=False):
         kept = {name: value for name, value in given.items() if name != "effect"}
         legend.append((_text(kept, effect.effect), colour))  # type: ignore[attr-defined]
@@ -65,7 +65,7 @@ def draw_mesh(name: str, boundary: Boundary) -> Picture:
     """Draw a mesh from two sides, each named region in a colour; of regions that overlap the last is on top."""
     parts, legend = list[DrawnBody | Glyphs](), list[tuple[str, str]]()
     hidden = np.zeros(len(boundary.triangles), dtype=bool)
-    for (region, mask), colour in zip(reversed(list(boundary.regions.items())), cycle(_REGIONS), strict=False):
+    for (region, mask), colour in zip(reversed(list(boundary.regions.items())), cycle(REGIONS), strict=False):
         visible = mask & ~hidden
         covered = "" if visible.any() or not mask.any() else ", covered by those above"
         legend.append((f"{region}: {mask.sum()} triangles of the boundary{covered}", colour))
@@ -102,12 +102,15 @@ def _sample(boundary: Boundary, region: str) -> tuple[Floats, Floats]:
 
 
 def _fixings(boundary: Boundary, region: str, axes: Sequence[str], colour: str, size: float) -> Iterator[Glyphs]:
-    """Cubes where all displacements are prescribed, else arrows along each prescribed axis, from outside."""
+    """Cubes where all displacements are prescribed, else arrows along each prescribed axis or normal, from outside."""
     centres, normals = _sample(boundary, region)
     if len(axes) == 3:
         yield Glyphs(centres, colour, size=0.2 * _SIZE * size)
         return
     for axis in axes:
+        if axis == "normal":
+            yield Glyphs(centres, colour, -0.6 * _SIZE * size * normals)
+            continue
         direction = np.eye(3)["xyz".index(axis)]
         sides = np.where(normals @ direction > 0, -1.0, 1.0)
         yield Glyphs(centres, colour, 0.6 * _SIZE * size * sides[:, None] * direction)

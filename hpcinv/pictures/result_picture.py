@@ -1,16 +1,20 @@
 """Picture of a result: the given body next to the computed one, coloured by a field."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from itertools import cycle
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from hpcinv.errors import OutputError
+from hpcinv.pictures.body_section import BodySection, Cut, Shape
 from hpcinv.pictures.boundary_surface import Boundary, BoundaryResult
-from hpcinv.pictures.colours import Colour
+from hpcinv.pictures.colours import REGIONS, Colour
 from hpcinv.pictures.drawing import DrawnBody, Picture, View, directions, figure
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
+from hpcinv.quantity.written_units import unit_of
 
 
 def measure(name: str, result: BoundaryResult) -> Floats:
@@ -19,63 +23,115 @@ def measure(name: str, result: BoundaryResult) -> Floats:
     return np.asarray(MEASURES[name](*(stress[:, *COMPONENTS[component]] for component in components_of(name))))
 
 
-FIELDS: dict[Colour, tuple[str, Callable[[Boundary, BoundaryResult], Floats | None]]] = {
-    "displacement": ("displacement (m)", lambda _, result: np.linalg.norm(result.displacement, axis=1)),
-    "von-mises": ("von Mises stress (Pa), mean of each cell", lambda _, result: measure("von_mises", result)),
-    "pressure": ("pressure -tr σ/3 (Pa), mean of each cell", lambda _, result: measure("p", result)),
-    "J": ("volume ratio J, mean of each cell", lambda _, result: result.J),
-    "error": ("estimated error of the displacement gradient", lambda boundary, _: boundary.error),
+FIELDS: dict[Colour, tuple[str, str, Callable[[Boundary, BoundaryResult], Floats | None]]] = {
+    "displacement": ("displacement", "m", lambda _, result: np.linalg.norm(result.displacement, axis=1)),
+    "von-mises": ("von Mises stress, mean of each cell", "Pa", lambda _, result: measure("von_mises", result)),
+    "pressure": ("pressure -tr σ/3, mean of each cell", "Pa", lambda _, result: measure("p", result)),
+    "J": ("volume ratio J, mean of each cell", "", lambda _, result: result.J),
+    "error": ("estimated error of the displacement gradient", "", lambda boundary, _: boundary.error),
+    "regions": ("", "", lambda _, result: np.zeros(len(result.J))),
 }
-"""Label of each field, and its values on the triangles or at the points."""
+"""Label and SI unit of each field, and its values on the triangles or at the points."""
 
 
-def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: Colour = "displacement") -> Picture:
+def draw_result(
+    summary: Mapping[str, Any], boundary: Boundary, colour: Colour = "displacement", cut: Cut | None = None
+) -> Picture:
     """Draw the given body next to the computed ones, in one frame; behind each there is another one as a shadow.
 
     A body without load shows the values of the result that it belongs to, at the same material points.
 
     Args:
         summary: content of ``summary.json``.
+        cut: where the bodies are cut; left out, they are whole.
 
     Raises:
         OutputError: the run has no values of this colour.
     """
-    (label, evaluate), job = FIELDS[colour], summary["job"]
+    (label, unit, evaluate), job = FIELDS[colour], summary["job"]
     rest = next((name for name, state in summary.get("states", {}).items() if state["rest"]), "")
-    titles, points, results = zip(*_shapes(boundary, rest), strict=True)
-    values = [evaluate(boundary, result) for result in results]
+    shapes = _shapes(boundary, rest)
+    sections = [cut.section(shape) if cut else None for shape in shapes]
+    points = [shape.points for shape in shapes]
+    values = [evaluate(boundary, shape.result) for shape in shapes]
+    inner = [None if section is None else evaluate(boundary, section.values) for section in sections]
     known = [colouring for colouring in values if colouring is not None]
-    if len(known) < len(values):
+    if len(known) < len(values) or (cut and colour == "error"):
+        where = " within the body" if len(known) == len(values) else ""
         raise OutputError(
-            f"{job['job']}: the run has no values for the colour '{colour}'",
-            "Run it with certificate.estimate: true, or choose another colour.",
+            f"{job['job']}: the run has no values for the colour '{colour}'{where}",
+            "Choose another colour." if where else "Run it with certificate.estimate: true, or choose another colour.",
         )
+    everything = [*known, *(colouring for colouring in inner if colouring is not None)]
+    lowest = min(float(part.min(initial=np.inf)) for part in everything)
+    highest = max(float(part.max(initial=-np.inf)) for part in everything)
+    size, symbol = unit_of([lowest, highest], unit, summary.get("units") or {})
     frame = np.concatenate(points)
     front, _, up = directions(frame, upwards(job))
     views = []
-    for i, shape_values in enumerate(known):
+    for i, shape in enumerate(shapes):
+        plane = None if (section := sections[i]) is None else section.plane(front)
         shadow = DrawnBody(points[0 if i else 1], boundary.triangles, opacity=0.35)
-        body = DrawnBody(points[i], boundary.triangles, values=shape_values)
-        views.append(View([body, shadow], frame, front, up, titles[i]))
+        if colour == "regions":
+            parts = [*_coloured_regions(boundary, shape, cut, section, plane)]
+        else:
+            parts = [DrawnBody(shape.points, boundary.triangles, values=known[i] / size, cut=plane)]
+            if section is not None:
+                parts.append(
+                    DrawnBody(
+                        section.points, section.triangles, values=section.spread(inner[i]) / size, is_section=True
+                    )
+                )
+        views.append(View([*parts, *([] if cut else [shadow])], frame, front, up, shape.title))
     status, verdict = summary["status"], summary["certificate"]["verdict"]
     notes = f"certificate: {verdict}" if status == "converged" else f"the full load was not reached: {status}"
-    limits = min(float(colouring.min()) for colouring in known), max(float(colouring.max()) for colouring in known)
-    return figure(views, job["job"], notes=notes, colours=(label, *limits))
+    if cut:
+        notes += f"; section across {cut.axis}"
+    if colour == "regions":
+        return figure(views, job["job"], notes=notes, legend=list(_palette(boundary, cut).items()))
+    text = f"{label} ({symbol})" if symbol else label
+    return figure(views, job["job"], notes=notes, colours=(text, lowest / size, highest / size))
 
 
-def _shapes(boundary: Boundary, rest: str) -> list[tuple[str, Floats, BoundaryResult]]:
-    """The given body, the one that the first solve found, and the bodies of further states.
+def _palette(boundary: Boundary, cut: Cut | None) -> dict[str, str]:
+    """Colour of each region that is seen."""
+    names = [name for name, mask in boundary.regions.items() if mask.any()]
+    names += [name for name in (cut.interior.regions if cut else ()) if name not in names]
+    return dict(zip(names, cycle(REGIONS), strict=False))
 
-    Returns:
-        Of each its title, its points, and the result whose values it shows.
-    """
+
+def _coloured_regions(
+    boundary: Boundary, shape: Shape, cut: Cut | None, section: BodySection | None, plane: tuple[Floats, float] | None
+) -> Iterator[DrawnBody]:
+    """Yield the parts of a body in the colours of its regions; of those that overlap the last is on top."""
+    masks: Mapping[str, npt.NDArray[np.bool_]] = boundary.regions
+    pieces = [(shape.points, boundary.triangles, masks, plane, False)]
+    if cut is not None and section is not None:
+        inner: Mapping[str, npt.NDArray[np.bool_]] = {n: mask[section.rows] for n, mask in cut.interior.regions.items()}
+        pieces.append((section.points, section.triangles, inner, None, True))
+    for points, triangles, regions, own_plane, is_section in pieces:
+        hidden = np.zeros(len(triangles), dtype=bool)
+        for name, colour in reversed(_palette(boundary, cut).items()):
+            visible = regions.get(name, hidden) & ~hidden
+            hidden |= visible
+            if visible.any():
+                yield DrawnBody(points, triangles[visible], colour, cut=own_plane, is_section=is_section)
+        if not hidden.all():
+            yield DrawnBody(points, triangles[~hidden], cut=own_plane, is_section=is_section)
+
+
+def _shapes(boundary: Boundary, rest: str) -> list[Shape]:
+    """The given body, the one that the first solve found, and those of further states."""
     first, *further = boundary.results
     names = ("undeformed", "deformed") if not first.state else (rest, first.state)
     given, computed = names if first.direction == "forward" else names[::-1]
     return [
-        (f"{given}, given", first.mesh, first),
-        (f"{computed}, found", first.others, first),
-        *((f"{result.state}, found", result.others, result) for result in further),
+        Shape(f"{given}, given", first.mesh, first, 0, is_mesh=True),
+        Shape(f"{computed}, found", first.others, first, 0, is_mesh=False),
+        *(
+            Shape(f"{result.state}, found", result.others, result, number, is_mesh=False)
+            for number, result in enumerate(further, 1)
+        ),
     ]
 
 

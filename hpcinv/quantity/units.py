@@ -192,11 +192,19 @@ def parse_unit(text: str) -> tuple[Fraction, Dimension]:
     return total, exponents
 
 
-def readable(value: float, unit: str) -> str:
+def readable(value: float, unit: str, digits: int = 3) -> str:
     """A value (in m, m^3, kg, N or Pa) with a suitable prefix, such as ``182 mm``."""
-    value, units = float(f"{value:.3g}"), _READABLE[unit]
-    size, name = next(((s, n) for s, n in reversed(units) if abs(value) >= s), units[0])
-    return f"{value / size:.3g} {name}" if value else f"0 {unit}"
+    value = float(f"{value:.{digits}g}")
+    size, name = prefixed_unit(value, unit)
+    return f"{value / size:.{digits}g} {name}"
+
+
+def prefixed_unit(value: float, unit: str) -> tuple[float, str]:
+    """Return size and symbol of the unit with a prefix that suits a value; of another unit itself."""
+    units = _READABLE.get(unit, ((1.0, unit),))
+    if not value:
+        return 1.0, unit
+    return next(((size, name) for size, name in reversed(units) if abs(value) >= size), units[0])
 
 
 def length_symbol(unit: float) -> str:

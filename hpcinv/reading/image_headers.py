@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import IO, Literal, cast
 
 from hpcinv.reading.fault import Fault
+from hpcinv.reading.suffix import suffix_of
 
 type Encoding = Literal["raw", "zlib", "gzip", "bzip2", "text", "hex"]
 
@@ -70,12 +71,12 @@ def check_regular(path: Path) -> None:
 def opened(path: Path) -> IO[bytes]:
     """Open a regular file, through gzip if its name ends so."""
     check_regular(path)
-    return cast("IO[bytes]", gzip.open(path)) if path.suffix == ".gz" else path.open("rb")
+    return cast("IO[bytes]", gzip.open(path)) if suffix_of(path) == ".gz" else path.open("rb")
 
 
 def format_of(path: Path) -> str:
     """Suffix of the format of an image, without the one of its compression."""
-    return Path(path.stem).suffix if path.suffix == ".gz" else path.suffix
+    return suffix_of(path.stem) if suffix_of(path) == ".gz" else suffix_of(path)
 
 
 def source_of(path: Path) -> Source:

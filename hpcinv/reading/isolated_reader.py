@@ -31,6 +31,7 @@ import numpy as np  # noqa: E402
 
 from hpcinv.reading.fault import Fault, PackageMissing, shown  # noqa: E402
 from hpcinv.reading.image_headers import METAIMAGE, NRRD, check_regular, format_of  # noqa: E402
+from hpcinv.reading.suffix import suffix_of  # noqa: E402
 
 _CHUNK = 1 << 22  # bytes that are unpacked at once; more memory if raised
 _LIBRARIES = 1 << 30  # bytes of addresses for libraries that are loaded later; a damaged file may take them, if raised
@@ -68,6 +69,15 @@ def _vtu(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
     return read_vtu(path)
 
 
+def _vtk(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
+    import vtkmodules.vtkIOLegacy  # noqa: F401  (before the limit of memory)
+
+    from hpcinv.reading.vtk_files import read_vtk
+
+    limit(limits)
+    return read_vtk(path)
+
+
 def _surface(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
     from hpcinv.reading.surfaces import read_surface
 
@@ -91,8 +101,8 @@ def _image(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
     elif form == ".vti":
         from hpcinv.reading.vtk_files import read_vti
 
-        grid = read_vti(_unpacked(path, limits) if path.suffix == ".gz" else path)
-    elif path.suffix == ".dcm":
+        grid = read_vti(_unpacked(path, limits) if suffix_of(path) == ".gz" else path)
+    elif suffix_of(path) == ".dcm":
         from hpcinv.reading.segmentation import read_segmentation
 
         grid = read_segmentation(path, limits.memory)
@@ -109,6 +119,13 @@ ACTIONS: dict[str, _Action] = {
     "cad": _reader("cad_files", "read_cad"),
     "inp": _reader("inp_files", "read_inp"),
     "feb": _reader("feb_files", "read_feb"),
+    "cdb": _reader("cdb_files", "read_cdb"),
+    "bdf": _reader("bdf_files", "read_bdf"),
+    "unv": _reader("unv_files", "read_unv"),
+    "medit": _reader("medit_files", "read_medit"),
+    "med": _reader("med_files", "read_med"),
+    "exodus": _reader("exodus_files", "read_exodus"),
+    "vtk": _vtk,
     "image": _image,
     "surface": _surface,
 }

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.reading.fault import Fault
+from hpcinv.reading.suffix import suffix_of
 from hpcinv.reading.surface_structure import check_structure
 from hpcinv.reading.vtk_files import fault_of_header
 
@@ -26,7 +27,7 @@ def read_surface(path: Path, memory: float) -> dict[str, Any]:
             f"reading it takes about {needed / 1e9:.1f} GB of memory, but {memory / 1e9:.1f} GB are available",
             "Coarsen the surface: triangles below an eighth of the cells' size are not seen.",
         )
-    if path.suffix == ".vtp" and (fault := fault_of_header(path)):
+    if suffix_of(path) == ".vtp" and (fault := fault_of_header(path)):
         raise Fault(f"cannot be read as a surface: {fault}", _FORMATS)
     expected = check_structure(path)
     data = _read(path)
@@ -60,9 +61,9 @@ def _read(path: Path) -> Any:
         ".vtp": "vtkIOXML.vtkXMLPolyDataReader",
         ".vtk": "vtkIOLegacy.vtkDataSetReader",
     }
-    if path.suffix not in readers:
+    if suffix_of(path) not in readers:
         raise Fault("cannot be read as a surface", _FORMATS)
-    module, _, name = readers[path.suffix].partition(".")  # each one takes a tenth of a second to load
+    module, _, name = readers[suffix_of(path)].partition(".")  # each one takes a tenth of a second to load
     reader: Any = getattr(importlib.import_module(f"vtkmodules.{module}"), name)()
     reader.SetFileName(str(path))
     reader.Update()

@@ -12,6 +12,7 @@ import numpy as np
 
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.image_headers import ImageHeader, check_regular, opened, read_header
+from hpcinv.reading.suffix import suffix_of
 from hpcinv.reading.voxels import Numbers, VoxelGrid, check_frame
 
 _CHUNK = 1 << 20  # bytes that are read, or unpacked, at once; more memory if raised
@@ -31,7 +32,7 @@ def read_voxel_file(path: Path, memory: float) -> VoxelGrid:
         check_memory(math.prod(header.shape), np.dtype(header.type).itemsize, memory)
         names = header.source.names
         if header.source.how == "no file":
-            numbers = _voxels(file, header, math.prod(header.shape), path.suffix == ".gz")
+            numbers = _voxels(file, header, math.prod(header.shape), suffix_of(path) == ".gz")
         else:
             if not names or header.shape[-1] % len(names):
                 raise Fault(f"names {len(names)} files for {header.shape[-1]} slices")

@@ -20,16 +20,42 @@ _FORMATS = "Save it again by the program that made it."
 
 def read_vtu(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the names of the types of cells, and the arrays of an unstructured grid."""
-    from vtkmodules.util import numpy_support
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
-    vtk_to_numpy: Any = numpy_support.vtk_to_numpy
     if fault := fault_of_header(path):
         raise Fault(f"VTK cannot read it: {fault}", "Is it a complete .vtu file?")
     reader = vtkXMLUnstructuredGridReader()
     reader.SetFileName(str(path))
     reader.Update()
-    grid = reader.GetOutput()
+    return _content(reader.GetOutput())
+
+
+def read_vtk(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the same of a file in VTK's legacy format, as text or binary."""
+    from vtkmodules.vtkIOLegacy import vtkUnstructuredGridReader
+
+    with path.open("rb") as file:
+        head = file.read(4096)
+    if not head.startswith(b"# vtk DataFile"):
+        raise Fault("is not a legacy file of VTK", "Its first line is '# vtk DataFile Version'.")
+    if (match := re.search(rb"^DATASET\s+(\w+)", head, re.M | re.I)) and match[1].upper() != b"UNSTRUCTURED_GRID":
+        raise Fault(f"is {match[1].decode('ascii', 'replace')}, not UNSTRUCTURED_GRID", "Save the cells of the body.")
+    reader = vtkUnstructuredGridReader()
+    reader.SetFileName(str(path))
+    for kind in ("Scalars", "Vectors", "Tensors", "Fields"):
+        getattr(reader, f"ReadAll{kind}On")()
+    reader.Update()
+    head_of_grid, arrays = _content(reader.GetOutput())
+    offsets, connectivity = (arrays.get(name, np.zeros(0)) for name in ("offsets", "connectivity"))
+    if len(offsets) and (len(connectivity) != offsets[-1] or (np.diff(offsets) < 1).any()):
+        raise Fault("its cells do not have the nodes that their sizes say", "Is the file complete?")
+    return head_of_grid, arrays
+
+
+def _content(grid: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    from vtkmodules.util import numpy_support
+
+    vtk_to_numpy: Any = numpy_support.vtk_to_numpy
     arrays: dict[str, Any] = {}
     names: dict[int, str] = {}
     if grid is not None and grid.GetNumberOfCells() and grid.GetCells() is not None:

@@ -3,6 +3,7 @@
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,10 @@ from hpcinv.job.sections import REACTIONS, QuantityOfInterest, is_of_nodes
 from hpcinv.pictures import boundary_surface as surface
 from hpcinv.pictures import snapshots
 from hpcinv.pictures.boundary_surface import Boundary, read_boundary
+from hpcinv.pictures.interior import NAME as NAME_OF_INTERIOR
+from hpcinv.pictures.interior import Interior, read_interior
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots
+from hpcinv.quantity.written_units import as_shown
 from hpcinv.reports.charts import convergence_chart, load_chart
 from hpcinv.reports.of_cases import as_url
 from hpcinv.reports.packed_arrays import PackedArrays
@@ -44,12 +48,13 @@ def write_run_report(directory: Path, summary: Mapping[str, Any] | None, path: P
             f"{directory}: has no summary of a run, or it is damaged",
             "Give the directory that 'run' printed at its beginning; one that was killed needs 'resume'.",
         )
-    boundary, steps = None, list[Snapshot]()
+    boundary, steps, interior = None, list[Snapshot](), None
     if (directory / surface.NAME).exists():
         boundary, steps = read_boundary(directory / surface.NAME), read_snapshots(directory / snapshots.NAME)
+        interior = read_interior(directory / NAME_OF_INTERIOR)
     path = path or directory / NAME
     try:
-        page = run_page(summary, boundary, steps)
+        page = run_page(summary, boundary, steps, interior)
     except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
         raise OutputError(
             f"{directory}: its summary does not have what a report needs ({type(error).__name__}: {error})",
@@ -59,11 +64,18 @@ def write_run_report(directory: Path, summary: Mapping[str, Any] | None, path: P
     return path
 
 
-def run_page(summary: Mapping[str, Any], boundary: Boundary | None, steps: Sequence[Snapshot]) -> bytes:
+def run_page(
+    summary: Mapping[str, Any],
+    boundary: Boundary | None,
+    steps: Sequence[Snapshot],
+    interior: Interior | None = None,
+) -> bytes:
     """Return the page of a run; ``boundary`` is ``None`` if none was kept."""
+    if interior is not None and (boundary is None or len(interior.results) != len(boundary.results)):
+        interior = None
     arrays, body, picture = PackedArrays(), None, ""
     if boundary is not None and boundary.results:
-        body = scene(summary, boundary, steps, arrays)
+        body = scene(summary, boundary, steps, arrays, interior)
         body["arrays"] = arrays.specs
         del body["kept"]
         picture = _picture(summary, boundary)
@@ -123,13 +135,16 @@ def quantity_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for name, value in summary["quantities"].items():
         quantity = next((q for q in given if name == q["name"] or name.startswith(f"{q['name']}-")), None)
-        error, unit = errors.get(name), "" if quantity is None else _unit(quantity)
+        error, unit = errors.get(name), (summary.get("quantity_units") or {}).get(name)
+        unit = ("" if quantity is None else _unit(quantity)) if unit is None else unit
         bar = _bar(value, error)
         formula = "" if quantity is None else str(quantity["of"])
         if quantity is not None and is_of_nodes(quantity, summary["job"].get("let", {})):
             formula += f" ({quantity['reduce']} of the nodes)"
         row = {"name": name, "value": value, "error": error, "unit": unit, "of": formula, "bar": bar}
-        rows.append(row | {"deviations": _deviations(summary, name)})
+        text = partial(as_shown, unit=unit, symbols=summary.get("units") or {})
+        row |= {"text": text(value), "error_text": "not estimated" if error is None else text(error)}
+        rows.append(row | {"deviations": [(text(sd), cause) for sd, cause in _deviations(summary, name)]})
     return rows
 
 

@@ -28,7 +28,7 @@ class PackedArrays:
 
     def add_whole(self, values: npt.NDArray[Any]) -> int:
         """Add whole numbers from 0 to 65535, (n,) or (n, components), which are kept exactly."""
-        columns = np.asarray(values).reshape(len(values), -1)
+        columns = np.asarray(values).reshape(len(values), int(np.prod(np.shape(values)[1:])))
         zeros, ones = [0.0] * columns.shape[1], [float(LEVELS)] * columns.shape[1]
         return self._append(columns, low=zeros, span=ones)
 

@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import write_output
+from hpcinv.quantity.written_units import as_shown
 from hpcinv.version import __version__
 
 NAME = "report.html"
@@ -41,6 +42,7 @@ def _environment() -> Environment:
     )
     environment.globals["static"] = _static
     environment.filters["number"] = number
+    environment.filters["shown_in"] = lambda value, unit, summary: as_shown(value, unit, summary.get("units") or {})
     environment.filters["megabytes"] = lambda size: f"{size / 1e6:,.0f} MB"
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "ensure_ascii": False, "separators": (",", ":")}
     return environment

@@ -8,6 +8,7 @@ import numpy as np
 
 from hpcinv.errors import SystemPartMissing
 from hpcinv.pictures.boundary_surface import Boundary, BoundaryResult
+from hpcinv.quantity.written_units import as_shown
 from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.viewer_scene import scene
 
@@ -49,7 +50,8 @@ def mean_and_cases(
         entry["deformed"] = "deformed"
     body["results"][0]["deviation"] = arrays.add(deviation[body.pop("kept")])
     body |= {"choice": "Shape", "arrays": arrays.specs}
-    return body, f"Largest standard deviation of a point of the boundary: {deviation.max():.3g} m."
+    largest = as_shown(float(deviation.max()), "m", summary.get("units") or {}, 3)
+    return body, f"Largest standard deviation of a point of the boundary: {largest}."
 
 
 def pictures(named: Sequence[tuple[str, Boundary]]) -> list[tuple[str, bytes]]:

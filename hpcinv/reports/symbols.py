@@ -5,13 +5,18 @@ from typing import Any
 
 import numpy as np
 
+from hpcinv.effects import effects
 from hpcinv.pictures.boundary_surface import Boundary
+from hpcinv.quantity.quantity import quantities_of
+from hpcinv.quantity.written_units import as_shown
 
 _EACH = 60  # symbols of one support or load
 _HIDDEN = ("effect", "region", "case", "constants", "fix")
 
 
-def symbols(job: Mapping[str, Any], state: Mapping[str, Any], boundary: Boundary) -> list[dict[str, Any]]:
+def symbols(
+    job: Mapping[str, Any], state: Mapping[str, Any], boundary: Boundary, units: Mapping[str, str] | None = None
+) -> list[dict[str, Any]]:
     """Return the supports and loads of a state as plain data.
 
     Each has ``kind`` (support or load), ``label``, ``rows`` (triangles with a symbol), ``fixed`` (axes of a support),
@@ -21,6 +26,7 @@ def symbols(job: Mapping[str, Any], state: Mapping[str, Any], boundary: Boundary
     Args:
         job: the summary's, with its defaults filled in (SI).
         state: supports and effects of the state instead of the job's.
+        units: by SI unit the symbol of the unit in which values are shown.
     """
     drawn = []
     for support in state.get("supports") or job.get("supports") or ():
@@ -32,15 +38,22 @@ def symbols(job: Mapping[str, Any], state: Mapping[str, Any], boundary: Boundary
         rows = boundary.spread(support["region"], _EACH).tolist()
         drawn.append({"kind": "support", "label": label, "rows": rows, "fixed": fixed})
     for effect in state.get("effects") or job.get("effects") or ():
-        drawn.append(_load(effect, boundary))
+        drawn.append(_load(effect, boundary, units or {}))
     return drawn
 
 
-def _load(effect: Mapping[str, Any], boundary: Boundary) -> dict[str, Any]:
+def _load(effect: Mapping[str, Any], boundary: Boundary, symbols: Mapping[str, str]) -> dict[str, Any]:
     vector = next((v for v in map(_numbers, (effect.get("acceleration"), effect.get("traction"))) if v), None)
     region, is_on_surface = effect.get("region"), "region" in effect
     rows = boundary.spread(region, _EACH).tolist() if region else []
-    given = ", ".join(f"{name} {_text(value)}" for name, value in effect.items() if name not in _HIDDEN and value)
+    kind = effects().get(effect["effect"])
+    dimensions = quantities_of(kind) if kind else {}
+    units = {name: dimension.unit for name, dimension in dimensions.items()}
+    given = ", ".join(
+        f"{name} {_text(value, units.get(name, ''), symbols)}"
+        for name, value in effect.items()
+        if name not in _HIDDEN and value
+    )
     label = f"{effect['effect']}{f' on {region}' if region else ''}: {given}"
     return {"kind": "load", "label": label, "rows": rows, "vector": vector, "body": not is_on_surface}
 
@@ -56,9 +69,12 @@ def _numbers(value: Any) -> list[float] | None:
     return None
 
 
-def _text(value: Any) -> str:
+def _text(value: Any, unit: str, symbols: Mapping[str, str]) -> str:
     if isinstance(value, Mapping):
         return "by formula" if "source" in value else "varies"
+    is_vector = isinstance(value, list | tuple) and all(isinstance(v, int | float) for v in value)
+    if (is_vector or isinstance(value, int | float)) and not isinstance(value, bool):
+        return as_shown(value, unit, symbols, 4)
     if isinstance(value, list | tuple):
-        return f"({', '.join(map(_text, value))})"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+        return f"({', '.join(_text(component, unit, symbols) for component in value)})"
+    return str(value)

@@ -1,16 +1,21 @@
 """The body of a run as arrays for the page: shapes, steps, stresses, regions, fibres, supports and loads."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from hpcinv.job.sections import IMAGES
 from hpcinv.pictures.boundary_surface import Boundary, BoundaryResult
 from hpcinv.pictures.decimation import MOST, Decimated, decimated
+from hpcinv.pictures.interior import Interior, InteriorResult
 from hpcinv.pictures.result_picture import upwards
 from hpcinv.pictures.snapshots import Snapshot
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.stress_measures import COMPONENTS
+from hpcinv.quantity.units import parse_quantity
 from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.symbols import symbols
 
@@ -18,12 +23,21 @@ _STATES = 3  # of the largest surface; more states have fewer points
 _FIBRES = 3_000  # lines of one family
 _STEPS_SIZE = 1_600_000  # bytes of the displacements of steps
 _MASKS = 16  # regions in one array of bits
+_OPPOSITE = {"L": "R", "R": "L", "P": "A", "A": "P", "S": "I", "I": "S"}
 
 
 def scene(
-    summary: Mapping[str, Any], boundary: Boundary, snapshots: Sequence[Snapshot], arrays: PackedArrays
+    summary: Mapping[str, Any],
+    boundary: Boundary,
+    snapshots: Sequence[Snapshot],
+    arrays: PackedArrays,
+    interior: Interior | None = None,
 ) -> dict[str, Any]:
-    """Add the body to ``arrays``; return what they mean as plain data, with the rows of the points as ``kept``."""
+    """Add the body to ``arrays``; return what they mean as plain data, with the rows of the points as ``kept``.
+
+    Args:
+        interior: with as many results as the boundary.
+    """
     most = MOST if len(boundary.results) <= _STATES else MOST * _STATES // len(boundary.results)
     kept = _kept(boundary, most)
     up = upwards(summary["job"])
@@ -37,11 +51,15 @@ def scene(
         "of": {"points": len(boundary.points), "triangles": len(boundary.triangles)},
         "decimated": len(kept.points) < len(boundary.points),
         "up": [0.0, 0.0, 1.0] if up is None else (up / np.linalg.norm(up)).tolist(),
-        "regions": _regions(boundary, kept, arrays),
+        "axes": axes_of(summary["job"].get("mesh") or {}),
+        "units": shown_units(summary),
+        "interior": packed_interior(interior, arrays),
+        "regions": regions_of(boundary, kept, arrays, interior),
         "error": None if boundary.error is None else arrays.add(boundary.error[kept.rows]),
         "fibres": {"every": _every(kept), "families": _lines(boundary.fibres, kept, arrays)},
         "results": [
             _result(summary, boundary, result, kept, arrays)
+            | {"interior": interior and _inner_result(interior.results[number], arrays)}
             | {"steps": [step for step in steps if step["solution"] == number]}
             for number, result in enumerate(boundary.results)
         ],
@@ -63,7 +81,7 @@ def _result(
     state_section: Mapping[str, Any] = next(
         (s for s in summary["job"].get("states") or () if s["name"] == result.state), {}
     )
-    loads = symbols(summary["job"], state_section, boundary)
+    loads = symbols(summary["job"], state_section, boundary, summary.get("units"))
     place = {int(old): new for new, old in reversed(list(enumerate(kept.rows)))}
     for symbol in loads:
         symbol["rows"] = [place[row] for row in symbol["rows"] if row in place]
@@ -95,15 +113,68 @@ def _lines(fibres: Mapping[str, Floats], kept: Decimated, arrays: PackedArrays) 
     return {name: arrays.add(directions[kept.rows][:: _every(kept)]) for name, directions in fibres.items()}
 
 
-def _regions(boundary: Boundary, kept: Decimated, arrays: PackedArrays) -> dict[str, Any]:
-    """Names and, in bits of whole numbers, the triangles of each region that has some on the boundary."""
-    masks_by_name = {name: marks[kept.rows] for name, marks in boundary.regions.items() if marks.any()}
-    names = list(masks_by_name)
-    masks = []
+def regions_of(boundary: Boundary, kept: Decimated, arrays: PackedArrays, interior: Interior | None) -> dict[str, Any]:
+    """Names and, in bits of whole numbers, the triangles and tetrahedra of each region that has some."""
+    inner = interior.regions if interior else {}
+    names = [name for name, marks in boundary.regions.items() if marks.any()]
+    names += [name for name, marks in inner.items() if marks.any() and name not in names]
+    rows, cells = len(kept.rows), len(interior.tetrahedra) if interior else 0
+    outer_marks = {name: boundary.regions[name][kept.rows] for name in names if name in boundary.regions}
+    return {
+        "names": names,
+        "masks": _bits(names, outer_marks, rows, arrays),
+        "inner": _bits(names, inner, cells, arrays) if interior else [],
+    }
+
+
+def _bits(
+    names: Sequence[str], marks: Mapping[str, npt.NDArray[np.bool_]], count: int, arrays: PackedArrays
+) -> list[int]:
+    words = []
     for begin in range(0, len(names), _MASKS):
-        bits = [masks_by_name[name].astype(np.int64) << k for k, name in enumerate(names[begin : begin + _MASKS])]
-        masks.append(arrays.add_whole(np.sum(bits, axis=0)))
-    return {"names": names, "masks": masks}
+        word = np.zeros(count, dtype=np.int64)
+        for k, name in enumerate(names[begin : begin + _MASKS]):
+            if name in marks:
+                word |= marks[name].astype(np.int64) << k
+        words.append(arrays.add_whole(word))
+    return words
+
+
+def packed_interior(interior: Interior | None, arrays: PackedArrays) -> dict[str, Any] | None:
+    """Add the tetrahedra of sections and the interfaces of their regions; ``None`` without an interior."""
+    if interior is None:
+        return None
+    interfaces, owners = interior.interfaces()
+    return {
+        "points": arrays.add(interior.points),
+        "tetrahedra": arrays.add_whole(interior.tetrahedra),
+        "interfaces": arrays.add_whole(interfaces),
+        "owners": arrays.add_whole(owners),
+        "joined": interior.joined,
+    }
+
+
+def _inner_result(result: InteriorResult, arrays: PackedArrays) -> dict[str, int]:
+    return {
+        "mesh": arrays.add(result.mesh),
+        "displacement": arrays.add(result.others - result.mesh),
+        "stress": arrays.add(result.stress),
+        "J": arrays.add(result.J),
+        "stretches": arrays.add(result.stretches),
+    }
+
+
+def shown_units(summary: Mapping[str, Any]) -> dict[str, list[float | str]]:
+    """Size and symbol of the units that the job chose, by SI unit."""
+    symbols = summary.get("units") or {}
+    return {unit: [parse_quantity(f"1 {symbol}")[0], symbol] for unit, symbol in symbols.items()}
+
+
+def axes_of(mesh: Mapping[str, Any]) -> list[list[str]]:
+    """Letters at the low and high ends of x, y and z: sides of the patient for an image, else the axis."""
+    if Path(str(mesh.get("file") or mesh.get("image") or "")).suffix not in IMAGES:
+        return [["", axis] for axis in "xyz"]
+    return [[_OPPOSITE[letter], letter] for letter in str(mesh.get("orientation") or "LPS")]
 
 
 def _steps(

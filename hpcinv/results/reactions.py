@@ -43,7 +43,7 @@ def reactions(
 
     unknowns, length = equations.unknowns, equations.scales.length
     dofs = unknowns.owned_displacement_dofs
-    forces = residual[dofs].reshape(-1, 3) * equations.scales.stress * length**2
+    unit_force = equations.scales.stress * length**2
     positions = unknowns.owned_displacement_points()
     if solution.direction == "forward":
         positions = positions + unknowns.state.x.array[dofs].reshape(-1, 3)
@@ -52,9 +52,7 @@ def reactions(
     vectors_by_name: dict[str, list[float]] = {}
     for quantity in quantities:
         # Two supports on one region prescribe different components of the same nodes.
-        held = [support.dofs for support in equations.supports.prescribed if support.region == quantity.on]
-        is_held = np.isin(dofs, np.concatenate(held)).reshape(-1, 3) if held else np.zeros(forces.shape, dtype=bool)
-        vectors = np.where(is_held, forces, 0.0)
+        vectors = equations.supports.held_part(residual, {quantity.on or ""})[dofs].reshape(-1, 3) * unit_force
         if quantity.is_moment:
             vectors = np.cross(positions - np.array(quantity.about or (0.0, 0.0, 0.0)), vectors)
         comm = equations.body.mesh.comm

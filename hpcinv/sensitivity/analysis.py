@@ -23,7 +23,6 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
-import dolfinx.fem.petsc as fem_petsc
 import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
@@ -72,10 +71,7 @@ class Sensitivities:
     def as_data(self) -> dict[str, Any]:
         """Return JSON data, without the fields."""
         return {
-            "parameters": {
-                p.key: {"value": p.value, "sd": p.deviation} | ({"also": [t.key for t in p.ties]} if p.ties else {})
-                for p in self.parameters
-            },
+            "parameters": {p.key: {"value": p.value, "sd": p.deviation} | p.tied_keys for p in self.parameters},
             "quantities": {
                 name: {"slopes": dict(key_slopes), "sd": self.deviations[name]}
                 for name, key_slopes in self.slopes.items()
@@ -145,7 +141,7 @@ def sensitivities(
         }
     nodes: dict[str, Floats] = {}
     for p in parameters:
-        nodes[p.key] = np.asarray(solution.sign * sum(changes[number.key].u for number in (p, *p.ties)))
+        nodes[p.key] = np.asarray(solution.sign * sum(number.ratio * changes[number.key].u for number in (p, *p.ties)))
         if p.key in references:
             nodes[p.key] += references[p.key].nodes
     comm = body.mesh.comm
@@ -156,7 +152,7 @@ def sensitivities(
     return Sensitivities(
         parameters=parameters,
         slopes=quantity_slopes,
-        displacement={p.key: _displacement([changes[number.key] for number in (p, *p.ties)]) for p in parameters},
+        displacement={p.key: _displacement(p, changes) for p in parameters},
         nodes=nodes,
         shape={key: _largest(comm, length, solution.mesh_nodes)[0] for key, length in lengths.items()},
         deviations={name: _deviation(parameters, key_slopes) for name, key_slopes in quantity_slopes.items()},
@@ -185,16 +181,19 @@ def joined_sensitivities(shapes: Mapping[str, Sensitivities], quantities: Iterab
 
 def _summed(parameters: Sequence[Parameter], key_slopes: Mapping[str, Value]) -> dict[str, Value]:
     """Add to the slope by each parameter those by its ties."""
-    return {p.key: sum(np.array(key_slopes[number.key]) for number in (p, *p.ties)).tolist() for p in parameters}  # type: ignore[union-attr]
+    return {
+        p.key: sum(number.ratio * np.array(key_slopes[number.key]) for number in (p, *p.ties)).tolist()  # type: ignore[union-attr]
+        for p in parameters
+    }
 
 
-def _displacement(changes: Sequence[Change]) -> fem.Function:
-    first, *ties = changes
-    if not ties:
-        return first.displacement
-    whole = first.displacement.copy()
-    for tie in ties:
-        whole.x.array[:] += tie.displacement.x.array
+def _displacement(parameter: Parameter, changes: Mapping[str, Change]) -> fem.Function:
+    first = changes[parameter.key].displacement
+    if not parameter.ties:
+        return first
+    whole = first.copy()
+    for tie in parameter.ties:
+        whole.x.array[:] += tie.ratio * changes[tie.key].displacement.x.array
     return whole
 
 
@@ -247,7 +246,7 @@ def _changes(
         direction = _explicit(equations, system, parameter, prescribed, b)
         if (reference := references.get(parameter.key)) is not None:
             x.array[:] = _rate_of_forces(equations, system, solution, reference)
-            fem_petsc.set_bc(x, equations.supports.conditions, alpha=0.0)
+            equations.supports.free(x.array)
             b.axpy(-1.0, x)
         if not equilibrium.linear.solve(b, x):
             raise SolveError(
@@ -285,7 +284,7 @@ def _explicit(
     with equations.timings("residual"):
         derivative.assemble(direction, b)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        fem_petsc.set_bc(b, equations.supports.conditions, alpha=0.0)
+        equations.supports.free(b.array)
         b.scale(-1.0)
     return direction
 

@@ -23,7 +23,7 @@ from hpcinv.certificate.check import Line, Verdict, skipped
 from hpcinv.certificate.symmetry import symmetry_planes
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job
-from hpcinv.job.sections import AXES, CUT
+from hpcinv.job.sections import CUT
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import outer_facets
@@ -221,7 +221,7 @@ def surface_normals(job: Job, body: Body) -> Floats:
     normals = sums.array.reshape(-1, 3).copy()
     tolerance = _ROUND_OFF * diagonal(mesh.comm, given)
     for plane in planes:
-        i = AXES.index(plane.axis)
-        normals[np.abs(given[:, i] - plane.position) <= tolerance, i] = 0.0
+        near = np.abs(given @ plane.normal - plane.position) <= tolerance
+        normals[near] -= np.outer(normals[near] @ plane.normal, plane.normal)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0))

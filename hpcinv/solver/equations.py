@@ -84,7 +84,8 @@ class Equations(DiscreteModel):
         """The rule by which the linear solver is chosen; collective at the first access."""
         if self._like is not None:
             return self._like.chooser
-        return Chooser(self.unknowns, self.job.discretisation.displacement)
+        degree, is_shell = self.job.discretisation.displacement, self.job.mesh.shell is not None
+        return Chooser(self.unknowns, degree, is_shell=is_shell)
 
     def equilibrium(self, scene: Scene, observer: Observer = SILENT) -> Equilibrium:
         """Return the equations of a scene with the solver of the job."""

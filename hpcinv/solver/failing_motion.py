@@ -106,7 +106,7 @@ def _supports(job: Job, body: Body) -> Iterator[str]:
     whole = _area(body, BOUNDARY)
     for support in job.supports:
         area = _area(body, support.region)
-        axes = ", ".join(sorted(support.held))
+        axes = ", ".join(support.components)
         size = f"{area * body.length_scale**2:.3g} m² ({area / whole:.2%} of the surface)"
         yield f"'{support.region}' holds {axes} on {size}"
 

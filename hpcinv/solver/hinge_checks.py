@@ -157,10 +157,11 @@ def _frames(body: Body, cell_parts: Ints, count: int) -> tuple[list[Frame], Ints
 def _held(supports: Supports, cell_parts: Ints, frames: list[Frame], comm: MPI.Intracomm) -> dict[int, Floats]:
     """Return on rank 0 rows (n, 6) that supports prescribe of each part's motions; {} elsewhere; collective."""
     rows: dict[int, list[Floats]] = {}
-    for support in supports.prescribed:
-        points, labels = support.points, node_labels(support.now.function_space, cell_parts)[support.nodes]
+    for support in supports.holders:
+        points, labels = support.points, node_labels(support.space, cell_parts)[support.nodes]
         for part in np.unique(labels).tolist():
-            rows.setdefault(part, []).append(frames[part].motions(points[labels == part])[:, support.axis])
+            components = support.component_of(frames[part].motions(points))
+            rows.setdefault(part, []).append(components[labels == part])
     gathered = comm.gather({part: _reduced(np.vstack(part_rows)) for part, part_rows in rows.items()})
     together: dict[int, list[Floats]] = {}
     for rank_rows in gathered or []:

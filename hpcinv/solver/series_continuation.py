@@ -43,6 +43,7 @@ _TINY = 1e-100
 underflow. With a larger one, the path of such a body would be cut into more ranges."""
 _PATH_TOLERANCE = 1e-8  # of states between expansions; near a limit point of the load it matters
 _LOCATED = 1e-9  # error of a series at a limit point that counts as found; the load there has no error of first order
+_BEYOND_LIMIT = 0.3  # of the way to a limit point, at which a solve confirms it; farther, Newton's method may fail
 _BEFORE_LIMIT = 0.7  # share of the way to a limit point after which the path is expanded again
 _TRIALS = 4  # ends of one range that are tried
 _SHORTER = 0.6  # ratio of their parameters
@@ -63,8 +64,6 @@ class SeriesContinuation:
         self._equilibrium, self._system, self._linear = equilibrium, system, equilibrium.linear
         with system.timings("compile"):
             self._taylor = TaylorResidual(system.scene)
-        held = [dofs[:count] for dofs, count in (condition.dof_indices() for condition in system.supports.conditions)]
-        self._held = np.unique(np.concatenate([*held, np.zeros(0, dtype=np.int32)])).astype(np.int32)
         self._scale = np.inf
 
     def follow(self, steps: AdaptiveSteps, tolerance: float, load: float) -> Iterator[Solve]:
@@ -109,7 +108,7 @@ class SeriesContinuation:
         limit = series.limit(a, pade=is_pade)
         if limit is not None and series.load_at(series.weights(limit, pade=is_pade)) < goal:
             if series.error(limit, pade=is_pade) <= _LOCATED:
-                yield from self._end_at_limit(series, origin, limit, is_pade=is_pade)
+                yield from self._end_at_limit(series, origin, limit, a, path_tolerance, is_pade=is_pade)
                 return
             a = _BEFORE_LIMIT * limit
         a = self._parameter_at(series, goal, a if limit is None else min(a, limit), is_pade=is_pade)
@@ -131,18 +130,43 @@ class SeriesContinuation:
                 return
             a *= _SHORTER
 
-    def _end_at_limit(self, series: PowerSeries, origin: PETSc.Vec, a: float, *, is_pade: bool) -> Iterator[Solve]:
-        """Yield the state at a limit point of the load, and the outcome that the load goes no farther."""
+    def _end_at_limit(
+        self, series: PowerSeries, origin: PETSc.Vec, a: float, end: float, path_tolerance: float, *, is_pade: bool
+    ) -> Iterator[Solve]:
+        """Yield the state at a limit point of the load, and the outcome that the load goes no farther.
+
+        A load that nears a bound without end seems to have a maximum, too. An equilibrium beyond it is proof.
+
+        Args:
+            end: end of the range of the series.
+        """
+        spent, tolerance = self._linear.factorizations, min(path_tolerance, _PATH_TOLERANCE)
+        beyond = min((1 + _BEYOND_LIMIT) * a, end)
+        weights = series.weights(beyond, pade=is_pade)
+        self._move(series, origin, weights)
+        fault = self._system.fault()
+        if fault is None:
+            solve = self._equilibrium.solve(series.load_at(weights), tolerance, begins_near=True)
+            fault = None if solve.outcome.accepted else solve.outcome
+            if fault is None and 2 * self._parameter(series, origin, solve.load) < a + beyond:
+                fault = Outcome.DIVERGED  # to another equilibrium, before the point
         weights = series.weights(a, pade=is_pade)
         load = series.load_at(weights)
         self._move(series, origin, weights)
-        if (fault := self._system.fault()) is not None:
+        fault, spent = fault or self._system.fault(), self._linear.factorizations - spent
+        if fault is not None:
             self._system.set_state(origin)
-            yield Solve(load, fault, (), 0)
+            yield Solve(load, fault, (), spent)
             return
         self._system.set_load(load)
-        yield Solve(load, Outcome.CONVERGED, (), 0, limit_point=True)
+        yield Solve(load, Outcome.CONVERGED, (), spent, limit_point=True)
         yield Solve(load, Outcome.LIMIT_POINT, (), 0)
+
+    def _parameter(self, series: PowerSeries, origin: PETSc.Vec, load: float) -> float:
+        """Return the parameter of the present state; collective."""
+        x = self._system.state.x.petsc_vec
+        length = float(self._system.comm.allreduce(series.states[0] @ (x.array - origin.array)))
+        return length / series.scale**2 + float((load - series.load) * series.loads[0])
 
     def _prediction(self, origin: PETSc.Vec) -> Prediction:
         """Return the present state as a prediction, to be corrected by the present factors."""
@@ -240,7 +264,7 @@ class SeriesContinuation:
             with system.timings("residual"):
                 taylor.assemble(k, b)
             b.scale(-1.0)
-            b.array[self._held] = 0.0
+            self._system.supports.free(b.array)
             if failure := fault():
                 return failure
             w = x.array.copy()
@@ -276,7 +300,7 @@ class SeriesContinuation:
     def _lift(self, b: PETSc.Vec, load: float) -> None:
         """Set the rows of prescribed unknowns of ``b`` to their rates, and add what these cause in the others."""
         system, supports = self._system, self._system.supports
-        b.array[self._held] = 0.0
+        self._system.supports.free(b.array)
         if supports.prescribe_motion:
             forces = b.copy()
             supports.scale_rates(system.scene.parameters.load_rates(load))

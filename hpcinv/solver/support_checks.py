@@ -21,6 +21,7 @@ from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected
 from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, unsprung_basis
+from hpcinv.model.sliding import Slide
 from hpcinv.model.supports import Prescribed, Supports
 from hpcinv.parallel.runtime import MPI, agree, on_root
 from hpcinv.solver.spring_stiffness import stiffness_of
@@ -160,7 +161,7 @@ def _part(body: Body, supports: Supports, labels: Ints, label: int, whole: bool)
     owned = body.mesh.topology.index_map(3).size_local
     cells = np.flatnonzero(labels[:owned] == label)
     nodes = body.mesh.geometry.x[np.unique(body.mesh.geometry.dofmaps[0][cells])]
-    held = [_points(support, labels, label) for support in supports.prescribed]
+    held = [_points(support, labels, label) for support in supports.holders]
     middle, extent = _box(comm, nodes)
     held_box = _box(comm, np.vstack([np.zeros((0, 3)), *held]))
     centre, size = held_box if held_box[1] > 0 and not whole else (middle, extent)
@@ -182,8 +183,8 @@ def node_labels(space: fem.FunctionSpace, labels: Ints) -> Ints:
     return labels_there
 
 
-def _points(support: Prescribed, labels: Ints, label: int) -> Floats:
-    points: Floats = support.points[node_labels(support.now.function_space, labels)[support.nodes] == label]
+def _points(support: Prescribed | Slide, labels: Ints, label: int) -> Floats:
+    points: Floats = support.points[node_labels(support.space, labels)[support.nodes] == label]
     return points
 
 
@@ -191,9 +192,10 @@ def _free(
     comm: MPI.Intracomm, supports: Supports, labels: Ints, part: _Part, springs: Floats, stiffest: float
 ) -> Floats:
     """Return a basis (6, k) of the free rigid motions of a part; collective."""
-    rows = [
-        part.frame.motions(_points(support, labels, part.label))[:, support.axis] for support in supports.prescribed
-    ]
+    rows = []
+    for support in supports.holders:
+        components = support.component_of(part.frame.motions(support.points))
+        rows.append(components[node_labels(support.space, labels)[support.nodes] == part.label])
     # The triangle of a QR factorization constrains what its many rows do.
     triangles = comm.gather(np.linalg.qr(np.vstack([np.zeros((0, 6)), *rows]), mode="r"))
     return on_root(comm, lambda: unsprung_basis(free_motions(np.vstack(triangles or [])), springs, stiffest))
@@ -237,6 +239,9 @@ def check_not_enclosed(job: Job, body: Body) -> None:
     for i, axis in enumerate(AXES):
         held = [body.facets(support.region) for support in job.supports if axis in support.held]
         faces[np.isin(facets, np.concatenate(held)) if held else slice(0), i] = False
+    for support in job.supports:
+        if support.slides and support.normal is None:
+            faces[np.isin(facets, body.facets(support.region))] = False
     free = np.zeros(count, dtype=np.int64)
     free[facet_parts[faces.any(axis=1)]] = 1
     body.mesh.comm.Allreduce(MPI.IN_PLACE, free, MPI.MAX)

@@ -27,6 +27,7 @@ _KEPT = (
     "shape-*",
     "fields",
     "surface.npz",
+    "interior.npz",
     "snapshots",
     "report.html",
 )  # patterns in a run's directory; the summary is in the record

@@ -15,6 +15,7 @@ from hpcinv.mesh.imaging.image_surface import image_surface
 from hpcinv.mesh.source import MeshSource
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.reading.suffix import suffix_of
 from hpcinv.workshop.run_shapes import UNDEFORMED, read_shape
 from hpcinv.workshop.solid import solid_of
 
@@ -58,15 +59,15 @@ def surface_in(path: Path, unit: float | None, shape: str = UNDEFORMED, labels: 
     Raises:
         OutputError, MeshError: there is none.
     """
-    if path.suffix in SURFACES:
+    if suffix_of(path) in SURFACES:
         surface = read_closed(path)
         surface.points = surface.points.astype(np.float64) * (unit or 1.0)
         return BodySurface(path, surface)
-    if path.suffix in IMAGES and path.exists():
+    if suffix_of(path) in IMAGES and path.exists():
         return BodySurface(path, image_surface(path, labels, unit or 1e-3))
     if path.is_dir() and RunDirectory(path).summary() is not None:
         source = read_shape(path, shape)
-    elif path.exists() and path.suffix in FORMATS:
+    elif path.exists() and suffix_of(path) in FORMATS:
         spec = MeshSpec.model_validate({"file": path.name, "unit": unit or 1.0}, context={"directory": path.parent})
         source = read_source(spec, path)
     else:

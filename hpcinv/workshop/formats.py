@@ -7,6 +7,7 @@ import numpy as np
 
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import write_output
+from hpcinv.reading.suffix import suffix_of
 from hpcinv.workshop.solid import Solid
 
 UNITS_OF_3MF = {
@@ -22,9 +23,9 @@ UNITS_OF_3MF = {
 
 def check(path: Path, unit: str) -> None:
     """Raise ``OutputError`` if a solid cannot be written to this path in this unit."""
-    if path.suffix not in WRITERS:
+    if suffix_of(path) not in WRITERS:
         raise OutputError(f"{path}: the formats of solids are {', '.join(WRITERS)}")
-    if path.suffix == ".3mf" and unit not in UNITS_OF_3MF:
+    if suffix_of(path) == ".3mf" and unit not in UNITS_OF_3MF:
         raise OutputError(f"{path}: 3MF knows no unit '{unit}'", f"Its units are {', '.join(UNITS_OF_3MF)}.")
     if not path.parent.is_dir():
         raise OutputError(f"{path}: cannot be written: there is not a directory {path.parent}")
@@ -37,7 +38,7 @@ def write(path: Path, solid: Solid, unit: str) -> None:
         OutputError: it cannot be written.
     """
     try:
-        content = WRITERS[path.suffix](solid.round_to_single(), unit)
+        content = WRITERS[suffix_of(path)](solid.round_to_single(), unit)
     except OutputError as error:
         raise OutputError(f"{path}: {error.message}", error.advice) from None
     write_output(path, content, "Is the directory writable, and space left?")

@@ -6,8 +6,11 @@ from typing import Any
 from hpcinv.errors import OutputError
 from hpcinv.files.names import is_file
 from hpcinv.formats import FORMATS
+from hpcinv.job.sections import Shell
+from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.mesh.body import read_source
-from hpcinv.mesh.readers import FILES
+from hpcinv.mesh.midsurface import thicken
+from hpcinv.mesh.readers import FILES, read_surface
 from hpcinv.mesh.source import MeshSource
 from hpcinv.output.run_directory import RunDirectory
 
@@ -73,6 +76,9 @@ def _summary(run: Path) -> dict[str, Any]:
 
 
 def _found(run: Path, name: str) -> MeshSource:
+    if is_file(path := run / f"{name}.msh") and "shell" in (read_yaml(run / "job.yaml").get("mesh") or {}):
+        source = read_surface(path)
+        return thicken(source.convert_to_metres(source.unit or 1.0), Shell(director="data"))
     for suffix, read in FILES.items():
         path = run / f"{name}{suffix}"
         if path.exists():

@@ -55,6 +55,27 @@ class Page:
         """Wait until two frames have been drawn."""
         self.driver.execute_async_script("const f = requestAnimationFrame; f(() => f(() => f(arguments[0])))")
 
+    def click_canvas(self, right: float = 0.0, down: float = 0.0) -> None:
+        """Click the picture, some pixels from its middle."""
+        from selenium.webdriver import ActionChains
+
+        canvas = self.driver.find_element("id", "canvas")
+        ActionChains(self.driver).move_to_element_with_offset(canvas, right, down).click().perform()
+        self.settle()
+
+    def at_width(self, width: int) -> None:
+        """Show the page as a phone or a window of this width does; 0 for the window's own width."""
+        if width:
+            size = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 500}
+            self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        else:
+            self.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+        self.settle()
+
+    @property
+    def scrolls_sideways(self) -> bool:
+        return bool(self.run("return document.documentElement.scrollWidth > window.innerWidth"))
+
     def text(self, selector: str) -> str:
         return str(self.run("return document.querySelector(arguments[0]).textContent", selector))
 

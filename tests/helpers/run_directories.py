@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from hpcinv.pictures.boundary_surface import NAME, Boundary, BoundaryResult, write_boundary
+from hpcinv.pictures.interior import NAME as INTERIOR
+from hpcinv.pictures.interior import Interior, InteriorResult, write_interior
 from hpcinv.pictures.snapshots import NAME as SNAPSHOTS
 from hpcinv.pictures.snapshots import Snapshot, write_snapshot
 
@@ -163,13 +165,47 @@ def summary(states: Sequence[str] = ("",), *, status: str = "converged", **more:
     return content | more
 
 
+def interior(n: int, states: Sequence[str] = ("",)) -> Interior:
+    """The block's inside as six tetrahedra for each of n³ cubes; the region ``core`` is a third of its side wide."""
+    ways = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]]
+    steps = np.array([[[0, 0, 0], *np.cumsum(np.eye(3, dtype=int)[way], axis=0)] for way in ways])
+    grid = np.stack(np.meshgrid(*3 * [np.arange(n)], indexing="ij"), axis=-1).reshape(-1, 3)
+    tetrahedra = ((grid[:, None, None] + steps) @ [(n + 1) ** 2, n + 1, 1]).reshape(-1, 4)
+    points = np.stack(np.meshgrid(*3 * [np.arange(n + 1)], indexing="ij"), axis=-1).reshape(-1, 3) * (SIZE / n)
+    middle = points[tetrahedra].mean(axis=1) / SIZE
+    components = STRESS[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+    results = []
+    for number in range(len(states)):
+        moved = (1 - 2 * (number == 0)) * displaced(points, 1 + 0.3 * number)
+        share = middle[:, 0]
+        stretches = np.stack([1.1 + 0.1 * share, np.ones_like(share), 1 / (1.1 + 0.1 * share)], axis=1)
+        # Stresses are largest in the core, where no surface shows them.
+        stress = components * (1 + number + 4 * (np.abs(middle - 0.5).max(axis=1) < 1 / 6))[:, None]
+        results.append(InteriorResult(points, points + moved, stress, 1 + 0.01 * share, stretches))
+    core = np.abs(middle - 0.5).max(axis=1) < 1 / 6
+    return Interior(points, tetrahedra, {"core": core, "rest": ~core}, tuple(results))
+
+
 def run_directory(
-    path: Path, n: int = 8, states: Sequence[str] = ("",), *, steps: int = 3, crossing: bool = False, **more: Any
+    path: Path,
+    n: int = 8,
+    states: Sequence[str] = ("",),
+    *,
+    steps: int = 3,
+    crossing: bool = False,
+    inside: int = 0,
+    **more: Any,
 ) -> Path:
-    """Make the directory of a run of the block, with snapshots of the first state."""
+    """Make the directory of a run of the block, with snapshots of the first state.
+
+    Args:
+        inside: cubes along each side of the interior that is kept, if it is.
+    """
     path.mkdir(parents=True)
     made = boundary(n, states, crossing=crossing)
     write_boundary(path / NAME, made)
+    if inside:
+        write_interior(path / INTERIOR, interior(inside, states))
     for i in range(steps):
         load = (i + 1) / (steps + 1)
         rows = np.arange(len(made.points))

@@ -37,6 +37,7 @@ NOT_OF_EVERY_JOB = {
     "solutions[].cavities",
     "solutions[].coarse",
     "unwritten",
+    "quantity_units",  # of named quantities; those above are none of the job's
 }
 
 

@@ -56,7 +56,7 @@ def test_a_dossier_has_the_evidence_of_its_run(run: Path, tmp_path: Path) -> Non
         assert f"{line['verdict']} {line['name']}" in text
     assert hashlib.sha256((run / "summary.json").read_bytes()).hexdigest() in text
     sd = summary["sensitivities"]["quantities"]["top"]["sd"]
-    assert f"{sd:.6g} m by the parameters" in text
+    assert f"{1e3 * sd:.6g} mm by the parameters" in text
     assert "stability: unstable directions: not checked" in text  # among the limits
     assert not re.search(r"(?:src|href)=.https?:", page.read_text())
 

@@ -14,6 +14,7 @@ from helpers.run_directories import STRESS, run_directory
 from hpcinv.reports.of_run import write_run_report
 
 pytestmark = needs_browser
+VON_MISES = float(np.sqrt(1.5) * np.linalg.norm(STRESS - np.eye(3) * np.trace(STRESS) / 3))  # Pa
 REACHED = "an element would turn inside out (det F ≤ 0)"
 
 
@@ -25,7 +26,7 @@ def report(directory: Path) -> Path:
 def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     """The block in two states."""
     directory = tmp_path_factory.mktemp("report")
-    path = report(run_directory(directory / "run", 12, ("sagging", "turned")))
+    path = report(run_directory(directory / "run", 12, ("sagging", "turned"), inside=9, units={"m": "mm", "Pa": "kPa"}))
     with opened(path, directory / "profile") as page:
         yield page
 
@@ -34,7 +35,15 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 def as_at_first(page: Page) -> None:
     bodies = {"state": 0, "layout": "beside", "shape": 100, "step": 3, "scale": 1}
     page.set_all(
-        {"theme": "light", "colour": "displacement", "clip-axis": "none", "symbols": True, "fibres": ""} | bodies
+        {
+            "theme": "light",
+            "colour": "displacement",
+            "clip-axis": "none",
+            "symbols": True,
+            "fibres": "",
+            "glyphs": "none",
+        }
+        | bodies
     )
     page.run("document.getElementById('reset').click()")
 
@@ -101,6 +110,47 @@ def test_the_picture_follows_each_control(control: str, value: object, page: Pag
     assert changed(before, after) > 0.002
 
 
+def test_sections_are_filled_with_values_and_regions(page: Page) -> None:
+    page.set_all({"symbols": False, "colour": "von-mises"})
+    outer = ends(page)
+    assert page.text("#legend .bar-unit") == "in kPa"
+    page.set_all({"clip-axis": "y", "clip-place": 50})
+    assert ends(page)[2] == pytest.approx(5 * VON_MISES, rel=1e-3)  # in the core
+    assert ends(page)[2] > 2 * outer[2]
+    page.set_all({"colour": "regions", "layout": "one"})
+    picture = page.pixels()
+    core, rest = (
+        np.abs(picture - np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])).max(axis=2) < 0.03
+        for colour in ("#e69f00", "#56b4e9")  # third and fourth of the regions
+    )
+    assert core.sum() / (core | rest).sum() == pytest.approx(1 / 9, rel=0.15)  # a third of the side, seen obliquely
+    page.run("document.querySelector('[data-region=rest]').click()")
+    page.settle()
+    assert page.text("#legend").split() == ["clamp", "top", "core", "rest"]
+    without = page.pixels()
+    assert changed(picture, without) > 0.02
+    page.run("document.querySelector('[data-region=rest]').click()")
+
+
+@pytest.mark.parametrize("glyphs", ["displacement", "stress"])
+def test_arrows_and_bars_are_drawn_on_the_section(glyphs: str, page: Page) -> None:
+    page.set_all({"symbols": False, "clip-axis": "y", "layout": "one", "colour": "none"})
+    before = page.pixels()
+    page.set("glyphs", glyphs)
+    assert changed(before, page.pixels()) > 0.005
+    assert page.text("#glyphs-note") != ""
+
+
+def test_a_phone_does_not_scroll_sideways(page: Page) -> None:
+    page.at_width(390)
+    try:
+        assert not page.scrolls_sideways
+        spans = "return [...document.querySelectorAll('#legend .ends span')].map((e) => e.getClientRects().length)"
+        assert page.run(spans) == [1, 1, 1]  # numbers in one line each
+    finally:
+        page.at_width(0)
+
+
 def test_the_slider_leads_from_one_body_to_the_other(page: Page) -> None:
     page.set("layout", "one")
     pictures = []
@@ -112,7 +162,7 @@ def test_the_slider_leads_from_one_body_to_the_other(page: Page) -> None:
 
 
 def test_the_cut_moves(page: Page) -> None:
-    page.set("clip-axis", "x")
+    page.set_all({"clip-axis": "x", "clip-side": False})
     shown = []
     for place in (20, 80):
         page.set("clip-place", place)

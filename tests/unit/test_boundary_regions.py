@@ -9,7 +9,7 @@ import pytest
 
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job, parse
-from hpcinv.job.region_rules import RegionRule, RegionUnion
+from hpcinv.job.region_rules import RegionRule, RegionUnion, SmoothFace
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import build_body
 from hpcinv.mesh.body import Body
@@ -118,7 +118,14 @@ def test_unions_in_jobs_are_checked(tmp_path: Path) -> None:
     assert job(foot="z < 1 mm", skin=["foot", "endo"]).regions["skin"] == RegionUnion(("foot", "endo"))
     without = job(foot="z < 1 mm", skin=["boundary", "not foot"]).regions["skin"]
     assert without == RegionUnion(("boundary",), ("foot",))
+    rule = {"smooth": [0, "3 cm", "2 mm"], "angle": "20 deg"}
+    face = job(foot=rule, skin=["foot"]).regions["foot"]
+    assert face == SmoothFace((0.0, 0.03, 0.002), np.deg2rad(20))
+    assert job(**job(foot=rule, skin=["foot"]).model_dump(mode="json")["regions"]).regions["foot"] == face
     for regions, message in (
+        ({"skin": {"smooth": [0, 1]}}, "regions.skin: must be such as {smooth: "),
+        ({"skin": {"smooth": [0, 0, "1 kg"]}}, "regions.skin: must be a length"),
+        ({"skin": {"smooth": [0, 0, 0], "angl": 1}}, "regions.skin: must be such as {smooth: "),
         ({"skin": ["boundary", "not foot"], "foot": "z < 1 mm"}, "regions.skin: names 'foot', which is not defined"),
         ({"skin": ["not foot"]}, r"regions.skin: must name a region from which to leave out others"),
         ({"skin": ["foot"], "foot": "z < 1 mm"}, "regions.skin: names 'foot', which is not defined above it"),
@@ -133,3 +140,17 @@ def test_unions_in_jobs_are_checked(tmp_path: Path) -> None:
 def test_shells_that_enclose_nothing_are_numbered_by_volume() -> None:
     facets = np.array([[0, 1, 2], [2, 3, 0], [4, 5, 6], [7, 8, 9]])
     assert shells(facets, np.array([-1.0, -1.0, 5.0, -3.0])).tolist() == [2, 2, 0, 1]
+
+
+@pytest.mark.parallel([1, 2, 3])
+def test_a_smooth_face_ends_at_sharp_edges() -> None:
+    # The nearest facet is on the top, 1.2 m from which the hole begins.
+    regions = body(
+        top=SmoothFace((2.1, 0.3, 3.2)),
+        roof=SmoothFace((1.5, 1.5, 1.9)),
+        outer=SmoothFace((2.1, 0.3, 3.2), np.pi),
+    ).regions
+    assert regions["top"].facet_count == 25
+    assert regions["roof"].facet_count == 1  # of the cavity of one cell
+    assert regions["outer"].facet_count == 2 * 25 + 4 * 15
+    assert regions["top"].cell_count == 0

@@ -13,13 +13,14 @@ from helpers.schemas import refusals
 import hpcinv as package
 from hpcinv.__main__ import main
 from hpcinv.files.names import yaml_text
+from hpcinv.job.filling_points import filling_points
 from hpcinv.job.yaml_reader import read_text, read_yaml
 from hpcinv.mesh import build_body, read_source
 from hpcinv.mesh.imaging import hollow_wall
 from hpcinv.model.fibre_directions import rule_directions
 from hpcinv.parallel.runtime import MPI
 
-KINDS = ("artery", "breast", "liver", "part", "ventricle")
+KINDS = ("artery", "breast", "liver", "part", "shell", "ventricle")
 SPACING = 5.0  # mm
 
 
@@ -75,7 +76,24 @@ def test_examples_are_valid_jobs_beside_their_mesh(kind: str, tmp_path: Path, ca
     text = file.read_text()
     assert "$" not in text
     assert "doi:10." in text
-    assert "typical order of magnitude" in text or kind == "part"
+    assert "typical order of magnitude" in text or kind in ("part", "shell")
+
+
+def test_a_ventricle_by_its_pressure_and_by_klotz_curve(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "lv.yaml"
+    assert typed("ventricle", "--ed-pressure", "10 mmHg", file) == 0
+    (pressure,) = package.load(file).effects
+    assert pressure.quantities()["pressure"][0] == pytest.approx(1333.22, rel=1e-5)
+    assert typed("ventricle", "--ed-pressure", "12 mmHg", "--klotz", "--force", file) == 0
+    assert f"python -m hpcinv identify {file}" in capsys.readouterr().out
+    job = package.load(file)
+    assert job.identify is not None
+    points = [point.pressure for point in filling_points("lv", job.cavities, job.quantities, job.states)]
+    assert points == pytest.approx([share * 12 * 133.322387415 for share in (0.25, 0.5, 0.75, 0)])
+    assert typed("liver", "--klotz", tmp_path / "liver.yaml") != 0
+    assert "--klotz: is for a ventricle, and this is a liver" in capsys.readouterr().err
+    assert typed("ventricle", "--ed-pressure", "10 mm", tmp_path / "other.yaml") != 0
+    assert "--ed-pressure: must be a stress" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["liver", "breast", "part"])

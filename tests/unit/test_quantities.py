@@ -22,6 +22,7 @@ from hpcinv.quantity.quantity import (
 )
 from hpcinv.quantity.schema import Spec, Triple
 from hpcinv.quantity.units import Dimension, parse_quantity
+from hpcinv.quantity.written_units import as_shown, written_units
 
 LENGTH, STRESS, DENSITY = Dimension(1, 0, 0), Dimension(-1, 1, -2), Dimension(-3, 1, 0)
 
@@ -168,3 +169,22 @@ def test_dimensions_are_found_inside_optional_and_nested_annotations() -> None:
         e: int = 1
 
     assert quantities_of(Sample) == {"a": LENGTH, "b": LENGTH, "c": Dimension(0, 1, -2)}
+
+
+def test_values_are_shown_in_the_units_of_a_job() -> None:
+    job = {
+        "mesh": {"file": "scan 12 m.msh", "unit": "mm"},
+        "regions": {"foot": "z < 2 mm", "tip": "norm(x - 3 cm, y) < 5 mm"},
+        "material": {"law": "neo-hookean", "mu": "20 kPa", "kappa": "1 MPa", "density": "1000 kg/m^3"},
+        "effects": [{"effect": "pressure", "pressure": "1.5 kPa"}, {"effect": "gravity", "acceleration": "9.81 m/s^2"}],
+    }
+    units = written_units(job)
+    assert units == {"m": "mm", "Pa": "kPa"}
+    assert as_shown(0.0705, "m", units) == "70.5 mm"
+    assert as_shown([0.0, -0.1325, 1e-9], "m", units) == "(0, -132.5, 1e-06) mm"
+    assert as_shown(2.5e6, "Pa", units) == "2500 kPa"
+    assert as_shown(0.00025, "m^3", units) == "250 ml"  # not chosen by a job
+    assert as_shown(0.25, "", units) == "0.25"
+    assert as_shown(None, "m", units) == "not finite"
+    assert as_shown(0.07, "m", {}) == "70 mm"
+    assert written_units({"material": {"mu": 20000.0}}) == {}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import NO_CERTIFICATE
+from helpers.command_line import NO_CERTIFICATE, ROOT
 from helpers.hollow_block import hollow_block
 from helpers.thick_sphere import INNER, OUTER, PRESSURE, sphere
 from helpers.verification import box, deform, job
@@ -30,9 +30,9 @@ VOLUMES = [{"name": over, "of": "volume", "cavity": "hole", "over": over} for ov
 OCTANT = math.pi * INNER**3 / 6
 
 
-def data(**changes: Any) -> dict[str, Any]:
+def data(divisions: int = 1, **changes: Any) -> dict[str, Any]:
     """The octant of an incompressible sphere, without its pressure."""
-    octant = dict(sphere(1, hexahedra=True).data)
+    octant = dict(sphere(divisions, hexahedra=True).data)
     del octant["effects"]
     return octant | {"certificate": NO_CERTIFICATE, "quantities": [*octant["quantities"], *VOLUMES]} | changes
 
@@ -79,6 +79,35 @@ def test_pressure_falls_while_a_balloon_is_filled(comm: MPI.Intracomm) -> None:
         assert pressures[-1] == pytest.approx(pressure_of(stretch), rel=3e-4)
         assert result.quantities["current"] == pytest.approx(OCTANT * stretch**3, rel=1e-10)
     assert pressures[1] < pressures[0]
+
+
+@pytest.mark.parametrize(("stretch", "most"), [(1.6, 10), (3.0, 30)])
+def test_large_volumes_take_few_factorizations(stretch: float, most: int) -> None:
+    """Steps are shortened before they fail: volumes 4 and 27 times as large."""
+    volume = {"hole": HOLE | {"volume": OCTANT * stretch**3}}
+    scene = data(2, cavities=volume, analysis="forward", quantities=[PRESSURE_FOUND])
+    result = hpcinv.run(job(**scene), MPI.COMM_SELF)
+    assert result.quantities["p"] == pytest.approx(pressure_of(stretch), rel=2e-5)
+    assert result.solutions[0].factorizations <= most
+
+
+def test_lands_ventricle_by_its_volume() -> None:
+    """Land et al. (2015), problem 2, on a coarse mesh: the volume at 10 kPa gives this pressure and the same shape."""
+    land = ROOT / "benchmarks" / "published" / "land" / "problem-2.yaml"
+    by_pressure = hpcinv.load(land).with_(
+        {
+            "mesh.parameters": {"across": 1, "around": 8, "along": 6},
+            "discretisation.displacement": 2,
+            "cavities": {"hole": {"surface": "endo", "lid": {"apex": [0, 0, "5 mm"]}}},
+            "quantities": VOLUMES,
+            "certificate": NO_CERTIFICATE,
+        }
+    )
+    pressed = hpcinv.run(by_pressure, MPI.COMM_SELF)
+    quarter = {"cavities.hole.volume": pressed.quantities["current"], "effects": [], "solver": {}}
+    (filled,) = hpcinv.run(by_pressure.with_(quarter), MPI.COMM_SELF).solutions
+    assert filled.cavities[0].pressure == pytest.approx(10e3, rel=1e-8)
+    assert filled.u == pytest.approx(pressed.solutions[0].u, abs=1e-8 * np.abs(filled.u).max())
 
 
 @pytest.mark.parallel([1, 2])

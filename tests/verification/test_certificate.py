@@ -530,6 +530,22 @@ def test_signs_of_the_tangent_are_compared_between_equilibria(
     assert path_line.verdict is verdict
 
 
+@pytest.mark.parametrize(
+    ("strategies", "signs", "verdict"),
+    [
+        (("power series", "power series"), (), Verdict.PASS),  # no determinant is needed
+        (("power series", "load steps"), (), Verdict.SKIPPED),
+        (("power series",), (-1,), Verdict.WARN),
+    ],
+)
+def test_load_rises_along_power_series(strategies: list[str], signs: tuple[int, ...], verdict: Verdict) -> None:
+    solves = tuple(Solve(1.0, Outcome.CONVERGED, (), 1, signs, strategy=strategy) for strategy in strategies)
+    model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=1, p=None))
+    solution: Any = SimpleNamespace(solves=solves, start="")
+    (path_line,) = limit_points(model, solution, skipped("stability", ""))
+    assert path_line.verdict is verdict
+
+
 @pytest.mark.parallel([2])
 def test_seconds_of_the_lines_are_those_of_the_certificate(comm: MPI.Intracomm) -> None:
     result = hpcinv.run(column(2, certificate={}), comm)

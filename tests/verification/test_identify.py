@@ -212,6 +212,15 @@ def test_shares_of_states() -> None:
         keys = {p.key: [t.key for t in p.ties] for p in part.differentiated}
         parts.append(([state.name for state in part.states], names, [q.name for q in part.quantities], keys))
     density = "states[{}].effects[0].density".format
+    for share in shares_of(whole, 2):  # a number that is scaled stands for the parameter where that is not
+        heavier = whole.with_(
+            {"identify": None, density(2): 300.0, "sensitivities": {density(3): {"scale": [density(2)]}}}
+        )
+        (number,) = heavier.differentiated
+        own = share.number(number)
+        assert own is not None
+        assert (own.key, own.ratio) == ((density(2), 1.0) if 3 in (share.states or ()) else (density(2), 2.0))
+        assert [p.key for p in share.job(heavier).differentiated] == [density(2)]
     assert parts == [
         (
             ["standing", "free", "lying", "turned"],

@@ -364,7 +364,7 @@ FAULTS = {
 
 
 TIES = [
-    ({"also": ["material.lam"], "deviation": 1}, "material.mu: has 'deviation'; it may have sd and also"),
+    ({"also": ["material.lam"], "deviation": 1}, "material.mu: has 'deviation'; it may have sd, also and scale"),
     ({"also": "material.lam"}, "material.mu: also must be a list of keys, not 'material.lam'"),
     ({"also": ["material.mu"]}, "material.mu: material.mu is duplicated"),
     ({"also": ["material.poisson"]}, "material.mu: material.poisson is a pure number, but material.mu is a stress"),

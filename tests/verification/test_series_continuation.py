@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -71,6 +72,45 @@ def test_limit_load_is_located(analysis: str, comm: MPI.Intracomm) -> None:
     assert last.outcome is Outcome.LIMIT_POINT
     assert extremum.limit_point
     assert extremum.load * share == pytest.approx(1.0, rel=1e-6)
+
+
+ARCH = """
+def build(gmsh):
+    geo, share = gmsh.model.geo, [i / 40 for i in range(41)]
+    curve = geo.addSpline([geo.addPoint(x, 0.24 * x * (1 - x), 0) for x in share])
+    geo.mesh.setTransfiniteCurve(curve, 9)
+    (section,) = [tag for dim, tag in geo.extrude([(1, curve)], 0, 0.02, 0, [1], recombine=True) if dim == 2]
+    (arch,) = [tag for dim, tag in geo.extrude([(2, section)], 0, 0, 0.04, [1], recombine=True) if dim == 3]
+    geo.synchronize()
+    gmsh.model.addPhysicalGroup(3, [arch], name="arch")
+    for _, face in gmsh.model.getEntities(2):
+        low, _, _, high, *_ = gmsh.model.getBoundingBox(2, face)
+        if high - low < 1e-3:
+            gmsh.model.addPhysicalGroup(2, [face], name=f"x{round(high)}")
+    gmsh.model.mesh.generate(3)
+"""
+
+
+def test_limit_load_of_a_shallow_arch(comm: MPI.Intracomm, tmp_path: Path) -> None:
+    """Its limit load is the one of arc-length continuation, which has none of the code of series."""
+    (tmp_path / "arch.py").write_text(ARCH)
+    loads, counts = [], []
+    for solver in ({"continuation": "series"}, {"strategy": "arc-length"}):
+        arch = job(
+            analysis="forward",
+            mesh={"file": str(tmp_path / "arch.py")},
+            material={"law": "neo-hookean", "mu": "10 kPa", "lam": "30 kPa"},
+            effects=[GRAVITY | {"acceleration": [0, -0.05, 0]}],
+            supports=[HELD, HELD | {"region": "x1"}],
+            solver=solver | {"linear": "direct"},
+        )
+        solves = tried(arch, comm)
+        assert solves[-1].outcome is Outcome.LIMIT_POINT
+        loads.append(solves[-1].load)
+        counts.append(sum(solve.factorizations for solve in solves))
+    print(f"limit loads {loads}, factorizations {counts}")
+    assert loads[0] == pytest.approx(loads[1], rel=1e-6)
+    assert counts[0] < counts[1] / 2
 
 
 def test_without_a_series_load_steps_are_taken(comm: MPI.Intracomm) -> None:

@@ -2,9 +2,10 @@
 
 import {
   BoxGeometry, BufferAttribute, BufferGeometry, Color, ConeGeometry, CylinderGeometry, DoubleSide, Group, InstancedMesh,
-  LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshLambertMaterial, Object3D, Quaternion, Vector3,
+  LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, Object3D, Quaternion, Vector3,
 } from "three";
-import { LOADS, SUPPORTS } from "./colours.js";
+import { COMPRESSION, LOADS, SUPPORTS, TENSION } from "./colours.js";
+import { Section } from "./section.js";
 
 const SHARP = Math.cos((35 * Math.PI) / 180);
 const ARROW = 0.07; // length relative to the body
@@ -35,8 +36,10 @@ function sharpEdges(points, corners) {
 }
 
 export class Shape {
-  constructor(corners, first, { opacity = 1, edges } = {}) {
+  constructor(corners, first, { opacity = 1, edges, interior = null } = {}) {
     this.corners = corners;
+    this.isPicked = opacity === 1;
+    this.hidden = null; // whether each triangle is left out
     this.group = new Group();
     const count = corners.length;
     this.geometry = new BufferGeometry();
@@ -57,13 +60,51 @@ export class Shape {
     this.fibres = new LineSegments(new BufferGeometry(), new LineBasicMaterial({ color: 0x111111 }));
     this.fibres.frustumCulled = false;
     this.symbols = new Group();
-    this.group.add(this.mesh, this.lines, this.fibres, this.symbols);
+    this.glyphs = new Group();
+    this.section = new Section(interior);
+    this.group.add(this.mesh, this.lines, this.fibres, this.symbols, this.glyphs, ...this.section.parts);
   }
+
+  // Materials that the cut removes on one side.
+  get clipped() { return [this.material, this.edgeMaterial, this.fibres.material, this.section.skinMaterial]; }
 
   place(points) {
     this.points = points;
     gather(this.geometry.attributes.position, this.corners, points);
     gather(this.edgeGeometry.attributes.position, this.edges, points);
+    const { array } = this.geometry.attributes.position;
+    this.hidden?.forEach((isHidden, t) => { if (isHidden) array.fill(array[9 * t], 9 * t, 9 * t + 9); });
+  }
+
+  // Vectors as arrows: rows [start, vector] with a colour; `length` is that of the drawn largest one.
+  drawVectors(vectors, length) {
+    const most = Math.max(...vectors.map(([, v]) => v.length()), 1e-300);
+    const ends = vectors.filter(([, v]) => v.length() > 0.02 * most).map(([start, v]) => {
+      const size = (v.length() / most) * length;
+      const way = v.clone().normalize();
+      return [start.clone().addScaledVector(way, size), way, size];
+    });
+    this.#arrows(ends, length, new MeshLambertMaterial({ color: 0x222222 }), this.glyphs);
+  }
+
+  // Principal values as bars: rows [middle, unit direction, value], of two colours by their sign.
+  drawCrosses(bars, length) {
+    const most = Math.max(...bars.map(([, , value]) => Math.abs(value)), 1e-300);
+    for (const [sign, colour] of [[1, TENSION], [-1, COMPRESSION]]) {
+      const own = bars.filter(([, , value]) => Math.sign(value) === sign && Math.abs(value) > 0.02 * most);
+      const radius = 0.035 * length;
+      const mesh = new InstancedMesh(new CylinderGeometry(radius, radius, 1, 6), new MeshBasicMaterial({ color: colour }), own.length);
+      const place = new Object3D();
+      own.forEach(([middle, way, value], i) => {
+        place.position.copy(middle);
+        place.quaternion.setFromUnitVectors(UP, way);
+        place.scale.set(1, (Math.abs(value) / most) * length, 1);
+        place.updateMatrix();
+        mesh.setMatrixAt(i, place.matrix);
+      });
+      mesh.frustumCulled = false;
+      this.glyphs.add(mesh);
+    }
   }
 
   centre(triangle, out) {
@@ -100,14 +141,14 @@ export class Shape {
   }
 
   // Cubes where all is held, else arrows; loads point along their direction, or into the body.
-  drawSymbols(symbols, size, box, planes, { loads = true } = {}) {
+  drawSymbols(symbols, size, box, { loads = true } = {}) {
     this.symbols.clear();
     const numbers = { support: 0, load: 0 };
     for (const symbol of symbols) {
       const palette = symbol.kind === "support" ? SUPPORTS : LOADS;
       const colour = palette[numbers[symbol.kind]++ % palette.length];
       if (symbol.kind === "load" && !loads) continue;
-      const material = new MeshLambertMaterial({ color: new Color(colour), clippingPlanes: planes });
+      const material = new MeshLambertMaterial({ color: new Color(colour), clippingPlanes: this.material.clippingPlanes });
       if (symbol.kind === "support" && symbol.fixed.length === 3) this.#cubes(symbol.rows, 0.22 * ARROW * size, material);
       else if (symbol.kind === "support") for (const axis of symbol.fixed) this.#axis(symbol.rows, axis, size, material);
       else if (symbol.rows.length) this.#loads(symbol, size, material);
@@ -151,21 +192,22 @@ export class Shape {
     this.#arrows([[middle.addScaledVector(way, -reach), way]], 2 * ARROW * size, material);
   }
 
-  // Arrows (end, unit direction) of one length.
-  #arrows(ends, length, material) {
+  // Arrows (end, unit direction, and their length if it differs).
+  #arrows(ends, length, material, group = this.symbols) {
     const shaft = new CylinderGeometry(0.04 * length, 0.04 * length, 0.68 * length, 6).translate(0, -0.66 * length, 0);
     const tip = new ConeGeometry(0.12 * length, 0.32 * length, 10).translate(0, -0.16 * length, 0);
     for (const geometry of [shaft, tip]) {
       const mesh = new InstancedMesh(geometry, material, ends.length);
       const place = new Object3D();
-      ends.forEach(([end, way], i) => {
+      ends.forEach(([end, way, own = length], i) => {
+        place.scale.setScalar(own / length);
         place.position.copy(end);
         place.quaternion.copy(new Quaternion().setFromUnitVectors(UP, way));
         place.updateMatrix();
         mesh.setMatrixAt(i, place.matrix);
       });
       mesh.frustumCulled = false;
-      this.symbols.add(mesh);
+      group.add(mesh);
     }
   }
 }

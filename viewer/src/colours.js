@@ -22,6 +22,12 @@ export const REGIONS = ["#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#0072b2", "
 export const SUPPORTS = ["#0072b2", "#56b4e9", "#004466", "#88aacc"];
 export const LOADS = ["#d55e00", "#e69f00", "#cc79a7", "#8b2500"];
 
+export const TENSION = "#d55e00", COMPRESSION = "#0072b2", CHOSEN = "#f0e442";
+
+export const hex = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16) / 255);
+export const linear = (c) => (c < 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+export const GREY = linear(0.8);
+
 export function css(r, g, b) {
   return `rgb(${Math.round(255 * r)},${Math.round(255 * g)},${Math.round(255 * b)})`;
 }

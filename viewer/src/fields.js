@@ -61,11 +61,38 @@ export const FIELDS = [
 ];
 
 const PREFIXES = [[1e9, "G"], [1e6, "M"], [1e3, "k"], [1, ""], [1e-3, "m"], [1e-6, "µ"], [1e-9, "n"]];
+const units = {}; // of the job, by the SI unit: [size, symbol]
+
+export function useUnits(chosen) { Object.assign(units, chosen); }
+
+// The unit in which values up to `most` are shown: [size, symbol].
+export function unitOf(most, unit) {
+  if (!unit) return [1, ""];
+  if (units[unit]) return units[unit];
+  const size = Math.abs(most);
+  const [scale, prefix] = size === 0 || !Number.isFinite(size) ? [1, ""] : (PREFIXES.find(([s]) => size >= s) ?? PREFIXES.at(-1));
+  return [scale, prefix + unit];
+}
 
 export function shown(value, unit) {
   if (!Number.isFinite(value)) return "not known";
-  if (!unit) return Number(value.toPrecision(4)).toString();
-  const size = Math.abs(value);
-  const [scale, prefix] = size === 0 ? [1, ""] : (PREFIXES.find(([s]) => size >= s) ?? PREFIXES.at(-1));
-  return `${Number((value / scale).toPrecision(4))} ${prefix}${unit}`;
+  const [size, symbol] = unitOf(value, unit);
+  return `${inUnit(value, size)}${symbol ? ` ${symbol}` : ""}`;
+}
+
+export function inUnit(value, size) { return Number((value / size).toPrecision(4)).toString(); }
+
+// Eigenvalues and unit eigenvectors of a symmetric matrix (xx, yy, zz, xy, yz, xz) by Jacobi's rotations.
+export function principals(s) {
+  const a = [[s[SXX], s[SXY], s[SXZ]], [s[SXY], s[SYY], s[SYZ]], [s[SXZ], s[SYZ], s[SZZ]]];
+  const v = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+  for (let sweep = 0; sweep < 12; sweep++)
+    for (const [p, q] of [[0, 1], [1, 2], [0, 2]]) {
+      if (!a[p][q]) continue;
+      const theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
+      const t = (theta < 0 ? -1 : 1) / (Math.abs(theta) + Math.hypot(theta, 1)), c = 1 / Math.hypot(t, 1), d = t * c;
+      for (const m of [a, v]) for (let i = 0; i < 3; i++) [m[i][p], m[i][q]] = [c * m[i][p] - d * m[i][q], d * m[i][p] + c * m[i][q]];
+      for (let i = 0; i < 3; i++) [a[p][i], a[q][i]] = [c * a[p][i] - d * a[q][i], d * a[p][i] + c * a[q][i]];
+    }
+  return [0, 1, 2].map((k) => ({ value: a[k][k], way: [v[0][k], v[1][k], v[2][k]] }));
 }

@@ -1,41 +1,46 @@
 // The viewer of a report: draws the body of the page's data, and connects the controls of the page.
 
-import { AmbientLight, Box3, DirectionalLight, OrthographicCamera, Plane, Raycaster, Scene, Spherical, Quaternion, Vector2, Vector3, WebGLRenderer } from "three";
-import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { Vector3 } from "three";
 import { decoded } from "./arrays.js";
 import { Shape } from "./body.js";
-import { css, LOADS, REGIONS, SUPPORTS, viridis } from "./colours.js";
-import { FIELDS, shown } from "./fields.js";
+import { css, GREY, linear, LOADS, SUPPORTS, viridis } from "./colours.js";
+import { FIELDS, inUnit, principals, shown, unitOf, useUnits } from "./fields.js";
+import { Look } from "./look.js";
+import { Regions } from "./regions.js";
+import { element, extent, meanSide, on, Stage } from "./stage.js";
 
-const element = (id) => document.getElementById(id);
-const hex = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16) / 255);
-const linear = (c) => (c < 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+const GLYPHS = 16; // along the body, at most
 
-class Viewer {
-  async start() {
-    this.body = JSON.parse(element("scene").textContent);
-    const specs = this.body.arrays;
-    const texts = [...document.querySelectorAll("script[data-array]")];
-    const arrays = await Promise.all(texts.map((script, i) => decoded(specs[i], script.textContent)));
+class Viewer extends Stage {
+  start(body, arrays) {
+    this.body = body;
+    useUnits(body.units);
     const read = (number) => (number === null || number === undefined ? null : arrays[number]);
-    this.triangles = Uint32Array.from(read(this.body.triangles).values);
-    this.error = read(this.body.error);
-    this.masks = this.body.regions.masks.map((number) => read(number).values);
-    this.fibres = Object.fromEntries(Object.entries(this.body.fibres.families).map(([name, n]) => [name, read(n).values]));
-    this.results = this.body.results.map((result) => ({
+    const values = (number) => read(number)?.values;
+    this.triangles = Uint32Array.from(values(body.triangles));
+    this.error = read(body.error);
+    this.inside = body.interior && {
+      tetrahedra: Uint32Array.from(values(body.interior.tetrahedra)),
+      interfaces: Uint32Array.from(values(body.interior.interfaces)),
+      owners: Uint32Array.from(values(body.interior.owners)),
+    };
+    this.regions = new Regions(body.regions.names, body.regions.masks.map(values), body.regions.inner.map(values));
+    this.fibres = Object.fromEntries(Object.entries(body.fibres.families).map(([name, n]) => [name, values(n)]));
+    const fieldsOf = (part) => ({
+      mesh: values(part.mesh), displacement: values(part.displacement),
+      stress: read(part.stress), J: read(part.J), stretches: read(part.stretches),
+    });
+    this.results = body.results.map((result) => ({
       ...result,
-      mesh: read(result.mesh).values,
-      displacement: read(result.displacement).values,
-      stress: read(result.stress),
-      J: read(result.J),
-      stretches: read(result.stretches),
-      crossing: read(result.crossing)?.values,
+      ...fieldsOf(result),
+      interior: result.interior && fieldsOf(result.interior),
+      crossing: values(result.crossing),
       deviation: read(result.deviation),
-      fibres: Object.fromEntries(Object.entries(result.fibres).map(([name, n]) => [name, read(n).values])),
-      steps: [...result.steps.map((step) => ({ ...step, displacement: read(step.displacement).values })), { load: result.load, last: true }],
+      fibres: Object.fromEntries(Object.entries(result.fibres).map(([name, n]) => [name, values(n)])),
+      steps: [...result.steps.map((step) => ({ ...step, displacement: values(step.displacement) })), { load: result.load, last: true }],
     }));
     for (const result of this.results) result.steps.at(-1).displacement = result.displacement;
-    this.#prepareScene();
+    this.#prepareBodies();
     this.#prepareControls();
     this.#chooseState(0);
     this.resetView();
@@ -43,29 +48,16 @@ class Viewer {
 
   get result() { return this.results[this.state]; }
 
-  #prepareScene() {
-    const canvas = element("canvas");
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
-    this.renderer.localClippingEnabled = true;
-    this.renderer.setPixelRatio(Math.min(2, window.devicePixelRatio));
-    this.scene = new Scene();
-    this.camera = new OrthographicCamera(-1, 1, 1, -1, -1, 1);
-    this.camera.up.fromArray(this.body.up);
-    this.lamp = new DirectionalLight(0xffffff, 2.0);
-    this.scene.add(new AmbientLight(0xffffff, 1.7), this.lamp);
-    this.clip = new Plane();
-    const first = this.results[0].mesh;
-    this.solid = new Shape(this.triangles, first);
-    this.other = new Shape(this.triangles, first, { edges: this.solid.edges });
+  #prepareBodies() {
+    this.prepareStage();
+    const first = this.results[0].mesh, interior = this.inside;
+    this.solid = new Shape(this.triangles, first, { interior });
+    this.other = new Shape(this.triangles, first, { edges: this.solid.edges, interior });
     this.ghost = new Shape(this.triangles, first, { opacity: 0.22, edges: this.solid.edges });
     this.side = meanSide(first, this.triangles);
     this.shapes = [this.solid, this.other, this.ghost];
     this.scene.add(...this.shapes.map((shape) => shape.group));
-    this.orbit = new OrbitControls(this.camera, canvas);
-    this.orbit.enableDamping = false;
-    this.orbit.addEventListener("change", () => this.#draw());
-    new ResizeObserver(() => this.#resize()).observe(canvas);
-    canvas.addEventListener("keydown", (event) => this.#key(event));
+    const canvas = element("canvas");
     canvas.addEventListener("pointermove", (event) => this.#read(event));
     canvas.addEventListener("pointerleave", () => { element("reading").textContent = ""; });
   }
@@ -79,23 +71,19 @@ class Viewer {
       if (field.id === "error" && !this.error) continue;
       if (field.id === "deviation" && !this.results.some(({ deviation }) => deviation)) continue;
       if (field.regions && !this.body.regions.names.length) continue;
-      colours.add(new Option(field.label + (field.unit ? ` (${field.unit})` : ""), field.id));
+      colours.add(new Option(field.label, field.id));
     }
     const families = element("fibres");
     Object.keys(this.fibres).forEach((name) => families.add(new Option(name, name)));
     element("fibres-row").hidden = !Object.keys(this.fibres).length;
-    const on = (id, event, act) => element(id).addEventListener(event, () => act(element(id)));
     on("state", "change", (input) => this.#chooseState(Number(input.value)));
     on("step", "input", () => this.update());
     on("shape", "input", () => this.update());
     on("scale", "input", () => this.update());
-    on("layout", "change", () => { this.update(); this.#frame(); this.#resize(); });
-    for (const id of ["colour", "fibres", "clip-axis", "clip-side", "symbols", "edges"]) on(id, "change", () => this.update());
+    on("layout", "change", () => { this.update(); this.frame(); this.resize(); });
+    for (const id of ["colour", "fibres", "clip-axis", "clip-side", "symbols", "edges", "glyphs"]) on(id, "change", () => this.update());
     on("clip-place", "input", () => this.update());
-    on("reset", "click", () => this.resetView());
-    document.querySelectorAll("[data-view]").forEach((button) =>
-      button.addEventListener("click", () => this.resetView(button.dataset.view)));
-    document.addEventListener("themechange", () => this.update());
+    element("clip-note").hidden = Boolean(this.inside);
   }
 
   #chooseState(number) {
@@ -129,19 +117,22 @@ class Viewer {
     const { mesh, direction, steps } = this.result;
     const { displacement } = steps[Number(element("step").value)];
     const scale = Math.max(0, Number(element("scale").value) || 0);
-    const found = new Float32Array(mesh.length);
-    for (let i = 0; i < mesh.length; i++) found[i] = mesh[i] + scale * displacement[i];
-    return direction === "forward" ? [mesh, found] : [found, mesh];
+    const pair = (given, move) => {
+      const moved = given.map((x, i) => x + scale * move[i]);
+      return direction === "forward" ? [given, moved] : [moved, given];
+    };
+    const { interior } = this.result;
+    return { outer: pair(mesh, displacement), inner: interior ? pair(interior.mesh, interior.displacement) : null };
   }
 
   update() {
     const { result } = this;
     const step = result.steps[Number(element("step").value)];
     const layout = element("layout").value;
-    const [undeformed, deformed] = this.#positions();
+    const { outer: [undeformed, deformed], inner } = this.#positions();
     const share = layout === "beside" ? 1 : Number(element("shape").value) / 100;
-    const between = new Float32Array(deformed.length);
-    for (let i = 0; i < between.length; i++) between[i] = undeformed[i] + share * (deformed[i] - undeformed[i]);
+    const between = undeformed.map((x, i) => x + share * (deformed[i] - x));
+    this.solid.hidden = this.other.hidden = this.regions.hidden(this.triangles.length / 3);
     element("shape").disabled = layout === "beside";
     this.solid.place(between);
     this.other.group.visible = layout === "beside";
@@ -149,23 +140,26 @@ class Viewer {
     if (layout === "beside") this.other.place(undeformed);
     if (layout === "over") this.ghost.place(share > 0.5 ? undeformed : deformed);
     this.#separate(layout === "beside", undeformed, deformed);
-    this.#colour(step, layout);
-    this.#clip();
-    this.#extras(share, layout);
+    // Displacements inside are kept at the last step only.
+    const bodies = inner && step.last ? [[this.solid, inner[0].map((x, i) => x + share * (inner[1][i] - x))], [this.other, inner[0]]] : [];
+    const isShown = this.regions.off.size ? (row) => this.regions.isShown(row, true) : null;
+    for (const shape of [this.solid, this.other]) shape.section.place(null, null);
+    for (const [shape, points] of bodies) shape.section.place(points, this.cut, isShown);
+    this.#colour(step, layout, bodies);
+    this.applyCut();
+    this.#extras(share, layout, step);
     const percent = Math.round(100 * share);
     element("shape-text").textContent = layout === "beside" ? "both" : percent === 0 ? result.undeformed : percent === 100 ? result.deformed : `${percent} %`;
     element("step-text").textContent = step.residual != null ? `position residual ${shown(step.residual, "m")}` : `load factor ${Number(step.load.toPrecision(4))}`;
     const caption = { beside: `left: ${result.undeformed}, right: ${result.deformed}`, over: `${result.undeformed} and ${result.deformed} in one place`, one: "one body" }[layout];
     element("caption").textContent = `${caption}; coloured by ${element("colour").selectedOptions[0].textContent}`;
     element("canvas").setAttribute("aria-label", `Body of ${this.body.name}: ${caption}. Arrow keys turn it, + and − zoom, 0 resets the view.`);
-    this.#draw();
+    this.draw();
   }
 
   #separate(apart, undeformed, deformed) {
     for (const shape of this.shapes) shape.group.position.set(0, 0, 0);
-    const box = new Box3().setFromArray(undeformed).union(new Box3().setFromArray(deformed));
-    this.box = box;
-    this.size = box.getSize(new Vector3()).length();
+    this.setBox(undeformed, deformed);
     if (!apart) return;
     const right = this.right ?? new Vector3(1, 0, 0);
     const [left, most] = [extent(undeformed, right), extent(deformed, right)];
@@ -181,37 +175,51 @@ class Viewer {
     return [field, field.from?.(this.result, this) ?? null];
   }
 
-  #colour(step, layout) {
+  #colour(step, layout, bodies) {
     const [field, values] = this.#values(step);
     const colours = this.solid.geometry.attributes.color;
     const out = colours.array;
     const count = this.triangles.length / 3;
     const legend = element("legend");
     const notes = [];
-    if (field.regions) this.#colourRegions(out, legend);
-    else if (values === null) {
-      out.fill(linear(0.8));
+    let paint = (array, at) => array.fill(GREY, at, at + 3);
+    let inner = null;
+    if (field.regions) {
+      for (let c = 0; c < 3 * count; c++) this.regions.paint(out, 3 * c, Math.floor(c / 3), false);
+      if (!legend.querySelector("[data-region]")) legend.replaceChildren(this.regions.list(() => this.update()));
+      paint = (array, at, row) => this.regions.paint(array, at, row, true);
+    } else if (values === null) {
+      out.fill(GREY);
       legend.replaceChildren();
       if (field.id !== "none") notes.push(step.last ? "not known of this shape" : "values are kept at the last step only");
     } else {
-      const [low, high] = range(field.id === "displacement" ? lengths(this.result.displacement) : values);
+      inner = this.#innerValues(field);
+      const [low, high] = this.#range(field, values, inner);
       const factor = high > low ? 1 / (high - low) : 0;
-      for (let t = 0; t < count; t++)
-        for (let k = 0; k < 3; k++) {
-          const value = values[field.of === "points" ? this.triangles[3 * t + k] : t];
-          const at = 9 * t + 3 * k;
-          viridis((value - low) * factor, out, at);
-          for (let i = 0; i < 3; i++) out[at + i] = linear(out[at + i]);
-        }
+      paint = (array, at, row, value) => {
+        if (value === null) { array.fill(GREY, at, at + 3); return; }
+        viridis((value - low) * factor, array, at);
+        for (let i = 0; i < 3; i++) array[at + i] = linear(array[at + i]);
+      };
+      for (let c = 0; c < 3 * count; c++) paint(out, 3 * c, null, values[field.of === "points" ? this.triangles[c] : Math.floor(c / 3)]);
       this.#bar(legend, low, high, field);
       if (field.of !== "points" && field.id !== "error") notes.push(field.id.startsWith("stretch") ? "in the middle of each cell" : "mean of each cell");
+      if (this.cut && this.inside && !inner && step.last) notes.push("not known within the body");
     }
+    for (const [shape, points] of bodies) {
+      shape.section.colour(inner, field.of === "points", paint);
+      shape.section.skin.visible = false;
+      if (this.regions.off.size)
+        shape.section.placeSkin(points, (row) => this.regions.isShown(row, true), field.of === "points" ? (array, at) => array.fill(GREY, at, at + 3) : (array, at, row) => paint(array, at, row, inner ? inner[row] : null));
+    }
+    if (this.cut && this.inside && !step.last) notes.push("the section is filled at the last step only");
+    if (this.inside && this.cut && this.body.interior.joined) notes.push("the section joins cells to larger ones");
     if (this.result.crossing) {
       this.result.crossing.forEach((yes, t) => { if (yes) for (let k = 0; k < 3; k++) out.set([0.8, 0, 0], 9 * t + 3 * k); });
       notes.push("red: facets where the body passes through itself");
     }
     colours.needsUpdate = true;
-    this.current = { field, values };
+    this.current = { field, values, inner };
     if (layout === "beside") {
       this.other.geometry.attributes.color.array.set(out);
       this.other.geometry.attributes.color.needsUpdate = true;
@@ -219,24 +227,21 @@ class Viewer {
     element("legend-note").textContent = notes.join("; ");
   }
 
-  #colourRegions(out, legend) {
-    out.fill(linear(0.8));
-    const list = document.createElement("ul");
-    this.body.regions.names.forEach((name, number) => {
-      const colour = REGIONS[number % REGIONS.length];
-      const rgb = hex(colour).map(linear);
-      const mask = this.masks[Math.floor(number / 16)], bit = 1 << number % 16;
-      mask.forEach((bits, t) => { if (bits & bit) for (let k = 0; k < 3; k++) out.set(rgb, 9 * t + 3 * k); });
-      const item = document.createElement("li");
-      const mark = document.createElement("span");
-      mark.className = "mark";
-      mark.style.background = colour;
-      item.append(mark, name);
-      list.append(item);
-    });
-    legend.replaceChildren(list);
+  #innerValues(field) {
+    const { interior } = this.result;
+    if (!interior || field.id === "error" || field.id === "deviation") return null;
+    return field.id === "displacement" ? lengths(interior.displacement) : field.from?.(interior, this) ?? null;
   }
 
+  // Smallest and largest value, inside too where the section shows it.
+  #range(field, values, inner) {
+    const limits = range(field.id === "displacement" ? lengths(this.result.displacement) : values);
+    if (!inner || !this.cut) return limits;
+    const [low, high] = range(inner);
+    return [Math.min(low, limits[0]), Math.max(high, limits[1])];
+  }
+
+  // A bar with its unit above, so that the numbers below are short.
   #bar(legend, low, high, field) {
     const bar = document.createElement("div");
     bar.className = "bar";
@@ -246,37 +251,20 @@ class Viewer {
     bar.style.background = `linear-gradient(to right, ${stops.join(",")})`;
     const ends = document.createElement("div");
     ends.className = "ends";
+    const [size, symbol] = unitOf(Math.max(Math.abs(low), Math.abs(high)), field.unit);
     for (const value of [low, (low + high) / 2, high]) {
       const text = document.createElement("span");
-      text.textContent = shown(value, field.unit);
+      text.textContent = inUnit(value, size);
       text.dataset.value = value;
       ends.append(text);
     }
-    legend.replaceChildren(bar, ends);
+    const unit = document.createElement("div");
+    unit.className = "bar-unit";
+    unit.textContent = symbol ? `in ${symbol}` : "";
+    legend.replaceChildren(unit, bar, ends);
   }
 
-  #clip() {
-    const axis = element("clip-axis").value;
-    element("clip-place").disabled = element("clip-side").disabled = axis === "none";
-    let planes = [];
-    if (axis !== "none") {
-      const k = "xyz".indexOf(axis);
-      const sign = element("clip-side").checked ? 1 : -1;
-      const place = this.box.min.getComponent(k) + (Number(element("clip-place").value) / 100) * (this.box.max.getComponent(k) - this.box.min.getComponent(k));
-      this.clip.normal.set(0, 0, 0).setComponent(k, sign);
-      this.clip.constant = -sign * place;
-      planes = [this.clip];
-      element("clip-text").textContent = `${axis} = ${shown(Math.abs(place) < 1e-6 * this.size ? 0 : place, "m")}`;
-    } else element("clip-text").textContent = "whole body";
-    this.planes = planes;
-    for (const shape of this.shapes) {
-      // Planes are in space: a body that is moved aside takes its own with it.
-      const own = planes.map((plane) => plane.clone().translate(shape.group.position));
-      for (const part of [shape.material, shape.edgeMaterial, shape.fibres.material]) part.clippingPlanes = own;
-    }
-  }
-
-  #extras(share, layout) {
+  #extras(share, layout, step) {
     const family = element("fibres").value;
     const every = this.body.fibres.every;
     const length = 0.9 * Math.sqrt(every) * this.side;
@@ -299,134 +287,72 @@ class Viewer {
       shape.lines.visible = element("edges").checked;
       shape.edgeMaterial.color.set(dark ? 0xbbbbbb : 0x444444);
       shape.fibres.material.color.set(dark ? 0xffffff : 0x111111);
+      shape.glyphs.clear();
     }
+    this.#glyphs(this.solid, step);
+    if (layout === "beside") this.#glyphs(this.other, step);
     const symbols = element("symbols").checked ? this.result.symbols : [];
-    this.solid.drawSymbols(symbols, this.size, this.box, this.planes, { loads: layout === "beside" || share > 0.5 });
-    this.other.drawSymbols(layout === "beside" ? symbols : [], this.size, this.box, [], { loads: false });
-    this.ghost.drawSymbols([], this.size, this.box, []);
+    this.solid.drawSymbols(symbols, this.size, this.box, { loads: layout === "beside" || share > 0.5 });
+    this.other.drawSymbols(layout === "beside" ? symbols : [], this.size, this.box, { loads: false });
+    this.ghost.drawSymbols([], this.size, this.box);
   }
 
-  // Looks at the body from in front and above, or along an axis.
-  resetView(axis = "oblique") {
-    const up = new Vector3().fromArray(this.body.up);
-    const level = [0, 1, 2].map((k) => new Vector3().setComponent(k, 1)).filter((v) => Math.abs(v.dot(up)) < 0.9);
-    const size = this.box.getSize(new Vector3());
-    const [wide, deep] = level.sort((a, b) => Math.abs(b.dot(size)) - Math.abs(a.dot(size)));
-    const front = up.clone().cross(wide);
-    if (front.dot(deep) < 0 && axis === "oblique") front.copy(up.clone().cross(wide));
-    const from = {
-      oblique: wide.clone().multiplyScalar(-0.45).sub(front).addScaledVector(up, 0.4),
-      x: new Vector3(1, 0, 0), y: new Vector3(0, 1, 0), z: new Vector3(0, 0, 1),
-    }[axis].normalize();
-    this.camera.up.copy(Math.abs(from.dot(up)) > 0.99 ? wide : up);
-    this.right = this.camera.up.clone().cross(from).normalize();
-    this.orbit.target.copy(this.box.getCenter(new Vector3()));
-    this.camera.position.copy(this.orbit.target).addScaledVector(from, 4 * this.size);
-    this.camera.zoom = 1;
-    this.update();
-    this.orbit.update();
-    this.#frame();
-    this.#resize();
+  // Displacements as arrows, or principal stresses as bars, at places that are evenly distributed.
+  #glyphs(shape, step) {
+    const kind = element("glyphs").value;
+    const note = element("glyphs-note");
+    note.textContent = { stress: "bars along the principal directions, orange in tension, blue in compression", displacement: "from the undeformed to the deformed body" }[kind] ?? "";
+    if (kind === "none") return;
+    if (kind === "stress" && !step.last) { note.textContent = "stresses are kept at the last step only"; return; }
+    const length = (1.1 * this.size) / GLYPHS, taken = new Set(), { result } = this;
+    const isFree = (p) => {
+      const key = [p.x, p.y, p.z].map((x) => Math.floor(x / length)).join();
+      if (taken.has(key)) return false;
+      taken.add(key);
+      return true;
+    };
+    const isKept = (p) => this.planes.every((plane) => plane.distanceToPoint(p) >= 0);
+    const places = []; // [place, row, values], on the section first
+    const middle = new Vector3();
+    const { section } = shape;
+    if (section.mesh.visible) section.rows.forEach((row, n) => { if (isFree(section.middle(n, middle))) places.push([middle.clone(), row, n, true]); });
+    for (let t = 0; t < this.triangles.length / 3; t++) {
+      if (shape.hidden?.[t]) continue;
+      shape.centre(t, middle);
+      if (isKept(middle) && isFree(middle)) places.push([middle.clone(), t, t, false]);
+    }
+    const sign = result.direction === "forward" ? 1 : -1;
+    if (kind === "displacement") {
+      const mean = (values, rows) => new Vector3(...[0, 1, 2].map((i) => (sign * rows.reduce((sum, row) => sum + values[3 * row + i], 0)) / rows.length));
+      shape.drawVectors(places.map(([place, row, , isInner]) => {
+        const rows = isInner ? this.inside.tetrahedra.slice(4 * row, 4 * row + 4) : this.triangles.slice(3 * row, 3 * row + 3);
+        return [place, mean(isInner ? result.interior.displacement : step.displacement, [...rows])];
+      }), 1.6 * length);
+    } else {
+      shape.drawCrosses(places.flatMap(([place, row, , isInner]) => {
+        const { values } = (isInner ? result.interior : result).stress;
+        return principals(values.slice(6 * row, 6 * row + 6)).map(({ value, way }) => [place, new Vector3(...way).normalize(), value]);
+      }), 1.1 * length);
+    }
   }
 
-  // Lets all bodies fill the picture in the present direction of view.
-  #frame() {
-    this.camera.updateMatrixWorld();
-    const [right, up, back] = [0, 1, 2].map((k) => new Vector3().setFromMatrixColumn(this.camera.matrixWorld, k));
-    const found = [right, up].map((way) => {
-      let low = Infinity, high = -Infinity;
-      for (const shape of this.shapes.filter((one) => one.group.visible)) {
-        const [least, most] = extent(shape.points, way), aside = shape.group.position.dot(way);
-        low = Math.min(low, least + aside);
-        high = Math.max(high, most + aside);
-      }
-      return [low, high];
-    });
-    [this.wide, this.high] = found.map(([low, high]) => high - low);
-    const target = back.clone().multiplyScalar(this.orbit.target.dot(back));
-    [right, up].forEach((way, k) => target.addScaledVector(way, (found[k][0] + found[k][1]) / 2));
-    this.camera.position.add(target.clone().sub(this.orbit.target));
-    this.orbit.target.copy(target);
-    this.camera.updateMatrixWorld();
-  }
-
-  #resize() {
-    const canvas = element("canvas");
-    const { clientWidth, clientHeight } = canvas;
-    if (!clientWidth || !clientHeight || !this.wide) return;
-    this.renderer.setSize(clientWidth, clientHeight, false);
-    const aspect = clientWidth / clientHeight;
-    const margin = 0.16 * this.size; // for symbols
-    const high = Math.max(this.high + margin, (this.wide + margin) / aspect);
-    Object.assign(this.camera, { left: (-high * aspect) / 2, right: (high * aspect) / 2, top: high / 2, bottom: -high / 2, near: 0, far: 8 * this.size + (this.gap ?? 0) });
-    this.camera.updateProjectionMatrix();
-    this.#draw();
-  }
-
-  #key(event) {
-    const turn = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
-    if (turn) {
-      const upright = new Quaternion().setFromUnitVectors(this.camera.up, new Vector3(0, 1, 0));
-      const offset = this.camera.position.clone().sub(this.orbit.target).applyQuaternion(upright);
-      const place = new Spherical().setFromVector3(offset);
-      place.theta += 0.15 * turn[0];
-      place.phi += 0.15 * turn[1];
-      place.makeSafe();
-      offset.setFromSpherical(place).applyQuaternion(upright.invert());
-      this.camera.position.copy(this.orbit.target).add(offset);
-      this.camera.lookAt(this.orbit.target);
-    } else if (event.key === "+" || event.key === "=") this.camera.zoom *= 1.15;
-    else if (event.key === "-") this.camera.zoom /= 1.15;
-    else if (event.key === "0") this.resetView();
-    else return;
-    event.preventDefault();
-    this.camera.updateProjectionMatrix();
-    this.orbit.update();
-    this.#draw();
-  }
-
-  // Tells the value below the pointer.
+  // Says the value below the pointer.
   #read(event) {
     const now = performance.now();
     if (event.buttons || now - (this.lastReading ?? 0) < 60) return;
     this.lastReading = now;
-    const { left, top, width: w, height: h } = element("canvas").getBoundingClientRect();
-    const at = new Vector2((2 * (event.clientX - left)) / w - 1, 1 - (2 * (event.clientY - top)) / h);
-    this.raycaster ??= new Raycaster();
-    this.raycaster.setFromCamera(at, this.camera);
-    const bodies = [this.solid, this.other].filter((shape) => shape.group.visible);
-    for (const shape of bodies) shape.geometry.boundingSphere = null;
-    const kept = (hit) => (this.planes ?? []).every((p) => p.distanceToPoint(hit.point.clone().sub(hit.object.parent.position)) >= 0);
-    const hit = this.raycaster.intersectObjects(bodies.map((shape) => shape.mesh)).find(kept);
+    const hit = this.pick(event);
     if (!hit) { element("reading").textContent = ""; return; }
-    const place = hit.point.clone().sub(hit.object.parent.position).toArray().map((x) => shown(x, "m"));
-    const { field, values } = this.current;
-    const row = field.of === "points" ? this.triangles[3 * hit.faceIndex] : hit.faceIndex;
-    const value = values ? `${field.label} ${shown(values[row], field.unit)} ` : "";
-    const regions = this.body.regions.names.filter((_, n) => this.masks[Math.floor(n / 16)][hit.faceIndex] & (1 << n % 16));
+    const place = hit.place.toArray().map((x) => shown(x, "m"));
+    const { field, values, inner } = this.current;
+    const known = hit.isSection ? inner : values;
+    const first = hit.isSection ? this.inside.tetrahedra[4 * hit.row] : this.triangles[3 * hit.row];
+    const value = known ? `${field.label} ${shown(known[field.of === "points" ? first : hit.row], field.unit)} ` : "";
+    const regions = this.regions.at(hit.row, hit.isSection);
     element("reading").textContent = `${value}at (${place.join(", ")})${regions.length ? `, ${regions.join(", ")}` : ""}`;
   }
 
-  #draw() {
-    if (this.pending) return;
-    this.pending = true;
-    requestAnimationFrame(() => {
-      this.pending = false;
-      const forward = this.camera.position.clone().sub(this.orbit.target);
-      this.lamp.position.copy(forward).applyAxisAngle(this.camera.up, 0.5).add(this.camera.up.clone().multiplyScalar(0.4 * forward.length()));
-      this.renderer.render(this.scene, this.camera);
-    });
-  }
-}
-
-// Mean length of the first side of triangles.
-function meanSide(points, corners) {
-  let sum = 0;
-  for (let i = 0; i < corners.length; i += 3) {
-    const [a, b] = [3 * corners[i], 3 * corners[i + 1]];
-    sum += Math.hypot(points[a] - points[b], points[a + 1] - points[b + 1], points[a + 2] - points[b + 2]);
-  }
-  return (3 * sum) / corners.length;
+  isHidden(row) { return this.solid.hidden?.[row]; }
 }
 
 function lengths(vectors) {
@@ -442,17 +368,6 @@ function range(values) {
   return [Math.abs(low) < 3e-5 * Math.abs(high) ? 0 : low, Math.abs(high) < 3e-5 * Math.abs(low) ? 0 : high];
 }
 
-// Least and largest coordinate of points along a direction.
-function extent(points, way) {
-  let low = Infinity, high = -Infinity;
-  for (let i = 0; i < points.length; i += 3) {
-    const x = points[i] * way.x + points[i + 1] * way.y + points[i + 2] * way.z;
-    if (x < low) low = x;
-    if (x > high) high = x;
-  }
-  return [low, high];
-}
-
 function unavailable(why) {
   document.documentElement.classList.add("no-viewer");
   element("no-viewer-why").textContent = why;
@@ -465,8 +380,11 @@ async function main() {
   test.getExtension("WEBGL_lose_context")?.loseContext();
   if (!("DecompressionStream" in window)) return unavailable("This browser cannot decompress the data of the page.");
   try {
-    const viewer = new Viewer();
-    await viewer.start();
+    const body = JSON.parse(element("scene").textContent);
+    const texts = [...document.querySelectorAll("script[data-array]")];
+    const arrays = await Promise.all(texts.map((script, i) => decoded(body.arrays[i], script.textContent)));
+    const page = body.kind === "job" ? new Look() : new Viewer();
+    page.start(body, arrays);
     document.documentElement.dataset.viewer = "ready";
   } catch (error) {
     unavailable(`The interactive picture could not be started: ${error.message}`);

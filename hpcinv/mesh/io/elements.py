@@ -5,6 +5,7 @@ completed to 27 by the shape functions of 20 nodes, which leaves their geometry 
 """
 
 import dataclasses
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -47,7 +48,8 @@ def _source_of_elements(path: Path, arrays: Mapping[str, npt.NDArray[Any]], igno
 
     Args:
         arrays: ``points`` (n, 3), ``node_tags`` (n,), ``cells`` (m, k), ``cell_tags`` (m,), and sets by their names:
-            ``cells:NAME`` and ``nodes:NAME`` (rows), ``faces:NAME`` (cell, face), ``facets:NAME`` (vertices of each).
+            ``cells:NAME`` and ``nodes:NAME`` (rows), ``faces:NAME`` (cell, face), ``facets:NAME`` (vertices of each),
+            ``skin:NAME`` (the same of surface elements, which need not be facets of the cells).
         ignored: parts of the file that are not read.
     """
     cells, points, tags = arrays["cells"], arrays["points"], arrays["node_tags"]
@@ -62,16 +64,32 @@ def _source_of_elements(path: Path, arrays: Mapping[str, npt.NDArray[Any]], igno
     order = node_order(kind, degree, _reference_nodes(kind)[: cells.shape[1]])
     no_facets = np.zeros((0, len(scalar_element(kind, degree).entity_closure_dofs[2][0])), dtype=np.int64)
     source = MeshSource(
-        path, kind, degree, points, tags, cells[:, order], arrays["cell_tags"], no_facets, notes=tuple(notes)
+        path,
+        kind,
+        degree,
+        points,
+        tags,
+        cells[:, order],
+        arrays["cell_tags"],
+        no_facets,
+        notes=tuple(notes),
+        nodes_per_cell=arrays["cells"].shape[1],
     )
     return _with_sets(source, arrays, cells)
 
 
-def elements_of(source: MeshSource) -> Ints:
-    """Return the nodes of the elements (rows of the points) in their order; hexahedra of degree 2 have 20 nodes."""
+def elements_of(source: MeshSource, *, has_27: bool = False) -> Ints:
+    """Return the nodes of the elements (rows of the points) in their order.
+
+    Args:
+        has_27: whether hexahedra that had 27 nodes in their file keep them; all others of degree 2 have 20.
+    """
     theirs = _reference_nodes(source.kind)[: source.cells.shape[1]]
     elements = source.cells[:, np.argsort(node_order(source.kind, source.degree, theirs))]
-    return elements[:, :20] if elements.shape[1] == 27 else elements
+    if elements.shape[1] != 27:
+        return elements
+    is_kept = has_27 and source.nodes_per_cell == 27
+    return elements[:, [*range(20), 26, *range(20, 26)]] if is_kept else elements[:, :20]
 
 
 def faces_of(source: MeshSource, group: Group, elements: Ints) -> Iterator[tuple[int, int]]:
@@ -96,13 +114,67 @@ def _reference_nodes(kind: str) -> Floats:
     return np.array([*corners, *edges, *faces, corners.mean(axis=0)])
 
 
+def facets_of(source: MeshSource, elements: Ints) -> Ints:
+    """Return the nodes of the facets of a mesh: vertices in their order, and middle nodes of their edges."""
+    size = vertex_count(source.kind)
+    local = np.array(FACES[size])
+    if elements.shape[1] > size:
+        local = np.column_stack([local, _middles(source.kind)])
+    whole = Group("", 2, 0, np.arange(len(source.facets)))
+    pairs = np.array(list(faces_of(source, whole, elements)), dtype=np.int64).reshape(-1, 2)
+    return np.asarray(elements[pairs[:, 0, None], local[pairs[:, 1]]])
+
+
+def disjoint_parts(source: MeshSource) -> tuple[Ints, list[Group], list[Group]]:
+    """Return the part of each cell, which is a place in the list of groups that follows (-1: none), and other groups.
+
+    Formats in which a cell is in one block have other means for groups that overlap.
+    """
+    part = np.full(len(source.cells), -1, dtype=np.int64)
+    blocks, others = list[Group](), list[Group]()
+    for group in source.groups:
+        if group.dim != 3:
+            continue
+        if (part[group.members] >= 0).any():
+            others.append(group)
+        else:
+            part[group.members] = len(blocks)
+            blocks.append(group)
+    return part, blocks, others
+
+
+def node_sets(source: MeshSource, elements: Ints) -> Iterator[tuple[str, Ints]]:
+    """Yield the name and the nodes of each group of facets, for formats without surfaces."""
+    used = np.unique(elements)
+    for group in source.groups:
+        if group.dim == 2:
+            yield group.name, np.intersect1d(source.facets[group.members], used)
+
+
+def check_names(source: MeshSource, pattern: str, advice: str) -> None:
+    """Raise ``MeshError`` for a group whose name a format cannot store."""
+    for group in source.groups:
+        if not re.fullmatch(pattern, group.name):
+            raise MeshError(f"the name '{group.name}' is not possible in this format", advice)
+
+
+def check_numbers(source: MeshSource, most: int = 2**31 - 1) -> None:
+    """Raise ``MeshError`` for numbers of nodes and cells, and of facets after them, beyond what a format can store."""
+    if max(source.node_tags.max(), source.cell_tags.max() + len(source.facets)) > most:
+        raise MeshError(f"numbers beyond {most:,} are not possible in this format", "Number the mesh again.")
+
+
+def _middles(kind: str) -> Ints:
+    """Return places of the middle nodes of the edges of each face."""
+    edges = [frozenset(edge) for edge in _EDGES[kind]]
+    faces = FACES[len(_CORNERS[kind])]
+    sides = [[frozenset((face[i - 1], face[i])) for i in (*range(1, len(face)), 0)] for face in faces]
+    return np.array([[len(_CORNERS[kind]) + edges.index(side) for side in sides_of] for sides_of in sides])
+
+
 def _completed(cells: Ints, points: Floats, tags: Ints) -> tuple[Ints, Floats, Ints]:
     """Return hexahedra of 20 nodes with nodes in the middle of faces and cells, where 20 nodes have these points."""
-    edges = [frozenset(edge) for edge in _EDGES["hexahedron"]]
-    faces = np.array(FACES[8])
-    middles = np.array(
-        [[8 + edges.index(frozenset((face[i], face[(i + 1) % 4]))) for i in range(4)] for face in FACES[8]]
-    )
+    faces, middles = np.array(FACES[8]), _middles("hexahedron")
     distinct, place = unique_rows(np.sort(cells[:, faces].reshape(-1, 4), axis=1))
     owner = np.zeros(len(distinct), dtype=np.int64)
     owner[place] = np.arange(len(place))
@@ -126,15 +198,17 @@ def _with_sets(source: MeshSource, arrays: Mapping[str, npt.NDArray[Any]], eleme
     groups, sides = list[Group](), dict[str, Ints]()
     for key, rows in arrays.items():
         place, separator, name = key.partition(":")
-        has_surface = {f"faces:{name}", f"facets:{name}"} & arrays.keys()
+        has_surface = {f"{other}:{name}" for other in ("faces", "facets", "skin")} & arrays.keys()
         if not separator or (place == "nodes" and has_surface):  # the surface is exact
             continue
         if place == "cells":
             groups.append(Group(name, 3, 0, rows))
             continue
-        if place in ("faces", "facets"):
-            vertices_of_rows = rows if place == "facets" else elements[rows[:, 0, None], local[rows[:, 1]]]
+        if place in ("faces", "facets", "skin"):
+            vertices_of_rows = elements[rows[:, 0, None], local[rows[:, 1]]] if place == "faces" else rows
             facets = table.find(vertices_of_rows)
+            if place == "skin":
+                facets = facets[facets >= 0]
             if (facets < 0).any():
                 text = (
                     f"{(facets < 0).sum():,} of {len(facets):,} facets of surface '{name}' belong to no solid element"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.files.inputs import note_input
+from hpcinv.reading.suffix import suffix_of
 
 _READERS = (("open",), ("merge",), ("model", "occ", "importShapes"), ("parser", "parse"))
 """gmsh's functions whose first argument is a file that they read"""
@@ -52,6 +53,6 @@ def note_script(path: Path) -> None:
             continue
         known.add(file)
         note_input(file)
-        if file.suffix in _SCRIPTS:
+        if suffix_of(file) in _SCRIPTS:
             text = _COMMENT.sub("", file.read_text(encoding="utf-8", errors="replace"))
             pending += [file.parent / name for name in _NAMED.findall(text)]

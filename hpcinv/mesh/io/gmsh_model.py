@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from hpcinv.errors import MeshError, SystemPartMissing
-from hpcinv.mesh.cells import FACET_KIND, degree_of, node_order
+from hpcinv.mesh.cells import EDGE_KIND, FACET_KIND, degree_of, node_order
 from hpcinv.mesh.io.length_unit import store_unit
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, Place, data_arrays, distinct_tags, in_mask
 from hpcinv.parallel.signals import ended_by_signals, handlers_kept
@@ -24,6 +24,7 @@ GMSH_NAMES = {
     "hexahedron": "Hexahedron",
     "triangle": "Triangle",
     "quadrilateral": "Quadrangle",
+    "interval": "Line",
 }
 
 PLACES: dict[str, Place] = {"NodeData": "nodes", "ElementData": "cells"}  # of views ($NodeData, $ElementData)
@@ -96,7 +97,7 @@ def extract(gmsh: Any, path: Path) -> MeshSource:
     tags, coordinates, _ = mesh.getNodes()
     node_tags, first = np.unique(tags.astype(np.int64), return_index=True)
     kind, degree = _solid(gmsh, path)
-    cell_tags, cells, volumes = _elements(gmsh, path, 3, ElementType.query(gmsh, kind, degree))
+    cell_tags, cells, volumes = _elements(gmsh, path, 3, ElementType.query(gmsh, kind, degree), all_cells=True)
     _, facets, surfaces = _elements(gmsh, path, 2, ElementType.query(gmsh, FACET_KIND[kind], degree))
     return MeshSource(
         path=path,
@@ -112,13 +113,52 @@ def extract(gmsh: Any, path: Path) -> MeshSource:
     )
 
 
+def extract_surface(gmsh: Any, path: Path) -> MeshSource:
+    """Surface mesh of gmsh's current model: all quadrilaterals, and the edges in physical groups of curves.
+
+    Groups of surfaces have ``dim`` 3, as those of cells, and groups of curves have 2.
+
+    Raises:
+        MeshError: there are no quadrilaterals of 9 nodes, or other cells with them.
+    """
+    mesh = gmsh.model.mesh
+    found = sorted(mesh.getElementProperties(t)[0] for t in (*mesh.getElementTypes(2), *mesh.getElementTypes(3)))
+    if found != ["Quadrilateral 9"]:
+        reason = "of a shell must be quadrilaterals of 9 nodes"
+        if any("Triangle" in name for name in found):
+            reason += " (triangles of degree 2 lock in thin shells: at 1/1000 they bend 20 % less)"
+        raise MeshError(
+            f"{path}: cells {reason}, and are {' and '.join(found) or 'none'}",
+            "Mesh the surface with quadrilaterals (gmsh: Mesh.RecombineAll = 1) of degree 2 (model.mesh.setOrder(2)).",
+        )
+    tags, coordinates, _ = mesh.getNodes()
+    node_tags, first = np.unique(tags.astype(np.int64), return_index=True)
+    kind, degree = "quadrilateral", 2
+    cell_tags, cells, surfaces = _elements(gmsh, path, 2, ElementType.query(gmsh, kind, degree), all_cells=True)
+    _, edges, curves = _elements(gmsh, path, 1, ElementType.query(gmsh, EDGE_KIND[kind], degree))
+    groups = (replace(group, dim=group.dim + 1) for group in (*surfaces, *curves))
+    return MeshSource(
+        path=path,
+        kind=kind,
+        degree=degree,
+        points=coordinates.reshape(-1, 3)[first],
+        node_tags=node_tags,
+        cells=np.searchsorted(node_tags, cells),
+        cell_tags=cell_tags,
+        facets=np.searchsorted(node_tags, edges),
+        groups=tuple(groups),
+        thin_groups=tuple(_group_name(gmsh, 0, tag) for _, tag in gmsh.model.getPhysicalGroups(0)),
+    )
+
+
 def _solid(gmsh: Any, path: Path) -> tuple[str, int]:
     """Kind and degree of the solid elements of the model, which must be of one type."""
     types = [gmsh.model.mesh.getElementProperties(t) for t in gmsh.model.mesh.getElementTypes(3)]
     if not types:
         raise MeshError(
             f"{path}: no solid cells",
-            "Mesh the volume, not only its surface, with tetrahedra or hexahedra (gmsh: model.mesh.generate(3)).",
+            "Mesh the volume, not only its surface, with tetrahedra or hexahedra (gmsh: model.mesh.generate(3));"
+            " a surface is a shell in a job with 'mesh: {shell: {thickness: …}}'.",
         )
     kinds = {gmsh_name: kind for kind, gmsh_name in GMSH_NAMES.items()}
     name, _, _, size, *_ = types[0]
@@ -131,13 +171,15 @@ def _solid(gmsh: Any, path: Path) -> tuple[str, int]:
     return kind, degree_of(path, kind, size)
 
 
-def _elements(gmsh: Any, path: Path, dim: int, element: ElementType) -> tuple[Ints, Ints, list[Group]]:
-    """Tags, node tags and groups of all cells (``dim`` 3) or of the facets in groups (2), sorted by tag."""
+def _elements(
+    gmsh: Any, path: Path, dim: int, element: ElementType, *, all_cells: bool = False
+) -> tuple[Ints, Ints, list[Group]]:
+    """Tags, node tags and groups of all cells, or of the facets in groups, sorted by tag."""
     groups_of = _groups_of_entities(gmsh, dim)
     tags, nodes = [np.zeros(0, dtype=np.int64)], [np.zeros((0, element.size), dtype=np.int64)]
     owners = [np.zeros(0, dtype=np.int64)]
     for _, entity in gmsh.model.getEntities(dim):
-        if dim == 3 or int(entity) in groups_of:
+        if all_cells or int(entity) in groups_of:
             element_tags, element_nodes = gmsh.model.mesh.getElementsByType(element.code, entity)
             tags.append(element_tags.astype(np.int64))
             nodes.append(element_nodes.astype(np.int64).reshape(-1, element.size)[:, element.order])
@@ -223,13 +265,15 @@ def _add_mesh(gmsh: Any, source: MeshSource, points: Floats) -> None:
     model = gmsh.model
     facet_tags = source.cell_tags.max() + 1 + np.arange(len(source.facets))
     home = 0
-    for dim, kind, tags, nodes in (
+    lower = 1 if source.kind in EDGE_KIND else 0  # cells of a surface
+    for cell_dim, kind, tags, nodes in (
         (3, source.kind, source.cell_tags, source.cells),
-        (2, FACET_KIND[source.kind], facet_tags, source.facets),
+        (2, (FACET_KIND | EDGE_KIND)[source.kind], facet_tags, source.facets),
     ):
+        dim = cell_dim - lower
         element = ElementType.query(gmsh, kind, source.degree)
         entities: dict[int, list[int]] = defaultdict(list)
-        for owners, members in _by_groups(source, dim):
+        for owners, members in _by_groups(source, cell_dim):
             entity = model.addDiscreteEntity(dim)
             for owner in owners:
                 entities[owner].append(entity)

@@ -15,6 +15,7 @@ _NAMES = {
     ("hexahedron", 1): "C3D8",
     ("hexahedron", 2): "C3D20",
 }
+_COMPLETE = "C3D27"
 _PER_LINE = 16
 """numbers in a line of a set, the most that Abaqus reads"""
 
@@ -29,14 +30,14 @@ def read_inp(path: Path) -> MeshSource:
 
 
 def save_inp(path: Path, source: MeshSource, points: Floats) -> None:
-    """Write nodes, elements, sets and surfaces at ``points`` (n, 3); hexahedra of degree 2 as C3D20.
+    """Write nodes, elements, sets and surfaces at ``points`` (n, 3); hexahedra of degree 2 as C3D20 (C3D27 if read so).
 
     A region of facets is a surface, and a node set of the same name.
 
     Raises:
         OSError: it cannot be written.
     """
-    elements = elements_of(source)
+    elements = elements_of(source, has_27=True)
     if bad := [group.name for group in source.groups if set(group.name) & set(',"\n') or not group.name.strip()]:
         raise MeshError(f"the name '{bad[0]}' is not possible in this format", "Rename the region.")
     tags, used = source.node_tags, np.unique(elements)
@@ -46,7 +47,8 @@ def save_inp(path: Path, source: MeshSource, points: Floats) -> None:
             f"{tag}, {x!r}, {y!r}, {z!r}\n"
             for tag, (x, y, z) in zip(tags[used].tolist(), points[used].tolist(), strict=True)
         )
-        file.write(f"*ELEMENT, TYPE={_NAMES[source.kind, source.degree]}\n")
+        name = _COMPLETE if elements.shape[1] == 27 else _NAMES[source.kind, source.degree]
+        file.write(f"*ELEMENT, TYPE={name}\n")
         for tag, nodes in zip(source.cell_tags.tolist(), tags[elements].tolist(), strict=True):
             file.writelines(_lines([tag, *nodes]))
         for group in source.groups:

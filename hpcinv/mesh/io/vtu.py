@@ -10,7 +10,7 @@ import numpy.typing as npt
 from hpcinv.errors import MeshError
 from hpcinv.formats.mesh_format import MeshArrays
 from hpcinv.formats.vtu import REGION
-from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
+from hpcinv.mesh.cells import EDGE_KIND, FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.io.isolated import read_isolated
 from hpcinv.mesh.io.length_unit import FIELD, as_unit
 from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
@@ -18,6 +18,7 @@ from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, SurfaceCe
 from hpcinv.parallel.runtime import MPI
 
 VTK_TYPES = {
+    "interval": (3, 21, 68),
     "triangle": (5, 22, 69),
     "quadrilateral": (9, 28, 70),
     "tetrahedron": (10, 24, 71),
@@ -37,7 +38,12 @@ def read_vtu(path: Path) -> MeshSource:
     Raises:
         MeshError: the file cannot be read, or is not a mesh.
     """
-    names, arrays = _read(path)
+    return read_grid(path, "vtu")
+
+
+def read_grid(path: Path, action: str) -> MeshSource:
+    """Read an unstructured grid by an action of ``hpcinv.reading.isolated_reader``."""
+    names, arrays = _read(path, action)
     if "types" not in arrays:
         raise MeshError(f"{path}: has no unstructured grid with cells", "Save the mesh as VTU (unstructured grid).")
     return _source(path, names, arrays)
@@ -100,12 +106,12 @@ def _surface_cells(facets: Ints, rows: Ints, arrays: Mapping[str, npt.NDArray[An
     return SurfaceCells(facets, values) if values else None
 
 
-def _read(path: Path) -> tuple[dict[int, str], dict[str, npt.NDArray[Any]]]:
+def _read(path: Path, action: str) -> tuple[dict[int, str], dict[str, npt.NDArray[Any]]]:
     """Names of the cell types in a file by their number, and its arrays: ``points``, …, and data ``nodes:NAME`` or
     ``cells:NAME``."""
     with path.open("rb"):  # raises OSError if the file cannot be opened
         pass
-    head, arrays = read_isolated("vtu", path, "VTK cannot read it", "Is it a complete .vtu file?")
+    head, arrays = read_isolated(action, path, "VTK cannot read it", f"Is it a complete .{action} file?")
     return {int(number): name for number, name in head["names"].items()}, arrays
 
 
@@ -179,9 +185,27 @@ def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
     Raises:
         OSError: it cannot be written.
     """
+    cells, node_arrays, cell_arrays, fields = content_of(source)
+    error = write_vtu(
+        path,
+        MPI.COMM_SELF,
+        Grid(points, cells),
+        [Array(name, values) for name, values in node_arrays.items()],
+        [Array(name, values) for name, values in cell_arrays.items()],
+        fields,
+    )
+    if error is not None:
+        raise error
+
+
+type Arrays = dict[str, npt.NDArray[Any]]
+
+
+def content_of(source: MeshSource) -> tuple[list[tuple[Ints, int]], Arrays, Arrays, dict[str, float]]:
+    """Return nodes and VTK's type of the cells and facets, arrays at nodes and in cells, and fields."""
     cells = [
         (nodes[:, np.argsort(vtk_order(kind, source.degree))], VTK_TYPES[kind][source.degree - 1])
-        for kind, nodes in ((source.kind, source.cells), (FACET_KIND[source.kind], source.facets))
+        for kind, nodes in ((source.kind, source.cells), ((FACET_KIND | EDGE_KIND)[source.kind], source.facets))
     ]
     node_arrays: dict[str, npt.NDArray[Any]] = {}
     cell_arrays: dict[str, npt.NDArray[Any]] = {}
@@ -197,13 +221,4 @@ def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
     for group in source.groups:
         marks = cell_arrays.setdefault(REGION + group.name, np.zeros(len(cell_arrays[CELL_TAG]), dtype=np.int32))
         marks[group.members + (0 if group.dim == 3 else len(source.cells))] = group.tag
-    error = write_vtu(
-        path,
-        MPI.COMM_SELF,
-        Grid(points, cells),
-        [Array(name, values) for name, values in node_arrays.items()],
-        [Array(name, values) for name, values in cell_arrays.items()],
-        {FIELD: source.unit or 1.0},
-    )
-    if error is not None:
-        raise error
+    return cells, node_arrays, cell_arrays, {FIELD: source.unit or 1.0}

@@ -74,7 +74,8 @@ class Chooser:
         room: memory (bytes) of all ranks for it.
     """
 
-    def __init__(self, unknowns: Unknowns, degree: int) -> None:
+    def __init__(self, unknowns: Unknowns, degree: int, *, is_shell: bool = False) -> None:
+        self._is_shell = is_shell
         self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns))
         self.room = _ROOM * available(unknowns.mesh.comm)
         self._is_slender = self.forecast.shape.aspect >= _SLENDER
@@ -101,7 +102,13 @@ class Chooser:
 
         They are a block's, and a body of branches or with holes has smaller separators.
         """
-        if solver.linear != "auto" or self._own(solver) or not self.can_factorize or self._is_analysed:
+        if (
+            solver.linear != "auto"
+            or self._own(solver)
+            or not self.can_factorize
+            or self._is_analysed
+            or self._is_shell
+        ):
             return
         if not _WORTH < self.forecast.direct / self.forecast.iterative < _OBVIOUS:
             return
@@ -116,7 +123,9 @@ class Chooser:
             configuration = "iterative" if solver.linear == "iterative" else "direct"
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         chosen = self._choose(solver)
-        single, low_rank = (self.forecast.operations >= least for least in (SINGLE, LOW_RANK))
+        low_rank = self.forecast.operations >= LOW_RANK
+        # With single precision, each of a series' many solves to 1e-10 takes several iterations.
+        single = low_rank if solver.continuation == "series" else self.forecast.operations >= SINGLE
         precision = str(solver.petsc.get("pc_precision", "single" if single else "double"))
         low_rank = bool(solver.petsc.get("mat_mumps_icntl_35", low_rank))
         return replace(
@@ -150,6 +159,8 @@ class Chooser:
     def _choose(self, solver: Solver) -> Choice:
         if solver.linear != "auto":
             return Choice(solver.linear, "the job asks for it")
+        if self._is_shell:
+            return Choice("direct", "the cells of a shell are too thin for multigrid")
         fallback = "direct" if self.can_factorize else None
         if not self.can_factorize:
             return Choice(

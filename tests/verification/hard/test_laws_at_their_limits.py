@@ -52,8 +52,10 @@ def test_newton_from_rest_would_leave_the_domain_of_the_law(comm: MPI.Intracomm)
     assert first.correction > 10 * (LIMIT - 1)
 
 
-def test_gent_beyond_its_limit_is_reported(comm: MPI.Intracomm, run_directory: Path) -> None:
-    code, text = fail("gent-beyond-its-limit", comm, run_directory)
+@pytest.mark.parametrize("continuation", ["steps", "series"])
+def test_gent_beyond_its_limit_is_reported(continuation: str, comm: MPI.Intracomm, run_directory: Path) -> None:
+    """A load that nears a bound without end has no limit point."""
+    code, text = fail("gent-beyond-its-limit", comm, run_directory, solver={"continuation": continuation})
     print(text)
     assert code == 3
     assert Outcome.OUTSIDE_LAW.text in text

@@ -1,0 +1,9 @@
+"""Archives of Ansys: components are regions."""
+
+from hpcinv.formats.mesh_format import MeshFormat
+
+
+class Cdb(MeshFormat):
+    suffix = ".cdb"
+    reader = "hpcinv.mesh.io.cdb:read_cdb"
+    saver = "hpcinv.mesh.io.cdb:save_cdb"

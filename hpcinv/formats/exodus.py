@@ -1,0 +1,13 @@
+"""Exodus II: blocks, side sets and node sets are regions."""
+
+from hpcinv.formats.mesh_format import MeshFormat
+
+
+class Exodus(MeshFormat):
+    suffix = ".e"
+    other_suffixes = (
+        ".exo",
+        ".ex2",
+    )
+    reader = "hpcinv.mesh.io.exodus:read_exodus"
+    saver = "hpcinv.mesh.io.exodus:save_exodus"

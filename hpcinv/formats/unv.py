@@ -1,0 +1,9 @@
+"""Universal files of I-deas: groups are regions."""
+
+from hpcinv.formats.mesh_format import MeshFormat
+
+
+class Unv(MeshFormat):
+    suffix = ".unv"
+    reader = "hpcinv.mesh.io.unv:read_unv"
+    saver = "hpcinv.mesh.io.unv:save_unv"

@@ -1,0 +1,76 @@
+"""What a job with a shell may not contain: each fault with its place, and the remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from hpcinv.effects import Effect
+from hpcinv.effects.contact import Contact
+from hpcinv.job.sections import MeshSpec, Support
+from hpcinv.quantity.schema import Faults, KeyPath, dotted_key
+
+SUFFIXES = (".msh", ".py", ".geo")
+"""suffixes of meshes of shells"""
+SAVED = frozenset({"msh", "vtu"})
+_MESH = ("geometry_degree", "array_labels", "faces", "surface_error")
+
+
+def unsuited_shell(job: Any) -> Faults:
+    """Faults of sections of a job that are not possible with a shell; of supports that only a shell can have."""
+    if job.mesh.shell is None:
+        yield from _hinges(job)
+        return
+    yield from ((("mesh", *place), text) for place, text in _unsuited_mesh(job.mesh))
+    spaces = job.discretisation
+    if spaces.displacement != 2:
+        yield ("discretisation", "displacement"), "must be 2 in a shell, whose displacement is quadratic in its layer"
+    if spaces.quadrature is not None:
+        yield (
+            ("discretisation", "quadrature"),
+            "is not valid with a shell, which has its own, by which it does not lock",
+        )
+    refused = [*_refused(job)]
+    if refused:
+        keys = ", ".join(dict.fromkeys(dotted_key(place) for place in refused))
+        yield ("mesh", "shell"), f"is not possible together with {keys}: leave that out, or mesh a solid"
+
+
+def _unsuited_mesh(mesh: MeshSpec) -> Faults:
+    if Path(mesh.file).suffix not in SUFFIXES:
+        yield ("shell",), f"needs a surface mesh of gmsh or its generator ({', '.join(SUFFIXES)})"
+    for key in _MESH:
+        if key in mesh.model_fields_set and getattr(mesh, key):
+            yield (key,), "is not valid with a shell"
+    if mesh.shell is not None and mesh.shell.director == "data" and Path(mesh.file).suffix != ".msh":
+        yield ("shell", "director"), "can be from data in a .msh file only"
+
+
+def _refused(job: Any) -> Iterable[KeyPath]:
+    """Places of what a shell does not have."""
+    for key in ("accuracy", "identify", "cavities", "expected_shape"):
+        if getattr(job, key):
+            yield (key,)
+    effects: dict[KeyPath, Effect] = {("effects", i): effect for i, effect in enumerate(job.effects)}
+    for number, state in enumerate(job.states):
+        effects |= {("states", number, "effects", i): effect for i, effect in enumerate(state.effects)}
+    yield from (place for place, effect in effects.items() if isinstance(effect, Contact))
+    for name, family in job.fibres.items():
+        if family.rule is not None:
+            yield ("fibres", name, "rule")
+    if job.method != "direct":
+        yield ("method",)
+    if job.solver.linear == "iterative":
+        yield ("solver", "linear")
+    if not SAVED.issuperset(job.output.mesh or ()):
+        yield ("output", "mesh")
+
+
+def _hinges(job: Any) -> Faults:
+    lists: list[tuple[KeyPath, Iterable[Support]]] = [(("supports",), job.supports)]
+    lists += [(("states", i, "supports"), state.supports or ()) for i, state in enumerate(job.states)]
+    for place, supports in lists:
+        for i, support in enumerate(supports):
+            if support.hinge:
+                yield (*place, i, "hinge"), "is valid only with 'mesh: {shell: …}'; other bodies turn about an edge"

@@ -1,0 +1,69 @@
+"""Archives of Ansys, read and written."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from hpcinv.mesh.io.elements import check_names, elements_of, node_sets, read_elements
+from hpcinv.mesh.source import Floats, MeshSource
+
+_NUMBERS = {("tetrahedron", 1): 285, ("tetrahedron", 2): 187, ("hexahedron", 1): 185, ("hexahedron", 2): 186}
+_NAME = r"[A-Za-z]\w{0,31}"
+_PER_LINE = 8
+"""numbers in a line of a component, as Ansys writes them"""
+
+
+def read_cdb(path: Path) -> MeshSource:
+    """Read nodes, solid elements and components; materials and loads are not used.
+
+    Raises:
+        MeshError: the file cannot be read, or is not a mesh.
+    """
+    return read_elements(path, "cdb", "cannot be read as an archive of Ansys")
+
+
+def save_cdb(path: Path, source: MeshSource, points: Floats) -> None:
+    """Write nodes, elements and components at ``points`` (n, 3); a region of facets is a component of nodes.
+
+    Coordinates have 17 digits, more than Ansys writes.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    check_names(source, _NAME, "Components have up to 32 letters, digits and underscores; rename the region.")
+    elements = elements_of(source)
+    used = np.unique(elements)
+    tags, count = source.node_tags, len(elements)
+    with path.open("w", encoding="latin-1") as file:
+        file.write(f"/PREP7\nET,        1,{_NUMBERS[source.kind, source.degree]}\n")
+        file.write(f"NBLOCK,6,SOLID,{tags[used].max():10d},{len(used):10d}\n(3i10,6e25.16e3)\n")
+        for tag, position in zip(tags[used].tolist(), points[used].tolist(), strict=True):
+            file.write(f"{tag:10d}{0:10d}{0:10d}{''.join(map(_real, position))}\n")
+        file.write(f"N,R5.3,LOC,       -1,\nEBLOCK,19,SOLID,{source.cell_tags.max():10d},{count:10d}\n(19i10)\n")
+        for tag, nodes in zip(source.cell_tags.tolist(), tags[elements].tolist(), strict=True):
+            numbers = [1, 1, 1, 1, 0, 0, 0, 0, len(nodes), 0, tag, *nodes]
+            for part in (numbers[:19], numbers[19:]):
+                if part:
+                    file.write(f"{''.join(f'{number:10d}' for number in part)}\n")
+        file.write(f"{-1:10d}\n")
+        sets = dict(node_sets(source, elements))
+        for group in source.groups:
+            if group.dim == 3 and group.name in sets:  # a component is of nodes or of elements
+                sets[group.name] = np.union1d(sets[group.name], elements[group.members])
+            elif group.dim == 3:
+                file.writelines(_component(group.name, "ELEM", source.cell_tags[group.members].tolist()))
+        for name, nodes_of_set in sets.items():
+            file.writelines(_component(name, "NODE", tags[nodes_of_set].tolist()))
+        file.write("FINISH\n")
+
+
+def _real(value: float) -> str:
+    mantissa, exponent = f"{value:.16E}".split("E")
+    return f"{mantissa}E{int(exponent):+04d}".rjust(25)
+
+
+def _component(name: str, kind: str, members: list[int]) -> Iterator[str]:
+    yield f"CMBLOCK,{name},{kind},{len(members):8d}\n(8i10)\n"
+    for start in range(0, len(members), _PER_LINE):
+        yield f"{''.join(f'{number:10d}' for number in members[start : start + _PER_LINE])}\n"

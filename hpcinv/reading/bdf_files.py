@@ -1,0 +1,190 @@
+"""Bulk data of Nastran (``.bdf``, ``.nas``): grid points, solid elements, properties and sets.
+
+Fields are of 8 or 16 characters, or between commas. HyperMesh writes names of sets and properties into comments.
+Source: *MSC Nastran Quick Reference Guide*, "Bulk Data Entries".
+"""
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hpcinv.reading.fault import Fault, shown
+from hpcinv.reading.numbered_elements import (
+    Blocks,
+    all_in,
+    element_arrays,
+    number,
+    vertices_of,
+    whole_number,
+    whole_numbers,
+)
+
+_SOLIDS = {"CTETRA": (4, 10), "CHEXA": (8, 20)}
+_FLAT = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8}
+_KINDS = "CTETRA (4 or 10 nodes) and CHEXA (8 or 20 nodes)"
+_BRICK = (*range(12), *range(16, 20), *range(12, 16))  # middle nodes of upright edges come before those of the top
+_NAME = re.compile(r"\$HM(SET|NAME\s+PROP)\s+(\d+)\s*(\d*)\s*\"([^\"]+)\"")
+_CASE_SET = re.compile(r"SET\s+(\d+)\s*=\s*(.*)", re.I)
+_GENERAL = ("PARAM", "ENDDATA", "PSOLID", "PSHELL", "BEGIN", "SOL", "CEND")
+
+
+@dataclass
+class _Card:
+    line: int
+    name: str
+    fields: list[str]
+
+    @property
+    def place(self) -> str:
+        return f"line {self.line}"
+
+
+@dataclass
+class _Deck:
+    names: dict[tuple[str, int], str] = field(default_factory=dict)
+    kinds: dict[int, str] = field(default_factory=dict)  # of sets: nodes, cells
+    case_sets: dict[int, str] = field(default_factory=dict)
+    cards: list[_Card] = field(default_factory=list)
+
+
+def read_bdf(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return arrays of grid points, elements, properties and sets; ``ignored`` are other cards."""
+    deck = _deck(path)
+    tags: list[int] = []
+    points: list[list[float]] = []
+    blocks = Blocks()
+    properties: dict[int, list[int]] = {}
+    listed: dict[int, tuple[str, list[int]]] = {}
+    ignored = set[str]()
+    for card in deck.cards:
+        if card.name == "GRID":
+            _check_frame(card)
+            tags.append(whole_number((card.fields or [""])[0], card.place))
+            points.append([number(text, card.place) for text in (card.fields + ["0"] * 5)[2:5]])
+        elif card.name in _SOLIDS:
+            tag, owner, *nodes = _element(card, 22)
+            nodes = [node for node in nodes if node]
+            if len(nodes) not in _SOLIDS[card.name]:
+                raise Fault(f"{card.place}: element {tag} has {len(nodes)} nodes", f"Elements are {_KINDS}.")
+            blocks.add(tag, [nodes[i] for i in _BRICK] if len(nodes) == 20 else nodes)
+            properties.setdefault(owner, []).append(tag)
+        elif card.name in _FLAT:
+            tag, owner, *nodes = _element(card, 2 + _FLAT[card.name])
+            blocks.add_facet(tag, vertices_of(nodes), _name(deck, "property", owner))
+        elif card.name in ("CPENTA", "CPYRAM"):
+            raise Fault(f"{card.place}: elements {card.name} are not supported", f"Elements are {_KINDS}.")
+        elif card.name == "INCLUDE":
+            raise Fault(f"{card.place}: includes another file", "Put its lines in their place: one file is read.")
+        elif card.name in ("SET1", "SET3", "SET"):
+            _read_set(card, listed)
+        elif card.name not in _GENERAL:
+            ignored.add(card.name)
+    for tag, text in deck.case_sets.items():
+        listed.setdefault(tag, ("", _members(re.split(r"[,\s]+", text), f"SET {tag}")))
+    sets = {f"cells:{_name(deck, 'property', owner)}": members for owner, members in properties.items()}
+    elements = {tag for numbers, _ in blocks.solids.values() for tag in numbers} | blocks.others.keys()
+    nodes_known = set(tags)
+    for tag, (kind, members) in listed.items():
+        kind = kind or deck.kinds.get(tag, "") or ("nodes" if all_in(members, nodes_known) else "")
+        kind = kind or ("cells" if all_in(members, elements) else "nodes")
+        sets[f"{kind}:{_name(deck, 'set', tag)}"] = members
+    return {"ignored": sorted(ignored)}, element_arrays(tags, points, blocks, sets, _KINDS)
+
+
+def _element(card: _Card, most: int) -> list[int]:
+    """Return the number of an element, its property and its nodes."""
+    entries = whole_numbers(card.fields[:most], card.place)
+    if len(entries) < 2:
+        raise Fault(f"{card.place}: an element has {len(entries)} numbers", "Is the file complete?")
+    return entries
+
+
+def _name(deck: _Deck, what: str, tag: int) -> str:
+    return deck.names.get((what, tag), f"{what}-{tag}")
+
+
+def _check_frame(card: _Card) -> None:
+    if len(card.fields) > 1 and card.fields[1].strip() not in ("", "0"):
+        text = f"{card.place}: a grid point is in coordinate system {shown(card.fields[1].strip())}"
+        raise Fault(text, "Save the mesh in the basic coordinate system.")
+
+
+def _deck(path: Path) -> _Deck:
+    """Return the cards of a file, without what comes before ``BEGIN BULK`` but the sets there."""
+    deck, text = _Deck(), path.read_text(encoding="latin-1")
+    lines = text.splitlines()
+    is_bulk = not re.search(r"^\s*BEGIN\s+BULK", text, re.I | re.M)
+    pending = 0
+    for line_number, raw in enumerate(lines, 1):
+        if match := _NAME.match(raw):
+            is_set = match[1] == "SET"
+            deck.names["set" if is_set else "property", int(match[2][:18])] = match[4]
+            if is_set:
+                deck.kinds[int(match[2][:18])] = {"1": "nodes", "2": "cells"}.get(match[3], "")
+        line = raw.split("$")[0].rstrip()
+        if not line:
+            continue
+        if not is_bulk:
+            if match := _CASE_SET.match(line.strip()):
+                pending = int(match[1][:18])
+                deck.case_sets[pending] = match[2]
+            elif pending:
+                deck.case_sets[pending] += f" {line.strip()}"
+            pending = pending if line.endswith(",") else 0
+            is_bulk = line.strip().upper().startswith("BEGIN")
+            continue
+        _add_line(deck, line, line_number)
+        if deck.cards and deck.cards[-1].name == "ENDDATA":
+            break
+    if not deck.cards:
+        raise Fault("has no bulk data", "Is it an input file of Nastran?")
+    return deck
+
+
+def _add_line(deck: _Deck, line: str, line_number: int) -> None:
+    """Add the fields of a line to the last card, or begin one."""
+    line = line.expandtabs(8)
+    if "," in line:
+        head, *fields = line.split(",")
+        fields = fields[:8] if len(fields) > 8 else fields
+    else:
+        head, width = line[:8], 16 if "*" in line[:8] else 8
+        fields = [line[at : at + width] for at in range(8, min(len(line), 72), width)]
+        fields += [""] * ((64 // width if len(line) > 8 else 0) - len(fields))
+    name = head.strip().rstrip("*").upper()
+    if not name or name.startswith("+") or head.lstrip().startswith("*"):
+        if not deck.cards:
+            raise Fault(f"line {line_number}: continues nothing", "Is it an input file of Nastran?")
+        last = deck.cards[-1]
+        last.fields += fields
+        return
+    deck.cards.append(_Card(line_number, name.split()[0], fields))
+
+
+def _read_set(card: _Card, listed: dict[int, tuple[str, list[int]]]) -> None:
+    kind, first = "", 1
+    if card.name != "SET1":
+        given = card.fields[1].strip().upper() if len(card.fields) > 1 else ""
+        kind, first = {"GRID": "nodes", "POINT": "nodes", "ELEM": "cells"}.get(given, "other"), 2
+    tag = whole_number(card.fields[0] if card.fields else "", card.place)
+    if kind != "other":
+        members = _members([text for text in card.fields[first:] if text.strip() != "LIST"], card.place)
+        listed.setdefault(tag, (kind, []))[1].extend(members)
+
+
+def _members(texts: list[str], place: str) -> list[int]:
+    """Return numbers of a list, in which ``THRU`` is a range."""
+    words = [text.strip().upper() for text in texts if text.strip()]
+    members: list[int] = []
+    for at, word in enumerate(words):
+        if word == "THRU":
+            continue
+        entry = whole_number(word, place)
+        if at and words[at - 1] == "THRU" and members:
+            if not 0 <= entry - members[-1] <= 10**8:
+                raise Fault(f"{place}: the range to {entry} is not valid")
+            members += range(members[-1] + 1, entry + 1)
+        else:
+            members.append(entry)
+    return members

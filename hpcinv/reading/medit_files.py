@@ -1,0 +1,98 @@
+"""Meshes of Medit (``.mesh``, as text): vertices, straight cells, and facets, with references as regions."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.reading.fault import Fault, shown
+from hpcinv.reading.numbered_elements import Blocks, element_arrays
+
+_SECTIONS = {
+    "vertices": 4,
+    "edges": 3,
+    "triangles": 4,
+    "quadrilaterals": 5,
+    "tetrahedra": 5,
+    "hexahedra": 9,
+    "corners": 1,
+    "requiredvertices": 1,
+    "ridges": 1,
+    "requirededges": 1,
+    "requiredtriangles": 1,
+    "normals": 3,
+    "tangents": 3,
+    "normalatvertices": 2,
+    "tangentatvertices": 2,
+}
+"""numbers of an entry, by the name of a section"""
+_KINDS = "Tetrahedra and Hexahedra"
+
+
+def read_medit(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return arrays of vertices, cells and references; a reference of 0 makes no region."""
+    content = path.read_bytes()
+    if content[:4] in (b"\1\0\0\0", b"\0\0\0\1"):
+        raise Fault("is a binary file of Medit", "Save it as text (.mesh).")
+    words = [word for line in content.decode("latin-1").splitlines() for word in line.split("#")[0].split()]
+    sections: dict[str, Any] = {}
+    at = 0
+    while at < len(words):
+        name = words[at].lower()
+        at += 1
+        if name == "end":
+            break
+        if name in ("meshversionformatted", "dimension"):
+            if name == "dimension" and words[at : at + 1] != ["3"]:
+                raise Fault("is not a mesh in three dimensions")
+            at += 1
+        elif name in _SECTIONS:
+            count = _count(words[at] if at < len(words) else "", name)
+            end = at + 1 + count * _SECTIONS[name]
+            if end > len(words):
+                raise Fault(f"section {name} has fewer than {count:,} entries", "Is the file complete?")
+            sections[name] = _table(words[at + 1 : end], name)
+            at = end
+        elif name.startswith(("tetrahedrap", "hexahedraq", "trianglesp", "quadrilateralsq")):
+            raise Fault("has curved cells", "Save a mesh of straight cells, or use another format.")
+        elif name.startswith(("prisms", "pyramids")):
+            raise Fault(f"has {name}", f"Cells are {_KINDS}.")
+        elif not name[0].isalpha():
+            raise Fault(f"'{shown(words[at - 1])}' is not the name of a section", "Is the file complete?")
+    if "vertices" not in sections:
+        raise Fault("has no section Vertices", "Is it a file of Medit?")
+    vertices, blocks, sets = sections["vertices"], Blocks(), dict[str, list[int]]()
+    first = 1
+    for name in ("tetrahedra", "hexahedra"):
+        for tag, (*nodes, reference) in enumerate(_whole(sections, name), first):
+            blocks.add(tag, nodes)
+            if reference:
+                sets.setdefault(f"cells:volume-{reference}", []).append(tag)
+        first += len(sections.get(name, ()))
+    for name in ("triangles", "quadrilaterals"):
+        for tag, (*nodes, reference) in enumerate(_whole(sections, name), first):
+            blocks.add_facet(tag, nodes, f"surface-{reference}" if reference else "")
+        first += len(sections.get(name, ()))
+    tags = np.arange(1, len(vertices) + 1)
+    return {"ignored": []}, element_arrays(tags, vertices[:, :3], blocks, sets, _KINDS)
+
+
+def _count(word: str, name: str) -> int:
+    if not word.isdecimal() or len(word) > 12:
+        raise Fault(f"section {name} does not say how many entries it has", "Is the file complete?")
+    return int(word)
+
+
+def _table(words: list[str], name: str) -> Any:
+    try:
+        return np.array(words, dtype=np.float64).reshape(-1, _SECTIONS[name])
+    except ValueError:
+        raise Fault(f"section {name} has entries that are not numbers", "Is the file complete?") from None
+
+
+def _whole(sections: dict[str, Any], name: str) -> list[list[int]]:
+    table = sections.get(name, np.zeros((0, 1)))
+    if table.size and not (np.isfinite(table).all() and (np.rint(table) == table).all() and table.max() < 2**53):
+        raise Fault(f"section {name} has entries that are not whole numbers", "Is the file complete?")
+    rows: list[list[int]] = np.asarray(table, dtype=np.int64).tolist()
+    return rows

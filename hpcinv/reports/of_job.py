@@ -1,0 +1,174 @@
+"""Page of a job before it runs, or of a mesh: places and regions to click, and the text of the job with new ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hpcinv.errors import OutputError
+from hpcinv.job.job import Job
+from hpcinv.job.sections import IMAGES
+from hpcinv.mesh import Body
+from hpcinv.mesh.cells import vertex_count
+from hpcinv.mesh.surface import Surface, gather_surface
+from hpcinv.pictures.boundary_surface import Boundary
+from hpcinv.pictures.decimation import Decimated, decimated
+from hpcinv.pictures.gathering import boundary_of, cut_of
+from hpcinv.pictures.interior_gathering import interior_of
+from hpcinv.quantity.arrays import Floats, Ints
+from hpcinv.quantity.units import parse_quantity, readable
+from hpcinv.quantity.written_units import written_units
+from hpcinv.reports.packed_arrays import PackedArrays
+from hpcinv.reports.page import render
+from hpcinv.reports.symbols import symbols
+from hpcinv.reports.viewer_scene import axes_of, packed_interior, regions_of, shown_units
+
+_AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}  # order of the vertices around a facet
+
+
+@dataclass(frozen=True)
+class JobText:
+    """Where regions are written into the text of a job.
+
+    Attributes:
+        before, after: the text around that place.
+        indent: before each region.
+        style: flow if the section is in braces, else block.
+    """
+
+    before: str
+    after: str
+    indent: str
+    style: str
+
+
+def place_of_regions(text: str) -> JobText:
+    """Return where the text of a job takes further regions: first in its section, else at its end."""
+    root = yaml.compose(text) if text.strip() else None
+    if root is not None and (not isinstance(root, yaml.MappingNode) or root.flow_style):
+        raise OutputError("the job is written in braces, into which no regions can be written")
+    section = next((value for key, value in root.value if key.value == "regions"), None) if root else None
+    if not isinstance(section, yaml.MappingNode):
+        head = text if not text or text.endswith("\n") else f"{text}\n"
+        return JobText(f"{head}regions:\n", "", "  ", "block")
+    if section.flow_style:
+        at = section.start_mark.index + 1
+        return JobText(text[:at], text[at:], "", "flow")
+    first = section.value[0][0].start_mark
+    at = first.index - first.column
+    return JobText(text[:at], text[at:], " " * first.column, "block")
+
+
+def job_page(name: str, body: Body, job: Job | None, text: str, symbol: str) -> bytes:
+    """Return the page of a job, or of a mesh without one.
+
+    Args:
+        text: of the job as it is written; empty without one.
+        symbol: of the unit of lengths.
+    """
+    arrays = PackedArrays()
+    boundary = boundary_of(body)
+    surface = gather_surface(body, body.given_nodes)
+    assert boundary is not None  # there is one rank
+    assert surface is not None
+    page = _scene(name, body, job, boundary, surface, arrays)
+    size = parse_quantity(f"1 {symbol}")[0]
+    page["unit"] = [size, symbol]
+    page["units"] = shown_units({"units": written_units(job.data)}) if job else {}
+    place = place_of_regions(text)
+    page["job"] = vars(place) | {"file": f"{name}.yaml" if job else "regions.yaml"}
+    page["arrays"] = arrays.specs
+    sides = " × ".join(f"{side / size:.4g}" for side in np.ptp(boundary.points, axis=0))
+    cells = f"{body.mesh.topology.index_map(3).size_global:,}"
+    return render(
+        "job.html",
+        title=name,
+        body=page,
+        arrays=arrays.texts(),
+        size=f"{sides} {symbol}",
+        facts=f"{cells} {body.source.kind} cells, {readable(_volume(boundary), 'm^3')} inside its surface",
+        has_job=job is not None,
+    )
+
+
+def _scene(
+    name: str, body: Body, job: Job | None, boundary: Boundary, surface: Surface, arrays: PackedArrays
+) -> dict[str, Any]:
+    kept = decimated(boundary.points, boundary.triangles)
+    is_part = len(kept.points) < len(boundary.points)
+    labels = [where.partition(".")[2] for where in job.laws] if job else []
+    interior = interior_of(body, (), labels)
+    vertices, rows, facet = _facets(boundary, surface, kept, is_part=is_part)
+    regions = regions_of(boundary, kept, arrays, interior)
+    loads = _symbols(job, boundary, kept)
+    up = next((load["vector"] for load in loads if load["kind"] == "load" and load["body"] and load["vector"]), None)
+    taken = [region for region in body.regions if region != "boundary"]
+    return {
+        "kind": "job",
+        "name": name,
+        "up": [0.0, 0.0, 1.0] if up is None else [-component for component in up],
+        "axes": axes_of(job.mesh.model_dump(mode="json") if job else {"file": str(body.source.path)}),
+        "triangles": arrays.add_whole(kept.triangles),
+        "points": arrays.add(boundary.points[kept.points]),
+        "facet": arrays.add_whole(facet),
+        "facets": {
+            "vertices": arrays.add_whole(np.ascontiguousarray(vertices).view(np.uint16)),
+            "rows": arrays.add_whole(rows.reshape(-1, 1)),
+            "sides": rows.shape[1],
+        },
+        "decimated": is_part,
+        "interior": packed_interior(interior, arrays),
+        "regions": regions
+        | {
+            "taken": taken,
+            "labels": [region for region in regions["names"] if body.regions[region].cell_count],
+            "texts": [_count(body, region) for region in regions["names"]],
+        },
+        "symbols": loads,
+    }
+
+
+def _count(body: Body, name: str) -> str:
+    region = body.regions[name]
+    counts = [(region.facet_count, "facets"), (region.cell_count, "cells")]
+    return f"{name}: {', '.join(f'{count:,} {what}' for count, what in counts if count)}"
+
+
+def _facets(boundary: Boundary, surface: Surface, kept: Decimated, *, is_part: bool) -> tuple[Floats, Ints, Ints]:
+    """Vertices (n, 3), those of each facet seen from outside, (f, k), and the facet of each drawn triangle."""
+    if is_part:
+        return boundary.points[kept.points], kept.triangles, np.arange(len(kept.triangles))
+    count = vertex_count(surface.kind)
+    tags = surface.tags[:, :count][:, _AROUND[count]]
+    used, first, rows = np.unique(tags, return_index=True, return_inverse=True)
+    vertices = surface.nodes[:, :count][:, _AROUND[count]].reshape(-1, 3)[first]
+    rows = rows.reshape(tags.shape)
+    rows = np.where(surface.outward[:, None], rows, rows[:, ::-1])
+    assert len(used) == len(vertices)
+    return vertices, rows, cut_of(surface).facet
+
+
+def _symbols(job: Job | None, boundary: Boundary, kept: Decimated) -> list[dict[str, Any]]:
+    """Supports and loads in the units of the job; of a job with states, those of the state that is solved first."""
+    if job is None:
+        return []
+    first = job.plan[0].job
+    drawn = symbols(first.model_dump(mode="json"), {}, boundary, written_units(job.data))
+    place = {int(old): new for new, old in reversed(list(enumerate(kept.rows)))}
+    for symbol in drawn:
+        symbol["rows"] = [place[row] for row in symbol["rows"] if row in place]
+    return drawn
+
+
+def _volume(boundary: Boundary) -> float:
+    a, b, c = (boundary.points[boundary.triangles[:, k]] for k in range(3))
+    return float(np.einsum("ni,ni->", a, np.cross(b, c)) / 6)
+
+
+def length_unit_of(job: Job | None, file: str) -> str:
+    """Return the unit of lengths of a job: that which it writes most often; of an image without one mm, else m."""
+    written = written_units(job.data) if job else {}
+    return written.get("m", "mm" if file.endswith(IMAGES) else "m")

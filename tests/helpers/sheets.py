@@ -1,0 +1,55 @@
+"""Surfaces of quadrilaterals of degree 2 as files of gmsh, with their edges as groups."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from hpcinv.mesh.cells import scalar_element
+from hpcinv.mesh.io.gmsh_model import save_msh
+from hpcinv.mesh.source import Group, MeshSource
+
+type Place = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def flat(length: float, width: float) -> Place:
+    """Return the places of a rectangle in the plane z = 0."""
+    return lambda s, t: np.column_stack([length * s, width * t, np.zeros_like(s)])
+
+
+def save_sheet(path: Path, nx: int, ny: int, place: Place, unit: float = 1.0) -> Path:
+    """Write nx × ny cells on the places (n, 3) of coordinates in [0, 1]²; edges are x0, x1, y0, y1.
+
+    Args:
+        unit: of the coordinates, m.
+    """
+    columns, rows = 2 * nx + 1, 2 * ny + 1
+    t, s = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, columns), indexing="ij"))
+    points = place(s, t)
+    steps = np.rint(2 * scalar_element("quadrilateral", 2).points).astype(np.int64)
+    first = np.array([2 * j * columns + 2 * i for j in range(ny) for i in range(nx)])
+    cells = first[:, None] + steps[:, 0] + columns * steps[:, 1]
+    along = np.rint(2 * scalar_element("interval", 2).points[:, 0]).astype(np.int64)
+    vertical = columns * (2 * np.arange(ny)[:, None] + along)
+    horizontal = 2 * np.arange(nx)[:, None] + along
+    edges = [vertical, vertical + columns - 1, horizontal, horizontal + columns * (rows - 1)]
+    starts = np.cumsum([0, *(len(edge) for edge in edges)])
+    groups = [Group("sheet", 3, 1, np.arange(len(cells)))]
+    groups += [
+        Group(name, 2, number + 1, np.arange(starts[number], starts[number + 1]))
+        for number, name in enumerate(("x0", "x1", "y0", "y1"))
+    ]
+    source = MeshSource(
+        path=path,
+        kind="quadrilateral",
+        degree=2,
+        points=points,
+        node_tags=np.arange(1, len(points) + 1),
+        cells=cells,
+        cell_tags=np.arange(1, len(cells) + 1),
+        facets=np.concatenate(edges),
+        groups=tuple(groups),
+        unit=unit,
+    )
+    save_msh(path, source, points)
+    return path

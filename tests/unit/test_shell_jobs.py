@@ -1,0 +1,265 @@
+"""What a shell refuses: sections of its job, and surfaces that have no director."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_box, locate_entities_boundary
+from helpers.sheets import flat, save_sheet
+from scipy.linalg import eigh
+from scipy.sparse.linalg import splu
+
+from hpcinv.errors import JobError, MeshError
+from hpcinv.job.job import load
+from hpcinv.job.sections import Shell
+from hpcinv.mesh.cells import LayerDegree, jacobians, quadrature, quadrature_metadata
+from hpcinv.mesh.midsurface import surface_source, thicken
+from hpcinv.mesh.readers import read_surface
+from hpcinv.mesh.source import MeshSource
+from hpcinv.model.spaces import Unknowns
+from hpcinv.parallel.runtime import MPI
+
+THIN = Shell(thickness=0.1)
+CELLS = CellType.hexahedron
+
+
+@pytest.fixture(scope="module")
+def sheet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return save_sheet(tmp_path_factory.mktemp("sheet") / "sheet.msh", 3, 2, flat(3, 2))
+
+
+def job(path: Path, **data: Any) -> dict[str, Any]:
+    base = {
+        "mesh": {"file": str(path), "shell": {"thickness": "100 mm"}},
+        "material": {"law": "neo-hookean", "mu": "1 MPa", "lam": "2 MPa"},
+        "effects": [{"effect": "pressure", "region": "outer", "pressure": "1 Pa"}],
+        "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
+    }
+    return base | data
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (
+            {"accuracy": {"q": "1 mm"}, "quantities": [{"name": "q", "of": "ux", "at": [0, 0, 0]}]},
+            "together with accuracy",
+        ),
+        ({"discretisation": {"displacement": 3}}, "discretisation.displacement: must be 2 in a shell"),
+        ({"discretisation": {"quadrature": 6}}, "discretisation.quadrature: is not valid with a shell"),
+        ({"cavities": {"lv": {"surface": "inner"}}}, "together with cavities"),
+        ({"method": "sellier"}, "together with method"),
+        ({"solver": {"linear": "iterative"}}, "together with solver.linear"),
+        ({"output": {"mesh": ["inp"]}}, "together with output.mesh"),
+        ({"supports": [{"region": "x9", "fix": ["x", "y", "z"]}]}, "there is no region 'x9'"),
+    ],
+)
+def test_jobs_that_a_shell_does_not_have_are_refused(sheet: Path, data: dict[str, Any], message: str) -> None:
+    with pytest.raises(JobError, match=message.replace("'", ".")):
+        load(job(sheet, **data))
+
+
+@pytest.mark.parametrize(
+    ("shell", "message"),
+    [
+        ({}, "mesh.shell.thickness: is needed"),
+        ({"thickness": "-1 mm"}, "mesh.shell.thickness"),
+        ({"thickness": "1 mm", "director": "data"}, "is not valid with 'director: data'"),
+        ({"thickness": "1 mm", "kind": "membrane"}, "mesh.shell.kind"),
+    ],
+)
+def test_thickness_is_given_once(sheet: Path, shell: dict[str, Any], message: str) -> None:
+    with pytest.raises(JobError, match=message):
+        load(job(sheet, mesh={"file": str(sheet), "shell": shell}))
+
+
+def test_hinges_are_of_shells_only(sheet: Path) -> None:
+    supports = [{"region": "boundary", "fix": ["x", "y", "z"], "hinge": True}]
+    with pytest.raises(JobError, match=r"supports\[0\]\.hinge: is valid only with"):
+        load(job(sheet, mesh={"file": str(sheet)}, effects=[], supports=supports))
+
+
+def test_edges_and_faces_of_groups_are_regions(sheet: Path) -> None:
+    supports = [{"region": "x0", "fix": ["x", "y", "z"]}, {"region": "sheet|inner", "fix": ["z"]}]
+    assert load(job(sheet, supports=supports)).mesh.shell == THIN
+
+
+def body(source: MeshSource) -> np.ndarray:
+    """Volumes of the cells of the shell's body."""
+    points, weights = quadrature("hexahedron", 4)
+    gradients = jacobians("hexahedron", 2, source.points[source.cells], points)
+    return np.asarray(np.linalg.det(gradients) @ weights)
+
+
+def test_cells_turn_to_one_side(sheet: Path) -> None:
+    surface = read_surface(sheet)
+    mirrored = surface.cells[:, [0, 2, 1, 3, 5, 4, 7, 6, 8]]
+    cells = np.where(np.array([False, True, False, False, True, True])[:, None], mirrored, surface.cells)
+    volumes = body(thicken(replace(surface, cells=cells), THIN))
+    assert volumes == pytest.approx(0.1)
+    assert -body(thicken(replace(surface, cells=mirrored), THIN)) == pytest.approx(-0.1)
+
+
+def test_closed_surfaces_have_their_outer_face_outside() -> None:
+    """A sphere of six patches: the volume of its wall is that between two spheres."""
+    surface = _sphere(4)
+    thick = thicken(surface, THIN)
+    outer = next(group for group in thick.groups if group.name == "outer")
+    assert np.linalg.norm(thick.points[thick.facets[outer.members]], axis=2) == pytest.approx(1.05, abs=3e-3)
+    assert body(thick).sum() == pytest.approx(4 / 3 * np.pi * (1.05**3 - 0.95**3), rel=5e-3)
+
+
+def test_the_surface_comes_back_with_its_faces(sheet: Path) -> None:
+    surface = read_surface(sheet)
+    thick = thicken(surface, THIN)
+    back, points = surface_source(thick, 2 * thick.points)
+    assert (points == 2 * surface.points).all()
+    assert back.data["thickness"].values == pytest.approx(0.2)
+    assert back.data["director"].values == pytest.approx(np.tile([0, 0, 1.0], (len(points), 1)))
+    again = thicken(replace(back, points=points), Shell(director="data"))
+    assert again.points == pytest.approx(2 * thick.points, abs=1e-15)
+    with pytest.raises(MeshError, match="has no array 'inner'"):
+        thicken(surface, Shell(director="data"))
+
+
+@pytest.mark.parametrize("kind", ["junction", "fold", "strip with one side", "too thin"])
+def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None:
+    surface, shell = read_surface(sheet), THIN
+    message = {
+        "junction": "edges belong to more than two cells",
+        "fold": "has a fold of about 90°",
+        "strip with one side": "only one side",
+        "too thin": "times as long as the shell is thick",
+    }[kind]
+    if kind == "junction":
+        points = np.concatenate([surface.points, surface.points[:, [0, 2, 1]]])
+        same = np.isclose(points[:, 1:], 0).all(axis=1)[len(surface.points) :]
+        second = np.arange(len(surface.points)) + len(surface.points)
+        second[same] = np.flatnonzero(same)
+        third = surface.points * [1, -1, 1]
+        rows = np.arange(len(third)) + 2 * len(third)
+        rows[same] = np.flatnonzero(same)
+        surface = replace(
+            surface,
+            points=np.concatenate([points, third]),
+            node_tags=np.arange(1, 3 * len(third) + 1),
+            cells=np.concatenate([surface.cells, second[surface.cells], rows[surface.cells]]),
+        )
+    elif kind == "fold":
+        x, y, _ = surface.points.T
+        surface = replace(surface, points=np.column_stack([np.minimum(x, 1), y, np.maximum(x - 1, 0)]))
+    elif kind == "strip with one side":
+        surface = _moebius()
+    else:
+        shell = Shell(thickness=1e-4)
+    with pytest.raises(MeshError, match=message):
+        thicken(surface, shell)
+
+
+def test_triangles_are_refused_with_the_reason(tmp_path: Path) -> None:
+    from hpcinv.mesh.io.gmsh_model import session
+
+    path = tmp_path / "triangles.msh"
+    with session("triangles") as gmsh:
+        gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(2)
+        gmsh.write(str(path))
+    with pytest.raises(MeshError, match="triangles of degree 2 lock"):
+        read_surface(path)
+
+
+def test_quadrature_of_layers() -> None:
+    """It is exact for degree 3 in the plane and 5 through the layer, has positive weights, and full rank."""
+    for slenderness in (0.1, 5.0, 300.0):
+        points, weights = quadrature("hexahedron", LayerDegree(4, slenderness))
+        x, y, z = points.T
+        assert (weights > 0).all()
+        for a, b, c in [(3, 0, 0), (3, 3, 0), (1, 2, 5), (2, 2, 4)]:
+            exact = 1 / ((a + 1) * (b + 1) * (c + 1))
+            assert (weights * x**a * y**b * z**c).sum() == pytest.approx(exact, rel=1e-12)
+    assert LayerDegree(4, 12.0).share == LayerDegree(4, 20.0).share > LayerDegree(4, 100.0).share
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slenderness", [1, 10, 100])
+def test_pressures_are_stable_in_thin_layers(slenderness: int) -> None:
+    """The inf-sup constant of displacement and pressure against strains depends on neither width nor thickness."""
+    layer = create_box(MPI.COMM_SELF, [np.zeros(3), np.array([1, 1, 1 / (4 * slenderness)])], [4, 4, 1], CELLS)
+    unknowns = Unknowns(layer, 2, 1)
+    u, p = ufl.split(ufl.TrialFunction(unknowns.space))
+    v, q = unknowns.v, unknowns.q
+    dx = ufl.dx(metadata=quadrature_metadata("hexahedron", LayerDegree(4, 1.4 * slenderness)))
+    strains = ufl.inner(ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v)))
+    matrix = fem.assemble_matrix(fem.form((strains - q * ufl.div(u) + p * q) * dx)).to_scipy().tocsr()
+    facets = locate_entities_boundary(layer, 2, lambda x: np.isclose(x[0], 0))
+    held = [fem.locate_dofs_topological(unknowns.displacement_component(i), 2, facets) for i in range(3)]
+    free, pressures = np.setdiff1d(unknowns.owned_displacement_dofs, np.concatenate(held)), unknowns.owned_pressure_dofs
+    B, mass = matrix[pressures][:, free], matrix[pressures][:, pressures]
+    schur = B @ splu(matrix[free][:, free].tocsc()).solve(B.T.toarray())
+    assert eigh(schur, mass.toarray(), eigvals_only=True)[0] > 0.9**2
+
+
+def _sphere(divisions: int) -> MeshSource:
+    """Return a sphere of six patches of quadrilaterals, by projection of a cube."""
+    from hpcinv.mesh.cells import scalar_element
+
+    steps = np.linspace(-1, 1, 2 * divisions + 1)
+    points: list[np.ndarray] = []
+    cells: list[np.ndarray] = []
+    local = np.rint(2 * scalar_element("quadrilateral", 2).points).astype(int)
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            for i in range(0, 2 * divisions, 2):
+                for j in range(0, 2 * divisions, 2):
+                    corner = np.empty((9, 3))
+                    corner[:, axis] = side
+                    corner[:, (axis + 1) % 3] = steps[i + local[:, 0]]
+                    corner[:, (axis + 2) % 3] = steps[j + local[:, 1]]
+                    cells.append(len(points) * 9 + np.arange(9))
+                    points.append(corner)
+    every = np.concatenate(points)
+    distinct, place = np.unique(np.round(every, 9), axis=0, return_inverse=True)
+    place = place.ravel()
+    angles = np.tan(np.pi / 4 * distinct)  # cells of similar size
+    sphere = angles / np.linalg.norm(angles, axis=1, keepdims=True)
+    return _source(sphere, place[np.array(cells)])
+
+
+def _moebius() -> MeshSource:
+    count = 12
+    angles = np.pi * np.arange(2 * count) / count
+    columns = np.linspace(-0.2, 0.2, 3)
+    radius = 1 + columns[None] * np.cos(angles / 2)[:, None]
+    points = np.stack(
+        [
+            radius * np.cos(angles)[:, None],
+            radius * np.sin(angles)[:, None],
+            columns[None] * np.sin(angles / 2)[:, None],
+        ],
+        axis=2,
+    ).reshape(-1, 3)
+
+    def node(i: int, j: int) -> int:
+        return 3 * i + j if i < 2 * count else 2 - j
+
+    order = [(0, 0), (2, 0), (0, 2), (2, 2), (1, 0), (0, 1), (2, 1), (1, 2), (1, 1)]
+    return _source(points, np.array([[node(2 * c + i, j) for i, j in order] for c in range(count)]))
+
+
+def _source(points: np.ndarray, cells: np.ndarray) -> MeshSource:
+    return MeshSource(
+        path=Path("surface.msh"),
+        kind="quadrilateral",
+        degree=2,
+        points=points,
+        node_tags=np.arange(1, len(points) + 1),
+        cells=cells,
+        cell_tags=np.arange(1, len(cells) + 1),
+        facets=np.zeros((0, 3), dtype=np.int64),
+    )

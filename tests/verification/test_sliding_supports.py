@@ -1,0 +1,195 @@
+"""Regions that slide: held along the normal of a surface, exactly, in any orientation.
+
+A job that is turned with its supports and loads has the turned solution. On planes along axes it is held by ordinary
+supports, which gives independent values.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.closed_forms import NEO_HOOKEAN, neo_hookean_stress, root
+from helpers.thick_sphere import INNER, OUTER, PRESSURE, carried, outer_radius
+from helpers.verification import box, job
+
+from hpcinv import run
+from hpcinv.errors import MeshError
+from hpcinv.mesh.body import read_source
+from hpcinv.mesh.mesh_files import save
+from hpcinv.output.result import Result
+from hpcinv.parallel.runtime import MPI
+
+TURN = np.linalg.qr(np.array([[1.0, 2.0, -1.0], [0.5, -1.0, 3.0], [2.0, 0.3, 1.0]]))[0]
+TURN *= np.linalg.det(TURN)
+NORMALS = [{"region": f"{axis}0", "fix": ["normal"]} for axis in "xyz"]
+GRAVITY = np.array([2.0, 1.0, -6.0])
+FORMS = [{"formulation": "displacement", "displacement": 2}, {"formulation": "mixed", "displacement": 2}]
+IDS = ["displacement", "mixed"]
+
+
+def turned(mesh: dict[str, Any], directory: Path, comm: MPI.Intracomm) -> dict[str, Any]:
+    """The mesh of a job, turned by `TURN`, in a file."""
+    path = Path(comm.bcast(str(directory / "turned.msh")))
+    if comm.rank == 0:
+        spec = job(mesh=mesh, material=NEO_HOOKEAN, supports=NORMALS)
+        source = read_source(spec.mesh, spec.resolve(spec.mesh.file))
+        save(path, source, source.points @ TURN.T)
+    comm.Barrier()
+    return {"file": str(path)}
+
+
+def sagged(
+    comm: MPI.Intracomm, direction: str, mesh: dict[str, Any], turn: np.ndarray, supports: Any, **more: Any
+) -> Result:
+    quantities = [
+        {"name": "corner", "of": "displacement", "at": (turn @ np.ones(3)).tolist()},
+        {"name": "carried", "of": "reaction", "on": "z0"},
+        {"name": "leaned", "of": "reaction", "on": "x0"},
+    ]
+    gravity = {"effect": "gravity", "acceleration": (turn @ GRAVITY).tolist(), "density": 60.0}
+    solver = {"tolerance": 1e-12, "linear": more.pop("linear", "direct")}
+    settings = {"analysis": direction, "mesh": mesh, "effects": [gravity], "supports": supports}
+    return run(job(**settings, material=NEO_HOOKEAN, quantities=quantities, solver=solver, **more), comm)
+
+
+@pytest.mark.parametrize("form", FORMS, ids=IDS)
+@pytest.mark.parametrize("linear", ["direct", "iterative"])
+@pytest.mark.everyday("direct-mixed", "iterative-displacement")
+@pytest.mark.parallel([1, 2, 3])
+def test_a_turned_block_on_oblique_planes_sags_as_one_along_axes(
+    comm: MPI.Intracomm, tmp_path: Path, form: dict[str, Any], linear: str
+) -> None:
+    along = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
+    # One plane by its direction, which need not have unit length; and one region on an edge with two others.
+    oblique = [NORMALS[0], {**NORMALS[1], "normal": (3 * TURN[:, 1]).tolist()}, NORMALS[2]]
+    oblique_mesh = turned(box(), tmp_path, comm)
+    for direction in ("forward", "inverse"):
+        exact = sagged(comm, direction, box(), np.eye(3), along, discretisation=form, linear=linear).quantities
+        values = sagged(comm, direction, oblique_mesh, TURN, oblique, discretisation=form, linear=linear).quantities
+        for name, vector in exact.items():
+            assert TURN.T @ values[name] == pytest.approx(vector, abs=1e-12 * float(np.linalg.norm(vector))), name
+
+
+@pytest.mark.parallel([1, 2])
+def test_certificate_and_sensitivities_hold_on_oblique_planes(comm: MPI.Intracomm, tmp_path: Path) -> None:
+    along = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
+    more = {
+        "certificate": {"round_trip": "near", "stability": True, "estimate": True, "overlap": False},
+        "sensitivities": {"effects[0].density": "1 kg/m^3"},
+    }
+    exact = sagged(comm, "inverse", box(), np.eye(3), along, **more)
+    result = sagged(comm, "inverse", turned(box(), tmp_path, comm), TURN, NORMALS, **more)
+    lines = {line.name: line for line in result.certificate.lines}
+    assert (lines["round trip, relative to the displacement"].value or 0.0) < 1e-10
+    assert lines["stability: unstable directions"].value == 0
+    assert "depth beyond the plane of symmetry 'x0', relative to the body" in lines
+    estimate, turned_estimate = (
+        next(line.value for line in r.certificate.lines if "discretisation error" in line.name) for r in (exact, result)
+    )
+    assert turned_estimate == pytest.approx(estimate, rel=1e-2)
+    slopes = [r.sensitivities.slopes["corner"]["effects[0].density"] for r in (exact, result) if r.sensitivities]
+    assert TURN.T @ slopes[1] == pytest.approx(slopes[0], rel=1e-9)
+
+
+@pytest.mark.parallel([1, 2])
+def test_a_turned_octant_of_a_sphere_recovers_its_radii(comm: MPI.Intracomm, tmp_path: Path) -> None:
+    parameters = {"inner": INNER, "outer": OUTER, "radial": 2, "along": 2}
+    mesh = {"file": "../meshes/thick_sphere.py", "parameters": parameters, "geometry_degree": 2}
+    quantities = run(
+        job(
+            mesh=turned(mesh, tmp_path, comm),
+            material={"law": "mooney-rivlin", "c1": 0.5, "c2": 0.0, "d1": "incompressible"},
+            effects=[{"effect": "pressure", "region": "inner", "pressure": PRESSURE}],
+            supports=NORMALS,
+            quantities=[
+                {"name": name, "of": "norm(X, Y, Z)", "on": name, "reduce": "mean"} for name in ("inner", "outer")
+            ],
+        ),
+        comm,
+    ).quantities
+    A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
+    assert quantities["inner"] == pytest.approx(A, rel=5e-3)
+    assert quantities["outer"] == pytest.approx(outer_radius(A), rel=5e-3)
+
+
+@pytest.mark.parametrize("direction", ["forward", "inverse"])
+def test_a_ring_in_a_bore_is_compressed_along_it(comm: MPI.Intracomm, tmp_path: Path, direction: str) -> None:
+    """Between two rigid cylinders only the length changes: the state is homogeneous, ``F = diag(1, 1, λ)``.
+
+    In regular hexahedra the mean normals of nodes are along their nodal forces, and it is so to rounding errors.
+    """
+    parameters = {"radial": 1, "around": 2, "along": 1, "hexahedra": True}
+    mesh = {"file": "../meshes/thick_cylinder.py", "parameters": parameters, "geometry_degree": 2}
+    stretch = 0.9
+    traction = TURN[:, 2] * neo_hookean_stress(np.diag([1.0, 1.0, stretch]))[2, 2]
+    quantities = run(
+        job(
+            analysis=direction,
+            mesh=turned(mesh, tmp_path, comm),
+            material=NEO_HOOKEAN,
+            effects=[{"effect": "traction", "region": "z1", "traction": traction.tolist(), "area_in": "reference"}],
+            supports=[*NORMALS, {"region": "inner", "fix": ["normal"]}, {"region": "outer", "fix": ["normal"]}],
+            quantities=[{"name": "end", "of": "displacement", "at": (TURN @ [1.0, 0.0, 1.0]).tolist()}],
+            discretisation={"formulation": "displacement", "displacement": 2},
+            solver={"tolerance": 1e-12},
+        ),
+        comm,
+    ).quantities
+    moved = stretch - 1 if direction == "forward" else 1 - 1 / stretch
+    assert TURN.T @ quantities["end"] == pytest.approx([0.0, 0.0, moved], abs=1e-10)
+
+
+@pytest.mark.parallel([1, 2])
+def test_a_rigid_motion_of_the_surface_moves_the_body_rigidly(comm: MPI.Intracomm) -> None:
+    """The same motion by its angle takes the given body forth, or leads back from it, without stress."""
+    motion = {"rotate": "50 deg", "axis": [1, 2, 2], "about": [0.2, 0, "100 mm"], "move": [0.3, 0, 0]}
+    place, centre, move = np.array([0.5, 0.25, 0.75]), np.array([0.2, 0.0, 0.1]), np.array([0.3, 0.0, 0.0])
+    axis, angle = np.array([1.0, 2.0, 2.0]) / 3, np.deg2rad(50)
+
+    def rotated(arm: np.ndarray, angle: float) -> np.ndarray:
+        along = (axis @ arm) * axis
+        return np.asarray(along + np.cos(angle) * (arm - along) + np.sin(angle) * np.cross(axis, arm))
+
+    exact = {
+        "forward": centre + move + rotated(place - centre, angle) - place,
+        "inverse": place - centre - rotated(place - centre - move, -angle),
+    }
+    for direction, displacement in exact.items():
+        quantities = run(
+            job(
+                analysis=direction,
+                mesh=box(),
+                material=NEO_HOOKEAN,
+                supports=[{"region": "boundary", "motion": motion}],
+                quantities=[
+                    {"name": "inside", "of": "displacement", "at": place.tolist()},
+                    {"name": "stress", "of": "von_mises", "at": place.tolist()},
+                ],
+                discretisation={"formulation": "displacement", "displacement": 2},
+                solver={"tolerance": 1e-12},
+            ),
+            comm,
+        ).quantities
+        assert quantities["inside"] == pytest.approx(displacement, abs=1e-11)
+        assert quantities["stress"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_sharp_edge_has_no_normal() -> None:
+    supports = [{"region": "boundary", "fix": ["normal"]}]
+    with pytest.raises(MeshError, match=r"supports\[0\].fix: 'boundary' has a sharp edge at"):
+        run(job(mesh=box(), material=NEO_HOOKEAN, supports=supports))
+
+
+def test_a_support_that_leaves_a_slide_is_refused() -> None:
+    moved = {"region": "x0", "displacement": [None, None, "0.1*(1 - z)"]}
+    supports = [
+        {"region": "z0", "fix": ["normal"], "normal": [0, 1, 1]},
+        moved,
+        {"region": "x1", "fix": ["x", "y", "z"]},
+    ]
+    clash = [*supports, {"region": "y0", "fix": ["y"]}]
+    with pytest.raises(MeshError, match="along the normal by"):
+        run(job(mesh=box(), material=NEO_HOOKEAN, supports=clash))
