@@ -154,13 +154,13 @@ def figure(
 
 
 def thumbnail(view: View, limits: tuple[float, float]) -> bytes:
-    """Return a small rendering as PNG; raises as `figure` does."""
+    """Return a small rendering as PNG without a ground, for light and dark pages; raises as `figure` does."""
     stream = io.BytesIO()
-    mpl.image.imsave(stream, _rendered(view, limits)[::3, ::3])
+    mpl.image.imsave(stream, _rendered(view, limits, transparent=True)[::3, ::3])
     return stream.getvalue()
 
 
-def _rendered(view: View, limits: tuple[float, float] | None) -> npt.NDArray[np.uint8]:
+def _rendered(view: View, limits: tuple[float, float] | None, *, transparent: bool = False) -> npt.NDArray[np.uint8]:
     import pyvista as pv
     from vtkmodules.vtkCommonCore import vtkLogger
 
@@ -175,7 +175,7 @@ def _rendered(view: View, limits: tuple[float, float] | None) -> npt.NDArray[np.
     plotter.add_axes(line_width=2)
     _aim(plotter, view)
     plotter.enable_anti_aliasing("ssaa")
-    image = plotter.screenshot(return_img=True)
+    image = plotter.screenshot(return_img=True, transparent_background=transparent)
     plotter.close()
     if image is None or image.max() == image.min():
         raise SystemPartMissing("no picture can be drawn: the rendering is empty", _ADVICE)

@@ -67,6 +67,17 @@ class Accuracy:
         """The reason why a case has no reference; ``None`` if all have one."""
         return next((r for r in self.references if isinstance(r, str)), None)
 
+    def geometry_note(self, rows: Sequence[StudyRow]) -> str:
+        """Return a sentence if estimates leave out the error of the geometry, which true errors have; else nothing."""
+        pairs = zip(rows, self.effectivities, strict=True)
+        count = sum(effectivity is not None and row.geometry_error == "left out" for row, effectivity in pairs)
+        if not count:
+            return ""
+        return (
+            f"Effectivities of {self.name} do not judge the estimate in {count} of {len(rows)} runs: their meshes"
+            " differ in geometry, and only the true error includes that."
+        )
+
     def front(self) -> str:
         """Return the titles of the points on the Pareto front, from fast to accurate; empty without points."""
         front_points = [point for point in self.points if point.is_on_front]

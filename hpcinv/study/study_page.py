@@ -42,6 +42,8 @@ def write_study_report(executions: Executions, path: Path) -> Path:
             )
         else:
             notes.append(f"{accuracy.name} has no errors: {reference}.")
+        if note := accuracy.geometry_note(rows):
+            notes.append(note)
         if front := accuracy.front():
             notes.append(f"Pareto front of {accuracy.name}, from fast to accurate: {front}.")
     converged = sum(row.converged for row in rows)

@@ -20,7 +20,7 @@ def show(plan: StudyPlan, rows: Sequence[StudyRow], accuracies: Sequence[Accurac
         console.print()
         console.print(_heading(plan, accuracy), soft_wrap=True)
         console.print(_case_table(plan, accuracy) if plan.cases > 1 else _run_table(rows, accuracy))
-        for line in _notes(plan, accuracy):
+        for line in _notes(plan, rows, accuracy):
             console.print(line, soft_wrap=True)
     for line in not_refined(rows):
         console.print(line, soft_wrap=True)
@@ -95,7 +95,9 @@ def _case_table(plan: StudyPlan, accuracy: Accuracy) -> Table:
     return table
 
 
-def _notes(plan: StudyPlan, accuracy: Accuracy) -> Iterator[str]:
+def _notes(plan: StudyPlan, rows: Sequence[StudyRow], accuracy: Accuracy) -> Iterator[str]:
+    if note := accuracy.geometry_note(rows):
+        yield note
     if accuracy.fitted:
         orders = ", ".join(f"{series} {order:.2f}" for series, order in accuracy.fitted.items())
         yield f"orders of convergence (least squares): {orders}"

@@ -125,6 +125,31 @@ def test_the_table_is_filtered_with_its_diagrams_and_sorted(sweep: tuple[SweepPl
 
 
 @needs_browser
+def test_diagrams_are_not_clipped_and_marks_say_why_cases_failed(sweep: tuple[SweepPlan, Path], page: Page) -> None:
+    outside = (
+        "return [...document.querySelectorAll('.pair svg text')].filter((e) => {"
+        "  const own = e.getBoundingClientRect(), whole = e.closest('svg').getBoundingClientRect();"
+        "  return own.left < whole.left || own.right > whole.right || own.top < whole.top || own.bottom > whole.bottom;"
+        "}).map((e) => e.textContent)"
+    )
+    assert page.run(outside) == []
+    titles = page.run("return [...document.querySelectorAll('#map path.case title')].map((e) => e.textContent)")
+    assert all(title.endswith(FAILED) for title in titles)
+    page.at_width(390)
+    try:
+        assert page.run(outside) == []
+        assert not page.scrolls_sideways
+    finally:
+        page.at_width(0)
+    corner = (  # of a small picture: its opacity, which is none, so that it is seen on a dark ground
+        "const image = document.querySelector('.gallery img'), canvas = document.createElement('canvas');"
+        "canvas.getContext('2d').drawImage(image, 0, 0);"
+        "return canvas.getContext('2d').getImageData(2, 2, 1, 1).data[3]"
+    )
+    assert page.run(corner) == 0
+
+
+@needs_browser
 def test_the_mean_shape_and_cases_are_drawn(page: Page) -> None:
     assert page.run("return document.documentElement.dataset.viewer") == "ready"
     before = page.pixels()

@@ -432,11 +432,12 @@ def test_a_series_of_meshes_that_does_not_refine_is_reported(begin: Begin, tmp_p
 
 def test_effectivity_is_the_estimated_over_the_true_error(begin: Begin, tmp_path: Path) -> None:
     study = plan(tmp_path, repeat=1, series=[{"name": "P2"}], reference=2.0, time="certified")
-    estimate = {"estimate": {"quantities": {"length": 0.4}}}
+    estimate = {"estimate": {"quantities": {"length": 0.4}, "geometry": "left out"}}
     [row], accuracies = rows_and_accuracy(
         begin, study, tmp_path, [good(1.5, total=3.0, compile_=0.5, certificate=estimate)]
     )
     assert accuracies.effectivities == pytest.approx((0.8,))
+    assert "1 of 1 runs: their meshes differ in geometry" in accuracies.geometry_note([row])
     assert (accuracies.points[0].average, accuracies.points[0].promised) == (0.5, 0.4)
     assert row.time == row.costs["certified"] == pytest.approx(3.0 - 0.5)
     assert row.costs["run"] == pytest.approx(3.0 - 0.5 - 0.05)

@@ -9,6 +9,8 @@
     const exact = find((n) => n === name);
     return exact >= 0 ? exact : find((n) => n.includes(name));
   };
+  const status = columns.findIndex((c) => c.name === "status");
+  const cropped = (text, most) => (text.length > most ? `${text.slice(0, most - 1)}…` : text);
   const short = (x) => (typeof x === "number" ? Number(x.toPrecision(Math.abs(x) < 1e-2 ? 2 : 4)).toString() : String(x));
 
   function condition(text) {
@@ -87,7 +89,9 @@
     one.dataset.case = i;
     one.addEventListener("pointerenter", () => choose(i, true));
     one.addEventListener("pointerleave", () => choose(i, false));
-    make("title", {}, one, `case ${rows[i][0]}: ${axes.map((c) => `${columns[c].name} ${short(rows[i][c])}`).join(", ")}`);
+    const values = axes.filter((c) => rows[i][c] !== null && rows[i][c] !== "").map((c) => `${columns[c].name} ${short(rows[i][c])}`);
+    const reason = status >= 0 && rows[i][status] !== "converged" ? `; ${rows[i][status]}` : "";
+    make("title", {}, one, `case ${rows[i][0]}: ${values.join(", ")}${reason}`);
   }
 
   function drawMap() {
@@ -101,8 +105,8 @@
       make("text", { x: 58, y: 349 - 325 * t, "text-anchor": "end" }, svg, short(value));
     }
     for (const [t, value] of across.ticks) make("text", { x: 70 + 470 * t, y: 366, "text-anchor": "middle" }, svg, short(value));
-    make("text", { x: 305, y: 390, "text-anchor": "middle" }, svg, columns[x].label);
-    make("text", { transform: "translate(10 180) rotate(-90)", "text-anchor": "middle" }, svg, columns[y].label);
+    make("text", { x: 305, y: 390, "text-anchor": "middle" }, svg, cropped(columns[x].label, 70));
+    make("text", { transform: "translate(14 182) rotate(-90)", "text-anchor": "middle" }, svg, cropped(columns[y].label, 45));
     const column = Number(element("map-colour").value);
     const colour = colourOf(column);
     rows.forEach((row, i) => {
@@ -134,7 +138,7 @@
     axes.forEach((c, k) => {
       const anchor = axes.length > 1 && k === 0 ? "start" : k === axes.length - 1 && k ? "end" : "middle";
       make("line", { class: "axis", x1: place(k), x2: place(k), y1: 50, y2: 350 }, svg);
-      make("text", { x: place(k) + { start: -36, middle: 0, end: 36 }[anchor], y: k % 2 ? 16 : 32, "text-anchor": anchor }, svg, columns[c].label.length > 26 ? `${columns[c].label.slice(0, 25)}…` : columns[c].label);
+      make("text", { x: place(k) + { start: -36, middle: 0, end: 36 }[anchor], y: k % 2 ? 16 : 32, "text-anchor": anchor }, svg, cropped(columns[c].label, 26));
       make("text", { x: place(k), y: 366, "text-anchor": "middle" }, svg, short(scales[k].low));
       make("text", { x: place(k), y: 45, "text-anchor": "middle" }, svg, short(scales[k].high));
     });
