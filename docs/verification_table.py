@@ -7,6 +7,7 @@ tests as arguments do the same for these only. ``docs/generate.py`` writes the p
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -229,7 +230,12 @@ def page() -> Iterator[str]:
         shown = f"[`{Path(case.test).name}`](#{name})" if case.figures else f"`{Path(case.test).name}`"
         yield f"| {case.text} | {found} | {shown} |"
     yield ""
-    yield "[Values that others published](published.md) stand next to ours with our error bar."
+    counts = json.loads((ROOT / "hpcinv" / "dossier" / "published.json").read_text())
+    yield f"{counts['inside']} of {counts['values']} [values that others published](published.md)"
+    yield f"in {counts['sources']} sources lie inside both error bars."
+    yield ""
+    yield "![Difference over the error bar of each published value](../pictures/published.png)"
+    yield ""
     yield "A figure of the paper that is not met has [a page of its own](paper.md)."
     yield ""
     yield "## What the tests print"
