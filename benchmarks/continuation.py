@@ -23,7 +23,10 @@ from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 
 ROOT = Path(__file__).parents[1]
-PUBLISHED = ("cook/cook", "cook/cook-incompressible", "land/problem-1", "elastica/elastica")
+PUBLISHED = (
+    *("cook/cook", "cook/cook-incompressible", "land/problem-1", "elastica/elastica"),
+    *("balloon/balloon", "euler/column"),
+)
 SETTINGS = {"linear": "direct", "nested_iteration": "off"}
 
 

@@ -106,7 +106,10 @@ def complete_action(arguments: list[str]) -> list[str]:
 
 
 def _parser(command: str = "") -> argparse.ArgumentParser:
-    """Return the parser of one command, whose modules alone are imported, or of all if there is no such command."""
+    """Return the parser of one command, whose modules alone are imported, or of all if there is no such command.
+
+    ``--version`` needs no modules.
+    """
     parser = argparse.ArgumentParser(
         prog="hpcinv",
         description="Find the undeformed shape of a soft body from its deformed one.",
@@ -116,7 +119,7 @@ def _parser(command: str = "") -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="command")
     modules = [COMMANDS[command]] if command in COMMANDS else dict.fromkeys(COMMANDS.values())
-    for name in modules:
+    for name in modules if command != "--version" else ():
         getattr(importlib.import_module(f"hpcinv.cli.{name}"), f"add_{name}")(commands)
     return parser
 

@@ -46,7 +46,9 @@ _REMEDIES = {"ELASTIC": "; 'law: st-venant-kirchhoff' with young and poisson agr
 
 
 @dataclass(frozen=True)
-class _Keyword:
+class Keyword:
+    """A keyword with its parameters, and the entries of its lines of data."""
+
     name: str
     parameters: Mapping[str, str]
     lines: list[list[str]]
@@ -58,9 +60,9 @@ def read(text: str, name: str | None = None) -> Card:
     Raises:
         CardError: it is damaged, or has no counterpart.
     """
-    materials: dict[str, list[_Keyword]] = {}
+    materials: dict[str, list[Keyword]] = {}
     current: str | None = ""
-    for keyword in _keywords(text):
+    for keyword in keywords(text):
         if keyword.name == "MATERIAL":
             current = keyword.parameters.get("NAME", "")
             materials[current] = []
@@ -69,20 +71,21 @@ def read(text: str, name: str | None = None) -> Card:
         elif current is not None:
             materials.setdefault(current, []).append(keyword)
     selected = chosen(materials, name)
-    keywords = materials[selected]
-    for keyword in keywords:
+    behaviour = materials[selected]
+    for keyword in behaviour:
         if keyword.name in _OTHER_BEHAVIOUR:
             raise UnknownLaw(f"*{keyword.name} has no counterpart{_REMEDIES.get(keyword.name, '')}")
-    laws = [keyword for keyword in keywords if keyword.name in _LAWS]
+    laws = [keyword for keyword in behaviour if keyword.name in _LAWS]
     if len(laws) != 1:
         raise CardError(f"has {len(laws) or 'no'} *HYPERELASTIC{f' in material {selected}' if selected else ''}")
     title, law = _isotropic(laws[0]) if laws[0].name == "HYPERELASTIC" else _anisotropic(laws[0])
-    notes = tuple(f"*{k.name} was not taken: {_WITHOUT_EFFECT[k.name]}" for k in keywords if k.name in _WITHOUT_EFFECT)
+    notes = tuple(f"*{k.name} was not taken: {_WITHOUT_EFFECT[k.name]}" for k in behaviour if k.name in _WITHOUT_EFFECT)
     return Card(selected, title, Counterpart(law.material, law.fibres, law.definitions, law.notes + notes))
 
 
-def _keywords(text: str) -> Iterator[_Keyword]:
-    keyword: _Keyword | None = None
+def keywords(text: str) -> Iterator[Keyword]:
+    """Yield the keywords of an input file; comments are left out."""
+    keyword: Keyword | None = None
     head = ""
     for line in text.splitlines():
         stripped = line.strip()
@@ -101,13 +104,13 @@ def _keywords(text: str) -> Iterator[_Keyword]:
         yield keyword
 
 
-def _keyword(head: str) -> _Keyword:
+def _keyword(head: str) -> Keyword:
     title, *entries = (" ".join(part.split()) for part in head.removeprefix("*").split(","))
     pairs = (entry.partition("=") for entry in entries if entry)
-    return _Keyword(title.upper(), {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}, [])
+    return Keyword(title.upper(), {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}, [])
 
 
-def _isotropic(keyword: _Keyword) -> tuple[str, Counterpart]:
+def _isotropic(keyword: Keyword) -> tuple[str, Counterpart]:
     names = [name for name in keyword.parameters if name in _POTENTIALS] or ["POLYNOMIAL"]
     title = f"*HYPERELASTIC, {names[0]}"
     for name in keyword.parameters:
@@ -124,7 +127,7 @@ def _isotropic(keyword: _Keyword) -> tuple[str, Counterpart]:
     return title, convert(_constants(keyword, title, count(int(order))), int(order))
 
 
-def _constants(keyword: _Keyword, title: str, count: int) -> list[float]:
+def _constants(keyword: Keyword, title: str, count: int) -> list[float]:
     """Return so many numbers; entries that are left out are 0. A temperature may follow them."""
     if not keyword.lines:
         raise CardError(f"{title}: has no line of numbers")
@@ -194,7 +197,7 @@ _POTENTIALS: Mapping[str, tuple[Callable[[int], int], Callable[[list[float], int
 """Number of constants by N, and the counterpart from the constants and N."""
 
 
-def _anisotropic(keyword: _Keyword) -> tuple[str, Counterpart]:
+def _anisotropic(keyword: Keyword) -> tuple[str, Counterpart]:
     title = "*ANISOTROPIC HYPERELASTIC, HOLZAPFEL"
     others = [name for name in keyword.parameters if name not in ("HOLZAPFEL", "LOCAL DIRECTIONS", "MODULI")]
     if others or "HOLZAPFEL" not in keyword.parameters:

@@ -48,7 +48,8 @@ def convert(options: argparse.Namespace) -> int:
     return 0
 
 
-def _module(program: str) -> ModuleType:
+def program_module(program: str) -> ModuleType:
+    """Return the module that reads and writes cards of a program."""
     from hpcinv.cards import abaqus, ansys, febio
 
     return {"abaqus": abaqus, "ansys": ansys, "febio": febio}[program]
@@ -57,12 +58,12 @@ def _module(program: str) -> ModuleType:
 def _read_card(options: argparse.Namespace) -> str:
     from hpcinv.cards.card import CardError
 
-    module = _module(options.source)
+    module = program_module(options.source)
     place, text = _card_text(options.name)
     try:
         card: Card = module.read(text, options.material_name)
         unit = _unit(options.stress_unit, card.unit)
-        sections = _checked(card, unit)
+        sections = checked_sections(card, unit)
     except CardError as error:
         raise CardError(*(f"{place}: {problem}" for problem in error.problems)) from None
     return _as_yaml(card, module.PROGRAM, unit, sections)
@@ -104,7 +105,7 @@ def _unit(option: str | None, stated: str) -> str:
     return option
 
 
-def _checked(card: Card, unit: str) -> dict[str, Any]:
+def checked_sections(card: Card, unit: str) -> dict[str, Any]:
     """Return the sections of a job, after a job's checks."""
     from pydantic import ValidationError
 
@@ -156,7 +157,7 @@ def _write_card(options: argparse.Namespace) -> str:
         raise JobError("hpcinv laws --to: give the unit of stress of the card, such as --stress-unit MPa")
     unit = _unit(options.stress_unit, "")
     size = as_float(parse_unit(unit)[0])
-    module = _module(options.target)
+    module = program_module(options.target)
     path = Path(options.name)
     laws = _laws(path)
     if options.material_name is not None and options.material_name not in laws:

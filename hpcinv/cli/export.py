@@ -23,7 +23,7 @@ def add_export(commands: Any) -> None:
     export = add_command(
         commands,
         "export",
-        "Write the shape of a finished run as STL, PLY or 3MF, and a mould of it.",
+        "Write the shape of a finished run as STL, PLY, 3MF or faceted STEP, and a mould of it.",
         examples=(
             "hpcinv export results/pdms-beam --to beam.stl\n"
             "hpcinv export results/pdms-beam --to beam.3mf --scale 1.02 --tolerance '0.02 mm'\n"
@@ -33,7 +33,7 @@ def add_export(commands: Any) -> None:
     )
     export.add_argument("run", type=Path, help="directory of the run")
     export.add_argument(
-        "--to", type=Path, required=True, metavar="FILE", help="surface to write or replace (.stl, .ply, .3mf)"
+        "--to", type=Path, required=True, metavar="FILE", help="surface to write or replace (.stl, .ply, .3mf, .step)"
     )
     export.add_argument(
         "--shape", default="undeformed", help="undeformed (default), deformed, or the name of a state of the job"
@@ -51,7 +51,7 @@ def add_export(commands: Any) -> None:
         "--mould",
         type=Path,
         metavar="FILE",
-        help="also write a mould: a block with the shape cut out of it (.stl, .ply, .3mf)",
+        help="also write a mould: a block with the shape cut out of it (.stl, .ply, .3mf, .step)",
     )
     export.add_argument("--wall", default="10 mm", help="thickness of the mould around the shape (default: 10 mm)")
     export.add_argument(

@@ -47,7 +47,7 @@ def add_identify(commands: Any) -> None:
         type=int,
         default=0,
         metavar="N",
-        help="sample the posterior, with N exact evaluations after those of its surrogate",
+        help="sample the posterior, with N exact evaluations after the surrogate's",
     )
     add_ranks(identify)
     add_option(identify)

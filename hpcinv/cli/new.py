@@ -87,18 +87,21 @@ def add_new(commands: Any) -> None:
         examples=(
             "hpcinv new liver --image scan.nii.gz --label liver=5 liver.yaml\n"
             "hpcinv new part --surface part.stl --unit mm part.yaml\n"
-            "hpcinv new ventricle ventricle.yaml"
+            "hpcinv new ventricle ventricle.yaml\n"
+            "hpcinv new job --from part.inp --unit mm --stress-unit MPa part.yaml"
         ),
         page="how-to/new.md",
     )
-    new.add_argument("kind", choices=sorted(_GENERATED), help="kind of body")
+    new.add_argument("kind", choices=[*sorted(_GENERATED), "job"], help="kind of body; job: as a file says")
     new.add_argument("output", type=Path, help="job file (.yaml) that is written")
     new.add_argument("--image", type=Path, help="image of labels (.nii, .nrrd, .mha, .mhd, .vti, also with .gz)")
     new.add_argument(
         "--label", action="append", default=[], metavar="NAME=NUMBER[,NUMBER…]", help="a region and its voxels"
     )
     new.add_argument("--surface", type=Path, help="closed surface of triangles (.stl, .ply, .obj, .vtp, .vtk)")
-    new.add_argument("--unit", help="length unit of the image (by default mm) or of the surface")
+    new.add_argument("--from", dest="source", type=Path, help="input file of another program (.inp, .feb, .cdb)")
+    new.add_argument("--unit", help="length unit of the image (by default mm), the surface or the input file")
+    new.add_argument("--stress-unit", help="unit of stress of the input file")
     new.add_argument("--size", help="largest length of edges; by default for about 8000 cells")
     new.add_argument(
         "--ed-pressure", metavar="P", help="of a ventricle: pressure at the end of filling, such as '10 mmHg'"
@@ -114,6 +117,18 @@ def add_new(commands: Any) -> None:
 def _new(options: argparse.Namespace) -> int:
     kind, output = options.kind, options.output
     _check(options)
+    if kind == "job":
+        from hpcinv.cli.new_from import job_from
+
+        text = job_from(options)
+        if output.exists() and not options.force:
+            raise OutputError(f"{output}: exists", "Choose another name, or replace it by --force.")
+        write_output(output, text.encode())
+        try:
+            parse(read_text(text, str(output)), output)
+        except JobError as error:  # such as a body that only forces hold
+            print("\n".join(["The file does not say all that a job needs:", *error.problems]))
+        return _say_next(output, f"the job of {options.source}")
     if options.image is not None:
         source = _wall_source(options) if kind in _WALLS else _image_source(options)
     elif options.surface is not None:
@@ -142,9 +157,13 @@ def _new(options: argparse.Namespace) -> int:
         if source.mesh_file is not None and not existing:
             source.mesh_file.unlink(missing_ok=True)
         raise
-    print(f"{output}: a job for {_article(kind)}; read what it says, and change it. Then:")
-    for line in ("validate", "show", "identify" if options.klotz else "run"):
-        print(f"  python -m hpcinv {line} {values['file']}")
+    return _say_next(output, f"a job for {_article(kind)}", "identify" if options.klotz else "run")
+
+
+def _say_next(output: Path, what: str, last: str = "run") -> int:
+    print(f"{output}: {what}; read what it says, and change it. Then:")
+    for line in ("validate", "show", last):
+        print(f"  python -m hpcinv {line} {escaped_line(shlex.quote(str(output)))}")
     return 0
 
 
@@ -158,6 +177,12 @@ def _check(options: argparse.Namespace) -> None:
         )
     if not options.output.parent.is_dir():
         raise OutputError(f"{options.output.parent}: is not a directory", "Make it first.")
+    if (options.kind == "job") != (options.source is not None):
+        raise JobError("--from: goes with 'hpcinv new job', which needs it: such as --from part.inp")
+    if options.stress_unit and options.source is None:
+        raise JobError("--stress-unit: is for an input file, and there is no --from")
+    if options.source is not None and (options.image or options.surface or options.size):
+        raise JobError("--from: a job has one mesh, and the input file gives it")
     for name in ("ed_pressure", "klotz"):
         if getattr(options, name) and options.kind != "ventricle":
             raise JobError(f"--{name.replace('_', '-')}: is for a ventricle, and this is {_article(options.kind)}")
@@ -168,7 +193,7 @@ def _check(options: argparse.Namespace) -> None:
             raise JobError(f"--ed-pressure: {error}") from None
     if options.image is not None and options.surface is not None:
         raise JobError("--surface: a job has one mesh, and --image gives it, too")
-    given = options.image or options.surface
+    given = options.image or options.surface or options.source
     if options.kind == "shell" and given is not None:
         name = "image" if options.image is not None else "surface"
         raise JobError(f"--{name}: a shell is a surface of quadrilaterals; put such a mesh into the example")

@@ -25,7 +25,7 @@ from hpcinv.errors import JobError
 from hpcinv.mesh.source import Floats
 
 _AXIS_STEP = 1.5
-"""Distance on each axis, in standard deviations, at which derivatives give H. Larger: better in the tails."""
+"""Distance on each axis, in standard deviations: derivatives there give H. Larger: better in the tails."""
 _WALKERS = 4  # for each parameter
 _STEPS = 2000
 """Steps of each walker, a quarter of which are left out at the beginning. More: less noise of the first stage."""
@@ -176,7 +176,7 @@ class _Surrogate:
 def _walk(surrogate: _Surrogate, count: int, seed: int, steps: int) -> Floats:
     """Return samples (count, k) of the surrogate's posterior, far apart in the chains of its walkers."""
     try:
-        import emcee  # type: ignore[import-untyped]
+        import emcee
     except ImportError:
         raise JobError("the posterior needs the package 'emcee': pip install 'hpcinv[posterior]'") from None
     random = np.random.default_rng(seed)

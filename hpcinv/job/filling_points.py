@@ -58,7 +58,7 @@ def filling_points(
     quantities: Sequence[QuantityOfInterest],
     states: Sequence[StateSpec],
 ) -> Iterator[FillingPoint]:
-    """Yield the volumes of a cavity that are computed, one for each pressure, without that of the given mesh.
+    """Yield the volumes of a cavity that are computed, one for each pressure, without the given mesh's.
 
     Raises:
         ValueError: a state has no single pressure in the cavity.

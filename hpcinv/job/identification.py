@@ -45,7 +45,7 @@ class Prior(Spec):
     """its standard deviation"""
     strength: Literal["given", "evidence"] = "given"
     """evidence: the parameter is a hidden force, which is the mean unless the observations exclude that with 95 %. All
-    such standard deviations are then multiplied by one number, with which the observations are most probable"""
+    such standard deviations are then multiplied by one number: it makes the observations most probable"""
 
 
 class Sought(Spec):

@@ -29,7 +29,7 @@ def unsuited_shell(job: Any) -> Faults:
     if spaces.quadrature is not None:
         yield (
             ("discretisation", "quadrature"),
-            "is not valid with a shell, which has its own, by which it does not lock",
+            "is not valid with a shell, whose own one keeps it from locking",
         )
     refused = [*_refused(job)]
     if refused:
@@ -56,6 +56,9 @@ def _refused(job: Any) -> Iterable[KeyPath]:
     for number, state in enumerate(job.states):
         effects |= {("states", number, "effects", i): effect for i, effect in enumerate(state.effects)}
     yield from (place for place, effect in effects.items() if isinstance(effect, Contact))
+    lists: dict[KeyPath, Iterable[Support]] = {("supports",): job.supports}
+    lists |= {("states", number, "supports"): state.supports or () for number, state in enumerate(job.states)}
+    yield from ((*place, i, "fix") for place, supports in lists.items() for i, s in enumerate(supports) if s.slides)
     for name, family in job.fibres.items():
         if family.rule is not None:
             yield ("fibres", name, "rule")

@@ -80,7 +80,7 @@ SIDES = 7
 def facing(mesh: Mesh) -> Ints:
     """Return for each local node 0 inside, else the axis and sign nearest to the boundary's normal, 1 to 6; collective.
 
-    Nodes that are no vertices count as inside.
+    Nodes that are not vertices count as inside.
     """
     exterior = dolfinx.mesh.exterior_facet_indices(mesh.topology).astype(np.int32)
     corners, areas = outer_facets(mesh, exterior)

@@ -34,7 +34,7 @@ and Newton's method does not converge"""
 
 
 def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
-    """Return the body of a shell, whose nodes are the surface's, then those of the inner face and of the outer one.
+    """Return the body of a shell, whose nodes are the surface's, then the inner face's and the outer face's.
 
     The outer face is where the normals of the cells point to: outwards if the surface is closed, else on the side of
     the first cell's normal, by the order of its nodes. A group of cells ``NAME`` has further groups ``NAME|outer`` and
@@ -54,6 +54,9 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         _refuse(
             surface.path, text, "Are 'thickness' and mesh.unit right? In thinner shells rounding errors are too large."
         )
+    if taken := [group.name for group in surface.groups if group.name in (OUTER, INNER)]:
+        text = f"has a physical group '{taken[0]}', which is the name of a face of the shell"
+        _refuse(surface.path, text, "Give the group another name.")
     surface = dataclasses.replace(surface, cells=_oriented(surface))
     normals, count = _normals(surface), len(surface.points)
     if shell.thickness is not None:

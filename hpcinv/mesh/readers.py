@@ -97,7 +97,7 @@ def read_msh(path: Path, extracted: Callable[[Any, Path], MeshSource] = extract)
     """Read MSH 2.2 or 4.1, ASCII or binary; the sections $NodeData and $ElementData become data arrays.
 
     Args:
-        extracted: takes the mesh from gmsh's model, by default that of a solid.
+        extracted: takes the mesh from gmsh's model, by default a solid's.
     """
     if fault := FORMATS[".msh"].fault(path):
         raise MeshError(f"{path}: {fault}", "Export the mesh again (gmsh: gmsh.write, or -save).")

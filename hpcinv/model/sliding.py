@@ -35,7 +35,7 @@ class Slide:
     """The nodes of one support that slide.
 
     Attributes:
-        space: of vectors, to which ``nodes`` belong.
+        space: of vectors; ``nodes`` are of it.
         nodes: local nodes of the space, (n,).
         normals: directions in which they are held, (n, 3).
     """

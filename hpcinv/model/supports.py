@@ -71,7 +71,7 @@ class Supports:
     """Dirichlet conditions ``u_i = λ ū_i``, with the load factor λ of each support's load case.
 
     ``ū`` is evaluated once, at the coordinates of the mesh of the job (m): in a round trip both directions prescribe
-    the same displacement of the same material points. The normals of slides are those of that mesh, too.
+    the same displacement of the same material points. The normals of slides are on that mesh, too.
 
     Attributes:
         conditions: Dirichlet conditions of components along axes.

@@ -31,7 +31,7 @@ def interior_of(
     that nodes inside, and on parts of the boundary that face another way, stay apart.
 
     Args:
-        solutions: the first, and those of further states of the body, as `gathering.boundary_of` takes them.
+        solutions: the first, and one of each further state of the body, as `gathering.boundary_of` takes them.
         labels: regions of cells that a job defines and has materials for; groups of the mesh are always kept.
         most: about the largest number of tetrahedra.
     """
@@ -135,7 +135,7 @@ def _tetrahedra(kind: str, degree: int) -> Ints:
     cubes = np.array([[i, j, k] for i in range(degree) for j in range(degree) for k in range(degree)])
     parts = (cubes[:, None, None] + steps).reshape(-1, 4, 3)
     if kind == "tetrahedron":
-        # Kuhn's division of the cube has that of the simplex 1 >= a >= b >= c >= 0 within it.
+        # Kuhn's division of the cube contains the one of the simplex 1 >= a >= b >= c >= 0.
         parts = parts[(np.diff(parts, axis=2) <= 0).all(axis=(1, 2))]
         parts = np.stack([parts[..., 0] - parts[..., 1], parts[..., 1] - parts[..., 2], parts[..., 2]], axis=-1)
     return np.array([[number[tuple(place)] for place in part] for part in parts.tolist()], dtype=np.int64)

@@ -121,7 +121,7 @@ def _coloured_regions(
 
 
 def _shapes(boundary: Boundary, rest: str) -> list[Shape]:
-    """The given body, the one that the first solve found, and those of further states."""
+    """The given body, the one that the first solve found, and the bodies of further states."""
     first, *further = boundary.results
     names = ("undeformed", "deformed") if not first.state else (rest, first.state)
     given, computed = names if first.direction == "forward" else names[::-1]

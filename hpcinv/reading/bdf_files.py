@@ -23,7 +23,7 @@ from hpcinv.reading.numbered_elements import (
 _SOLIDS = {"CTETRA": (4, 10), "CHEXA": (8, 20)}
 _FLAT = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8}
 _KINDS = "CTETRA (4 or 10 nodes) and CHEXA (8 or 20 nodes)"
-_BRICK = (*range(12), *range(16, 20), *range(12, 16))  # middle nodes of upright edges come before those of the top
+_BRICK = (*range(12), *range(16, 20), *range(12, 16))  # middle nodes of upright edges come before the top's
 _NAME = re.compile(r"\$HM(SET|NAME\s+PROP)\s+(\d+)\s*(\d*)\s*\"([^\"]+)\"")
 _CASE_SET = re.compile(r"SET\s+(\d+)\s*=\s*(.*)", re.I)
 _GENERAL = ("PARAM", "ENDDATA", "PSOLID", "PSHELL", "BEGIN", "SOL", "CEND")
@@ -174,7 +174,7 @@ def _read_set(card: _Card, listed: dict[int, tuple[str, list[int]]]) -> None:
 
 
 def _members(texts: list[str], place: str) -> list[int]:
-    """Return numbers of a list, in which ``THRU`` is a range."""
+    """Return the numbers of a list; ``THRU`` in it is a range."""
     words = [text.strip().upper() for text in texts if text.strip()]
     members: list[int] = []
     for at, word in enumerate(words):

@@ -18,7 +18,7 @@ from hpcinv.reading.numbered_elements import Blocks, element_arrays, vertices_of
 SIDES = {4: (1, 2, 3, 0), 8: (2, 3, 4, 5, 0, 1)}
 """number of the face of an element as input files count, by its side in Exodus, from 0"""
 BRICK = {20: (*range(12), *range(16, 20), *range(12, 16))}
-"""places of the nodes in the file: middle nodes of upright edges come before those of the top"""
+"""places of the nodes in the file: middle nodes of upright edges come before the top's"""
 BRICK[27] = (*BRICK[20], 20, 21, 22, 25, 24, 26, 23)
 _KINDS = "TETRA4, TETRA10, HEX8, HEX20 and HEX27"
 _SIZES = {"TET": (4, 10), "HEX": (8, 20, 27)}

@@ -138,7 +138,7 @@ def _count(body: Body, name: str) -> str:
 
 
 def _facets(boundary: Boundary, surface: Surface, kept: Decimated, *, is_part: bool) -> tuple[Floats, Ints, Ints]:
-    """Vertices (n, 3), those of each facet seen from outside, (f, k), and the facet of each drawn triangle."""
+    """Vertices (n, 3), numbers of each facet's as seen from outside, (f, k), and the facet of each drawn triangle."""
     if is_part:
         return boundary.points[kept.points], kept.triangles, np.arange(len(kept.triangles))
     count = vertex_count(surface.kind)
@@ -152,7 +152,7 @@ def _facets(boundary: Boundary, surface: Surface, kept: Decimated, *, is_part: b
 
 
 def _symbols(job: Job | None, boundary: Boundary, kept: Decimated) -> list[dict[str, Any]]:
-    """Supports and loads in the units of the job; of a job with states, those of the state that is solved first."""
+    """Supports and loads in the units of the job; of a job with states, in the state that is solved first."""
     if job is None:
         return []
     first = job.plan[0].job

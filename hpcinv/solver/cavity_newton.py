@@ -6,7 +6,7 @@ corrections are
 
     Δx = -d - g Δq,      (B g - ∂C/∂q) Δq = C - B d,      B = ∂C/∂x.
 
-The first correction is in proportion to the step in the load factor. It predicts rotations and strains, by which the
+The first correction is in proportion to the step in the load factor. It predicts rotations and strains, and the
 step is shortened without another factorization. A quadratic extrapolation of the path saves no factorizations.
 
 It needs one back-substitution more for each cavity, with direct and iterative solvers and on any number of ranks. At a

@@ -59,6 +59,7 @@ class LinearSolver:
         configuration: LinearConfiguration
         if name == "iterative":
             configuration = Iterative(self.system.scene)
+            configuration.test.most = self.choice.most
         elif self._is_rounded:
             choice = self.choice
             configuration = Refined(

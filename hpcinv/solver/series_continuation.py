@@ -43,7 +43,7 @@ _TINY = 1e-100
 underflow. With a larger one, the path of such a body would be cut into more ranges."""
 _PATH_TOLERANCE = 1e-8  # of states between expansions; near a limit point of the load it matters
 _LOCATED = 1e-9  # error of a series at a limit point that counts as found; the load there has no error of first order
-_BEYOND_LIMIT = 0.3  # of the way to a limit point, at which a solve confirms it; farther, Newton's method may fail
+_BEYOND_LIMIT = 0.3  # of the way to a limit point: a solve there confirms it; farther, Newton's method may fail
 _BEFORE_LIMIT = 0.7  # share of the way to a limit point after which the path is expanded again
 _TRIALS = 4  # ends of one range that are tried
 _SHORTER = 0.6  # ratio of their parameters

@@ -240,8 +240,12 @@ def check_not_enclosed(job: Job, body: Body) -> None:
         held = [body.facets(support.region) for support in job.supports if axis in support.held]
         faces[np.isin(facets, np.concatenate(held)) if held else slice(0), i] = False
     for support in job.supports:
-        if support.slides and support.normal is None:
-            faces[np.isin(facets, body.facets(support.region))] = False
+        if support.slides:
+            slides = np.isin(facets, body.facets(support.region))
+            if support.normal is not None:
+                sizes = np.linalg.norm(areas, axis=1) * np.linalg.norm(support.normal)
+                slides &= np.abs(areas @ np.array(support.normal)) >= (1 - _FLAT) * sizes
+            faces[slides] = False
     free = np.zeros(count, dtype=np.int64)
     free[facet_parts[faces.any(axis=1)]] = 1
     body.mesh.comm.Allreduce(MPI.IN_PLACE, free, MPI.MAX)

@@ -1,4 +1,4 @@
-"""Files of solids for printers and mills: STL, PLY and 3MF."""
+"""Files of solids for printers, mills and CAD programs: STL, PLY, 3MF and faceted STEP."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +9,7 @@ from hpcinv.errors import OutputError
 from hpcinv.files.atomic import write_output
 from hpcinv.reading.suffix import suffix_of
 from hpcinv.workshop.solid import Solid
+from hpcinv.workshop.step import step_content
 
 UNITS_OF_3MF = {
     "um": "MicroMeter",
@@ -32,7 +33,7 @@ def check(path: Path, unit: str) -> None:
 
 
 def write(path: Path, solid: Solid, unit: str) -> None:
-    """Write a solid, whose points are in a unit that only 3MF files state, completely or not at all.
+    """Write a solid, whose points are in a unit that only 3MF files state (STEP: mm), completely or not at all.
 
     Raises:
         OutputError: it cannot be written.
@@ -79,5 +80,5 @@ def _3mf(solid: Solid, unit: str) -> bytes:
     return bytes(model.QueryWriter("3mf").WriteToBuffer())
 
 
-WRITERS: dict[str, Callable[[Solid, str], bytes]] = {".stl": _stl, ".ply": _ply, ".3mf": _3mf}
+WRITERS: dict[str, Callable[[Solid, str], bytes]] = {".stl": _stl, ".ply": _ply, ".3mf": _3mf, ".step": step_content}
 """Contents of files by their suffix, made in memory: on a full disk VTK leaves half of a PLY, and lib3mf aborts."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import random
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -172,3 +174,38 @@ def test_a_job_on_a_cad_file_runs(cad: Callable[[str], Path], tmp_path: Path) ->
     assert main(["validate", str(path)]) == 0
     ended = hpcinv(2, "run", path, cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
+
+
+def styled(number: int, colour: str, entity: str) -> str:
+    """STEP's entities for the colour of a solid or face, from a number on."""
+    rows = [
+        f"COLOUR_RGB('',{colour})",
+        f"FILL_AREA_STYLE_COLOUR('',#{number})",
+        f"FILL_AREA_STYLE('',(#{number + 1}))",
+        f"SURFACE_STYLE_FILL_AREA(#{number + 2})",
+        f"SURFACE_SIDE_STYLE('',(#{number + 3}))",
+        f"SURFACE_STYLE_USAGE(.BOTH.,#{number + 4})",
+        f"PRESENTATION_STYLE_ASSIGNMENT((#{number + 5}))",
+        f"STYLED_ITEM('color',(#{number + 6}),#{entity})",
+    ]
+    return "".join(f"#{number + i}={row};\n" for i, row in enumerate(rows))
+
+
+def test_colours_are_regions(cad: Callable[[str], Path], tmp_path: Path) -> None:
+    text = cad("two.step").read_text()
+    solids, faces = (re.findall(rf"#(\d+) = {kind}", text) for kind in ("MANIFOLD_SOLID_BREP", "ADVANCED_FACE"))
+    (context, *_) = re.findall(r"#(\d+) = \( ?GEOMETRIC_REPRESENTATION_CONTEXT", text)
+    more = styled(9001, "1.,0.,0.", solids[0]) + styled(9011, "0.,0.,1.", solids[1])
+    more += styled(9021, "0.,1.,0.", faces[0])  # at x = 0
+    items = "#9008,#9018,#9028"
+    more += f"#9030=MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION('',({items}),#{context});\n"
+    head, _, tail = text.rpartition("ENDSEC;")
+    path = tmp_path / "coloured.step"
+    path.write_text(f"{head}{more}ENDSEC;{tail}")
+    source = read(path)
+    groups = {group.name: group for group in source.groups}
+    first, second = (groups[name].members for name in ("colour-ff0000", "colour-0000ff"))
+    assert np.array_equal(np.sort(np.concatenate([first, second])), np.arange(len(source.cells)))
+    assert volume(dataclasses.replace(source, cells=source.cells[first])) == pytest.approx(1e-6, rel=1e-9)
+    green = source.points[source.facets[groups["colour-00ff00"].members]]
+    assert np.abs(green[..., 0]).max() < 1e-12

@@ -50,6 +50,14 @@ def test_importing_the_specs_takes_less_than_a_second_of_cpu() -> None:
     assert used() - before < 1.0
 
 
+def test_the_version_is_printed_without_the_modules_of_commands() -> None:
+    code = "import atexit, sys; atexit.register(lambda: print(*sys.modules)); from hpcinv.__main__ import main; "
+    version, loaded = run(f"{code}main(['--version'])").splitlines()
+    assert re.fullmatch(r"\d+\.\d+\.\d+", version)
+    assert "pydantic" not in loaded
+    assert "hpcinv.cli" not in loaded
+
+
 PROGRAM = """
 import sys
 from pathlib import Path

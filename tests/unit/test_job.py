@@ -186,7 +186,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"effects": {}}, "effects: must be a list"),
     ({"supports": []}, "supports: leave the body free to move along x and y and z"),
     ({"supports": [{"region": "a", "fix": ["x", "y"]}]}, "supports: leave the body free to move along z"),
-    ({"supports": [{"region": "a", "fix": ["q"]}]}, "supports[0].fix[0]: must be 'x', 'y' or 'z', not 'q'"),
+    ({"supports": [{"region": "a", "fix": ["q"]}]}, "supports[0].fix[0]: must be 'x', 'y', 'z' or 'normal', not 'q'"),
     ({"supports": [{"region": "a"}]}, "supports[0]: needs exactly one of 'fix'"),
     ({"supports": [{"region": "a", "fix": ["x"], "displacement": [0, 0, 0]}]}, "supports[0]: needs exactly one of"),
     ({"supports": [{"region": "a", "displacement": [0, 0]}]}, "supports[0].displacement[2]: is needed"),
@@ -223,7 +223,11 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"solver": {"petsc": {"-ksp_type": "cg"}}}, "solver.petsc.-ksp_type: is written without the dash: ksp_type"),
     ({"solver": {"petsc": {"a": [1]}}}, "solver.petsc.a: must be text, a number, true, false or nothing"),
     ({"checkpoint": {"every": -1}}, "checkpoint.every: must be at least 0, not -1"),
-    ({"output": {"mesh": ["stl"]}}, "output.mesh[0]: must be 'bp', 'feb', 'inp', 'msh' or 'vtu', not 'stl'"),
+    (
+        {"output": {"mesh": ["stl"]}},
+        "output.mesh[0]: must be 'bdf', 'bp', 'cdb', 'e', 'ex2', 'exo', 'feb', 'fem', 'inp', 'med', 'mesh', 'msh',"
+        " 'nas', 'unv', 'vtk' or 'vtu', not 'stl'",
+    ),
     ({"quantities": [{"name": "a", "of": "x"}]}, "quantities[0]: needs exactly one of 'at'"),
     ({"quantities": [{"name": "a", "of": "x", "on": "side"}]}, "quantities[0].reduce: is needed on a region"),
     (

@@ -53,6 +53,7 @@ def job(path: Path, **data: Any) -> dict[str, Any]:
         ({"discretisation": {"quadrature": 6}}, "discretisation.quadrature: is not valid with a shell"),
         ({"cavities": {"lv": {"surface": "inner"}}}, "together with cavities"),
         ({"method": "sellier"}, "together with method"),
+        ({"supports": [{"region": "sheet|outer", "fix": ["normal"]}]}, r"together with supports\[0\].fix"),
         ({"solver": {"linear": "iterative"}}, "together with solver.linear"),
         ({"output": {"mesh": ["inp"]}}, "together with output.mesh"),
         ({"supports": [{"region": "x9", "fix": ["x", "y", "z"]}]}, "there is no region 'x9'"),
@@ -126,7 +127,7 @@ def test_the_surface_comes_back_with_its_faces(sheet: Path) -> None:
         thicken(surface, Shell(director="data"))
 
 
-@pytest.mark.parametrize("kind", ["junction", "fold", "strip with one side", "too thin"])
+@pytest.mark.parametrize("kind", ["junction", "fold", "strip with one side", "too thin", "name of a face"])
 def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None:
     surface, shell = read_surface(sheet), THIN
     message = {
@@ -134,6 +135,7 @@ def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None
         "fold": "has a fold of about 90°",
         "strip with one side": "only one side",
         "too thin": "times as long as the shell is thick",
+        "name of a face": "has a physical group .outer.",
     }[kind]
     if kind == "junction":
         points = np.concatenate([surface.points, surface.points[:, [0, 2, 1]]])
@@ -154,6 +156,8 @@ def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None
         surface = replace(surface, points=np.column_stack([np.minimum(x, 1), y, np.maximum(x - 1, 0)]))
     elif kind == "strip with one side":
         surface = _moebius()
+    elif kind == "name of a face":
+        surface = replace(surface, groups=tuple(replace(group, name="outer") for group in surface.groups[:1]))
     else:
         shell = Shell(thickness=1e-4)
     with pytest.raises(MeshError, match=message):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from hpcinv.errors import MeshError, OutputError
 from hpcinv.job.job import load
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body import read_source
+from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.source import MeshSource
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.workshop.formats import WRITERS, write
@@ -140,10 +142,20 @@ def read_3mf(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.array(vertices), np.array(triangles)
 
 
+def read_step(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    text = path.read_text()
+    rows = re.findall(r"#(\d+)=CARTESIAN_POINT\('',\(([^)]*)\)\)", text)
+    place = {number: row for row, (number, _) in enumerate(rows)}
+    loops = re.findall(r"POLY_LOOP\('',\(#(\d+),#(\d+),#(\d+)\)\)", text)
+    points = np.array([[float(entry) for entry in values.split(",")] for _, values in rows])
+    return points, np.array([[place[number] for number in loop] for loop in loops])
+
+
 READERS: dict[str, Callable[[Path], tuple[np.ndarray, np.ndarray]]] = {
     ".stl": read_stl,
     ".ply": read_ply,
     ".3mf": read_3mf,
+    ".step": read_step,
 }
 
 
@@ -317,3 +329,19 @@ def test_runs_without_a_shape_are_refused(tmp_path: Path, capsys: pytest.Capture
         assert main(["export", str(tmp_path / run), "--to", str(tmp_path / "a.stl")]) == 2
         assert message in capsys.readouterr().err
         assert not (tmp_path / "a.stl").exists()
+
+
+@pytest.mark.parametrize("unit", ["mm", "in"])
+def test_step_files_are_solids_of_the_same_volume(unit: str, tmp_path: Path) -> None:
+    """OpenCASCADE reads one solid, whose neighbouring faces share their edges (Euler: corners - edges + faces = 2)."""
+    corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)]) * [20.0, 10, 5] + 1 / 3
+    sides = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    triangles = np.array([triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))])
+    write(tmp_path / "a.step", Solid(corners, triangles), unit)
+    with session("step") as gmsh:
+        gmsh.model.occ.importShapes(str(tmp_path / "a.step"))
+        gmsh.model.occ.synchronize()
+        ((_, solid),) = gmsh.model.getEntities(3)
+        volume = gmsh.model.occ.getMass(3, solid)
+        assert [len(gmsh.model.getEntities(dim)) for dim in (0, 1, 2)] == [8, 18, 12]
+    assert volume == pytest.approx(1000 * {"mm": 1, "in": 25.4**3}[unit], rel=1e-6)  # numbers of 4 bytes

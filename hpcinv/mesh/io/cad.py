@@ -18,6 +18,7 @@ from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.gmsh_model import extract, session
 from hpcinv.mesh.io.isolated import check_cad
 from hpcinv.mesh.source import MeshSource
+from hpcinv.mesh.thin_walls import report_thin_walls
 from hpcinv.quantity.units import readable
 
 _HAIR = 1e-3  # gap of two solids, relative to the whole size, that is taken for a fault; more refuses separate parts
@@ -32,6 +33,15 @@ _PER_TURN = 12  # edges in a full turn of a curved face; more follow curvature w
 class _Solid:
     name: str
     tag: int
+    colour: str = ""
+
+
+@dataclass(frozen=True)
+class _Faces:
+    """Names and colours of faces in the file, by tag."""
+
+    names: Mapping[int, str]
+    colours: Mapping[int, str]
 
 
 def cad_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None], size_factor: float = 1.0) -> MeshSource:
@@ -48,7 +58,9 @@ def cad_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None], size_fac
         if spec.glue is not None:
             _check_glue(gmsh, path, spec.glue / unit)
             gmsh.option.setNumber("Geometry.ToleranceBoolean", spec.glue / unit)
+        measures = _measures(gmsh)
         solids = _joined(gmsh, path, names, unit, glued=spec.glue is not None)
+        faces = _renumbered(faces, measures, _measures(gmsh), _SEWN * _extent(gmsh))
         _add_groups(gmsh, solids, faces)
         size = spec.size / unit
         gmsh.model.mesh.setSize(gmsh.model.getEntities(0), size)  # gmsh's default is a tenth of the body
@@ -67,11 +79,13 @@ def cad_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None], size_fac
             gmsh.model.mesh.setOrder(2)
         source = extract(gmsh, path)
         source = replace(source, surface=cad_surface(gmsh, source.kind, source.degree))
-    return source.convert_to_metres(unit)
+    source = source.convert_to_metres(unit)
+    report_thin_walls(source, report)
+    return source
 
 
-def _imported(gmsh: Any, path: Path, report: Callable[[str], None]) -> tuple[list[_Solid], Mapping[int, str]]:
-    """Return the solids of a file, and names of its faces by tag."""
+def _imported(gmsh: Any, path: Path, report: Callable[[str], None]) -> tuple[list[_Solid], _Faces]:
+    """Return the solids of a file, and names and colours of its faces."""
     occ = gmsh.model.occ
     occ.importShapes(str(path))
     occ.synchronize()
@@ -82,8 +96,17 @@ def _imported(gmsh: Any, path: Path, report: Callable[[str], None]) -> tuple[lis
             raise MeshError(f"{path}: has no solid", "Export a closed solid body, not surfaces or sketches.")
         report("its surfaces were sewn to a solid")
     given = [_named(gmsh, 3, tag) or f"solid-{number}" for number, (_, tag) in enumerate(gmsh.model.getEntities(3), 1)]
-    solids = [_Solid(name, tag) for name, (_, tag) in zip(_distinct(given), gmsh.model.getEntities(3), strict=True)]
-    return solids, {tag: name for _, tag in gmsh.model.getEntities(2) if (name := _named(gmsh, 2, tag))}
+    tags = [tag for _, tag in gmsh.model.getEntities(3)]
+    solids = [_Solid(name, tag, _colour(gmsh, 3, tag)) for name, tag in zip(_distinct(given), tags, strict=True)]
+    faces = [tag for _, tag in gmsh.model.getEntities(2)]
+    names, colours = ({tag: of(gmsh, 2, tag) for tag in faces} for of in (_named, _colour))
+    return solids, _Faces(names, colours)
+
+
+def _colour(gmsh: Any, dim: int, tag: int) -> str:
+    """Return the name of the region of a colour, such as ``colour-ff0000``; empty without a colour in the file."""
+    *channels, opacity = gmsh.model.getColor(dim, tag)
+    return f"colour-{bytes(channels).hex()}" if opacity else ""
 
 
 def _named(gmsh: Any, dim: int, tag: int) -> str:
@@ -121,7 +144,27 @@ def _joined(gmsh: Any, path: Path, solids: list[_Solid], unit: float, *, glued: 
             place = ", ".join(f"{x * unit:.4g}" for x in occ.getCenterOfMass(3, tag))
             text = f"solids '{names[0]}' and '{names[1]}' overlap near ({place}) m"
             raise MeshError(f"{path}: {text}", "Subtract one from the other in the CAD program.")
-    return [_Solid(names[0], tag) for tag, names in owners.items()]
+    colours = {solid.name: solid.colour for solid in solids}
+    return [_Solid(names[0], tag, colours[names[0]]) for tag, names in owners.items()]
+
+
+def _measures(gmsh: Any) -> dict[int, tuple[float, ...]]:
+    """Return centre and square root of the area of each face."""
+    occ = gmsh.model.occ
+    return {tag: (*occ.getCenterOfMass(2, tag), occ.getMass(2, tag) ** 0.5) for _, tag in gmsh.model.getEntities(2)}
+
+
+def _renumbered(
+    faces: _Faces, before: Mapping[int, Sequence[float]], after: Mapping[int, Sequence[float]], near: float
+) -> _Faces:
+    """Return names and colours of the faces that are as before: where solids share faces, all of theirs are new."""
+    names, colours = dict[int, str](), dict[int, str]()
+    marked = {tag: before[tag] for tag in before if faces.names.get(tag) or faces.colours.get(tag)}
+    for tag, measure in after.items():
+        for old, known in marked.items():
+            if max(abs(a - b) for a, b in zip(measure, known, strict=True)) < near:
+                names[tag], colours[tag] = faces.names.get(old, ""), faces.colours.get(old, "")
+    return _Faces(names, colours)
 
 
 def _check_glue(gmsh: Any, path: Path, glue: float) -> None:
@@ -151,8 +194,11 @@ def _check_gaps(gmsh: Any, path: Path, solids: list[_Solid], unit: float) -> Non
             raise MeshError(f"{path}: {text}", f"Join them in the CAD program, or glue them: mesh: {{glue: {gap}}}.")
 
 
-def _add_groups(gmsh: Any, solids: list[_Solid], names: Mapping[int, str]) -> None:
-    """Make physical groups of solids, faces with names, other faces, and faces between solids."""
+def _add_groups(gmsh: Any, solids: list[_Solid], given: _Faces) -> None:
+    """Make physical groups of solids, faces with names, other faces, faces between solids, and colours.
+
+    A face has the colour of its solid unless the file gives it one; faces that gluing cuts have none.
+    """
     volumes: dict[str, list[int]] = {}
     owners: dict[int, list[str]] = {}
     for solid in solids:
@@ -162,8 +208,15 @@ def _add_groups(gmsh: Any, solids: list[_Solid], names: Mapping[int, str]) -> No
     faces: dict[str, list[int]] = {}
     for number, face in enumerate(sorted(owners), 1):
         between = sorted(set(owners[face]))
-        name = "|".join(between) if len(between) > 1 else names.get(face, "")
+        name = "|".join(between) if len(between) > 1 else given.names.get(face, "")
         faces.setdefault(name or f"face-{number}", []).append(face)
+        colour = given.colours.get(face, "")
+        if colour and colour not in {solid.colour for solid in solids if solid.name in between}:
+            faces.setdefault(colour, []).append(face)
+    if len(solids) > 1:
+        for solid in solids:
+            if solid.colour:
+                volumes.setdefault(solid.colour, []).append(solid.tag)
     for dim, groups in ((3, volumes), (2, faces)):
         for name, tags in groups.items():
             gmsh.model.addPhysicalGroup(dim, tags, name=name)

@@ -43,7 +43,7 @@ def save_exodus(path: Path, source: MeshSource, points: Floats) -> None:
     part = np.where(part < 0, len(blocks), part)
     order = np.argsort(part, kind="stable")
     place = np.argsort(order) + 1
-    inverse = np.argsort(BRICK.get(elements.shape[1], range(elements.shape[1])))  # ours to that of the file
+    inverse = np.argsort(BRICK.get(elements.shape[1], range(elements.shape[1])))  # ours to the file's
     surfaces = [group for group in source.groups if group.dim == 2]
     with netcdf_file(path, "w", version=2) as file:
         file.api_version = file.version = _VERSION

@@ -116,7 +116,7 @@ def extract(gmsh: Any, path: Path) -> MeshSource:
 def extract_surface(gmsh: Any, path: Path) -> MeshSource:
     """Surface mesh of gmsh's current model: all quadrilaterals, and the edges in physical groups of curves.
 
-    Groups of surfaces have ``dim`` 3, as those of cells, and groups of curves have 2.
+    Groups of surfaces have ``dim`` 3, as groups of cells have, and groups of curves have 2.
 
     Raises:
         MeshError: there are no quadrilaterals of 9 nodes, or other cells with them.

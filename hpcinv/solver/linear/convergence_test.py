@@ -28,6 +28,7 @@ class Settling:
         rough: whether larger changes will do, since other iterations make up for what is left.
         precise: whether only the residual counts, down to 1e-10.
         left: number of iterations left to all solutions until it is set again.
+        most: number of iterations of one solution that is not precise.
     """
 
     first = 1e-2  # relative residual of the first comparison
@@ -37,7 +38,7 @@ class Settling:
 
     def __init__(self) -> None:
         self.precise, self.rough = False, False
-        self.left = math.inf
+        self.left = self.most = math.inf
         self._vectors: Sequence[PETSc.Vec] = ()
         self._start, self._next, self._has_compared = 0.0, 0.0, False
 
@@ -55,7 +56,7 @@ class Settling:
             return reasons.CONVERGED_ATOL
         if residual <= (min(relative, _PRECISE) if self.precise else relative) * self._start:
             return reasons.CONVERGED_RTOL
-        if iteration >= limit or self.left <= 0:
+        if iteration >= limit or self.left <= 0 or (iteration >= self.most and not self.precise):
             return reasons.DIVERGED_MAX_IT
         if not self.precise and residual <= self._next:
             self._next = self.ratio * residual

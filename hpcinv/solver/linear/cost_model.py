@@ -25,6 +25,8 @@ COARSER = 2.0  # factor of the cell sizes in nested iteration
 _TANGENT = 5e-6  # s for each unknown: assembly
 _SET_UP, _MESH, _TRANSFER = 0.05, 8e-6, 3e-6  # s: one more model; gmsh by coarse unknown; transfer by unknown
 SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single precision and low rank pay
+# s of a set-up, and of an iteration, by unknown of degree 1, which is aggregated at once. Larger ones favour factors.
+_AGGREGATION = 14e-6, 6e-7
 _REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
 
 
@@ -143,7 +145,13 @@ class Forecast:
 
     def multigrid_time(self, tangents: int, iterations: float) -> float:
         """Return the time (s) of a number of multigrid set-ups and of Krylov iterations."""
-        return (tangents * 7e-6 + iterations * 6e-7 * self.degree**2 / 4) * self.unknowns
+        set_up, iteration = _AGGREGATION if self.degree == 1 else (7e-6, 1.5e-7 * self.degree**2)
+        return (tangents * set_up + iterations * iteration) * self.unknowns
+
+    @property
+    def equal_krylov(self) -> float:
+        """Krylov iterations of one correction with which multigrid takes as long as factorizations; at least 0."""
+        return max(self.direct - self.multigrid_time(TANGENTS, 0), 0.0) / self.multigrid_time(0, CORRECTIONS)
 
     @property
     def krylov(self) -> float:

@@ -17,6 +17,9 @@ _WORTH = 1.5  # least gain of multigrid: factorizations also give signs along th
 _OBVIOUS = 10.0  # gain by the shape, above which branches cannot make factorizations the faster ones
 _UNLIKE = 1.6  # times the operations that are forecast for blocks, up to which MUMPS was seen to take more or fewer
 _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solution, as limit of one Newton solve
+# Times the iterations of a correction with which both solvers take the same time, after which factorizations replace
+# multigrid. Until then it takes at most 1.5/8 of their time; more waste more, fewer leave multigrid that is worth it.
+_REVISED = 1.5
 _ROOM = 0.8  # share of the memory that factors may take
 _KEPT = 4  # times the memory of multigrid; there must be room for it if it is kept
 _SLENDER = 15  # aspect ratio from which approximate minimum fill orders better than nested dissection
@@ -34,6 +37,7 @@ class Choice:
         other: configuration after a failure, ``None`` for none.
         is_own: whether the job's PETSc options choose the type of the solver, or the package that factorizes.
         budget: largest number of Krylov iterations in one solve of Newton's method.
+        most: largest number of Krylov iterations of one of its corrections.
         precision: of factors, "single" or "double".
         low_rank: whether blocks of factors in single precision are compressed.
         minimum_fill: whether factors are ordered by approximate minimum fill.
@@ -46,6 +50,7 @@ class Choice:
     other: str | None = None
     is_own: bool = False
     budget: int = 2000
+    most: float = math.inf
     precision: str = "double"
     low_rank: bool = False
     minimum_fill: bool = False
@@ -128,9 +133,12 @@ class Chooser:
         single = low_rank if solver.continuation == "series" else self.forecast.operations >= SINGLE
         precision = str(solver.petsc.get("pc_precision", "single" if single else "double"))
         low_rank = bool(solver.petsc.get("mat_mumps_icntl_35", low_rank))
+        krylov = self.forecast.krylov
+        is_revised = chosen.configuration == "iterative" and chosen.other == "direct"
         return replace(
             chosen,
-            budget=math.ceil(_PATIENCE * CORRECTIONS * self.forecast.krylov),
+            most=math.ceil(max(_REVISED * self.forecast.equal_krylov, krylov)) if is_revised else math.inf,
+            budget=math.ceil(_PATIENCE * CORRECTIONS * krylov),
             precision=precision,
             low_rank=low_rank,
             minimum_fill=self._is_slender and self._ranks == 1,  # two ranks make better use of METIS's ordering

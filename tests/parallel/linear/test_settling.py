@@ -63,6 +63,10 @@ def test_the_solvers_own_limits_hold(comm: MPI.Intracomm) -> None:
     entries, test = np.geomspace(1e-3, 1.0, 60), Settling()
     whole = diagonal(comm, entries, test, 1e-30)[1]
     assert diagonal(comm, entries, test, 0.1)[1] < whole
+    test.most = 5
+    assert diagonal(comm, entries, test, 1e-30)[1] == 5
+    test.precise = True
+    assert diagonal(comm, entries, test, 1e-30)[1] > 5
     test.destroy()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -109,6 +110,29 @@ def test_large_chunky_bodies_are_solved_iteratively_and_others_directly(
     assert chosen.configuration == expected
     assert "times as long" in chosen.why
     assert chosen.other is not None
+
+
+def test_multigrid_of_degree_1_costs_what_was_measured() -> None:
+    """Processor seconds of solves with 1 to 4 set-ups and 47 to 299 iterations, without their assembly."""
+    for unknowns, set_ups, iterations, seconds in (
+        (10_212, 1, 47, 0.37),
+        (27_783, 1, 63, 1.40),
+        (14_136, 4, 299, 3.37),
+    ):
+        forecast = Forecast(unknowns, 1, Shape(cut=1000.0, aspect=1.0))
+        assert forecast.multigrid_time(set_ups, iterations) == pytest.approx(seconds, rel=0.2)
+
+
+def test_slow_multigrid_gives_way_after_a_fifth_of_the_time_of_factorizations(comm: MPI.Intracomm) -> None:
+    chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)
+    chooser.forecast, chooser.room = Forecast(300_000, 2, Shape(cut=6_000, aspect=1.0)), 1e12
+    forecast, choice = chooser.forecast, chooser.choose(Solver())
+    assert choice.configuration == "iterative"
+    assert forecast.krylov < choice.most < math.inf
+    assert forecast.multigrid_time(0, choice.most) < 0.2 * forecast.direct
+    assert chooser.choose(Solver(linear="iterative")).most == math.inf
+    chooser.room = 0.0  # there is no other
+    assert chooser.choose(Solver()).most == math.inf
 
 
 @pytest.mark.parametrize(
