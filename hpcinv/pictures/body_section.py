@@ -8,6 +8,7 @@ from hpcinv.errors import OutputError
 from hpcinv.pictures.boundary_surface import BoundaryResult
 from hpcinv.pictures.interior import Interior, cut_tetrahedra
 from hpcinv.quantity.arrays import Floats, Ints
+from hpcinv.quantity.units import readable
 
 _BESIDE = 1e-5  # of the body, from a plane that often has nodes; if it is raised, sections are not in the middle
 
@@ -81,7 +82,8 @@ class Cut:
         low, high = float(shape.points[:, k].min()), float(shape.points[:, k].max())
         place = (low + high) / 2 + _BESIDE * (high - low) if self.place is None else self.place
         if not low < place < high:
-            raise OutputError(f"the section {self.axis} = {place:g} m misses a body from {low:g} to {high:g} m")
+            extent = " to ".join(readable(end, "m") for end in (low, high))
+            raise OutputError(f"the section {self.axis} = {readable(place, 'm')} misses a body from {extent}")
         points, normal = result.mesh if shape.is_mesh else result.others, np.eye(3)[k]
         section = cut_tetrahedra(points, self.interior.tetrahedra, normal, place)
         values = BoundaryResult(

@@ -84,6 +84,9 @@ def test_all_states_of_a_run_are_drawn(tmp_path: Path) -> None:
         (["wrong.yaml"], "no region 'bottom'"),
         (["wrong.yaml", "--unit", "mm"], "--unit is for meshes"),
         (["damaged"], "surface.npz: cannot be read"),
+        (["damaged", "--html"], "damaged: --html is for jobs and meshes"),
+        ([MESHES / "box.py", "--html", "--output", "box.png"], "box.png: --html writes HTML files"),
+        ([MESHES / "box.py", "--section", "x"], "--section is for results"),
         (["older"], "older: its summary does not have what a picture needs"),
     ],
 )
