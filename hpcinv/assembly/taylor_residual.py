@@ -33,7 +33,7 @@ from hpcinv.assembly.tangent_moduli import Slot, UnsupportedForm, point_integran
 from hpcinv.assembly.taylor_code import LANES, taylor_code
 from hpcinv.kinematics import staged_derivatives
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, remove_stages
-from hpcinv.mesh.cells import FACET_KIND, jacobians, kind_and_degree, quadrature, sub_entities
+from hpcinv.mesh.cells import FACET_KIND, jacobians, kind_and_degree, quadrature, scalar_element, sub_entities
 from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Integers, Unknowns
@@ -292,7 +292,9 @@ def _derived(
     )
     if not graph.inputs:
         return plan, None
-    vector = remove_stages(ufl.as_vector(graph.inputs))
+    is_surface = integral.domains[0].normal is not None
+    positions = ufl.SpatialCoordinate(unknowns.mesh.ufl_domain()) if is_surface else ()  # for `_in_order`
+    vector = remove_stages(ufl.as_vector([*graph.inputs, *positions]))
     taken = list(extract_coefficients(vector)), list(extract_constants(vector))
     expression = compile_expression(unknowns.mesh.comm, vector, integral.cell_points, *taken, jit_options)
     functions, constants = scene.residual.coefficients(), scene.residual.constants()
@@ -320,6 +322,15 @@ class _Kernel:
         self.library = compile_library(comm, plan.text)
         doubles, masks = array_type(np.float64), array_type(np.int64)
         self.library.sweep.argtypes = [ctypes.c_int64, *4 * [ctypes.c_int], *3 * [doubles], masks, doubles]
+
+
+def _in_order(values: Floats, points: Floats) -> Floats:
+    """Return inputs (facets, points, n) in the order of points (facets, points, 3).
+
+    DOLFINx permutes the points of a facet by the numbers of its vertices. The last three inputs are positions.
+    """
+    distances = np.linalg.norm(points[:, :, None] - values[:, None, :, -3:], axis=-1)
+    return np.take_along_axis(values[..., :-3], distances.argmin(axis=2)[..., None], axis=1)
 
 
 class _Part:
@@ -361,7 +372,10 @@ class _Part:
         self._results = np.empty((self._blocks, kernel.outputs, LANES))
         self._inputs = np.zeros((self._blocks, kernel.plan.input_count, LANES))
         if kernel.inputs is not None and self._count:
-            self._inputs[:] = self._in_lanes(kernel.inputs.eval(self._mesh, domain.entities))
+            values = kernel.inputs.eval(self._mesh, domain.entities)
+            if domain.normal is not None:
+                values = _in_order(values, scalar_element(kind, degree).tabulate(0, domain.points)[0, :, :, 0] @ nodes)
+            self._inputs[:] = self._in_lanes(values)
 
     def put(self, k: int, x: npt.NDArray[np.float64] | None, loads: list[float]) -> None:
         if not self._count:
