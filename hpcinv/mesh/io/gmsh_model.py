@@ -93,24 +93,8 @@ def extract(gmsh: Any, path: Path) -> MeshSource:
     Raises:
         MeshError: there are no solid cells of one supported kind.
     """
-    mesh = gmsh.model.mesh
-    tags, coordinates, _ = mesh.getNodes()
-    node_tags, first = np.unique(tags.astype(np.int64), return_index=True)
     kind, degree = _solid(gmsh, path)
-    cell_tags, cells, volumes = _elements(gmsh, path, 3, ElementType.query(gmsh, kind, degree), all_cells=True)
-    _, facets, surfaces = _elements(gmsh, path, 2, ElementType.query(gmsh, FACET_KIND[kind], degree))
-    return MeshSource(
-        path=path,
-        kind=kind,
-        degree=degree,
-        points=coordinates.reshape(-1, 3)[first],
-        node_tags=node_tags,
-        cells=np.searchsorted(node_tags, cells),
-        cell_tags=cell_tags,
-        facets=np.searchsorted(node_tags, facets),
-        groups=(*volumes, *surfaces),
-        thin_groups=tuple(_group_name(gmsh, d, t) for d in (0, 1) for _, t in gmsh.model.getPhysicalGroups(d)),
-    )
+    return _source(gmsh, path, (3, kind, degree), FACET_KIND[kind])
 
 
 def extract_surface(gmsh: Any, path: Path) -> MeshSource:
@@ -122,21 +106,27 @@ def extract_surface(gmsh: Any, path: Path) -> MeshSource:
         MeshError: there are no quadrilaterals of 9 nodes, or other cells with them.
     """
     mesh = gmsh.model.mesh
-    found = sorted(mesh.getElementProperties(t)[0] for t in (*mesh.getElementTypes(2), *mesh.getElementTypes(3)))
-    if found != ["Quadrilateral 9"]:
+    names = sorted(mesh.getElementProperties(t)[0] for t in (*mesh.getElementTypes(2), *mesh.getElementTypes(3)))
+    if names != ["Quadrilateral 9"]:
         reason = "of a shell must be quadrilaterals of 9 nodes"
-        if any("Triangle" in name for name in found):
+        if any("Triangle" in name for name in names):
             reason += " (triangles of degree 2 lock in thin shells: at 1/1000 they bend 20 % less)"
         raise MeshError(
-            f"{path}: cells {reason}, and are {' and '.join(found) or 'none'}",
+            f"{path}: cells {reason}, and are {' and '.join(names) or 'none'}",
             "Mesh the surface with quadrilaterals (gmsh: Mesh.RecombineAll = 1) of degree 2 (model.mesh.setOrder(2)).",
         )
-    tags, coordinates, _ = mesh.getNodes()
+    source = _source(gmsh, path, (2, "quadrilateral", 2), EDGE_KIND["quadrilateral"])
+    return replace(source, groups=tuple(replace(group, dim=group.dim + 1) for group in source.groups))
+
+
+def _source(gmsh: Any, path: Path, cell: tuple[int, str, int], facet_kind: str) -> MeshSource:
+    """Return the mesh of all cells of a dimension, kind and degree, with the facets in physical groups."""
+    dim, kind, degree = cell
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
     node_tags, first = np.unique(tags.astype(np.int64), return_index=True)
-    kind, degree = "quadrilateral", 2
-    cell_tags, cells, surfaces = _elements(gmsh, path, 2, ElementType.query(gmsh, kind, degree), all_cells=True)
-    _, edges, curves = _elements(gmsh, path, 1, ElementType.query(gmsh, EDGE_KIND[kind], degree))
-    groups = (replace(group, dim=group.dim + 1) for group in (*surfaces, *curves))
+    cell_tags, cells, groups = _elements(gmsh, path, dim, ElementType.query(gmsh, kind, degree), all_cells=True)
+    _, facets, facet_groups = _elements(gmsh, path, dim - 1, ElementType.query(gmsh, facet_kind, degree))
+    thin = ((d, tag) for d in range(dim - 1) for _, tag in gmsh.model.getPhysicalGroups(d))
     return MeshSource(
         path=path,
         kind=kind,
@@ -145,9 +135,9 @@ def extract_surface(gmsh: Any, path: Path) -> MeshSource:
         node_tags=node_tags,
         cells=np.searchsorted(node_tags, cells),
         cell_tags=cell_tags,
-        facets=np.searchsorted(node_tags, edges),
-        groups=tuple(groups),
-        thin_groups=tuple(_group_name(gmsh, 0, tag) for _, tag in gmsh.model.getPhysicalGroups(0)),
+        facets=np.searchsorted(node_tags, facets),
+        groups=(*groups, *facet_groups),
+        thin_groups=tuple(_group_name(gmsh, d, tag) for d, tag in thin),
     )
 
 
