@@ -91,6 +91,7 @@ def test_results_go_to_the_first_free_place_and_no_other_run_is_touched(cube: Pa
         "checkpoints",
         "fields",
         "surface.npz",
+        "interior.npz",
         "job.yaml",
         "origin.json",
         "run.log",

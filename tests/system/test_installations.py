@@ -51,7 +51,7 @@ def test_an_unsuitable_part_is_named(tmp_path: Path, module: str, text: str, tol
 @pytest.mark.parametrize(
     ("arguments", "missing"),
     [
-        (["--version"], "pydantic"),
+        (["laws"], "pydantic"),
         (["validate", "column.yaml"], "yaml"),
         (["run", "column.yaml"], "mpi4py"),
         (["run", "column.yaml"], "numpy"),

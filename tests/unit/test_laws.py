@@ -264,8 +264,8 @@ def test_coefficients_of_stress_along_a_line_are_those_of_the_energy(name: str) 
     H1 *= 0.5 / np.linalg.norm(H1)
     errors = []
     for H0 in (0.4 * H1, np.zeros((3, 3))):
-        leaves = np.zeros((1, 9, stored, LANES))
-        leaves[0, :, :2] = np.stack([H0.ravel(), H1.ravel()], axis=1)[..., None]
+        leaves = np.zeros((1, stored, 9, LANES))
+        leaves[0, :2] = np.stack([H0.ravel(), H1.ravel()])[..., None]
         kept, choices = (
             np.empty((1, code.kept * stored + code.sums, LANES)),
             np.empty((1, code.choices, LANES), dtype=np.int64),

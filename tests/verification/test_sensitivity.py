@@ -454,7 +454,7 @@ def test_the_job_that_comes_with_the_project_on_screen_in_the_summary_and_in_the
     assert height["sd"] == pytest.approx(np.linalg.norm(parts))
     with h5py.File(out / "summary.h5") as file:
         assert dict(file["sensitivities/quantities/height/slopes"].attrs) == height["slopes"]
-    assert f"standard deviation {height['sd']:.2g})" in ended.stdout
+    assert f"standard deviation {100 * height['sd']:.2g} cm)" in ended.stdout  # the unit of the job's lengths
     assert "per SI unit of\n  material.young: height " in ended.stdout
     # Softer or heavier, it was the higher; the shape depends on E/ρ alone.
     young, _, density = (height["slopes"][key] for key in keys)

@@ -1,6 +1,7 @@
 """MED files of Salome and code_aster, read and written."""
 
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ def save_med(path: Path, source: MeshSource, points: Floats) -> None:
     """
     import h5py
 
+    content = BytesIO()  # HDF5 crashes on a full disk
     check_names(source, rf"[^\n/]{{1,{_LONGEST}}}", f"Names have up to {_LONGEST} characters; rename the region.")
     check_numbers(source)
     elements = elements_of(source)
@@ -45,7 +47,7 @@ def save_med(path: Path, source: MeshSource, points: Floats) -> None:
     facets = np.searchsorted(used, facets_of(source, elements)) + 1
     facet_tags = source.cell_tags.max() + 1 + np.arange(len(facets))
     families: dict[tuple[str, ...], int] = {(): 0}
-    with h5py.File(path, "w") as file:
+    with h5py.File(content, "w") as file:
         info = file.create_group("INFOS_GENERALES", track_order=True)
         info.attrs.update({name: np.int32(value) for name, value in zip(("MAJ", "MIN", "REL"), _VERSION, strict=True)})
         mesh = file.create_group("ENS_MAA", track_order=True).create_group(_MESH, track_order=True)
@@ -72,6 +74,7 @@ def save_med(path: Path, source: MeshSource, points: Floats) -> None:
                 _store(part, "NUM", tags)
                 _store(part, "FAM", _families_of(source, dim, families))
         _write_families(file, families)
+    path.write_bytes(content.getbuffer())
 
 
 def _families_of(source: MeshSource, dim: int, families: dict[tuple[str, ...], int]) -> Ints:

@@ -27,7 +27,7 @@ def free(material: dict[str, Any], analysis: str, comm: MPI.Intracomm) -> tuple[
     supports = [{"region": "x0", "fix": ["x", "y", "z"]}]
     given = job(mesh=box((2, 2, 2)), material=material, supports=supports, analysis=analysis)
     model = Equations(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
-    model.supports.conditions = []
+    model.supports.conditions, model.supports.prescribed = [], []
     assembly = System(model.scene(given.directions[0]), model.supports, Timings())
     x = model.unknowns.state.x.array
     x[:] = 0.01 * np.random.default_rng(0).standard_normal(len(x))
