@@ -106,7 +106,7 @@ def complete_action(arguments: list[str]) -> list[str]:
 
 
 def _parser(command: str = "") -> argparse.ArgumentParser:
-    """Return the parser of one command, whose modules alone are imported, or of all if there is no such command.
+    """Return the parser of one command, importing its modules only, or of all if there is no such command.
 
     ``--version`` needs no modules.
     """

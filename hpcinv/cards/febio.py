@@ -37,18 +37,27 @@ _VOLUMETRIC = ("logarithmic", "simo-taylor", "quadratic", "simo-taylor")
 _WITHOUT_EFFECT = ("density",)
 
 
+def root_of(text: str) -> ET.Element:
+    """Return the root of a model file.
+
+    Raises:
+        CardError: it is not XML, or defines entities.
+    """
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise CardError("has definitions of entities, which could fill the memory")
+    try:
+        return ET.fromstring(text.encode())
+    except ET.ParseError as error:
+        raise CardError(f"is not XML: {error}") from None
+
+
 def read(text: str, name: str | None = None) -> Card:
     """Return a material of a model, or of a text with an element ``<material>``.
 
     Raises:
         CardError: it is damaged, or has no counterpart.
     """
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise CardError("has definitions of entities, which could fill the memory")
-    try:
-        root = ET.fromstring(text.encode())
-    except ET.ParseError as error:
-        raise CardError(f"is not XML: {error}") from None
+    root = root_of(text)
     items = [root] if root.tag == "material" else list(root.iter("material"))
     named_items = {item.get("name") or item.get("id") or "": item for item in items}
     selected = chosen(named_items, name)

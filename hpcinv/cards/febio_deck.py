@@ -5,8 +5,9 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
-from hpcinv.cards.card import CardError, number
+from hpcinv.cards.card import number
 from hpcinv.cards.deck import Deck, Measure
+from hpcinv.cards.febio import root_of
 
 
 def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
@@ -15,12 +16,7 @@ def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
     Raises:
         CardError: it is not XML, or a number is damaged.
     """
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise CardError("has definitions of entities, which could fill the memory")
-    try:
-        root = ET.fromstring(text.encode())
-    except ET.ParseError as error:
-        raise CardError(f"is not XML: {error}") from None
+    root = root_of(text)
     deck = Deck()
     names = {entry.get("id", ""): entry.get("name", entry.get("id", "")) for entry in root.iter("material")}
     for domain in root.iter("SolidDomain"):

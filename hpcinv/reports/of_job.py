@@ -143,11 +143,10 @@ def _facets(boundary: Boundary, surface: Surface, kept: Decimated, *, is_part: b
         return boundary.points[kept.points], kept.triangles, np.arange(len(kept.triangles))
     count = vertex_count(surface.kind)
     tags = surface.tags[:, :count][:, _AROUND[count]]
-    used, first, rows = np.unique(tags, return_index=True, return_inverse=True)
+    _, first, rows = np.unique(tags, return_index=True, return_inverse=True)
     vertices = surface.nodes[:, :count][:, _AROUND[count]].reshape(-1, 3)[first]
     rows = rows.reshape(tags.shape)
     rows = np.where(surface.outward[:, None], rows, rows[:, ::-1])
-    assert len(used) == len(vertices)
     return vertices, rows, cut_of(surface).facet
 
 
