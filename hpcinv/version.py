@@ -1,3 +1,3 @@
 """Version of hpcinv; pyproject.toml reads it here."""
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
