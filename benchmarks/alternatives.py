@@ -1,6 +1,6 @@
 """What other discretisations and layouts would bring: discontinuous pressure, condensed or not; fewer points; blocks.
 
-Run ``mpirun -n 1 python benchmarks/alternatives.py``. Results are discussed in docs/performance/assembly.md.
+Run ``mpirun -n 1 python benchmarks/alternatives.py``. docs/notes/measurements.md shows what it prints.
 """
 
 from __future__ import annotations
