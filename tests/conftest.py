@@ -16,7 +16,7 @@ from hpcinv.parallel.runtime import MPI
 ROOT = Path(__file__).parents[1]
 UNIT = ROOT / "tests" / "unit"
 
-# mpi-pytest starts "mpiexec" by name, and the one that belongs to this Python is beside it.
+# mpi-pytest starts "mpiexec" by name, and the one of this Python is in the same directory.
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 # A rank that fails alone leaves the others waiting: let mpiexec end them, so that the test fails instead of hanging.
 os.environ.setdefault("MPIEXEC_TIMEOUT", "300")
@@ -52,7 +52,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def is_tested_on_more_ranks(item: pytest.Item) -> bool:
     """True for a test that is also one on more ranks, which take the same path and more."""
     ranks = [mark.args[0] for mark in item.iter_markers("parallel") if mark.args and isinstance(mark.args[0], list)]
-    # The markers that tell `ranks_of` are not attached yet.
+    # The markers that `ranks_of` reads are not attached yet.
     here = getattr(item, "callspec", None)
     return here is not None and any(here.params.get("_nprocs", max(allowed)) < max(allowed) for allowed in ranks)
 

@@ -37,7 +37,7 @@ StateSaveLocation={place}/state
 SlurmdSpoolDir={place}/spool
 SlurmctldPidFile={place}/slurmctld.pid
 SlurmdPidFile={place}/slurmd.pid
-# Neither cgroups nor accounting, and processes are told apart by their parents.
+# Neither cgroups nor accounting, and Slurm identifies processes by their parents.
 ProctrackType=proctrack/linuxproc
 TaskPlugin=task/none
 JobAcctGatherType=jobacct_gather/none

@@ -31,7 +31,7 @@ def load_libraries() -> None:
 
 
 def run_forked(action: str, path: Path, receive: Any = None) -> subprocess.CompletedProcess[bytes]:
-    """In place of `isolated.run_isolated`; ``AssertionError`` if the program prints a traceback."""
+    """Replacement of `isolated.run_isolated`; ``AssertionError`` if the program prints a traceback."""
     from hpcinv.reading.isolated_reader import main
 
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors, warnings.catch_warnings():

@@ -78,7 +78,7 @@ def write_vtu(path: Path, mesh: MeshSource) -> Path:
 
 
 def write_xdmf(path: Path, mesh: MeshSource) -> Path:
-    """As DOLFINx writes it: its own order of nodes and cells, functions of time beside the mesh."""
+    """As DOLFINx writes it: its own order of nodes and cells, functions of time in addition to the mesh."""
     made = dolfinx.mesh.create_mesh(
         MPI.COMM_SELF, mesh.cells, coordinate_element(mesh.kind, mesh.degree), np.asarray(mesh.points)
     )

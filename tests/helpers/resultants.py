@@ -32,7 +32,7 @@ class Loaded:
     """The whole load on a body in a state of the test's choice, which need not be in equilibrium.
 
     Args:
-        bend: displacement (m) of mesh nodes (n, 3) m, by which the mesh of the job is moved first.
+        bend: displacement (m) of mesh nodes (n, 3) m, which moves the mesh of the job first.
         state: the displacement (m) at dofs (n, 3) m of the bent mesh.
     """
 
@@ -77,6 +77,6 @@ class Loaded:
 
     @property
     def swelling(self) -> float:
-        """Work (J) in the virtual displacement ``v = x``: of the load, less that of the stresses."""
+        """Work (J) in the virtual displacement ``v = x``: work of the load minus work of the stresses."""
         scales = self.model.scales
         return float((self.pull * self.x).sum() * scales.stress * scales.length**3)

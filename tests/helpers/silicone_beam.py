@@ -17,7 +17,7 @@ def weight(load: float = 1.0) -> dict[str, Any]:
 
 
 def beam(size: str = "4 mm", geometry_degree: int = 2, load: float = 1.0) -> dict[str, Any]:
-    """Mesh, material, weight and clamp of a job in a directory beside ``meshes/``."""
+    """Mesh, material, weight and clamp of a job in a directory next to ``meshes/``."""
     return {
         "mesh": {
             "file": "../meshes/pdms_beam.py",

@@ -26,7 +26,7 @@ SOLVES = (
 def made_up(
     body: Body, direction: Any, u: Field, *, degree: int = 2, pressure: Field | None = None, **other: Any
 ) -> Solution:
-    """A solution on the body's mesh with these fields; the values in cells are those of `cell_values`."""
+    """A solution on the body's mesh with these fields; `cell_values` are its values in cells."""
     nodes = body.given_nodes
     cells = {name: fem.Function(fem.functionspace(body.mesh, ("DG", 0, shape))) for name, shape in CELLS.items()}
     for name, function in cells.items():

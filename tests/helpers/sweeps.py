@@ -15,7 +15,7 @@ from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
 
 
 def write_sweep(directory: Path, axes: list[dict[str, Any]], *, job: Mapping[str, Any] = BLOCK, **more: Any) -> Path:
-    """A sweep file with its job beside it; the store is beside both."""
+    """A sweep file in the directory of its job and its store."""
     (directory / "block.yaml").write_text(yaml.safe_dump(dict(job), sort_keys=False))
     path = directory / "sweep.yaml"
     path.write_text(yaml.safe_dump({"job": "block.yaml", "store": "store", "axes": axes, **more}, sort_keys=False))

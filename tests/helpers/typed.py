@@ -1,4 +1,4 @@
-"""Blocks of pages, typed in a shell where `hpcinv`, `python` and `mpirun` are those of the tests."""
+"""Blocks of pages, typed in a shell with the `hpcinv`, `python` and `mpirun` of the tests."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def blocks(page: Path) -> Iterator[tuple[str, str]]:
 def type_in(line: str, directory: Path, *, ends: int = 0) -> None:
     """Type a line, which must end with an exit code."""
     settings = environment() | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}
-    settings["MPIEXEC_TIMEOUT"] = "1800"  # that of other tests is for short runs
+    settings["MPIEXEC_TIMEOUT"] = "1800"  # other tests have a shorter one
     settings["PATH"] = os.pathsep.join([PROGRAMS, os.environ["PATH"]])
     ended = subprocess.run(line, shell=True, cwd=directory, env=settings, capture_output=True, text=True, timeout=1800)
     assert ended.returncode == ends, f"{line}\n{ended.stdout[-2000:]}\n{ended.stderr[-2000:]}"

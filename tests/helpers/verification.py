@@ -37,7 +37,7 @@ def digits(values: Any, form: str = ".1e") -> str:
 def job(**data: Any) -> Job:
     """A job as its file would give it; paths in it start from this directory.
 
-    Tests of the physics do without what a certificate costs; those of the certificate ask for it.
+    Tests of the physics switch the certificate off to save time; tests of the certificate switch it on.
     """
     return parse({"certificate": NO_CERTIFICATE, **data}, HERE)
 
@@ -57,7 +57,7 @@ class Solved:
     def _solve(self, direction_index: int) -> list[Solve]:
         self.scene: Scene = self.model.scene(self.job.directions[direction_index])
         solves = solve_direction(self.model, self.job.directions[direction_index], UNLOADED, SILENT).solves
-        self.model.destroy()  # its matrices hold communicators, of which a process has few
+        self.model.destroy()  # its matrices hold communicators, and a process has few of them
         assert solves[-1].outcome.accepted, solves[-1].outcome
         return list(solves)
 
@@ -102,7 +102,7 @@ def box(divisions: Sequence[int] = (2, 2, 2), **parameters: Any) -> dict[str, An
 
 
 def deform(unknowns: Unknowns) -> None:
-    """Set the state to smooth fields that are no solution."""
+    """Set the state to smooth fields that do not solve the problem."""
     state = unknowns.state
     parts = [state] if unknowns.p is None else [state.sub(0), state.sub(1)]
     parts[0].interpolate(lambda x: 0.05 * np.stack([np.sin(2 * x[1]), x[0] * x[2], np.cos(x[0] + x[1])]))

@@ -133,7 +133,7 @@ def test_a_surface_or_an_image_may_be_expected(comm: MPI.Intracomm, run_director
     moved = found({"surface": str(surface), "unit": "mm", "align": True}, 0.05)
     assert moved["max"] == pytest.approx(1e-2, rel=0.1)
     voxelised = found({"image": str(image), "labels": [7]}, 0.0)
-    # Edges, on which most nodes of this mesh lie, are rounded over about a voxel of 10 cm.
+    # Most nodes of this mesh lie on edges, which are rounded over about a voxel of 10 cm.
     assert voxelised["max"] < 0.13
     assert -0.01 < voxelised["mean"] < 0.1
     assert voxelised["dice"] > 0.97

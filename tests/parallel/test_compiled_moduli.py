@@ -94,7 +94,7 @@ def test_products_are_those_of_the_matrix(data: dict[str, Any], comm: MPI.Intrac
 def test_moduli_of_straight_cells_at_rest_serve_finer_spaces(
     data: dict[str, Any], few: int, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They are constant in a cell: products are those of the matrix in these spaces, to digits of single precision."""
+    """They are constant in a cell: products agree with the matrix in these spaces, to digits of single precision."""
     monkeypatch.setattr(tangent_product, "_FEW", few)
     model = model_of(data, comm)
     finer = Equations(one_degree_more(model.job), model.body, Timings())
@@ -123,7 +123,7 @@ def test_moduli_of_straight_cells_at_rest_serve_finer_spaces(
 
 @pytest.mark.parametrize(("kind", "of", "to"), [("tetrahedron", 2, 4), ("tetrahedron", 1, 4), ("hexahedron", 4, 6)])
 def test_moduli_are_extended_to_more_points(kind: str, of: int, to: int) -> None:
-    """Constants exactly, and what the fewer points can tell: linear functions, and on hexahedra quadratic ones."""
+    """Constants are exact, and so is what fewer points can represent: linear functions, on hexahedra quadratic ones."""
     given, points = (quadrature(kind, degree)[0] for degree in (of, to))
     matrix = extension(kind, given, points)
     assert matrix.sum(axis=1) == pytest.approx(1.0, abs=1e-13)

@@ -1,4 +1,4 @@
-"""`hpcinv explain`: what a scene contains, counted independently, and costs that are those of its parts."""
+"""`hpcinv explain`: contents of a job, counted independently, and costs that are sums over its parts."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def linear(grid: Any, values: np.ndarray) -> np.ndarray:
 
 
 def check(directory: Path, source: MeshSource, field: Field, *, is_linear: bool, region: str) -> None:
-    """Compare the files with the fields at their own points, and their cells with those of the source."""
+    """Compare the files with the fields at their own points, and their cells with the cells of the source."""
     import pyvista
     from vtkmodules.vtkCommonCore import vtkDataArray
 
@@ -66,7 +66,7 @@ def check(directory: Path, source: MeshSource, field: Field, *, is_linear: bool,
     stress = cell_values("cauchy_stress", centres).reshape(-1, 3, 3)
     stress = (stress + stress.transpose(0, 2, 1)) / 2
     assert np.allclose(grid.cell_data["principal_stress"], np.linalg.eigvalsh(stress)[:, ::-1], rtol=1e-5, atol=1)
-    # The mean over cells around a vertex, by volume: exact for one value, and here between those of the cells.
+    # The mean over cells around a vertex, by volume: exact for one value, here between the values of the cells.
     low, high = grid.cell_data["J"].min(), grid.cell_data["J"].max()
     smooth = grid.point_data["J_projected"]
     assert low * (1 - 1e-6) <= smooth.min() < smooth.max() <= high * (1 + 1e-6)

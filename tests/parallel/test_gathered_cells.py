@@ -29,7 +29,7 @@ CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any], int, int]] = {
         1,
         2,
     ),
-    # The nearest centres of cells are those of other layers: a cell next to that of a point may be taken.
+    # The nearest centres belong to other layers of cells: a cell next to the cell of a point may be taken.
     "flat cells": ("box.py", BOX | {"nx": 120, "ny": 2, "nz": 2}, BOX | {"nx": 20, "ny": 5, "nz": 4}, 1, 2),
     # On curved cells linear functions alone are exact, and nodes of the surface lie outside the other mesh.
     "curved tetrahedra": ("pdms_beam.py", BEAM | {"size": "4 mm"}, BEAM | {"size": "2.5 mm"}, 2, 2),

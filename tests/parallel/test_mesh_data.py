@@ -1,6 +1,6 @@
 """Data arrays of mesh files reach the nodes and cells that they belong to, in every format and on any number of ranks.
 
-Values are linear functions of position, so that each rank can tell for each of its rows what must be there.
+Values are linear functions of position, so that each rank knows what each of its rows must hold.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def assert_right(body: Body) -> None:
         function = as_function(body, array)
         assert function.name == name
         assert function.ufl_shape == {1: (), 3: (3,), 9: (3, 3)}[components]
-        # DOLFINx's own positions of the dofs; those of constants are the cells' midpoints.
+        # DOLFINx's own positions of the dofs; constants have theirs at the cells' midpoints.
         dofs = function.function_space.tabulate_dof_coordinates() * body.length_scale
         local_values = function.x.array.reshape(len(dofs), components)
         assert np.abs(local_values - linear(dofs, components)).max() < CLOSE

@@ -62,7 +62,7 @@ def test_a_mesh_is_cut_as_metis_says_and_can_be_put_together_again(
     for p in range(3):
         tags = cut.cell_tags[cut.parts[p] : cut.parts[p + 1]]
         assert set(tags) == set(source.cell_tags[part == p])
-        # Its nodes that no earlier part has stand together, behind those of the earlier ones.
+        # Its nodes that no earlier part has stand together, behind the nodes of the earlier ones.
         before = set(cut.cells[: cut.parts[p]].ravel().tolist())
         here = set(cut.cells[cut.parts[p] : cut.parts[p + 1]].ravel().tolist())
         assert here - before == set(range(len(before), len(before | here)))
@@ -183,8 +183,8 @@ def test_a_job_has_the_answers_of_the_whole_mesh_and_its_shape_goes_back(
     assert np.array_equal(shapes[0].cells, shapes[1].cells)
     comm.Barrier()
 
-    # The undeformed shape sags into what was given. With straight cells only its nodes come back exactly, where they
-    # are those of the displacement.
+    # The undeformed shape sags into what was given. With straight cells only its nodes come back exactly, if they
+    # are nodes of the displacement.
     back = solved("back", run_directory / "parted" / "shape.bp", analysis="forward", expected_shape={"file": str(bp)})
     there = reorder_to_source(parted.body, parted.solutions[0].mesh_nodes)
     again = reorder_to_source(back.body, back.solutions[0].other_nodes)

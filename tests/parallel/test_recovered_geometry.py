@@ -78,7 +78,7 @@ def test_straight_files_close_and_keep_their_numbering(
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_nodes_of_a_higher_degree_are_on_the_given_cells(degree: int, comm: MPI.Intracomm, meshes: Path) -> None:
     given = straight(meshes, hexahedra=True) if comm.rank == 0 else None
-    if given is not None:  # cells that are no parallelepipeds
+    if given is not None:  # cells that are not parallelepipeds
         given = dataclasses.replace(given, points=given.points * (1 + 0.1 * given.points[:, [1, 2, 0]]))
     file = spec(meshes / "box.py", parameters={"hexahedra": True})
     first, body = (build_body(file, {}, comm, degree=d, given=given) for d in (1, degree))

@@ -161,7 +161,7 @@ def test_a_jacobian_through_a_stage_is_the_same(comm: MPI.Intracomm) -> None:
 
 @pytest.mark.parallel([2])
 def test_a_rank_with_other_flags_takes_kernels_of_its_own(comm: MPI.Intracomm, tmp_path: Path) -> None:
-    """As on a node whose processor has not the instructions of that of rank 0."""
+    """As on a node whose processor lacks instructions of rank 0's processor."""
     given = job(**MIXED)
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
     scene = Equations(given, body, Timings()).scene("inverse")
@@ -170,7 +170,7 @@ def test_a_rank_with_other_flags_takes_kernels_of_its_own(comm: MPI.Intracomm, t
     options = JIT_OPTIONS | {"cffi_extra_compile_args": flags, "cache_dir": Path(comm.bcast(str(tmp_path)))}
     cells = np.arange(1, dtype=np.int32)
     (usual,) = compiled_moduli(scene.residual, scene.unknowns, JIT_OPTIONS)
-    for _ in range(2):  # without a record, and with that of rank 0
+    for _ in range(2):  # without a record, and with the record of rank 0
         (moduli,) = compiled_moduli(scene.residual, scene.unknowns, options)
         files = comm.allgather(moduli.expression.file)
         assert files[0] != files[1]

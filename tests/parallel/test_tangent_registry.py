@@ -1,7 +1,7 @@
-"""Every law, effect and configuration of fibres has moduli, of which the tangent of a large mesh is made.
+"""Every law, effect and configuration of fibres has moduli, which make up the tangent of a large mesh.
 
 Large meshes take another path than small ones (`hpcinv.assembly.tangent`); here small ones take it, and the matrix must
-be that of the compiled form. All laws are in one scene, each in a slab of a bar, and all effects in another one.
+agree with the compiled form. All laws are in one scene, each in a slab of a bar, and all effects in another one.
 """
 
 from __future__ import annotations

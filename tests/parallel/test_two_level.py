@@ -142,7 +142,7 @@ def nodes(estimated: Estimate) -> np.ndarray:
 
 
 def test_residuals_without_moduli_are_differentiated(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As those of effects of plugins whose form has none."""
+    """Effects of plugins may have no moduli."""
 
     def none(*_: Any) -> Any:
         raise UnsupportedForm("it has other derivatives")

@@ -1,4 +1,4 @@
-"""Installations beside the wheels: a DOLFINx that does not fit, and what the page on installing says to install."""
+"""Installations other than the wheels: a DOLFINx that does not fit, and what the page on installing says to install."""
 
 import importlib
 import json
@@ -93,7 +93,7 @@ def test_errors_in_imports_of_hpcinv_or_python_stay_what_they_are() -> None:
 
 
 def _without(missing: str, program: list[str], place: Path) -> subprocess.CompletedProcess[str]:
-    """Run a program in an installation that lacks a package, beside the job ``column.yaml``."""
+    """Run a program in an installation that lacks a package, in the directory of the job ``column.yaml``."""
     write_job(place / "column.yaml", COLUMN)
     lacking = place / "lacking"
     lacking.mkdir()

@@ -26,7 +26,7 @@ JOB = BLOCK | {"mesh": BOX, "quantities": [], "output": {"fields": False}}
 
 
 def test_a_shape_goes_back_with_the_unit_of_the_job_and_with_no_other(tmp_path: Path) -> None:
-    """It was in metres beside a job in mm."""
+    """A result in metres, for a job in mm."""
     there = hpcinv(1, "run", write_job(tmp_path / "there.yaml", JOB), "--output", "there", cwd=tmp_path)
     assert there.returncode == 0, there.stderr
     for name in ("shape.msh", "shape.vtu"):

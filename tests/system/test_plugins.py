@@ -1,4 +1,4 @@
-"""Laws and effects from outside the package: a Python file beside the job, or an installed package's entry point."""
+"""Laws and effects from outside the package: a Python file next to the job, or an installed package's entry point."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> float:
 
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
-    """A directory with a plugin, a job beside it that uses it, and a place to run from."""
+    """A directory with a plugin, a job next to it that uses it, and a place to run from."""
     for name in ("jobs", "laws", "elsewhere"):
         (tmp_path / name).mkdir()
     (tmp_path / "laws" / "gel.py").write_text(PLUGIN)

@@ -1,4 +1,4 @@
-"""hpcinv from Python: jobs made of mappings, changed jobs, and what a result tells of itself."""
+"""hpcinv from Python: jobs made of mappings, changed jobs, and what a result shows of itself."""
 
 from __future__ import annotations
 

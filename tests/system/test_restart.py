@@ -26,7 +26,7 @@ BEAM: dict[str, Any] = {
     **CURVED_BEAM,
     "mesh": {**CURVED_BEAM["mesh"], "parameters": {"size": "8 mm"}, "geometry_degree": 1},
 }
-"""Straight cells: those of this size would be inverted if they were curved."""
+"""Straight cells, since curved ones of this size would be inverted."""
 ROUND_TRIP: dict[str, Any] = {"analysis": "round_trip", "first": "forward"}
 FIXED: dict[str, Any] = {"strategy": "fixed", "steps": STEPS}
 
@@ -334,7 +334,7 @@ def test_demands_on_the_accuracy_are_refused_before_they_cost_the_checkpoints(co
 
 
 def test_without_its_demands_on_the_accuracy_a_run_goes_on_with_checkpoints(place: Path) -> None:
-    """A search has no checkpoints; those of the job without it are made, and are used from then on."""
+    """A search has no checkpoints; the job without it writes some, which are used from then on."""
     block: dict[str, Any] = {**BLOCK, "solver": {"strategy": "fixed", "steps": 4}, "analysis": "round_trip"}
     searching = write_job(place / "searching.yaml", block, accuracy={"top": "2 cm"})
     run = place / "searching"

@@ -69,7 +69,7 @@ def test_all_states_of_a_run_are_drawn(tmp_path: Path) -> None:
     first, second, before = (
         matplotlib.image.imread(tmp_path / name) for name in ("run-result.png", "run-result-error.png", "block.png")
     )
-    assert first.shape[1] == 3 * before.shape[1] // 2  # three bodies beside each other, two views
+    assert first.shape[1] == 3 * before.shape[1] // 2  # three bodies next to each other, two views
     assert not np.array_equal(first, second)
 
 

@@ -67,7 +67,7 @@ CERTIFIED: dict[str, Any] = {"certificate": {}, "checkpoint": {"every": 100}}
 
 
 def sending(directory: Path, where: str, *, when: str = "before", rank: int = 1) -> Path:
-    """A script that runs hpcinv, in which a rank gets SIGTERM at a call of a function."""
+    """A script that runs hpcinv and sends SIGTERM to a rank at a call of a function."""
     script = directory / "sends.py"
     script.write_text(SENDING.format(where=where, when=when, rank=rank))
     return script

@@ -185,7 +185,7 @@ def test_a_signal_while_a_process_reads_the_mesh_of_a_case_leaves_the_case_open(
     assert [*records_of(sweep).values()] == [None]
 
 
-# It tells when the first of our own modules is loaded; what Python does before that is out of reach.
+# It marks when the first of our own modules is loaded; what Python does before that is out of reach.
 MARKING = """
 import pathlib, runpy, sys
 import hpcinv.parallel.signals

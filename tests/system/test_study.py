@@ -408,7 +408,7 @@ def test_no_order_is_given_where_more_than_the_mesh_varies(begin: Begin, tmp_pat
         begin, plan(tmp_path, repeat=1, series=series), tmp_path, [good(v) for v in (1.0, 1.5, 1.75)]
     )
     assert [row.size for row in rows] == [None] * 3
-    # Parameters that do not keep their proportion: the number of cells tells.
+    # Parameters that do not keep their proportion: the number of cells decides.
     vary = {"mesh.parameters.nz": [1, 2, 4], "mesh.parameters.nx": [1, 1, 2]}
     study = plan(tmp_path, repeat=1, series=[{"name": "all", "vary": vary}])
     rows, _ = rows_and_accuracy(begin, study, tmp_path / "b", [good(1.0, unknowns=n) for n in (1, 8, 64)])

@@ -1,4 +1,4 @@
-"""The study file: what is wrong with it is told at once, and what its runs are."""
+"""The study file: all its faults are reported at once, and what its runs are."""
 
 from __future__ import annotations
 

@@ -232,7 +232,7 @@ def test_an_estimate_that_falls_faster_than_its_value_changes_is_not_believed() 
         for i, (q, e) in enumerate(zip(values, estimates, strict=True))
     ]
     first = assess(trials[:1], {"q": 1e-3}, None)
-    assert first.bounds["q"] == math.inf  # one mesh, on which errors may cancel
+    assert first.bounds["q"] == math.inf  # on one mesh errors may cancel
     second = assess(trials, {"q": 1e-3}, None, first)
     assert second.bounds["q"] >= 3.17e-3 * ratio / (1 - ratio)
     assert second.bounds["q"] >= 8.0e-4  # the true error

@@ -1,4 +1,4 @@
-"""What the command line tells of laws and effects: complete, and examples that are right as they are printed."""
+"""What the command line shows of laws and effects: complete, with examples that work as printed."""
 
 from __future__ import annotations
 

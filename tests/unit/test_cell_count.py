@@ -57,7 +57,7 @@ def generator(tmp_path: Path, text: str) -> Path:
 
 
 def expected(path: Path, **parameters: Any) -> tuple[float, int]:
-    """What was told, and the number of cells made."""
+    """The messages, and the number of cells made."""
     told: list[str] = []
     source = read_source(spec(path, parameters=parameters), path, told.append)
     numbers = [float(text.split()[1].replace(",", "")) for text in told]

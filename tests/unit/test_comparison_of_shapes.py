@@ -130,7 +130,7 @@ def test_an_image_beside_a_surface(direction: tuple[float, ...], tmp_path: Path)
     image = surface_in(written(tmp_path / "ball.nii.gz", direction), None)
     comparison = compare(image.surface, surface_in(ball(tmp_path / "ball.stl", centre=(50, 0, 0)), 1e-3).surface)
     print(f"rms {comparison.first.rms:.1e}, largest {comparison.first.largest:.1e} m, Dice {comparison.dice:.4f}")
-    assert image.surface.volume == pytest.approx(4224e-9, rel=2e-3)  # that of its voxels
+    assert image.surface.volume == pytest.approx(4224e-9, rel=2e-3)  # the volume of its voxels
     assert comparison.first.centre == pytest.approx([0.05, 0, 0], abs=2e-5)
     assert comparison.first.largest < 0.5e-3
     assert comparison.first.rms < 0.25e-3

@@ -152,7 +152,7 @@ WHOLE: dict[str, tuple[str, Callable[[], bytes]]] = {
 @pytest.mark.usefixtures("forks")
 @pytest.mark.parametrize("name", WHOLE)
 def test_whole_images_are_read_as_by_an_independent_program(name: str, tmp_path: Path) -> None:
-    """Voxels and their places are those of SimpleITK, which reads neither VTK nor some encodings of NRRD."""
+    """Voxels and their places agree with SimpleITK, which reads neither VTK nor some encodings of NRRD."""
     file, content = WHOLE[name]
     path = tmp_path / file
     assert read(path, content()) == pytest.approx(360, rel=1e-6)

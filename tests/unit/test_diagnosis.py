@@ -1,4 +1,4 @@
-"""Why the full load was not reached: every reason told apart from the others."""
+"""Why the full load was not reached: every reason distinguished from the others."""
 
 from __future__ import annotations
 

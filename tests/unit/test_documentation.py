@@ -54,7 +54,7 @@ def subcommands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentP
 
 
 def commands(page: Path) -> Iterator[tuple[argparse.ArgumentParser, str]]:
-    """The parsers of the commands that a page tells to type, and the rest of each line."""
+    """The parsers of the commands that a page gives, and the rest of each line."""
     for line in page.read_text().splitlines():
         for typed in re.findall(r"(?:python -m |uv run )hpcinv ([^`\n|#…]*)", line):
             parser, said = _parser(), complete_action(typed.split())
@@ -130,7 +130,7 @@ def sweeps_and_studies() -> list[Any]:
 
 @pytest.mark.parametrize("block", sweeps_and_studies())
 def test_sweeps_and_studies_in_the_pages_are_valid(block: str, tmp_path: Path) -> None:
-    """Their jobs are those of the project."""
+    """Their jobs belong to the project."""
     (tmp_path / "meshes").symlink_to(ROOT / "meshes")
     shutil.copytree(ROOT / "jobs", tmp_path / "jobs")
     file = tmp_path / "jobs" / "of-a-page.yaml"

@@ -200,7 +200,7 @@ def test_points_without_a_finite_value_are_not_finite_and_raise_nothing(text: st
 
 
 def test_another_algebra_can_evaluate_a_formula() -> None:
-    """As UFL will: here the algebra is that of formula texts."""
+    """As UFL will: here the algebra writes texts of formulas."""
 
     class Text(str):
         def __add__(self, other: str) -> Text:

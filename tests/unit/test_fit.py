@@ -25,7 +25,7 @@ from hpcinv.fitting.measurements import Test, TestOptions, read_file, set_deviat
 from hpcinv.job.job import load
 from hpcinv.materials import laws
 
-Test.__test__ = False  # type: ignore[attr-defined]  # it is no test of pytest's
+Test.__test__ = False  # type: ignore[attr-defined]  # pytest must not collect it
 ROOT = Path(__file__).parents[2]
 TRELOAR = ROOT / "jobs" / "treloar"
 MEASURES = {
@@ -141,7 +141,7 @@ def fitted(law: str, *modes: str) -> Fit:
 def test_published_fits_of_treloars_rubber_are_found() -> None:
     """As the hyperelastic examples of simcoon (3MAH/simcoon) print them for the same table: 0.5673; 0.1713, 0.0047 MPa.
 
-    The table has two decimals, of which the last decides the fourth digit of the second and third figure.
+    The last of the two decimals in the table decides the fourth digit of the second and third figure.
     """
     assert fitted("isochoric-neo-hookean", "uniaxial").values == pytest.approx([0.5673e6], rel=1e-3)
     c1, c2 = fitted("mooney-rivlin", "equibiaxial").values
@@ -421,6 +421,6 @@ def test_strong_ellipticity_is_a_positive_energy_of_all_waves(law: dict[str, Any
         f" {np.sum(elliptic != ~np.array(lost))} differ"
     )
     assert 0 < elliptic.sum() < len(elliptic)
-    # Random directions miss those of least energy by some, so that a state at the very edge may look elliptic.
+    # Random directions miss the direction of least energy by some, so that a state at the very edge may look elliptic.
     assert (elliptic <= ~np.array(lost)).all()
     assert (elliptic != ~np.array(lost)).sum() <= 1

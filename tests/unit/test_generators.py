@@ -126,7 +126,7 @@ def test_arithmetic_reaches_a_generator_as_a_number(tmp_path: Path) -> None:
 
 
 def test_lengths_reach_a_generator_in_the_unit_it_works_in(tmp_path: Path) -> None:
-    """Defaults too, and neither a default of its own kind nor what is no length."""
+    """Defaults too, but neither a default of its own kind nor a value that is not a length."""
     path = tmp_path / "body.py"
     path.write_text(
         "def build(gmsh, *, length: Length, size: Size = 2e-6, side: Area = 4e-12, mu: Stress = 1e3, n: int = 2): ..."
@@ -154,7 +154,7 @@ def test_lengths_reach_a_generator_in_the_unit_it_works_in(tmp_path: Path) -> No
 def test_a_quantity_for_a_parameter_of_unknown_unit_is_refused(
     tmp_path: Path, parameter: str, unit: float, remedy: str
 ) -> None:
-    """It reached a generator that works in mm as 0.006, for which gmsh makes cells until memory is full."""
+    """It reached a generator that works in mm as 0.006: gmsh then makes cells until memory is full."""
     path = tmp_path / "m.py"
     path.write_text(f"def build(gmsh, *, {parameter}): ...")
     values, [(where, what)] = read_parameters(path, {"size": "6 mm"}, unit)

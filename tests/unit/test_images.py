@@ -113,7 +113,7 @@ def test_image_lies_where_the_header_says(ending: str, tmp_path: Path) -> None:
 
 
 def test_a_folded_surface_does_not_cross_itself(tmp_path: Path) -> None:
-    """Folds like those of this body cross at first, five facets, and are meshed again with cells between them."""
+    """Five facets of folds like these cross at first; they are meshed again with cells between them."""
     noise = ndimage.gaussian_filter(np.random.default_rng(2).standard_normal((20, 20, 20)), 2.2, mode="constant")
     blobs, _ = ndimage.label(noise > np.quantile(noise, 0.6))
     largest = np.bincount(blobs.ravel())[1:].argmax() + 1
@@ -291,7 +291,7 @@ def test_labels_that_touch_share_their_facets(tmp_path: Path) -> None:
 
 
 def test_cavities_and_neighbours_are_regions(tmp_path: Path) -> None:
-    """A wall around blood, with a closed cavity beside it and a bone next to the outer surface."""
+    """A wall around blood, with a closed cavity next to it and a bone next to the outer surface."""
     radii = np.linalg.norm(grid(30), axis=-1)
     x = grid(30)[..., 0]
     voxels = np.where(radii < 6, 7, np.where(radii < 13, 1, 0)).astype(np.uint8)
@@ -551,7 +551,7 @@ def test_thin_walls_between_surfaces_are_meshed_in_large_cells(
 
 
 def test_several_surfaces(tmp_path: Path) -> None:
-    """A wall between two spheres, and a core of another material in it beside a cavity."""
+    """A wall between two spheres, and a core of another material in it next to a cavity."""
     for name, radius in (("outer", 10), ("inner", 6), ("core", 3)):
         pyvista.Sphere(radius=radius, theta_resolution=40, phi_resolution=40).save(tmp_path / f"{name}.stl")
 
@@ -593,7 +593,7 @@ def test_curved_cells_are_nearer_to_the_true_surface(tmp_path: Path) -> None:
     voxels, said = (np.linalg.norm(grid(40) * BALL / 18, axis=-1) < BALL).astype(np.uint8), list[str]()
     image, spec = written(tmp_path / "ball.nii.gz", voxels, (BALL / 18,) * 3), {"size": "6.5 mm"}
     middle = [19.5 * BALL / 18] * 3
-    # The volume of the voxels is not quite that of the ball: the mean distance does not count.
+    # The volume of the voxels differs from the ball's: the mean distance does not count.
     straight, bent = (beside_sphere(meshed(image, said, geometry_degree=d, **spec), middle).std() for d in (1, 2))
     print(f"voxels: {straight:.3g} m, curved {bent:.3g} m")
     assert bent < 0.85 * straight

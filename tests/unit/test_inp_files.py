@@ -281,7 +281,7 @@ def test_a_job_on_an_input_file_writes_one(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
 def test_calculix_finds_the_same_displacements(tmp_path: Path) -> None:
-    """A linear problem: straight tetrahedra of degree 2, for which its four points integrate exactly."""
+    """A linear problem: on straight tetrahedra of degree 2 its four points integrate exactly."""
     box = ROOT / "meshes" / "box.py"
     source = read_source(spec(box, parameters={"nx": 2, "ny": 1, "nz": 2}, geometry_degree=2), box)
     save(tmp_path / "box.inp", source, source.points)

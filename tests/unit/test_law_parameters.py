@@ -1,4 +1,4 @@
-"""What a job may say of each law, and what it is told if a law cannot be so."""
+"""What a job may say of each law, and the message if a law cannot be so."""
 
 from __future__ import annotations
 

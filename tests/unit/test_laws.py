@@ -336,7 +336,7 @@ def test_a_rotation_of_space_changes_no_energy_and_turns_the_stress(name: str) -
 
 @of_every_law
 def test_small_strain_moduli_are_those_that_the_law_states(name: str) -> None:
-    """With fibres, those of the ground substance: of a shear that strains no fibre."""
+    """With fibres, moduli of the ground substance: of a shear that does not strain fibres."""
     law = compiled(name)
     mu, kappa = moduli(law.law)
     _, t, n = THIRDS / 3

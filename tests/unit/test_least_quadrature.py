@@ -1,4 +1,4 @@
-"""The least quadrature: below it cells have motions without energy beside the rigid ones, and the job is refused."""
+"""The least quadrature: below it cells have motions without energy that are not rigid, and the job is refused."""
 
 from __future__ import annotations
 

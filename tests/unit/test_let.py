@@ -184,7 +184,7 @@ def test_formulas_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_every_field_that_takes_formulas_is_a_place_that_is_listed() -> None:
-    """Those of laws and effects are found by their kind."""
+    """Places in laws and effects are found by their kind."""
     listed = " ".join(place.field for place in PLACES)
     root = Path(package.__file__).parent
     for file in root.rglob("*.py"):

@@ -1,4 +1,4 @@
-"""Job files are YAML 1.2 within limits of size, and what is no YAML is told with its line."""
+"""Job files are YAML 1.2 within limits of size; anything else is refused with its line."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from hpcinv.errors import JobError, SystemPartMissing
 from hpcinv.fitting.cycles import loading_branches
 from hpcinv.fitting.measurements import TestOptions, read_file
 
-TestOptions.__test__ = False  # type: ignore[attr-defined]  # it is no test of pytest's
+TestOptions.__test__ = False  # type: ignore[attr-defined]  # pytest must not collect it
 STRETCH = (1.0, 1.1, 1.25, 1.5)
 FORCE = (0.0, 2.5, 5.75, 10.125)  # N
 POINTS = list(zip(STRETCH, FORCE, strict=True))

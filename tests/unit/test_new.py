@@ -163,7 +163,7 @@ def test_the_surfaces_of_a_wall_in_an_image_have_their_names(kind: str, tmp_path
 
 
 def branched(path: Path, *, closed: bool = False) -> Path:
-    """A segmented vessel (wall 1, cavity 2) along z, from which a narrower one branches off along x."""
+    """A segmented vessel (wall 1, cavity 2) along z, with a narrower branch along x."""
     sitk = pytest.importorskip("SimpleITK")
     x, y, z = np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in (32, 26, 30)), indexing="ij")
     trunk, branch = np.hypot(x + 6, y), np.where(x > -6, np.hypot(y, z), np.inf)

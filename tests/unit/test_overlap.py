@@ -145,7 +145,7 @@ def facets(kind: str, degree: int, tags: Any, nodes: Any) -> Surface:
 
 
 def test_neighbours_that_cross_elsewhere_count_and_what_they_share_does_not() -> None:
-    # One corner is shared; the second triangle stands across the first, or beside it.
+    # One corner is shared; the second triangle stands across the first, or next to it.
     flat = [(0, 0, 0), (4, -1, 0), (4, 1, 0)]
     assert find_overlap(facets("triangle", 1, [(0, 1, 2), (0, 3, 4)], [*flat, (3, 0, 1), (3, 0, -1)])).pairs == 1
     assert find_overlap(facets("triangle", 1, [(0, 1, 2), (0, 3, 4)], [*flat, (-3, 0, 1), (-3, 0, -1)])).pairs == 0

@@ -65,7 +65,7 @@ def measures(kind: str, degree: int, nodes: np.ndarray) -> np.ndarray:
     """Volumes or areas of cells or facets with ``nodes`` (c, n, 3), by a quadrature of its own."""
     points, weights = basix.make_quadrature(
         basix.CellType[kind], 8 if kind in FACET else 24
-    )  # areas are no polynomials
+    )  # areas are not polynomials
     element = lagrange(kind, degree)
     gradients = element.tabulate(1, points)[1:, :, :, 0]
     J = np.einsum("dqn,cnx->cqdx", gradients, nodes)
@@ -135,7 +135,7 @@ def test_cells_fit(name: str, meshes: Path) -> None:
 
 @pytest.mark.parametrize("name", [name for name, (_, degree, _) in CASES.items() if degree == 2])
 def test_pieces_have_the_shape_of_their_parents(name: str, meshes: Path) -> None:
-    """The place of a piece's nodes in its parent is that of a straight piece: its map is the parent's."""
+    """The nodes of a piece lie in its parent as in a straight piece: its map is the parent's."""
     source = source_of(name, meshes)
     cmap = dolfinx.fem.coordinate_element(coordinate_element(source.kind, 2).basix_element)
     nodes: np.ndarray = lagrange(source.kind, 2).points
@@ -216,7 +216,7 @@ def test_unrefined_cells_keep_their_tags_and_plane_ends_stay_plane(meshes: Path)
 
 @pytest.mark.parametrize("name", ["block of tetrahedra", "block of bricks", "straight cells with curved geometry"])
 def test_meshes_without_facet_groups_are_refined(name: str, meshes: Path) -> None:
-    """As those of files whose regions are named by conditions of the job alone."""
+    """As with files whose regions are named by conditions of the job alone."""
     source = source_of(name, meshes)
     bare = replace(source, facets=no_cells(FACET[source.kind], source.degree), groups=())
     for (refined, _), (same, _) in zip(refinements(bare), refinements(source), strict=True):

@@ -1,4 +1,4 @@
-"""``validate`` knows the regions of ready-made meshes, and tells a name that none has, without reading the mesh."""
+"""``validate`` knows the regions of ready-made meshes, and reports a name that none has, without reading the mesh."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def test_region_names_are_reported_only_where_certain(tmp_path: Path) -> None:
         else:
             with pytest.raises(JobError, match="there is no region 'surface' in"):
                 hpcinv.load(path)
-    (tmp_path / "a.msh").write_text("$MeshFormat\n")  # what is not whole is told where it is read
+    (tmp_path / "a.msh").write_text("$MeshFormat\n")  # incomplete files are reported where they are read
     hpcinv.load(write(tmp_path, "a.msh"))
     (tmp_path / "a.vtu").write_text("<VTKFile><cut")
     hpcinv.load(write(tmp_path, "a.vtu"))

@@ -1,4 +1,4 @@
-"""Reports by themselves: arrays, surfaces that are made smaller, sizes, words, and directories that are no runs."""
+"""Reports by themselves: arrays, decimated surfaces, sizes, words, and directories without a run."""
 
 from __future__ import annotations
 

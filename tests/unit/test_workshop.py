@@ -117,7 +117,7 @@ def read_stl(path: Path) -> tuple[np.ndarray, np.ndarray]:
     points, place = np.unique(rows[:, 1:].reshape(-1, 3), axis=0, return_inverse=True)
     triangles = place.reshape(-1, 3)
     normals = np.cross(*(points[triangles[:, i]] - points[triangles[:, 0]] for i in (1, 2)))
-    assert (np.einsum("ni,ni->n", normals, rows[:, 0]) > 0).mean() > 0.99  # those of tiny triangles are rounded
+    assert (np.einsum("ni,ni->n", normals, rows[:, 0]) > 0).mean() > 0.99  # normals of tiny triangles are rounded
     return points, triangles
 
 

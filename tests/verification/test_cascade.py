@@ -1,4 +1,4 @@
-"""What is tried where the job's strategy fails: who wins, with which answer and at what cost."""
+"""What is tried where the job's strategy fails: who wins, its answer and its cost."""
 
 from __future__ import annotations
 

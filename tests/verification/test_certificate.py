@@ -85,7 +85,7 @@ def test_the_error_of_the_column_is_estimated(divisions: int, comm: MPI.Intracom
     assert 0.5 < ratios["length"] < 2
 
 
-@pytest.mark.parallel([2])  # on one rank: those of the sphere and the column
+@pytest.mark.parallel([2])  # tests of the sphere and the column run on one rank
 def test_the_error_of_the_beam_is_estimated(comm: MPI.Intracomm) -> None:
     """The exact tip is taken from cubic displacements."""
 
@@ -229,7 +229,7 @@ def test_factors_of_a_forward_solve_tell_its_inertia(comm: MPI.Intracomm) -> Non
 def test_factors_of_nearly_symmetric_tangents_serve_the_certificate(
     analysis: str, load: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The inertia is that of factors of the forward tangent, and so are the way back and the solution itself."""
+    """Inertia, round trip and solution agree with factors of the forward tangent."""
     loads: dict[str, dict[str, object]] = {
         "gravity": {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 30},
         "pressure": {"effect": "pressure", "region": "x1", "pressure": 300},
@@ -321,7 +321,7 @@ def test_balance_is_that_of_the_forces(comm: MPI.Intracomm) -> None:
 @pytest.mark.parametrize("geometry_degree", [1, 2])
 @pytest.mark.parametrize("start", ["near", "path"])
 def test_the_way_back_closes_on_straight_cells_too(start: str, geometry_degree: int, comm: MPI.Intracomm) -> None:
-    """The computed body has the degree of the displacement, whatever that of the given cells."""
+    """The computed body has the degree of the displacement, whatever degree the given cells have."""
     result = hpcinv.run(cantilever(geometry_degree, NO_CERTIFICATE | {"round_trip": start}), comm)
     closure = line(result, "round trip")
     assert closure.value is not None
@@ -363,7 +363,7 @@ def test_fixed_points_are_equilibria_on_straight_cells_too(geometry_degree: int,
 
 
 def test_a_body_that_hangs_beside_its_rest_does_not_fail(comm: MPI.Intracomm) -> None:
-    """The support may be a plane of symmetry or a rest that ends there: nothing in the job tells which."""
+    """The support may be a plane of symmetry or a rest that ends there: nothing in the job says which."""
     block = job(
         mesh=box((2, 2, 2)),
         material={"law": "neo-hookean", "mu": 1.0, "lam": 4.0},
@@ -429,7 +429,7 @@ COLUMN: dict[str, Any] = {
 def test_verdict_on_screen_in_the_summary_and_in_the_exit_code(
     ranks: int, share: float, certificate: dict[str, Any], options: list[str], code: int, verdict: str, tmp_path: Path
 ) -> None:
-    """Two cells bend too little, as the estimate tells; beyond Euler's load the column buckles."""
+    """Two cells bend too little, as the estimate shows; beyond Euler's load the column buckles."""
     euler = np.pi**2 * 1e6 * 0.1**2 / 12 / 4
     path = write_job(
         tmp_path / "column.yaml",
@@ -512,7 +512,7 @@ def test_free_growth_has_no_limit_point(stretch: float, pressures: dict[str, int
     [
         ([(-1, 1, 1)], "", 1, Verdict.PASS),  # the first one is at no equilibrium
         ([(1, -1, 1), (1,)], "", 1, Verdict.PASS),
-        ([(-1, -1)], "", 1, Verdict.WARN),  # it may even be that of a solution beyond a limit point
+        ([(-1, -1)], "", 1, Verdict.WARN),  # the solution may even lie beyond a limit point
         ([(1, -1)], "", 1, Verdict.WARN),
         ([(1,), (-1,), (1,)], "", 1, Verdict.WARN),
         ([(-1,), (-1,)], "", -1, Verdict.PASS),  # an odd number of pressures

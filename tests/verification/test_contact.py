@@ -211,7 +211,7 @@ PEG = {"shape": "cylinder", "point": [0.38, 0, -0.036], "axis": [0, 1, 0], "radi
 
 @pytest.mark.parallel([1, 2])
 def test_beam_does_not_pass_through_a_peg_in_one_step(comm: MPI.Intracomm) -> None:
-    """Euler–Bernoulli, whose error at this sag is that of the other beam on a peg."""
+    """Euler–Bernoulli; its error at this sag equals the error of the other beam on a peg."""
     length, at, bending, load = 0.4, 0.38, 2e6 * 0.02**4 / 12, 200 * 9.81 * 0.02**2
     sag = load * at**2 * (6 * length**2 - 4 * length * at + at**2) / (24 * bending)
     force = (sag - 0.026) * 3 * bending / at**3
@@ -291,7 +291,7 @@ def pressed_by_a_ball(
 
 @pytest.mark.parallel([1, 2])
 def test_way_back_on_straight_cells_has_the_force_of_the_way_there(comm: MPI.Intracomm) -> None:
-    """The recovered body has all nodes of the displacement, whose gaps are those of the way there."""
+    """The recovered body has all nodes of the displacement; their gaps are the same in both directions."""
     result = pressed_by_a_ball(comm)
     there, back = (solution.contacts[0] for solution in result.solutions)
     assert there.force[2] < -100

@@ -51,7 +51,7 @@ def case(*names: str, hexahedra: bool = False, **changes: Any) -> Job:
 
 
 def names_with_a_load(name: str) -> tuple[str, ...]:
-    """The effect, and gravity beside one that only holds the body."""
+    """The effect, with gravity if the effect only holds the body."""
     return (name, "gravity") if EXAMPLES[name].holds else (name,)
 
 

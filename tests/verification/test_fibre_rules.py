@@ -1,6 +1,6 @@
 """Fibres by rules: a tube against its closed form, ventricles with prescribed angles, what is refused.
 
-In a tube the Laplace solution across the wall is ``ln(r/a)/ln(b/a)``, and the directions are those of the cylinder.
+In a tube the Laplace solution across the wall is ``ln(r/a)/ln(b/a)``, and the directions are the cylinder's.
 A prism with two holes has the axes of its cross-section and of its height.
 """
 

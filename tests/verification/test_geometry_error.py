@@ -51,7 +51,7 @@ def body_of(given: Job, comm: MPI.Intracomm) -> Body:
 
 
 def hollow_sphere(divisions: int, degree: int, *, hexahedra: bool) -> Job:
-    """That of the certificate, with the volume of its wall, and a point of its surface that is no vertex."""
+    """The certificate's sphere, with the volume of its wall, and a point of its surface that is not a vertex."""
     given = sphere(divisions, hexahedra)
     at = np.array([np.cos(np.pi / 8 / divisions), np.sin(np.pi / 8 / divisions), 0.0]) * INNER
     quantities = [
@@ -231,7 +231,7 @@ def test_nodes_lie_on_the_surface_of_the_model(
     gaps, size = distance(surface.nodes), float(np.ptp(surface.nodes.reshape(-1, 3), axis=0).max())
     curved = gaps[:, : surface.vertices.shape[1]].max(axis=1) < 1e-9 * size
     assert curved.sum() > 20
-    assert gaps[curved].max() < 1e-7 * size  # of edges on a plane too: those of the model lie on both
+    assert gaps[curved].max() < 1e-7 * size  # of edges on a plane too: edges of the model lie on both
 
 
 def test_facets_of_a_part_of_the_surface_tell_nothing() -> None:

@@ -71,7 +71,7 @@ def section(parameters: dict[str, Any], values: dict[str, Any], sd: dict[str, fl
 
 
 def test_a_sphere_at_two_pressures(comm: MPI.Intracomm, tmp_path: Path) -> None:
-    """Given at one pressure, its inner radius ``a`` at another one tells its modulus, by a closed form."""
+    """Given at one pressure, its inner radius ``a`` at another one gives its modulus, by a closed form."""
 
     def pressure(A: float, a: float) -> float:  # over 2 c1, incompressible neo-Hooke; 1 and 1.5 are given radii
         B, b = ((A**3 + 1.5**3 - 1) ** (1 / 3), (a**3 + 1.5**3 - 1) ** (1 / 3))
@@ -253,7 +253,7 @@ def check_scans(identified: Identified, scans: int) -> None:
     assert 1e-3 < estimated.probability < 1 - 1e-3
     assert not warnings(estimated)
     assert len(estimated.history) < 12
-    # The rest shape comes with it: it is that of the true material to about its standard deviation.
+    # The rest shape agrees with the true material's, to about its standard deviation.
     assert 0 < identified.shape_deviations["rest"] < 0.02
 
 
@@ -283,7 +283,7 @@ def test_derivatives_of_all_kinds_of_observations(comm: MPI.Intracomm, tmp_path:
         at = np.array([10e3, 150.0])
         base = evaluations.evaluate(at)
         assert base is not None
-        # The deviation of the given mesh is added to that of positions.
+        # The deviation of the given mesh is added to the deviation of positions.
         assert [observation.deviation for observation in evaluations.observed] == pytest.approx(
             [*3 * [5**0.5], 1.0, 1.0]
         )
@@ -329,7 +329,7 @@ def test_weight_alone_determines_the_modulus_over_the_density_only(comm: MPI.Int
         assert known.values == pytest.approx([150 * exact, 150.0], rel=1e-5)
         assert known.deviations[1] == pytest.approx(3.0, rel=1e-3)
         assert known.deviations[0] == pytest.approx(np.hypot(0.02, texts_deviation(known)) * 150 * exact, rel=0.02)
-        # With a fixed other modulus the weight does tell both.
+        # With a fixed other modulus the weight does determine both.
         other = section(parameters, values, {"top-hanging": 1e-3, "corner-lying": 1e-3})
         assert (
             None not in identify(job(material=material, identify=other), comm, workspace=workspace).estimate.deviations

@@ -1,4 +1,4 @@
-"""A law that ends at a limit of strain: what lies beyond is told, not crashed into, and what lies below is solved."""
+"""A law that ends at a limit of strain: a load beyond it is reported, a load below it is solved."""
 
 from __future__ import annotations
 
@@ -36,5 +36,5 @@ def test_stretches_below_the_limit_are_solved_and_above_it_told(comm: MPI.Intrac
         hpcinv.run(pulled(1.5 * limit), comm)
     print(f"limit {limit:.4f}: {caught.value}")
     reached = float(str(caught.value).split("load factor ")[1].split(" of")[0])
-    assert 0.9 * (limit - 1) < reached * (1.5 * limit - 1) < (limit - 1) * (1 + 1e-6)  # it is told with six digits
+    assert 0.9 * (limit - 1) < reached * (1.5 * limit - 1) < (limit - 1) * (1 + 1e-6)  # it is printed with six digits
     assert np.isfinite(reached)

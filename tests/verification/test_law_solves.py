@@ -107,7 +107,7 @@ def test_homogeneous_patch(law: str, hexahedra: bool, comm: MPI.Intracomm) -> No
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 @pytest.mark.parametrize("law", laws())
 def test_small_strains_keep_their_digits(law: str, direction: str, comm: MPI.Intracomm) -> None:
-    """At strains of 1e-10 the displacement is that of linear elasticity; with fibres, that at 1e-7, scaled."""
+    """At strains of 1e-10 the displacement agrees with linear elasticity; with fibres, with the scaled one at 1e-7."""
 
     def solved(strain: float) -> Solved:
         return Solved(case(law, False, analysis=direction, supports=[HELD, PULL | {"constants": {"s": strain}}]), comm)

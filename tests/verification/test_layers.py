@@ -168,7 +168,7 @@ def test_ranks_agree_and_the_way_back_closes(hexahedra: bool, comm: MPI.Intracom
         back = some.allreduce(float(np.abs(solved.again() - u).max()), op=MPI.MAX) / size
         assert back < 1e-9
         pressures.append([unknowns.pressure_size, *norms, *(some.allreduce(entry, op=MPI.SUM) for entry in sums)])
-    print(f"{pressures[0][0]} pressures, of which {'; '.join(digits(entry, '.16g') for entry in pressures)}")
+    print(f"{pressures[0][0]} pressures, among them {'; '.join(digits(entry, '.16g') for entry in pressures)}")
     assert pressures[0] == pytest.approx(pressures[1], rel=1e-9)
 
 

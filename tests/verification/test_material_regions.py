@@ -1,6 +1,6 @@
 """Laws and parameters that differ from place to place: layers, graded bars, against closed forms and 1D quadrature.
 
-Confined columns keep their width, so that F = diag(1, 1, λ), and the axial stress P(λ) is that of the end everywhere.
+Confined columns keep their width, so that F = diag(1, 1, λ), and the axial stress P(λ) is constant.
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ def graded(analysis: str, comm: MPI.Intracomm, cells: int, length: float, mu: st
 
 
 def stretch_at(position: np.ndarray) -> Any:
-    """λ where the moduli are those of ``GRADED`` at this position."""
+    """λ for the moduli of ``GRADED`` at this position."""
     mu, lam = MU * (1 + 2 * position**2), LAM * np.exp(-position)
     return root(lambda s: neo_hookean(s, mu, lam) - END, 0.5, 3.0)
 

@@ -1,8 +1,7 @@
 """Fixed-point methods: their update rules as algebra, and that they end where the direct method does.
 
-The rules are checked against formulas as they are printed in the sources, evaluated independently, and on affine
-residuals r(X) = A (X - X*), for which it is known how many steps they take. Whole methods are compared with the direct
-one.
+The rules are checked against the formulas in the sources, evaluated independently, and on affine residuals
+r(X) = A (X - X*), whose number of steps is known. Whole methods are compared with the direct one.
 """
 
 from __future__ import annotations
@@ -209,7 +208,7 @@ def test_a_tetrahedron_ends_where_the_direct_method_does(law: str, density_in: s
             f" {error:.1e} m from direct"
         )
         assert residual <= tolerance * diagonal
-        # r(X) ≈ (∂r/∂X) (X - X*): the position residual tells the error to a factor of |(∂r/∂X)⁻¹|, here below 2.
+        # r(X) ≈ (∂r/∂X) (X - X*): the position residual gives the error to a factor of |(∂r/∂X)⁻¹|, here below 2.
         assert error <= 2 * tolerance * diagonal
         assert residuals(result)[0] > 1e6 * residual
     assert taken["aitken"] == taken["rausch"] <= taken["sellier"] / 2

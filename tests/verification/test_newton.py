@@ -172,7 +172,7 @@ def test_correction_of_a_kept_tangent_is_taken_only_if_it_contracts() -> None:
     assert foretold.accepts(0.01, 1.0)
     assert not foretold.accepts(0.1, 1.0)  # contracts, far from the solution
     assert not NewtonMonitor(1e-10, limit=30, reuse=0.3, predicted=0.01).accepts(0.005, 1.0)
-    assert foretold.judge(NewtonIteration(1e-12, 1.0, 1.0, False)) is None  # one correction tells no contraction
+    assert foretold.judge(NewtonIteration(1e-12, 1.0, 1.0, False)) is None  # one correction shows no contraction
     assert monitored(1.0, 0.01)[0].accepts(0.009, 1.0)
     assert not monitored(1.0, 0.01)[0].accepts(0.011, 1.0)
     assert NewtonMonitor(1e-10, limit=30, reuse=0.0, predicted=1.0).needs_new_tangent

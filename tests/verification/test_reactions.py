@@ -137,7 +137,7 @@ def test_a_node_of_two_supports_belongs_to_both_sums(comm: MPI.Intracomm) -> Non
     )
     P = neo_hookean_stress(uniaxial(1.2))
     assert quantities["boundary"] == pytest.approx([0, 0, 0], abs=1e-9 * P[0, 0])
-    # The test functions of the nodes of x1 add up to x, whose virtual work is that of P in the whole cube.
+    # The test functions of the nodes of x1 add up to x, with the virtual work of P in the whole cube.
     assert quantities["x1"][0] == pytest.approx(P[0, 0], rel=1e-9)
 
 

@@ -1,4 +1,4 @@
-"""The certificate's round trip: what it costs, that it closes, and that it does not close on what is no solution."""
+"""The certificate's round trip: what it costs, that it closes on a solution, and only there."""
 
 from __future__ import annotations
 

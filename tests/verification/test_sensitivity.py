@@ -286,7 +286,7 @@ def differences(data: dict[str, Any], key: str, value: float, space: Workspace) 
     step, results = STEP * (abs(value) or 1.0), []
     for k in (-2, -1, 1, 2):
         number = value + k * step
-        # What a formula's parameters are in, only their units tell.
+        # A formula's parameters have a dimension only by their units.
         changed = assigned(data, {key: f"{number!r} Pa" if "parameters" in key else number})
         results.append(package.run(written(changed), space.comm, workspace=space))
 

@@ -64,7 +64,7 @@ def test_series_and_load_steps_end_in_the_same_state(name: str, comm: MPI.Intrac
 
 @pytest.mark.parametrize("analysis", ["forward", "inverse"])
 def test_limit_load_is_located(analysis: str, comm: MPI.Intracomm) -> None:
-    """A cube under 1.2 times the tension that it carries from all sides, for which there is a closed form."""
+    """A cube under 1.2 times the tension that it carries from all sides; there is a closed form."""
     share = 1.2
     solves = tried(cube(share, analysis, strategy="adaptive", continuation="series", linear="direct"), comm)
     *_, extremum, last = solves

@@ -103,7 +103,7 @@ def test_rigid_rotation_strains_nothing(tmp_path: Path) -> None:
 
 
 def test_hinged_strip_sags_as_a_beam(tmp_path: Path) -> None:
-    """A hinge holds the midsurface alone: 5 w L⁴/(384 E I), of which a clamped strip has a fifth."""
+    """A hinge holds the midsurface alone: 5 w L⁴/(384 E I); a clamped strip sags a fifth as far."""
     length, thickness, weight = 10.0, 0.1, 1e-3 * 1000 * 0.1
     path = save_sheet(tmp_path / "sheet.msh", 8, 1, flat(length, 1))
     result = solve(

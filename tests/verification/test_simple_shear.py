@@ -1,6 +1,6 @@
 """Simple shear u = (k y, 0, 0) on the whole boundary: homogeneous, so every discretisation must give it exactly.
 
-The closed forms are those of the paper (Mazier et al. 2022, doi:10.1007/s00366-021-01597-z) for Mooney–Rivlin; for
+The closed forms are from the paper (Mazier et al. 2022, doi:10.1007/s00366-021-01597-z) for Mooney–Rivlin; for
 neo-Hookean σ = μ (F Fᵀ - I) and ψ = μ k²/2, since J = 1.
 """
 

@@ -1,7 +1,7 @@
 """Errors of bodies with singular edges: the estimate, and promises of accuracy, against values on graded meshes.
 
 The values are of `benchmarks/slabs/plane_strain.py`, a program of its own: cubic triangles that shrink towards each
-singular point, down to 2 mm, of which quartic ones down to 1 mm differ by 2e-6 m at most.
+singular point, down to 2 mm; quartic ones down to 1 mm differ by at most 2e-6 m.
 """
 
 from __future__ import annotations

@@ -111,7 +111,7 @@ def test_a_block_under_tension_is_stable(stretch: float, hexahedra: bool, comm: 
 
 
 def buckling(kh: float) -> float:
-    """The stretch; there is no other root between it and 1, which is no mode."""
+    """The stretch; no other root lies between it and 1, which is not a mode."""
     return root(lambda s: 4 * s**2 * tanh(kh * s**2) - (1 + s**4) ** 2 * tanh(kh), 0.6, 1 - 1e-4)
 
 

@@ -128,7 +128,7 @@ def test_a_column_that_stands_and_hangs_has_one_mass(comm: MPI.Intracomm) -> Non
 
 
 def test_the_error_of_a_further_state_has_that_of_the_rest_shape_in_it(comm: MPI.Intracomm) -> None:
-    """Of the length of the hanging column, half of the error is that of the rest shape."""
+    """Half of the error of the hanging column's length comes from the rest shape."""
     weight = {"density": 1000, "density_in": "current"}
     result = hpcinv.run(
         job(

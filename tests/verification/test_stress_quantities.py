@@ -78,7 +78,7 @@ def test_a_homogeneous_state_has_its_stress_everywhere(comm: MPI.Intracomm) -> N
     for direction, H in (("forward", F - np.eye(3)), ("inverse", np.eye(3) - np.linalg.inv(F))):
         asked = [(named(name, **place), value) for name, value in exact.items() for place in places]
         asked += [(named(name, on="y0", reduce="rms", over="current"), abs(value)) for name, value in exact.items()]
-        # The cube is the mesh: the volume and areas of the other body are those of a parallelepiped.
+        # The cube is the mesh: the other body is a parallelepiped, with its volume and areas.
         over, map_to_it = ("current", F) if direction == "forward" else ("reference", np.linalg.inv(F))
         ratio = np.linalg.det(map_to_it)
         areas = np.linalg.norm(ratio * np.linalg.inv(map_to_it).T, axis=0)
@@ -113,7 +113,7 @@ def test_normals_are_refused_where_there_are_none(comm: MPI.Intracomm) -> None:
 
 @pytest.mark.parallel([1, 2])
 def test_a_varying_state_is_averaged_over_volume_and_area_law_by_law(comm: MPI.Intracomm) -> None:
-    """u = (k y², 0, 0), so that F has ``2 k y`` beside its diagonal, and two laws, one for each half."""
+    """u = (k y², 0, 0), so that F has ``2 k y`` next to its diagonal, and two laws, one for each half."""
     k, soft, stiff = 0.2, MU, 7 * MU
     material = {"low": NEO_HOOKEAN, "high": NEO_HOOKEAN | {"mu": stiff}}
     regions = {"low": "y < 0.51", "high": "y > 0.49"}

@@ -139,7 +139,7 @@ def test_samples_have_the_covariance_that_is_asked_for(comm: MPI.Intracomm) -> N
     places = [np.abs(x - p).sum(axis=1).argmin() for p in ([0.25, 0.5, 1.0], [0.75, 0.5, 1.0])]
     a, b = (samples[:, place, 2] for place in places)
     assert samples[:, places, :2] == pytest.approx(0.0, abs=1e-12)
-    # 3000 samples tell a variance to 2.6 % of itself; bounds are four times that.
+    # 3000 samples give a variance to 2.6 % of itself; bounds are four times that.
     assert np.var(a) == pytest.approx(4.0, rel=0.11)
     assert np.mean(a * b) == pytest.approx(4.0 * np.exp(-0.5), abs=4.0 * 0.11)
     assert np.mean(a) == pytest.approx(0.0, abs=4 * 2.0 / 3000**0.5)
@@ -181,7 +181,7 @@ def test_a_mesh_need_not_be_better_than_its_surface(comm: MPI.Intracomm, tmp_pat
 
 
 def test_contact_with_a_rigid_obstacle_has_no_derivatives(comm: MPI.Intracomm) -> None:
-    """It is told, and the run goes on."""
+    """A warning says so, and the run goes on."""
     contact = {
         "effect": "contact",
         "region": "z1",

@@ -1,4 +1,4 @@
-"""The two linear solvers: the same answers, what they tell apart, and what happens where one of them fails."""
+"""The two linear solvers: same answers, what distinguishes them, and what happens if one fails."""
 
 from __future__ import annotations
 

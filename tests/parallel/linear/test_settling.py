@@ -1,4 +1,4 @@
-"""Where Krylov iterations for a correction end: by the solution, which the residual alone does not tell."""
+"""Where Krylov iterations for a correction end: the solution decides, since the residual alone does not show it."""
 
 from __future__ import annotations
 

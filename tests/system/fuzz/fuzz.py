@@ -4,7 +4,7 @@ through its readers.
     python tests/system/fuzz/fuzz.py --seconds 600 --seed 1 [--only jobs|meshes|scans] [--count 500]
 
 Whatever comes, the answer must be an ``HpcinvError`` that names the file, or none; no other exception, no end of the
-process, nothing that takes long. What breaks this is kept in a directory, and told with its seed.
+process, nothing that takes long. What breaks this is kept in a directory, and reported with its seed.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def fault_of_job(path: Path) -> str | None:
 
 
 def run_jobs(directory: Path, source: random.Random, count: int | None, until: float) -> Iterator[tuple[bytes, str]]:
-    """Job files with a wrong answer: first those of the corpus as they are, then mutated ones."""
+    """Job files with a wrong answer: first the corpus as it is, then mutated files."""
     texts = jobs(directory)
     for known in sorted(CORPUS.glob("*.yaml")):
         if (fault := fault_of_job(directory / known.name)) is not None:
@@ -163,7 +163,7 @@ def fault_of_mesh(path: Path) -> str | None:
             printed.seek(0)
             text = printed.read().decode(errors="replace")
             if not fault and text.strip():
-                fault = f"prints beside the message: {text[:2000]}"
+                fault = f"prints in addition to the message: {text[:2000]}"
         os.write(write, fault.encode()[:60_000])
         os._exit(0)
     os.close(write)

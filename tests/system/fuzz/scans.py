@@ -35,7 +35,7 @@ CHANGED = 16
 
 
 class Scans:
-    """Whole files of images and of surfaces, of which damaged copies are read."""
+    """Whole files of images and surfaces; damaged copies of them are read."""
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory

@@ -33,7 +33,7 @@ def submit_slowly(batch: Batch, *words: object, **env: str) -> str:
 
 
 def assert_finished(run: Path) -> list[float]:
-    """The result is that of a run which nothing stopped, and no step was taken twice; gives all loads."""
+    """The result equals an uninterrupted run's, and no step was taken twice; return all loads."""
     summary: dict[str, Any] = json.loads((run / "summary.json").read_text())
     (solution,) = summary["solutions"]
     loads = [solve["load"] for solve in solution["solves"]]
@@ -59,7 +59,7 @@ def test_at_its_time_limit_a_job_saves_its_state_and_is_requeued_until_it_is_don
 
 @pytest.mark.release
 def test_a_job_that_cannot_save_before_its_time_limit_ends_after_two_requeues(batch: Batch) -> None:
-    """A run that takes longer to its first load step than Slurm gives it, for which a script stands."""
+    """A run that takes longer to its first load step than Slurm gives it; a script stands for it."""
     (batch.place / "slow.sh").write_text("trap 'exit 75' USR1\nwhile :; do sleep 0.1; done\n")
     write(batch.place / "cube.yaml", 1)
     launcher = {"HPCINV_LAUNCHER": "bash slow.sh"}

@@ -116,7 +116,7 @@ def test_a_case_whose_process_is_killed_is_tried_more_often(tmp_path: Path) -> N
 def test_kills_of_whole_allocations_are_not_the_fault_of_the_case(
     supervised: bool, solved: bool, tmp_path: Path
 ) -> None:
-    """Where there was a supervisor it would have told of a death of the process alone."""
+    """A supervisor would have reported only that the process died."""
     sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000]}}])
     plan = load_sweep(sweep)
     for _ in range(DEADLY + 2):

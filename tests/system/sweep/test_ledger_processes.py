@@ -182,7 +182,7 @@ def wait_for(workers: Workers, what: str) -> Event:
 
 
 def test_one_who_wakes_up_after_his_case_was_taken_over_changes_nothing(workers: Workers) -> None:
-    """He is on another machine, so that only his heartbeat tells of him; as a node that hangs he stops with it."""
+    """The worker is on another machine and seen by its heartbeat only; both stop, as on a node that hangs."""
     log = workers.start(KEY, "--hold", "--elsewhere")
     stopped = workers.running[0].pid
     heartbeat = int(wait_for(workers, "heartbeat-").what.partition("-")[2])

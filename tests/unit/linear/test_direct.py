@@ -1,4 +1,4 @@
-"""The direct solver tells why a factorization failed."""
+"""The direct solver says why a factorization failed."""
 
 from types import SimpleNamespace
 from typing import Any

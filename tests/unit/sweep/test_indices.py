@@ -189,7 +189,7 @@ def test_intervals_contain_the_indices_as_often_as_they_say(kind: str) -> None:
 
 
 def test_intervals_that_a_long_tail_makes_too_narrow_are_reported() -> None:
-    """Of exp(0.8 z₁ + 0.5 z₂), whose indices are those of a product of lognormal factors."""
+    """Indices of exp(0.8 z₁ + 0.5 z₂), a product of lognormal factors."""
     rng = np.random.default_rng(11)
     s = np.array([0.8, 0.5])
     v = np.expm1(s**2)
@@ -325,7 +325,7 @@ TETRAHEDRON = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0,
 
 
 def keep_shapes(plan: SweepPlan, position: Callable[[float, float], Floats]) -> None:
-    """Put a tetrahedron beside the record of each case, in mm."""
+    """Put a tetrahedron next to the record of each case, in mm."""
     ledger = ledger_of(plan.store)
     for case in plan.cases:
         points = position(case.parameters[MU], case.parameters[DENSITY])

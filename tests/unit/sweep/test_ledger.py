@@ -58,7 +58,7 @@ def test_a_record_is_read_as_it_was_written() -> None:
     record = CaseRecord("converged", "", {"numbers": numbers}, 1e-3, 3, KEY)
     again = CaseRecord.decoded(record.encoded())
     assert again == record
-    assert str(again) == str(record)  # tells 1 from 1.0 and 0.0 from -0.0
+    assert str(again) == str(record)  # distinguishes 1 from 1.0 and 0.0 from -0.0
 
 
 def test_non_finite_values_are_null_in_a_record() -> None:
@@ -246,7 +246,7 @@ def test_further_entries_of_a_newer_version_are_ignored(ledger: Ledger, store: P
 def test_a_whole_record_that_cannot_be_read_is_of_another_version_and_is_kept(
     ledger: Ledger, store: Path, content: bytes, what: str
 ) -> None:
-    """Its digest tells that it is as it was written: nothing is solved again in its place."""
+    """Its digest shows that it is as it was written: nothing is solved again."""
     claim = ledger.claim(KEY)
     assert claim is not None
     ledger.commit(claim, DONE)

@@ -172,4 +172,4 @@ def test_in_whatever_order_processes_take_turns(tmp_path: Path, deaths: float, m
         later = ledger_of(schedule.store)
         assert later.states([KEY])[KEY].name in ("open", "finished")
         assert (later.claim(KEY) is None) == (later.record(KEY) is not None)
-    assert rounds > 150  # else the orders were not varied enough to tell anything
+    assert rounds > 150  # else the orders were not varied enough

@@ -1,4 +1,4 @@
-"""The sweep file: what is wrong with it is told at once; its samples are what they claim to be; what its cases are."""
+"""The sweep file: all faults are reported at once; samples have their distributions; what its cases are."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_quantiles_of_the_distributions(given: Any, quantiles: dict[float, float
 
 
 def test_samples_follow_their_distributions(tmp_path: Path) -> None:
-    """Errors of means and spreads of a Latin hypercube are far below those of independent draws."""
+    """Errors of means and spreads of a Latin hypercube are far smaller than with independent draws."""
     axis = {
         "latin_hypercube": {
             MU: {"log-uniform": ["1 kPa", "100 kPa"]},

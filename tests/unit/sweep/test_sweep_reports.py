@@ -1,4 +1,4 @@
-"""What is told of a sweep: its outlook, its status, its table, its diagrams; from records that are made up."""
+"""Reports of a sweep: its outlook, status, table and diagrams, from invented records."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def test_the_status_counts_cases_by_where_they_stand(
     assert (now.converged, now.open, now.done, now.total) == (2, 1, 5, 7)
     assert now.failed == {NO_EQUILIBRIUM: ("case 3, mu 30000", "case 5, mu 50000"), "too slow": ("case 4, mu 40000",)}
     assert now.running == {who: 1}
-    assert now.seconds == 2 * 2.0  # two are left, of which one is running; the median of 2, 4, 3, 1 and 1 s
+    assert now.seconds == 2 * 2.0  # two are left, one of them running; the median of 2, 4, 3, 1 and 1 s
     assert lines(now) == [
         "sweep: 5 of 7 cases finished (8 rows)",
         "  converged: 2",

@@ -89,7 +89,7 @@ def test_sagging_under_up_to_eight_times_its_weight(factor: float, comm: MPI.Int
     "factor", [pytest.param(1.0, marks=pytest.mark.release), pytest.param(4.0, marks=pytest.mark.release), 8.0]
 )
 def test_the_coil_that_is_straight_under_up_to_eight_times_its_weight(factor: float, comm: MPI.Intracomm) -> None:
-    """Distances between points of the axis are those of the theory, whatever the clamp does at its end."""
+    """Distances between points of the axis agree with the theory, whatever the clamp does at its end."""
     points = [{"name": f"at-{s:.0%}"[:-1], "of": "displacement", "at": [s * LENGTH, 0, 0]} for s in HELD]
     result = solve("coil-through-itself", comm, **weight(factor), quantities=points)
     u = np.array(list(result.quantities.values()))

@@ -24,7 +24,7 @@ from hpcinv.solver.equations import Equations
 
 type Cube = tuple[int, int, int]
 CORNERS = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)])
-# Six tetrahedra around the diagonal of a cube: those of neighbouring cubes fit.
+# Six tetrahedra around the diagonal of a cube; neighbouring cubes fit together.
 TETRAHEDRA = [[0, 1, 3, 7], [0, 1, 7, 5], [0, 5, 7, 4], [0, 3, 2, 7], [0, 6, 4, 7], [0, 2, 6, 7]]
 VERTEX: tuple[Cube, ...] = ((0, 0, 0), (1, 1, 1))
 EDGE: tuple[Cube, ...] = ((0, 0, 0), (1, 1, 0))
@@ -134,7 +134,7 @@ def test_held_hinges_are_accepted(source: MeshSource, held: dict[str, str], comm
 
 
 def test_a_curved_edge_is_no_hinge_of_displacements_of_degree_1(comm: MPI.Intracomm) -> None:
-    """Its vertices are on a straight line, but a turn about that line is no motion of its cells."""
+    """Its vertices are on a straight line, but its cells cannot turn about that line."""
     model(comm, bent(voxels(EDGE, divisions=1)), {"left": "xyz"}, discretisation={"displacement": 1})
     told = refusal(comm, voxels(EDGE, divisions=1), {"left": "xyz"}, discretisation={"displacement": 1})
     assert told.endswith("and is free to turn about the axis through (1, 1, 0) mm along z")

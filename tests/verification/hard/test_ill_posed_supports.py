@@ -1,4 +1,4 @@
-"""Supports that leave a body free, or contradict each other, and loads that do nothing: told before a solve."""
+"""Supports that leave a body free, or contradict each other, and loads that do nothing: reported before a solve."""
 
 from __future__ import annotations
 
