@@ -42,9 +42,9 @@ from hpcinv.solver.observer import SILENT, IterationObserver, Observer, stop_if_
 ROUND_TRIP = "round trip, relative to the displacement"
 WARN, FAIL = 1e-3, 0.1
 
-_CORRECTIONS = 15  # of one way back, with the same factors
+_CORRECTIONS = 15  # of one return solve, with the same factors
 _MEMORY = 6  # steps that Anderson's acceleration uses
-_ACCURACY = 1e-6  # of the way back near the solution, relative to the displacement: a thousandth of `WARN`
+_ACCURACY = 1e-6  # of the return solve near the solution, relative to the displacement: a thousandth of `WARN`
 _KNOWN, _ROUGHLY_KNOWN = 0.1, 0.25  # share of its value to which the line is known, by factors or by multigrid
 _ROUND_OFF = 1e-9  # size of a step, relative to the displacement; below it the ratio of steps means nothing
 _GROWTH = 1.0  # of a step over the first one; above it the corrections are given up: they do not contract
@@ -78,7 +78,7 @@ def closure_error(equations: Equations, solution: Solution, back: np.ndarray) ->
 
 
 def _closed(equations: Equations, solution: Solution) -> Line:
-    """Return the line of a way back that ended in the present state of the equations."""
+    """Return the line of a return solve that ended in the present state of the equations."""
     return closure_error(equations, solution, equations.unknowns.geometry_values(equations.state().displacement))
 
 
@@ -93,7 +93,7 @@ def way_back(solution: Solution) -> Direction:
 
 
 def solved_back(equations: Equations, solution: Solution, forward: ForwardFactors, observer: Observer = SILENT) -> Line:
-    """Return the line of a way back that begins with the solution, and is bounded in effort; collective."""
+    """Return the line of a return solve that begins with the solution, and is bounded in effort; collective."""
     solver = forward.factors if forward.affordable else forward.multigrid
     other_body = solution.moved_to(solution.other_nodes)
     if solver is not None and _WayBack(equations, solution, solver).settles(observer):
@@ -114,7 +114,7 @@ def solved_back(equations: Equations, solution: Solution, forward: ForwardFactor
 
 
 def _path_line(equations: Equations, solution: Solution, observer: Observer) -> Line:
-    """Return the line of a way back that begins with the unloaded body."""
+    """Return the line of a return solve that begins with the unloaded body."""
     equations.put(equations.unloaded(solution.job, solution.other_nodes, solution.given_displacement))
     solved = solve_direction(equations, way_back(solution), UNLOADED, IterationObserver(observer))
     if solved.load == 1.0:
@@ -125,7 +125,7 @@ def _path_line(equations: Equations, solution: Solution, observer: Observer) -> 
 
 
 class _WayBack:
-    """Corrections of the way back with a solver of the forward tangent; the state of the equations is the iterate.
+    """Corrections of the return solve with a solver of the forward tangent; the state of the equations is the iterate.
 
     Args:
         solver: factors of the forward tangent, or multigrid.

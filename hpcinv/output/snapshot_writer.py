@@ -41,7 +41,7 @@ class SnapshotWriter(Observer):
         self._solution, self._equations, self._sign = solution, equations, 1 if direction == "forward" else -1
 
     def solved(self, event: SolveEvent) -> None:
-        is_drawn = self._solution == 0 or self._equations.job.state  # the way back of a round trip is not
+        is_drawn = self._solution == 0 or self._equations.job.state  # the second direction of a round trip is not
         if self._most and is_drawn and event.can_restart and event.load < 1.0:
             self._store.check_in_place()
             with self._equations.timings("output"):

@@ -31,7 +31,7 @@ def boundary_of(
     """Gather the boundary of a body and of what was found of it on rank 0, ``None`` on others; collective.
 
     Args:
-        solutions: the first, and one of each further state of the body; others, such as the way back of a round trip,
+        solutions: the first, and one of each further state of the body; others, such as the second one of a round trip,
             are left out.
         estimate: of the first solution.
         families: fibres of the job.

@@ -1,4 +1,4 @@
-"""A body on 1, 2 and 3 ranks: who owns what, which facets are in which region, and the way back to the file."""
+"""A body on 1, 2 and 3 ranks: who owns what, which facets are in which region, and the order in the file."""
 
 from __future__ import annotations
 

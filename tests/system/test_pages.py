@@ -23,6 +23,7 @@ PAGES = [ROOT / "README.md", *sorted(set((ROOT / "docs").glob("*/*.md")) - set(O
 # Run before a release.
 LONG = {"README.md", "fit.md", "identify.md", "new.md", "report.md", "start-up.md", "study.md", "sweep.md"}
 BEFORE = {"report.md": ["hpcinv sweep run sweep.yaml", "hpcinv study study.yaml"]}
+GALLERY = re.findall(r"`((?:mpirun|python) [^`]*)`", (ROOT / "docs" / "gallery.md").read_text())
 GALLERY_ENDS = {"paper-monte-carlo.yaml --first 500": 3}  # some of its cases have no solution
 SMALLER = (
     (r"mpirun -n \d+", "mpirun -n 2"),
@@ -153,7 +154,7 @@ def test_commands_of_a_page_run(page: Path, prepared: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.release  # twenty minutes
-@pytest.mark.parametrize("line", [text for _, text in blocks(ROOT / "docs" / "gallery.md")])
+@pytest.mark.parametrize("line", GALLERY)
 def test_commands_of_the_gallery(line: str, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "jobs", tmp_path / "jobs")
     (tmp_path / "meshes").symlink_to(ROOT / "meshes")

@@ -90,7 +90,7 @@ def test_the_promise_holds_on_more_ranks(comm: MPI.Intracomm) -> None:
 @pytest.mark.release
 def test_a_round_trip_begins_with_the_solution_that_was_made_accurate(comm: MPI.Intracomm) -> None:
     (case,) = (c for c in cases() if c.name == "column, density of the body at rest")
-    mesh = case.data["mesh"] | {"geometry_degree": 2}  # with which the way back is exact
+    mesh = case.data["mesh"] | {"geometry_degree": 2}  # makes the round trip exact
     result = package.run(case.job(analysis="round_trip", mesh=mesh), comm)
     assert kept(case, result)
     assert [solution.direction for solution in result.solutions] == ["inverse", "forward"]

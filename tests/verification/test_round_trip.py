@@ -157,7 +157,7 @@ def test_multigrid_stands_in_for_factors(
     case = Case(cantilever(direction, "mixed", curved=curved), comm)
     with_factors = case.line()
     monkeypatch.setattr(ForwardFactors, "affordable", False)
-    monkeypatch.setattr(Equilibrium, "solve", lambda *_, **__: pytest.fail("the way back is solved anew"))
+    monkeypatch.setattr(Equilibrium, "solve", lambda *_, **__: pytest.fail("the round trip is solved again"))
     line = case.line()
     assert line.verdict is with_factors.verdict
     assert line.value == pytest.approx(with_factors.value, rel=0.15, abs=1e-5)

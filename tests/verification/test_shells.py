@@ -30,7 +30,7 @@ def solve(path: Path, thickness: float, comm: MPI.Intracomm = MPI.COMM_SELF, **d
 
 
 def gap(result: Result) -> float:
-    """Largest distance of the way back from the way there."""
+    """Largest distance between both bodies of a round trip."""
     there, back = (solution.u for solution in result.solutions)
     return float(np.abs(there - back).max())
 
