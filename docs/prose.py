@@ -18,7 +18,7 @@ MOST = {
     "hpcinv": 10,
     "tests": 10,
     "README.md": 0,
-    "ARCHITECTURE.md": 2,
+    "ARCHITECTURE.md": 0,
     "CONTRIBUTING.md": 0,
     "CHANGELOG.md": 0,
 }

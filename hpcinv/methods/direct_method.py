@@ -26,7 +26,7 @@ class DirectMethod(Method):
         self.problem = Problem(equations, direction, self.equilibrium, observer)
         self.steps = equations.steps
         if isinstance(self.steps, ArcLengthSteps) and direction != equations.job.directions[0]:
-            self.steps = replace(self.steps, limit_points=0)  # the second direction starts from the first solution
+            self.steps = replace(self.steps, limit_points=0)  # the second direction has none
 
     def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
         self.reached = start.load
