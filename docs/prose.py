@@ -15,7 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {
     "docs": 3,
-    "hpcinv": 10,
+    "hpcinv": 2,
     "tests": 10,
     "README.md": 0,
     "ARCHITECTURE.md": 0,

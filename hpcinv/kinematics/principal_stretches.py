@@ -6,7 +6,7 @@ and ``J3 = det s`` the eigenvalue of ``s`` farthest from the other two has the s
     δ = ±2 √(J2/3) cos(⅓ arccos r),      r = ½ |J3| (3/J2)^(3/2),
 
 a smooth function up to ``r = 1``, where the other two coincide: the isolated stretch is smooth, too. If it is the
-smallest, the inverse deformation is used, in which it is the largest, ``α`` is ``-α``, and ``Ī1`` and ``Ī2`` are
+smallest, the inverse deformation is used: there it is the largest, ``α`` is ``-α``, and ``Ī1`` and ``Ī2`` are
 exchanged. Let it be ``x``. As ``det C̄ = 1``, the other two squared are ``e^η/x`` and ``e^(-η)/x``, so that
 
     Σ λ̄ᵢ^α = x^α + 2 x^(-α/2) cosh(α η/2),      Ī2 = x⁻² + 2 x cosh η.

@@ -36,8 +36,8 @@ def scalar_element(kind: str, degree: int) -> Any:
 class LayerDegree(int):
     """Quadrature degree ``2 k`` of one layer of hexahedra, whose third reference axis goes through the layer.
 
-    Integrals over facets have the degree itself. Those over cells have k × k Gauss points in the plane, with which thin
-    cells bend without strain of their midsurface (they do not lock), and k + 1 through the layer. Displacements such as
+    Integrals over facets have the degree itself. Integrals over cells have k × k Gauss points in the plane and k + 1
+    through the layer. Thin cells then bend without strain of their midsurface (they do not lock). Displacements such as
     (3ξ² - 1)(3η² - 1), for k = 2, have no gradient at the k × k points: (k + 1)² points with a share of all weights
     hold them. A share of (thickness / diameter)² does so, by about the stiffness in bending, without locking.
 

@@ -28,8 +28,8 @@ def meeting(points: Floats, corners: Ints) -> Ints:
 def crossing(points: Floats, first: Ints, second: Ints) -> tuple[npt.NDArray[np.bool_], Floats]:
     """Return, pair by pair, whether an edge of one triangle passes through the interior of the other, and where.
 
-    Two triangles in general position that meet do so on a segment; each of its ends is such a point. What they have in
-    common by being neighbours does not count: their shared corner, or their shared edge, on which all of it lies.
+    Two triangles in general position that meet do so on a segment; each of its ends is such a point. A shared
+    corner does not count, nor does a shared edge if the segment lies on it.
 
     Args:
         points: corners of the triangles, (n, 3).

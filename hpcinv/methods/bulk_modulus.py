@@ -17,8 +17,8 @@ class BulkModulus:
     """Continuation for nearly incompressible bodies in the displacement form, where large steps change the volume.
 
     The bulk modulus of each such law grows geometrically from `NEARLY_INCOMPRESSIBLE` times its shear modulus to its
-    value in the job. The pressure hardly depends on the bulk modulus, so that the volume change is in proportion to its
-    reciprocal, in which the predictor is linear.
+    value in the job. The pressure hardly depends on the bulk modulus, so the volume change is in proportion to its
+    reciprocal. The predictor is linear in it.
     """
 
     _first = 4.0  # factor of the bulk modulus in the first step

@@ -97,7 +97,7 @@ def follow(
     passed: int = 0,
     stop_early: bool = False,
 ) -> Iterator[Solve]:
-    """Yield every solve on the way from ``load``, at which the state is in equilibrium, to the full load.
+    """Yield every solve on the path from ``load``, where the state is in equilibrium, to the full load.
 
     The state is always the state of the last accepted solve. The last solve is accepted at load factor 1, or its
     outcome is the reason why the full load was not reached.

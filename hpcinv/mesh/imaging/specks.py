@@ -35,8 +35,8 @@ def check_extent(path: Path, extent: Floats, size: float, *, fits: bool) -> None
         )
     if not fits:
         raise MeshError(
-            f"{path}: the body of {extents} is too large for cells of {readable(size, 'm')}, of which"
-            f" {np.prod(extent / size):.2g} are in a box around it",
+            f"{path}: the body of {extents} is too large for cells of {readable(size, 'm')}:"
+            f" a box around it has {np.prod(extent / size):.2g} of them",
             "Make mesh.size larger. Is mesh.unit right?",
         )
 
