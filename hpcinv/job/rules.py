@@ -44,8 +44,8 @@ def unsuited(discretisation: Discretisation, laws: Mapping[str, MaterialLaw]) ->
     elif chosen == "auto" and wants_pressure(laws):
         if discretisation.displacement == 1:
             text = (
-                "must be 2 or more: the material is nearly incompressible, and the mixed form has no stable pressure at "
-                "1 (or state 'formulation: displacement')"
+                "must be 2 or more: the material is nearly incompressible, and the mixed form has no stable pressure "
+                "at 1 (or state 'formulation: displacement')"
             )
             yield ("displacement",), text
     elif chosen == "auto" and not whole:

@@ -2,7 +2,8 @@
 
 A correction needs no more digits than Newton's method gains, and on a chunky body two of them take few iterations. The
 residual does not measure them: on a slender body it is small long before the soft motions are right. The solution is
-therefore compared with an earlier one whenever the residual has fallen by a certain factor. If its error halves from one comparison to the next, the remaining error is less than the last change.
+therefore compared with an earlier one whenever the residual has fallen by a certain factor. If its error
+halves from one comparison to the next, the remaining error is less than the last change.
 
 With factors of the matrix, or of a similar one, an iteration gains so much that the solution is looked at after each:
 changes that shrink by a factor q leave an error of q/(1-q) of the last one.
