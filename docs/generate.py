@@ -66,7 +66,7 @@ REMEDIES = {
     " facets that cross. If it is a wall or a rest, the body passes it.",
     "boundary facets that cross": "No such body can be made. Check load and stiffness; where parts touch in the loaded"
     " body, their contact carries a load that the job does not have.",
-    "round trip": "[Stability](../theory/stability.md), since the return solve may lead to another state.",
+    "round trip": "[Stability](../theory/stability.md), since the way back may lead to another state.",
     "stability": "The loaded body would buckle or snap away, so that nobody can have seen it: check load and supports."
     " What to do about 'not decided' is [on its page](../theory/stability.md#the-verdicts).",
     "limit points": "The body may carry this load in two shapes: [what was found](../theory/newton.md#limit-points).",
