@@ -1,4 +1,4 @@
-"""``hpcinv explain``: table of the parts of a scene and their costs."""
+"""``hpcinv explain``: table of the parts of a job and their costs."""
 
 from __future__ import annotations
 

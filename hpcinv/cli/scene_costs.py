@@ -1,6 +1,6 @@
-"""Parts of a scene and their costs, measured on the job's mesh.
+"""Parts of a job and their costs, measured on the job's mesh.
 
-The cost of an effect is the cost of the whole scene less the cost without it, so that it holds for effects that
+The cost of an effect is the cost of the whole job less the cost without it, so that it holds for effects that
 add an integral as well as for those that change the law's.
 """
 
@@ -35,7 +35,7 @@ _ROUNDS = 7  # the fastest counts, since disturbances only lengthen a measuremen
 
 @dataclass(frozen=True)
 class PartCosts:
-    """One part of the scene: its contributions to the forms, and its costs.
+    """One part of the job: its contributions to the forms, and its costs.
 
     Attributes:
         compile: seconds of processor time to compile residual and tangent.
@@ -61,7 +61,7 @@ class PartCosts:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Result of `explain`; ``rows`` are the laws and then each effect, ``total`` is the whole scene.
+    """Result of `explain`; ``rows`` are the laws and then each effect, ``total`` is the whole job.
 
     ``factorization`` (or preconditioner) and ``solution`` are the seconds that the linear solver takes in one Newton
     iteration.
@@ -100,10 +100,10 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
         return Equations(job.model_copy(update={"effects": effects}), body, Timings()).scene(direction)
 
     everything = equations.scene(direction)
-    scenes = {"the whole scene": everything, "the laws alone": variant()}
+    scenes = {"the whole job": everything, "the laws alone": variant()}
     for i, (name, _) in enumerate(job.named_effects):
         others = (*job.effects[:i], *job.effects[i + 1 :])
-        scenes[f"the scene without {name}"] = variant(*others) if others else scenes["the laws alone"]
+        scenes[f"the job without {name}"] = variant(*others) if others else scenes["the laws alone"]
     compiled: dict[Scene, _Compiled] = {}
     for name, scene in scenes.items():
         if scene not in compiled:
@@ -199,7 +199,7 @@ def _part(scene: Scene, *seconds: float) -> PartCosts:
     kinds = {(i.integral_type(), i.subdomain_id()) for i in form.integrals()}
     integrals = Counter(_KINDS[kind] for kind, _ in kinds)
     constants = sum(int(np.prod(c.ufl_shape)) for c in form.constants())
-    return PartCosts("scene", integrals, constants, len(form.coefficients()) - 1, *seconds)
+    return PartCosts("whole job", integrals, constants, len(form.coefficients()) - 1, *seconds)
 
 
 _KINDS = {"cell": "volume", "exterior_facet": "surface"}
