@@ -235,7 +235,7 @@ class _Problem:
         if first.failure:
             raise SolveError(
                 f"with the starting values a state was not reached: {first.failure}",
-                "Choose other values of 'start' in the section 'identify'.",
+                "See why with 'hpcinv run' on this job, or choose other values of 'start' in the section 'identify'.",
             )
         self._check(first)
         if self._forces:
