@@ -4,6 +4,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ValidationInfo
 
+from hpcinv.effects.bells import bells
 from hpcinv.effects.effect import Effect, Kinematics
 from hpcinv.quantity import Faults, Length, ListOf, Size, Stress, Surface, Triple
 
@@ -42,10 +43,6 @@ class SmoothPressure(Effect):
         return len(self.centres)
 
     def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
-        import ufl  # not at the head: the check of a job needs none
-
-        pressure = 0
-        for number in range(len(self.centres)):
-            square = sum((k.x[i] - par.centres[number, i]) ** 2 for i in range(3))
-            pressure += par.pressures[number] * ufl.exp(-square / (2 * par.width**2))
+        fields = bells(k.x, par.centres, par.width, len(self.centres))
+        pressure = sum(par.pressures[number] * field for number, field in enumerate(fields))
         return k.n_da(-load * pressure * v, self.region)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.identification.filling_curves import MMHG, KlotzCurve, filling_curve, given_point
+from hpcinv.identification.posterior import Posterior
 from hpcinv.job.filling_points import filling_points
 from hpcinv.job.job import Job
 from hpcinv.output.result import Result
@@ -19,15 +20,19 @@ _KILOPASCAL, _MILLILITRE = 1e3, 1e-6
 
 @dataclass(frozen=True)
 class FittedPoint:
-    """A computed volume (m³) at a pressure (Pa), its standard deviation, and the volume of the observed curve.
+    """A computed volume (m³) at a pressure (Pa), and the volume of the observed curve there.
 
-    Without a quantity it is the volume of the given body.
+    Attributes:
+        quantity: its name; empty for the volume of the given body.
+        sd: standard deviation to first order.
+        band: ±2 standard deviations, or quantiles of the posterior at 2.5 and 97.5 %.
     """
 
     quantity: str
     pressure: float
     volume: float
     sd: float
+    band: tuple[float, float]
     observed: float
 
 
@@ -55,11 +60,14 @@ class FittedCurve:
         return asdict(self)
 
 
-def fitted_curves(job: Job, result: Result, deviations: Mapping[str, float | list[float]]) -> list[FittedCurve]:
+def fitted_curves(
+    job: Job, result: Result, deviations: Mapping[str, float | list[float]], posterior: Posterior | None
+) -> list[FittedCurve]:
     """Return the curves that a job observes; collective.
 
     Args:
         deviations: standard deviations of the quantities of the result.
+        posterior: its quantiles are the bands, if there is one.
     """
     assert job.identify is not None
     curves = []
@@ -69,17 +77,12 @@ def fitted_curves(job: Job, result: Result, deviations: Mapping[str, float | lis
         curve = filling_curve(spec, job, result.body)
         known = filling_points(str(spec.cavity), job.cavities, job.quantities, job.states)
         volume, pressure = given_point(job, result.body, str(spec.cavity))
-        points = [FittedPoint("", pressure, volume, 0.0, curve.volume(pressure))]
-        points += [
-            FittedPoint(
-                point.quantity,
-                point.pressure,
-                float(np.ravel(result.quantities[point.quantity])[0]),
-                float(np.ravel(deviations[point.quantity])[0]),
-                curve.volume(point.pressure),
-            )
-            for point in known
-        ]
+        points = [FittedPoint("", pressure, volume, 0.0, (volume, volume), curve.volume(pressure))]
+        for point in known:
+            value, sd = (float(np.ravel(numbers[point.quantity])[0]) for numbers in (result.quantities, deviations))
+            low, high = (value - 2 * sd, value + 2 * sd) if posterior is None else posterior.band(point.quantity)
+            band = float(low), float(high)
+            points.append(FittedPoint(point.quantity, point.pressure, value, sd, band, curve.volume(point.pressure)))
         points.sort(key=lambda point: point.pressure)
         end = (curve.end_volume, curve.end_pressure) if isinstance(curve, KlotzCurve) else None
         highest = max(point.pressure for point in points)
@@ -92,13 +95,12 @@ def fitted_curves(job: Job, result: Result, deviations: Mapping[str, float | lis
 
 
 def picture(curve: FittedCurve) -> bytes:
-    """Return the picture (PNG) of a curve over the observed one, with two standard deviations of both."""
+    """Return the picture (PNG) of a curve with its band over the observed one ±2 standard deviations."""
     is_klotz = curve.kind == "klotz"
     unit, name = (MMHG, "mmHg") if is_klotz else (_KILOPASCAL, "kPa")
     pressures = np.array([point.pressure for point in curve.points]) / unit
-    volumes, spread = (
-        np.array([getattr(point, field) for point in curve.points]) / _MILLILITRE for field in ("volume", "sd")
-    )
+    volumes = np.array([point.volume for point in curve.points]) / _MILLILITRE
+    low, high = np.array([point.band for point in curve.points]).T / _MILLILITRE
     observed_pressures, observed = np.array(curve.observed[0]) / unit, np.array(curve.observed[1]) / _MILLILITRE
     with new_figure(6.0, 4.0) as figure:
         axes = figure.subplots()
@@ -114,7 +116,7 @@ def picture(curve: FittedCurve) -> bytes:
         axes.plot(
             observed, observed_pressures, color=colour, linestyle=dashes, label="Klotz" if is_klotz else "measured"
         )
-        axes.fill_betweenx(pressures, volumes - 2 * spread, volumes + 2 * spread, color=other, alpha=0.3, linewidth=0)
+        axes.fill_betweenx(pressures, low, high, color=other, alpha=0.3, linewidth=0)
         axes.plot(volumes, pressures, color=other, marker=marker, label="computed")
         if curve.end:
             axes.plot(curve.end[0] / _MILLILITRE, curve.end[1] / unit, "k*", label="end of diastole")

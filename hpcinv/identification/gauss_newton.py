@@ -187,7 +187,8 @@ def estimate(evaluations: Evaluations, report: Report, samples: int = 0) -> Para
         try:
             result = problem.solve()
             if samples:
-                result = replace(result, sampled=problem.sampled(result, samples))
+                sampled = problem.sampled(result, samples)
+                result = replace(result, sampled=sampled, evaluations=problem.made)
         except (JobError, SolveError) as error:
             comm.bcast((None, error))
             raise
@@ -234,7 +235,7 @@ class _Problem:
         if first.failure:
             raise SolveError(
                 f"with the starting values a state was not reached: {first.failure}",
-                "Choose other values of 'start' in the section 'identify'.",
+                "See why with 'hpcinv run' on this job, or choose other values of 'start' in the section 'identify'.",
             )
         self._check(first)
         if self._forces:
@@ -254,7 +255,7 @@ class _Problem:
             jacobian=last.jacobian / self._deviation[:, None],
             priors=self._priors,
             bound_flags=((values - self._lower < tolerance) | (self._upper - values < tolerance)).tolist(),
-            evaluations=list(self._known.values()),
+            evaluations=self.made,
             history=self._history,
             converged=converged,
             hidden=hidden,
@@ -278,7 +279,18 @@ class _Problem:
         target = Target(
             differences, estimated.values, estimated.covariance, self._lower, self._upper, list(self._priors)
         )
-        return sample(target, count, _SEED)
+        posterior = sample(target, count, _SEED)
+        samples = [self._evaluation(values) for values in posterior.samples]
+        return replace(
+            posterior,
+            quantities={name: np.array([s.quantities[name] for s in samples]) for name in samples[0].quantities},
+            shapes={name: _moments([s.shapes[name] for s in samples]) for name in samples[0].shapes},
+        )
+
+    @property
+    def made(self) -> list[Evaluation]:
+        """Evaluations so far, without their shapes."""
+        return [replace(evaluation, shapes={}) for evaluation in self._known.values()]
 
     def _minimised(self, start: Floats, free: Sequence[int]) -> tuple[Floats, bool]:
         """Return the values that minimize χ², where only some parameters are free, and whether they converged."""
@@ -422,3 +434,14 @@ class _Problem:
         rows = [np.eye(len(x))[i] / p[1] for i, p in enumerate(self._priors) if p is not None]
         whole = np.concatenate([evaluation.jacobian / self._deviation[:, None], np.reshape(rows, (-1, len(x)))])
         return np.concatenate([whole * self._unit, _TIE * np.eye(len(x))])
+
+
+def _moments(shapes: Sequence[Floats]) -> tuple[Floats, Floats]:
+    """Return mean and standard deviation (n, 3) of nodes, of which there may be too many for all shapes at once."""
+    mean = np.zeros(shapes[0].shape)
+    for nodes in shapes:
+        mean += nodes / len(shapes)
+    squares = np.zeros_like(mean)
+    for nodes in shapes:
+        squares += (nodes - mean) ** 2
+    return mean, np.sqrt(squares / max(len(shapes) - 1, 1))

@@ -68,6 +68,10 @@ def _posterior_lines(parameters: Sequence[Parameter], sampled: Posterior) -> lis
     for p, (low, _, median, _, high) in zip(parameters, sampled.quantiles.T, strict=True):
         texts = [value_text(p, float(value), 4) for value in (median, low, high)]
         lines.append(f"  {p.key}: median {texts[0]}, 95 % from {texts[1]} to {texts[2]}")
+    lines += [
+        f"  shape{f' {name!r}' if name else ''}: standard deviation up to {sd:.2g} m"
+        for name, sd in sampled.shape_deviations.items()
+    ]
     return lines
 
 

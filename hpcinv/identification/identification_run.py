@@ -1,10 +1,11 @@
 """Flow of an identification: evaluations and estimate, then one run of the job at the estimate.
 
-A directory has ``identification.json``, ``sections.yaml`` (of the job, at the estimate), ``curve-NAME.png``, ``run/``
-(the run there) and ``evaluations/``. A command that was killed continues from them: the least squares take the same
-steps again, and find there what was evaluated before.
+A directory has ``identification.json``, ``sections.yaml`` (of the job, at the estimate), ``curve-NAME.png``,
+``posterior-SHAPE.vtu``, ``run/`` (the run there) and ``evaluations/``. A command that was killed continues from them:
+the least squares take the same steps again, and find there what was evaluated before.
 """
 
+import dataclasses
 import json
 import statistics
 import time
@@ -28,7 +29,8 @@ from hpcinv.identification.identification_report import as_data, changes, sectio
 from hpcinv.identification.job_evaluation import Evaluation, Evaluations, SolveTimer
 from hpcinv.identification.shares import shares_of, teams_of
 from hpcinv.job.job import Job
-from hpcinv.mesh.source import Floats
+from hpcinv.mesh.mesh_files import save_body
+from hpcinv.mesh.source import DataArray, Floats, MeshSource
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.workspace import Workspace
@@ -121,7 +123,8 @@ def identify(
             team = cast(MPI.Intracomm, comm.Split(comm.rank // size))
             own.callback(team.Free)
             team_workspace = own.enter_context(Workspace(team))
-        evaluations = Evaluations(job, comm, team_workspace, shares[comm.rank // size], directory, stop_asked)
+        share = shares[comm.rank // size]
+        evaluations = Evaluations(job, comm, team_workspace, share, directory, stop_asked, keeps_shapes=samples > 0)
         if directory is not None:
 
             def open_and_lock() -> None:
@@ -148,10 +151,11 @@ def identify(
         )
         cost = _cost(estimated.evaluations, took, timer.solves[0], result.solutions[0].factorizations)
         shapes, quantities = _spread(result, [p.key for p in estimated.parameters], estimated.covariance)
-        curves = fitted_curves(best, result, quantities)
+        curves = fitted_curves(best, result, quantities, estimated.sampled)
         identified = Identified(estimated, best, result, cost, shapes, quantities, curves)
         if directory is not None:
-            on_root(comm, lambda: _write(directory, identified))
+            source = result.body.source
+            on_root(comm, lambda: _write(directory, identified, source))
         return identified
 
 
@@ -207,7 +211,7 @@ def _spread(
     return shapes, quantities
 
 
-def _write(directory: Path, identified: Identified) -> None:
+def _write(directory: Path, identified: Identified, source: MeshSource) -> None:
     figures: dict[str, Any] = as_data(identified.estimate) | {
         "shapes": {name: {"sd": sd} for name, sd in identified.shape_deviations.items()},
         "quantities": {
@@ -227,6 +231,10 @@ def _write(directory: Path, identified: Identified) -> None:
             ),
         },
     }
+    if (sampled := identified.estimate.sampled) is not None and not source.is_partitioned:
+        for name, (mean, sd) in sampled.shapes.items():
+            data = {"sd": DataArray("sd", "nodes", sd)}
+            save_body(directory / f"posterior-{name or 'shape'}.vtu", dataclasses.replace(source, data=data), mean)
     with output_errors(directory):
         for curve in identified.curves:
             replace(directory / f"curve-{curve.name}.png", picture(curve))

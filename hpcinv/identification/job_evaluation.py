@@ -10,7 +10,7 @@ import time
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -20,12 +20,13 @@ import numpy as np
 from hpcinv.driver import run
 from hpcinv.errors import Interrupted, JobError, MeshError, SolveError
 from hpcinv.files.atomic import output_errors, replace
-from hpcinv.identification.observations import Observed, PredictedObservation, observations_of
+from hpcinv.identification.observations import Observed, PredictedObservation, gather_rows, observations_of
 from hpcinv.identification.shares import Share
 from hpcinv.job.fingerprint import content_key, file_digest
 from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import TIES, Parameter, stated_values
+from hpcinv.mesh import reorder_to_source
 from hpcinv.mesh.source import Floats
 from hpcinv.methods.method import Guess
 from hpcinv.output.progress import Progress
@@ -35,6 +36,7 @@ from hpcinv.solver.workspace import Workspace
 from hpcinv.version import __version__
 
 _FOLDER = "evaluations"
+_SHAPE = "shape:"  # before the names of shapes in a file
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,8 @@ class Evaluation:
         jacobian: their derivatives by the parameters, (n, k).
         factorizations: of all solves.
         seconds: of the run.
+        quantities: computed quantities of interest by name (SI).
+        shapes: nodes (n, 3) in m of each computed shape in the order of the mesh file, with single precision, if kept.
         failure: why a state was not reached; empty if all were. Then there are no numbers.
         kept: whether it was made by an earlier command.
     """
@@ -54,15 +58,17 @@ class Evaluation:
     jacobian: Floats
     factorizations: int
     seconds: float
+    quantities: Mapping[str, float | list[float]] = field(default_factory=dict)
+    shapes: Mapping[str, Floats] = field(default_factory=dict)
     failure: str = ""
     kept: bool = False
 
     def as_bytes(self) -> bytes:
         content = io.BytesIO()
-        about = json.dumps([self.factorizations, self.seconds, self.failure])
-        np.savez_compressed(
-            content, differences=self.differences, jacobian=self.jacobian, about=np.frombuffer(about.encode(), np.uint8)
-        )
+        about = json.dumps([self.factorizations, self.seconds, dict(self.quantities), self.failure])
+        arrays: dict[str, Any] = {_SHAPE + name: nodes for name, nodes in self.shapes.items()}
+        arrays |= {"differences": self.differences, "jacobian": self.jacobian}
+        np.savez_compressed(content, about=np.frombuffer(about.encode(), np.uint8), **arrays)
         return content.getvalue()
 
     @classmethod
@@ -70,17 +76,21 @@ class Evaluation:
         """Return a kept evaluation; ``None`` if there is none, or its file is damaged."""
         try:
             with np.load(path, allow_pickle=False) as file:
-                factorizations, seconds, failure = json.loads(bytes(file["about"]))
-                return cls(file["differences"], file["jacobian"], factorizations, seconds, failure, kept=True)
+                factorizations, seconds, quantities, failure = json.loads(bytes(file["about"]))
+                numbers = file["differences"], file["jacobian"]
+                shapes = {key.removeprefix(_SHAPE): file[key] for key in file.files if key.startswith(_SHAPE)}
+                return cls(*numbers, factorizations, seconds, quantities, shapes, failure, kept=True)
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
             return None
 
 
 @dataclass(frozen=True)
 class _TeamResult:
-    """What one team has found: predictions by name of the observation."""
+    """What one team has found: predictions by name of the observation, quantities of interest and shapes by name."""
 
     predictions: Mapping[str, PredictedObservation]
+    quantities: Mapping[str, float | list[float]]
+    shapes: Mapping[str, Floats]
     factorizations: int
     failure: str = ""
 
@@ -112,6 +122,7 @@ class Evaluations:
         workspace: on the communicator of this rank's team, which is ``comm`` if all ranks solve all states.
         share: states that the team solves.
         directory: where evaluations are kept; ``None`` keeps none.
+        keeps_shapes: whether evaluations have the computed shapes.
 
     Raises:
         MeshError: on all ranks, if an observation does not fit the mesh.
@@ -125,8 +136,10 @@ class Evaluations:
         share: Share,
         directory: Path | None,
         stop: Callable[[], bool],
+        *,
+        keeps_shapes: bool = False,
     ) -> None:
-        self.job, self.comm = job, comm
+        self.job, self.comm, self._keeps_shapes = job, comm, keeps_shapes
         sought = {
             key: {kind: list(getattr(self.section.sought(key), kind)) for kind in TIES}
             for key in self.section.parameters
@@ -157,7 +170,7 @@ class Evaluations:
             return self._failed(error.message)
         path = on_root(self.comm, lambda: self._path(job))
         known = on_root(self.comm, lambda: None if path is None else Evaluation.read(path))
-        if known is not None:
+        if known is not None and (known.shapes or known.failure or not self._keeps_shapes):
             return known if self.comm.rank == 0 else None
         begun = time.perf_counter()
         evaluation = self._joined(self._team_result(job), begun)
@@ -181,7 +194,7 @@ class Evaluations:
             wait_for_all(self.comm)
         agree(self.comm, stopped)
         if result is None:
-            return _TeamResult({}, 0, failure)
+            return _TeamResult({}, {}, {}, 0, failure)
         numbers = [share.number(p) for p in self.parameters]
         predictions: dict[str, PredictedObservation] = {}
         for observation in self._own:
@@ -192,7 +205,14 @@ class Evaluations:
                     number.ratio for number in numbers if number
                 ]
                 predictions[observation.spec.name] = PredictedObservation(prediction.differences, whole)
-        return _TeamResult(predictions, sum(solution.factorizations for solution in result.solutions))
+        factorizations = sum(solution.factorizations for solution in result.solutions)
+        shapes: dict[str, Floats] = {}
+        if self._keeps_shapes:
+            for name, nodes in (result.shapes or {"": result.shape}).items():
+                whole_shape = gather_rows(result.body, reorder_to_source(result.body, nodes))
+                if whole_shape is not None:
+                    shapes[name] = whole_shape.astype(np.float32)
+        return _TeamResult(predictions, result.quantities, shapes, factorizations)
 
     def _joined(self, part: _TeamResult, begun: float) -> Evaluation | None:
         """Return what all teams have found, on rank 0."""
@@ -212,6 +232,8 @@ class Evaluations:
             np.concatenate([entry.jacobian for entry in ordered]),
             sum(entry.factorizations for entry in teams),
             time.perf_counter() - begun,
+            {name: value for entry in teams for name, value in entry.quantities.items()},
+            {name: nodes for entry in teams for name, nodes in entry.shapes.items()},
         )
 
     def _keep(self, evaluation: Evaluation | None, path: Path | None) -> None:
@@ -221,7 +243,7 @@ class Evaluations:
                 replace(path, evaluation.as_bytes())
 
     def _failed(self, failure: str) -> Evaluation | None:
-        return Evaluation(np.zeros(0), np.zeros((0, 0)), 0, 0.0, failure) if self.comm.rank == 0 else None
+        return Evaluation(np.zeros(0), np.zeros((0, 0)), 0, 0.0, failure=failure) if self.comm.rank == 0 else None
 
     @cached_property
     def section(self) -> Identification:

@@ -103,11 +103,11 @@ class ObservedMesh(Observed):
         if "unit" in spec.model_fields_set:
             mesh["unit"] = spec.unit
         source = read_same_cells(MeshSpec.model_construct(**mesh), job, body, "The observed mesh")
-        self._points = _whole(body, source.points)
+        self._points = gather_rows(body, source.points)
         self.count = 0 if self._points is None else self._points.size
 
     def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
-        arrays = [_whole(result.body, reorder_to_source(result.body, n)) for n in self._nodes(result, keys)]
+        arrays = [gather_rows(result.body, reorder_to_source(result.body, n)) for n in self._nodes(result, keys)]
         if self._points is None:
             return None
         nodes, *slopes = (array.ravel() for array in arrays if array is not None)
@@ -126,15 +126,10 @@ class ObservedLandmarks(Observed):
             rows = np.array([[*landmark.at, *landmark.observed] for landmark in spec.landmarks or ()])
         self._observed = rows[:, 3:]
         self.count = self._observed.size
-        self._places: list[PointLocation] = []
-        for number, point_there in enumerate(rows[:, :3]):
-            if (place := locate(body, point_there)) is None:
-                point = ", ".join(f"{c:g}" for c in point_there)
-                raise MeshError(
-                    f"landmark {number}: its position ({point}) m in the given mesh is outside of the body",
-                    "Landmarks begin with their position in the given mesh; check their unit.",
-                )
-            self._places.append(place)
+        self._places = [
+            _located(body, point, f"landmark {number}: its position", "Landmarks begin with")
+            for number, point in enumerate(rows[:, :3])
+        ]
 
     def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
         arrays = [
@@ -142,6 +137,37 @@ class ObservedLandmarks(Observed):
             for nodes in self._nodes(result, keys)
         ]
         return PredictedObservation(arrays[0] - self._observed.ravel(), np.stack(arrays[1:], axis=1))
+
+
+class ObservedStrains(Observed):
+    """Relative changes of the lengths of lines from the given body."""
+
+    def __init__(self, spec: Observation, body: Body) -> None:
+        super().__init__(spec, spec.sd.value)
+        self._strains = np.array([entry.strain for entry in spec.strains or ()])
+        self.count = len(self._strains)
+        lines = [np.array(entry.line) for entry in spec.strains or ()]
+        self._lengths = np.array([np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines])
+        self._lines = [
+            [
+                _located(body, point, f"strains[{i}]: point {number}", "Lines are given by")
+                for number, point in enumerate(line)
+            ]
+            for i, line in enumerate(lines)
+        ]
+
+    def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
+        nodes = self._nodes(result, keys)
+        strains, slopes = [], []
+        for places, length in zip(self._lines, self._lengths, strict=True):
+            sides, *changes = (
+                np.diff([position(result.body, place, array) for place in places], axis=0) for array in nodes
+            )
+            sizes = np.linalg.norm(sides, axis=1)
+            strains.append(sizes.sum() / length - 1)
+            slopes.append([((sides * change).sum(axis=1) / sizes).sum() / length for change in changes])
+        jacobian = np.array(slopes).reshape(len(strains), len(keys))
+        return PredictedObservation(np.array(strains) - self._strains, jacobian)
 
 
 class ObservedSurface(Observed):
@@ -211,10 +237,27 @@ def observations_of(job: Job, body: Body) -> list[Observed]:
                     observations.append(ObservedMesh(spec, deviation, job, body))
                 case "landmarks":
                     observations.append(ObservedLandmarks(spec, deviation, job, body))
+                case "strains":
+                    observations.append(ObservedStrains(spec, body))
                 case _:
                     observations.append(ObservedSurface(spec, deviation, job, body))
                     check_size(observations[-1]._points, body)  # type: ignore[attr-defined]
     return observations
+
+
+def _located(body: Body, point: Floats, name: str, advice: str) -> PointLocation:
+    """Return where a point (3,) m of the given mesh lies; collective.
+
+    Raises:
+        MeshError: on all ranks, if it is outside of the body.
+    """
+    if (place := locate(body, point)) is None:
+        coordinates = ", ".join(f"{c:g}" for c in point)
+        raise MeshError(
+            f"{name} ({coordinates}) m in the given mesh is outside of the body",
+            f"{advice} positions in the given mesh; check their unit.",
+        )
+    return place
 
 
 def _points_of_curve(spec: Observation, job: Job, body: Body) -> list[Observation]:
@@ -249,7 +292,7 @@ def check_size(points: Floats, body: Body) -> None:
         )
 
 
-def _whole(body: Body, rows: Floats) -> Floats | None:
+def gather_rows(body: Body, rows: Floats) -> Floats | None:
     """Return the rows of all ranks on rank 0, ``None`` on others; collective."""
     parts = body.mesh.comm.gather(rows)
     return None if parts is None else np.concatenate(parts)

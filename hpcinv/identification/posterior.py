@@ -15,8 +15,8 @@ Sources: Christen & Fox, J. Comput. Graph. Stat. 14, 795-810, 2005, doi:10.1198/
 Foreman-Mackey, Hogg, Lang & Goodman, PASP 125, 306-312, 2013, doi:10.1086/670067 (ensemble sampler).
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -71,17 +71,31 @@ class Posterior:
         differences: of each, in standard deviations (n, m).
         acceptance: share of proposals that were accepted: 1 for an exact surrogate.
         evaluations: number of exact evaluations.
+        quantities: quantities of interest of each sample by name, (n,) or (n, 3) in SI.
+        shapes: of each computed shape, mean and standard deviation of its nodes' coordinates, (nodes, 3) m.
     """
 
     samples: Floats
     differences: Floats
     acceptance: float
     evaluations: int
+    quantities: Mapping[str, Floats] = field(default_factory=dict)
+    shapes: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
 
     @property
     def quantiles(self) -> Floats:
         """Quantiles of the parameters at 2.5, 25, 50, 75 and 97.5 %, (5, k)."""
         return np.asarray(np.quantile(self.samples, _QUANTILES, axis=0))
+
+    def band(self, name: str) -> tuple[Floats, Floats]:
+        """Return the quantiles of a quantity at 2.5 and 97.5 %."""
+        low, high = np.quantile(self.quantities[name], (_QUANTILES[0], _QUANTILES[-1]), axis=0)
+        return low, high
+
+    @property
+    def shape_deviations(self) -> dict[str, float]:
+        """Largest standard deviation √(Σ of the three coordinates' variances) of a node by shape, in m."""
+        return {name: float(np.sqrt((sd**2).sum(axis=1)).max()) for name, (_, sd) in self.shapes.items()}
 
     def as_data(self) -> dict[str, Any]:
         return {
@@ -92,6 +106,8 @@ class Posterior:
             "sd": self.samples.std(axis=0, ddof=1),
             "probabilities": list(_QUANTILES),
             "quantiles": self.quantiles,
+            "quantities": {name: np.quantile(values, _QUANTILES, axis=0) for name, values in self.quantities.items()},
+            "shapes": {name: {"sd": sd} for name, sd in self.shape_deviations.items()},
         }
 
 

@@ -25,8 +25,11 @@ class FibreRule(Spec):
     example: ClassVar[dict[str, Any]]
 
     helix: Angles
-    """angle of the fibres to the circumference at the inner and at the outer surface, linear between them, such as
-    [60 deg, -60 deg]; positive towards the base or the outlet"""
+    """angle of the fibres to the circumference at the inner and at the outer surface, such as [60 deg, -60 deg];
+    positive towards the base or the outlet"""
+    transmural: Literal["linear", "cubic"] = "linear"
+    """how angles change with the depth e between the surfaces, 0 to 1: linear, or as (1 - 2 e)³, which turns fibres
+    near the surfaces most (Potse et al. 2006, doi:10.1109/TBME.2006.880875)"""
     gives: Share = "fibre"
     """axis of the frame that this family has: the fibre, the sheet (across the wall), or the normal of both"""
 

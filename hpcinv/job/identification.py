@@ -77,6 +77,15 @@ class Landmark(Spec):
     """its observed position"""
 
 
+class LineStrain(Spec):
+    """A line of material points, and by how much it was longer than in the given body."""
+
+    line: ListOf[Triple[Length]]
+    """its points in the given mesh, in order, with straight lines between them"""
+    strain: Annotated[float, Quantity("", above=-1.0)]
+    """relative change of its length from the given to the observed state, such as -0.18"""
+
+
 class PressureAndVolume(Spec):
     """A point of a pressure-volume curve."""
 
@@ -88,7 +97,7 @@ class PressureAndVolume(Spec):
 
 class Observation(Spec):
     """Something that was measured in a state of the body, with its standard deviation: exactly one of ``mesh``,
-    ``surface``, ``landmarks``, ``quantity``, ``curve`` and ``klotz``."""
+    ``surface``, ``landmarks``, ``strains``, ``quantity``, ``curve`` and ``klotz``."""
 
     name: Name
     """its name in reports"""
@@ -103,6 +112,8 @@ class Observation(Spec):
     """region of the boundary on which the points of a surface lie; by default all of it"""
     landmarks: ListOf[Landmark] | str | None = None
     """list of {at: point in the given mesh, observed: point}, or path to a table (.csv, .txt, .xlsx) of six columns"""
+    strains: ListOf[LineStrain] | None = None
+    """strains of lines of material points, such as the circumferential ones of a wall that an image tracks"""
     quantity: Annotated[Name, BeforeValidator(_whole)] | None = None
     """name of a quantity of interest, such as volume-supine"""
     value: AnyMeasured | Triple[Length] | None = None
@@ -118,7 +129,7 @@ class Observation(Spec):
     unit: LengthUnit = 1.0
     """length unit of a file, such as mm"""
     sd: AnyMeasured
-    """standard deviation of the quantity, of each coordinate of a node or landmark, or of each distance"""
+    """standard deviation of the quantity, of each coordinate of a node or landmark, or of each distance or strain"""
 
     @property
     def kind(self) -> str:
@@ -150,6 +161,9 @@ class Observation(Spec):
             yield ("klotz", "pressure"), KLOTZ_RANGE
         if self.is_curve and self.state is not None:
             yield ("state",), "is not valid with a curve, which is of all states"
+        for i, entry in enumerate(self.strains or ()):
+            if len(entry.line) < 2 or any(a == b for a, b in pairwise(entry.line)):
+                yield ("strains", i, "line"), "must have two points at least, each different from the one before it"
         if self.on is not None and self.kind != "surface":
             yield ("on",), "is valid only with a surface"
         if "unit" in self.model_fields_set and self.file is None:
@@ -157,7 +171,13 @@ class Observation(Spec):
         if self.sd.value <= 0:
             yield ("sd",), "must be above 0"
         if self.kind != "quantity":
-            known, text = (CUBIC, "volume") if self.is_curve else (LENGTH, "length, as positions are")
+            known, text = (
+                (CUBIC, "volume")
+                if self.is_curve
+                else (Dimension(), "number, as strains are")
+                if self.kind == "strains"
+                else (LENGTH, "length, as positions are")
+            )
             if self.sd.dimension not in (known, Dimension()):
                 yield ("sd",), f"must be a {text}, but it is {self.sd.dimension}"
         if self.file is not None:
@@ -175,7 +195,7 @@ class Observation(Spec):
                 yield (self.kind,), f"there is no file '{path}'. Paths start from the directory of the job file"
 
 
-KINDS = ("mesh", "surface", "landmarks", "quantity", "curve", "klotz")
+KINDS = ("mesh", "surface", "landmarks", "strains", "quantity", "curve", "klotz")
 KLOTZ_LIMIT = 100 * 133.322387415  # Pa: the unloaded volume would be 0 or less
 KLOTZ_RANGE = "must be between 0 and 100 mmHg for Klotz's curve"
 

@@ -47,7 +47,12 @@ def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, F
         write_partitioned(path, comm, dataclasses.replace(source, points=points))
     else:
         assert not body.source.is_partitioned
-        on_root(comm, lambda: save(path, *(surface_source(source, points) if source.midsurface else (source, points))))
+        on_root(comm, lambda: save_body(path, source, points))
+
+
+def save_body(path: Path, source: MeshSource, points: Floats) -> None:
+    """Write a whole body at ``points`` (n, 3) m, of a shell its midsurface; otherwise as `save`."""
+    save(path, *(surface_source(source, points) if source.midsurface else (source, points)))
 
 
 def save(path: Path, source: MeshSource, points: Floats) -> None:

@@ -2,7 +2,7 @@
 
 With the unit vector ``e1`` along the wall (from apex to base, or from inlet to outlet), ``e2`` across it (outwards,
 normal to e1) and ``e0 = e1 × e2`` around it, the fibre at the helix angle α is ``cos α e0 + sin α e1``. The sheet is
-``e2``, rotated about the fibre by the sheet angle β. Both angles are linear in the Laplace solution across the wall.
+``e2``, rotated about the fibre by the sheet angle β. Both angles depend on the Laplace solution across the wall alone.
 
 Source: Bayer, Blake, Plank & Trayanova, Ann. Biomed. Eng. 40, 2243–2254, 2012, doi:10.1007/s10439-012-0593-5. Unlike
 there, angles of both ventricles change linearly through free walls too (the paper interpolates twice, so that the
@@ -247,8 +247,9 @@ def _frames(
     else:
         longitudinal = slopes["along"]
     has_normal = np.linalg.norm(slopes["outside"], axis=2) > _FLAT
-    helix = np.interp(depth, (0.0, 1.0), rule.helix)
-    sheet = np.interp(depth, (0.0, 1.0), rule.sheet if isinstance(rule, VentricleRule) else (0.0, 0.0))
+    turned = depth if rule.transmural == "linear" else (1 - (1 - 2 * depth) ** 3) / 2
+    helix = np.interp(turned, (0.0, 1.0), rule.helix)
+    sheet = np.interp(turned, (0.0, 1.0), rule.sheet if isinstance(rule, VentricleRule) else (0.0, 0.0))
     axes, has_tangent = _axes(longitudinal, slopes["outside"])
     frames = _turned(axes, helix, sheet)
     if "right" in potentials:

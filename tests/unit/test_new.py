@@ -162,6 +162,23 @@ def test_the_surfaces_of_a_wall_in_an_image_have_their_names(kind: str, tmp_path
     assert rule_directions(body, family, "fibres.fibre").undefined < 0.01 * len(source.cells)
 
 
+def test_a_wall_with_a_hole_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A leak of the cavity through the apex is too small for an opening, and the surfaces meet around it."""
+    sitk = pytest.importorskip("SimpleITK")
+    scan_file = wall(tmp_path / "scan.nii.gz", kind="ventricle")
+    image = sitk.ReadImage(str(scan_file))
+    voxels = sitk.GetArrayFromImage(image)
+    leak = voxels[:8, 14:16, 14:16]
+    leak[leak == 1] = 2
+    image = sitk.GetImageFromArray(voxels)
+    image.SetSpacing((2.0, 2.0, 2.0))
+    sitk.WriteImage(image, str(scan_file))
+    given = ("--label", "wall=1", "--label", "cavity=2", "--size", "6 mm")
+    assert typed("ventricle", "--image", scan_file, *given, tmp_path / "job.yaml") == 2
+    assert re.search("the wall has a hole, or no thickness, near .* 'endo' and 'epi' touch", capsys.readouterr().err)
+    assert not list(tmp_path.glob("job*"))
+
+
 def branched(path: Path, *, closed: bool = False) -> Path:
     """A segmented vessel (wall 1, cavity 2) along z, with a narrower branch along x."""
     sitk = pytest.importorskip("SimpleITK")

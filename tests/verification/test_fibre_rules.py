@@ -66,10 +66,11 @@ def angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 # tubes
 
 
-def in_tube(x: np.ndarray, inside: float, outside: float) -> np.ndarray:
+def in_tube(x: np.ndarray, inside: float, outside: float, power: int = 1) -> np.ndarray:
     """Directions of helices in the closed form."""
     r = np.hypot(x[:, 0], x[:, 1])
-    helix = inside + (outside - inside) * np.log(r / A) / np.log(B / A)
+    depth = np.clip(np.log(r / A) / np.log(B / A), 0, 1)
+    helix = (inside + outside) / 2 + (inside - outside) / 2 * (1 - 2 * depth) ** power
     c, s = np.cos(helix), np.sin(helix)
     return np.stack([-x[:, 1] / r * c, x[:, 0] / r * c, s], axis=1)
 
@@ -85,6 +86,10 @@ def test_helices_in_a_tube_are_those_of_the_closed_form(comm: MPI.Intracomm) -> 
     print(f"{comm.size} ranks: {errors[0]:.1e}, {errors[1]:.1e} rad, order {log2(errors[0] / errors[1]):.2f}")
     assert errors[1] < 0.02
     assert log2(errors[0] / errors[1]) > 1.5
+    _, x, fibre = found(given, comm, transmural="cubic")
+    cubic = most(comm, angle(fibre, in_tube(x, pi / 3, -pi / 3, 3)))
+    print(f"cubic: {cubic:.1e} rad")
+    assert cubic < 0.04
 
 
 def test_around_along_and_across_a_tube_with_an_axis(comm: MPI.Intracomm) -> None:

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import scipy.integrate
 from helpers.closed_forms import root
@@ -16,6 +17,7 @@ from hpcinv.identification.filling_curves import MMHG, KlotzCurve
 from hpcinv.identification.identification_page import write_identification_report
 from hpcinv.identification.identification_run import identify
 from hpcinv.job.job import parse
+from hpcinv.mesh.io.vtu import read_vtu
 from hpcinv.parallel.runtime import MPI
 
 TRUE = {"c1": 0.5, "c2": 0.1}
@@ -79,7 +81,21 @@ def test_one_factor_of_two_stiffnesses_from_a_filling_curve(comm: MPI.Intracomm,
     assert estimated.sampled is not None
     assert estimated.sampled.acceptance > 0.9
     assert abs(estimated.sampled.samples.mean() - estimated.values[0]) < 1.2 * estimated.deviations[0]
+    # The band of the unloaded volume is that of the closed form at the samples' stiffnesses.
     (curve,) = identified.curves
+    closed = [
+        math.pi / 6 * root(lambda radius, c1=c1: pressure(radius, 1.0) * c1 / TRUE["c1"] - GIVEN, 0.7, 0.999) ** 3  # type: ignore[misc]
+        for c1 in np.quantile(estimated.sampled.samples[:, 0], (0.025, 0.975))
+    ]
+    assert curve.points[0].band == pytest.approx(closed, rel=1e-3)
+    assert curve.points[0].band[1] - curve.points[0].band[0] == pytest.approx(closed[1] - closed[0], rel=0.02)
+    # Rest shapes of the samples: with a smaller stiffness the radius was smaller, to first order.
+    assert identified.shape_deviations["rest"] == pytest.approx(estimated.sampled.shape_deviations["rest"], rel=0.6)
+    if comm.rank == 0:
+        band = read_vtu(tmp_path / "out" / "posterior-rest.vtu")
+        assert np.linalg.norm(band.data["sd"].values, axis=1).max() == pytest.approx(
+            estimated.sampled.shape_deviations["rest"], rel=1e-6
+        )
     assert [point.pressure for point in curve.points] == [0.0, GIVEN, *PRESSURES]
     assert curve.points[1].volume == pytest.approx(
         math.pi / 6, rel=2e-4

@@ -1,4 +1,4 @@
-"""Hidden forces: pressures that no image shows, found with the rest shape, and zero where nothing is hidden."""
+"""Hidden forces that no image shows: found with the rest shape, and zero where nothing is hidden."""
 
 from __future__ import annotations
 
@@ -18,17 +18,21 @@ from hpcinv.solver.workspace import Workspace
 
 SD = 1e-3  # m, of landmarks; the block has edges of 1 m
 CENTRES = [[0.0, 0.5, 1.0], [1.0, 0.5, 1.0]]
-ORGAN = (1500.0, -600.0)  # Pa
+ORGAN = (1500.0, -600.0)  # Pa, pressure at the first and traction along x at the second centre
+KEYS = ("states[0].effects[1].pressures[0]", "states[0].effects[2].tractions[0][0]")
 
 
-def block(pressures: tuple[float, float], **changes: Any) -> Job:
-    """A block that hangs by one end in two states, one of them with an organ that presses on its side."""
+def block(forces: tuple[float, float], **changes: Any) -> Job:
+    """A block that hangs by one end in two states, one of them with an organ that presses and pulls on its side."""
 
     def state(name: str, acceleration: float, *, given: bool) -> dict[str, Any]:
         weight = {"effect": "gravity", "acceleration": [acceleration, 0, 0], "density": 150.0, "density_in": "current"}
-        organ = {"effect": "smooth-pressure", "region": "z1", "centres": CENTRES, "width": 0.4}
-        hidden = [organ | {"pressures": list(pressures)}] if given else []
-        return {"name": name, "given": given, "effects": [weight, *hidden]}
+        first, second = ({"region": "z1", "centres": [centre], "width": 0.4} for centre in CENTRES)
+        hidden = [
+            first | {"effect": "smooth-pressure", "pressures": [forces[0]]},
+            second | {"effect": "smooth-traction", "tractions": [[forces[1], 0, 0]]},
+        ]
+        return {"name": name, "given": given, "effects": [weight, *hidden] if given else [weight]}
 
     scene = {
         "mesh": box((2, 1, 1)) | {"file": str(ROOT / "meshes" / "box.py"), "geometry_degree": 2},
@@ -42,24 +46,23 @@ def block(pressures: tuple[float, float], **changes: Any) -> Job:
 
 
 def observed(truth: hpcinv.Result, random: np.random.Generator) -> dict[str, Any]:
-    """Every corner of the other state, with errors; both pressures are sought as hidden forces."""
+    """Every corner of the other state, with errors; both are sought as hidden forces."""
     shape = truth.shapes["turned"]
     corners = np.flatnonzero((np.abs(2 * truth.body.given_nodes - 1) > 0.99).all(axis=1))
     marks = [
         {"at": truth.body.given_nodes[i].tolist(), "observed": (shape[i] + SD * random.standard_normal(3)).tolist()}
         for i in corners
     ]
-    keys = [f"states[0].effects[1].pressures[{i}]" for i in range(2)]
     prior = {"prior": {"mean": 0, "sd": "1 kPa", "strength": "evidence"}}
     observations = [{"name": "corners", "state": "turned", "landmarks": marks, "sd": SD}]
-    return {"parameters": dict.fromkeys(keys, prior), "observations": observations}
+    return {"parameters": dict.fromkeys(KEYS, prior), "observations": observations}
 
 
 def test_a_hidden_organ_is_found_and_none_where_there_is_none() -> None:
     comm, random = MPI.COMM_SELF, np.random.default_rng(4)
 
-    def found(pressures: tuple[float, float]) -> tuple[hpcinv.Result, Identified]:
-        truth = hpcinv.run(block(pressures), comm, workspace=workspace)
+    def found(forces: tuple[float, float]) -> tuple[hpcinv.Result, Identified]:
+        truth = hpcinv.run(block(forces), comm, workspace=workspace)
         return truth, identify(block((0.0, 0.0), identify=observed(truth, random)), comm, workspace=workspace)
 
     with Workspace(comm) as workspace:

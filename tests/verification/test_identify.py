@@ -266,10 +266,12 @@ def test_derivatives_of_all_kinds_of_observations(comm: MPI.Intracomm, tmp_path:
     save(tmp_path / "seen.msh", given, given.points + 0.1 * rng.standard_normal(given.points.shape))
     points = np.concatenate([rng.random((20, 2)), np.full((20, 1), 1.1)], axis=1) * 0.9 + 0.05
     (tmp_path / "points.csv").write_text("\n".join(",".join(map(str, point)) for point in points))
+    line = [[0.3, 0.4, 0.6], [0.3, 0.4, 0.2], [0.7, 0.4, 0.2]]
     observations = [
         {"name": "mesh", "state": "hanging", "mesh": "seen.msh", "sd": 1.0},
         {"name": "surface", "state": "lying", "surface": "points.csv", "sd": 1.0},
-        {"name": "marks", "state": "rest", "landmarks": [{"at": [0.3, 0.4, 0.6], "observed": [0, 0, 0]}], "sd": 1.0},
+        {"name": "marks", "state": "rest", "landmarks": [{"at": at, "observed": [0, 0, 0]} for at in line], "sd": 1.0},
+        {"name": "strain", "state": "rest", "strains": [{"line": line, "strain": 0.1}], "sd": 1.0},
         {"name": "corner", "quantity": "corner-hanging", "value": [0, 0, 0], "sd": 1.0},
         {"name": "volume", "quantity": "volume", "value": 1.0, "sd": 1.0},
     ]
@@ -285,8 +287,11 @@ def test_derivatives_of_all_kinds_of_observations(comm: MPI.Intracomm, tmp_path:
         assert base is not None
         # The deviation of the given mesh is added to the deviation of positions.
         assert [observation.deviation for observation in evaluations.observed] == pytest.approx(
-            [*3 * [5**0.5], 1.0, 1.0]
+            [*3 * [5**0.5], 1.0, 1.0, 1.0]
         )
+        first = sum(observation.count for observation in evaluations.observed[:2])
+        marks, strain = base.differences[first : first + 9].reshape(3, 3), base.differences[first + 9]
+        assert strain + 0.1 == pytest.approx(np.linalg.norm(np.diff(marks, axis=0), axis=1).sum() / 0.8 - 1)
         for i, step in enumerate(1e-3 * at):
             shift = np.eye(2)[i] * step
             ahead, behind = evaluations.evaluate(at + shift), evaluations.evaluate(at - shift)
@@ -370,6 +375,7 @@ def test_observations_that_do_not_fit_the_mesh(comm: MPI.Intracomm, tmp_path: Pa
         ({"surface": "mm.csv"}, r"extend over .* m, and the body over 1.73 m"),
         ({"surface": "bad.csv"}, r"bad.csv: line 2: 'one' is not a number"),
         ({"landmarks": marks}, r"landmark 0: its position \(0, 0, 3\) m in the given mesh is outside"),
+        ({"strains": [LINE | {"line": [[0, 0, 0], [0, 0, 3]]}], "sd": 0.01}, r"strains\[0\]: point 1 \(0, 0, 3\) m"),
         ({"surface": "mm.csv", "unit": "mm", "on": "top"}, "no region 'top'"),
     ]
     for changes, message in faults:
@@ -419,6 +425,7 @@ def observation(**content: Any) -> dict[str, Any]:
 
 
 MARK = [{"at": [0, 0, 1], "observed": [0, 0, 1]}]
+LINE = {"line": [[0, 0, 0], [0, 0, 1]], "strain": 0.1}
 
 
 @pytest.mark.parametrize(
@@ -448,6 +455,9 @@ MARK = [{"at": [0, 0, 1], "observed": [0, 0, 1]}]
         (observation(landmarks=MARK, state="lyin"), "there is no computed state 'lyin'. Did you mean 'lying'"),
         (observation(landmarks=MARK, state="lying", sd="1 kPa"), "sd: must be a length"),
         (observation(landmarks=MARK, state="lying", mesh="a.msh"), "needs exactly one of mesh, surface, landmarks"),
+        (observation(strains=[LINE], state="lying", sd="1 mm"), "sd: must be a number, as strains are"),
+        (observation(strains=[LINE | {"strain": -1.1}], state="lying"), "strain: must be above -1"),
+        (observation(strains=[LINE | {"line": [[0, 0, 0]]}], state="lying"), "line: must have two points at least"),
         (observation(mesh="no.msh", state="lying"), "there is no file"),
         (observation(surface="no.step", state="lying"), "'no.step' must end in"),
     ],

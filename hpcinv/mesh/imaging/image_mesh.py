@@ -69,7 +69,7 @@ class _Cubes:
     tolerance: float
 
 
-def image_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None]) -> MeshSource:
+def image_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None], fineness: float = 1.0) -> MeshSource:
     """Mesh a segmented image on this process, in metres.
 
     Regions are the labels; ``A|B`` and ``A|outside``, the facets between labels; ``A|cavity``, ``A|cavity-2`` and so
@@ -77,6 +77,7 @@ def image_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None]) -> Mes
 
     Args:
         report: called with what a user should know.
+        fineness: divisor of the lattice's spacing; above 1, thinner walls are kept, which takes longer.
 
     Raises:
         MeshError: the image cannot be read, lacks a label, or its labels are too thin for cells.
@@ -90,7 +91,7 @@ def image_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None]) -> Mes
     check_thickness(image, report)
     image = remove_specks(image, spec.size, report)
     volumes = [image.volume(label) for label in range(1, len(spec.labels) + 1)]
-    mesh = _meshed(image, spec, volumes, _WITHIN, report)
+    mesh = _meshed(image, spec, volumes, _WITHIN, report, fineness=fineness)
     return replace(mesh, voxel=float(image.spacing.prod() ** (1 / 3)))
 
 
@@ -111,6 +112,8 @@ def _meshed(
     tolerance: float,
     report: Callable[[str], None],
     surface: pyvista.PolyData | None = None,
+    *,
+    fineness: float = 1.0,
 ) -> MeshSource:
     """Mesh labels.
 
@@ -119,7 +122,7 @@ def _meshed(
         tolerance: largest distance by which MMG may move boundaries, in voxels.
         surface: triangles (m) that the voxels were made from; nodes of cells of second degree lie on them.
     """
-    cubes, first = _cubes(image, spec, volumes, tolerance, report)
+    cubes, first = _cubes(image, spec, volumes, tolerance, report, fineness)
     cells, points, crossing, least = _cells(cubes, report)
     if len(crossing):
         x, y, z = image.positions(crossing[:1] + first * image.spacing)[0]
@@ -156,7 +159,12 @@ def _meshed(
 
 
 def _cubes(
-    image: LabelImage, spec: MeshSpec, volumes: Sequence[float], tolerance: float, report: Callable[[str], None]
+    image: LabelImage,
+    spec: MeshSpec,
+    volumes: Sequence[float],
+    tolerance: float,
+    report: Callable[[str], None],
+    fineness: float,
 ) -> tuple[_Cubes, Ints]:
     """Return the cubes of an image's labels, and the place in it of the voxel from whose middle they are measured."""
     assert spec.size is not None
@@ -172,7 +180,7 @@ def _cubes(
     voxel = float(image.spacing.min())
     finest = _FINEST * voxel
     affordable, smooth = ((6 * sum(volumes) / count) ** (1 / 3) for count in (_MOST_LATTICE, _LEAST_LATTICE))
-    resolved = min(max(_FINE * size, finest), max(_FINE * sizes.thinnest, finest, affordable))
+    resolved = min(max(_FINE * size, finest), max(_FINE * sizes.thinnest / fineness, finest, affordable))
     memberships = Memberships(voxels, len(labels), image.spacing, 0.5 * resolved)
     spacing = min(resolved, max(smooth, voxel))
     axes, begin = _middles(voxels.shape, image.spacing, spacing)
