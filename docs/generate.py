@@ -24,7 +24,7 @@ from hpcinv import errors
 from hpcinv.cli.formula_guide import OPERATORS, PLACES, varying
 from hpcinv.effects import effects
 from hpcinv.job.fibre_rules import FibreRule
-from hpcinv.job.job import json_schema
+from hpcinv.job.job import Job, json_schema
 from hpcinv.materials import MaterialLaw, laws
 from hpcinv.materials.isochoric import DILATATIONS
 from hpcinv.materials.moduli import Moduli
@@ -36,6 +36,8 @@ from hpcinv.quantity.schema import ARITHMETIC, members_of, metadata_in
 from hpcinv.quantity.spatial_fields import VaryingQuantity
 from hpcinv.reports.wording import MEANINGS
 from hpcinv.solver.diagnosis import Diagnosis
+from hpcinv.study.study_spec import Study
+from hpcinv.sweep.sweep_spec import Sweep
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
@@ -88,6 +90,7 @@ def pages() -> dict[Path, str]:
         "reference/laws.md": _laws(),
         "reference/effects.md": _effects(),
         "reference/job-keys.md": _job_keys(),
+        "reference/batch-keys.md": _batch_keys(),
         "reference/functions.md": _functions(),
         "reference/commands.md": _commands(),
         "reference/exit-codes.md": _exit_codes(),
@@ -189,8 +192,6 @@ def _component(name: str, kind: type[Ingredient], tag: str) -> Iterator[str]:
 
 
 def _job_keys() -> Iterator[str]:
-    schema = json_schema()
-    definitions = schema["$defs"]
     yield "# Keys of a job"
     yield ""
     yield from _prose(
@@ -201,10 +202,33 @@ def _job_keys() -> Iterator[str]:
         """
     )
     yield ""
+    yield from _keys(json_schema(Job))
+
+
+def _batch_keys() -> Iterator[str]:
+    yield "# Keys of sweeps and studies"
+    yield ""
+    yield from _prose(
+        """
+        All keys of the files of a [sweep](../how-to/sweep.md) and a [study](../how-to/study.md). `hpcinv schema sweep`
+        and `hpcinv schema study` print the same as JSON Schema. Values are set by dotted keys of the
+        [job](job-keys.md), such as `effects[0].density`, or as whole sections.
+        """
+    )
+    for kind in (Sweep, Study):
+        yield ""
+        yield f"## {kind.__name__.lower()}"
+        yield ""
+        yield from _keys(json_schema(kind), f"{kind.__name__.lower()}: ")
+
+
+def _keys(schema: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """Yield the tables of the keys of a file and of its sections."""
+    definitions = schema["$defs"]
     yield from _table(("key", "value", "default", "meaning"), _rows(schema, definitions))
     for section, name in _sections(schema, definitions).items():
         yield ""
-        yield f"## {section}"
+        yield f"## {prefix}{section}"
         yield ""
         part = _object(definitions[name])
         yield _linked(" ".join(part.get("description", "").split())).replace("``", "`")
