@@ -34,7 +34,7 @@ from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import ARITHMETIC, members_of, metadata_in
 from hpcinv.quantity.spatial_fields import VaryingQuantity
-from hpcinv.reports.wording import MEANINGS
+from hpcinv.reports.wording import LINE_REMEDIES, MEANINGS
 from hpcinv.solver.diagnosis import Diagnosis
 from hpcinv.study.study_spec import Study
 from hpcinv.sweep.sweep_spec import Sweep
@@ -49,31 +49,6 @@ EXIT_CODES = {
     7: "the certificate has warnings or is not decided, with `--strict`",
     130: "Ctrl-C",
     141: "the output was closed",
-}
-REMEDIES = {
-    "equilibrium residual": "Lower `solver.tolerance`. Near the limit of a law the warning may remain, where the"
-    " residual is as small as rounding errors allow.",
-    "smallest volume ratio": "Check the load and the moduli. Else refine the mesh where `J` is small (`hpcinv show"
-    " results/job --colour J`).",
-    "largest volume ratio": "As for the smallest.",
-    "volume ratio not explained": "Smaller cells, or `discretisation: {displacement: 3}`.",
-    "discretisation error": "Smaller cells, [curved ones](images.md#curved-cells) (`geometry_degree: 2`) on a curved"
-    " body, or [ask for the accuracy](accuracy.md). Stresses are singular at the edge of a region that is fixed, not"
-    " where springs hold it (`elastic-foundation`).",
-    "worst cell": "Refine the mesh at the place that the note names. A folded cell is not a solution: the load may be"
-    " more than the body can carry.",
-    "depth beyond the plane": "If it is a plane of symmetry, the body would pass through its mirror image: as for"
-    " facets that cross. If it is a wall or a rest, the body passes it.",
-    "boundary facets that cross": "No such body can be made. Check load and stiffness; where parts touch in the loaded"
-    " body, their contact carries a load that the job does not have.",
-    "round trip": "[Stability](../theory/stability.md), since the way back may lead to another state.",
-    "stability": "The loaded body would buckle or snap away, so that nobody can have seen it: check load and supports."
-    " What to do about 'not decided' is [on its page](../theory/stability.md#the-verdicts).",
-    "limit points": "The body may carry this load in two shapes: [what was found](../theory/newton.md#limit-points).",
-    "loads on parts": "Remove the load or the support.",
-    "equation of cavity": "Lower `solver.tolerance`.",
-    "contact": "[Contact](contact.md#what-determines-the-pressure).",
-    "error of": "Raise `solver.maximum_unknowns`, take a machine with more memory, or demand less.",
 }
 INTERFACE = {
     "hpcinv": ("load", "run", "sweep"),
@@ -469,12 +444,13 @@ def _failures() -> Iterator[str]:
     yield ""
     yield from _prose(
         """
-        The note of a line says what was seen and where. [The certificate](certificate.md) has how each line is found
-        and its threshold.
+        A line that does not pass says what was seen, and below it what to do. [The certificate](certificate.md) has
+        thresholds; more is on [stability](../theory/stability.md#the-verdicts) and
+        [limit points](../theory/newton.md#limit-points).
         """
     )
     yield ""
-    rows = [(f"{name} …", meaning, REMEDIES[name]) for name, meaning in MEANINGS.items() if name in REMEDIES]
+    rows = [(f"{name} …", MEANINGS[name], remedy) for name, remedy in LINE_REMEDIES.items()]
     yield from _table(("line", "what it means", "what to do"), rows)
 
 
