@@ -398,43 +398,37 @@ def _exit_codes() -> Iterator[str]:
 def _failures() -> Iterator[str]:
     yield "# What to do when a solve fails"
     yield ""
+    yield "`hpcinv run jobs/hard/sphere-beyond-its-limit.yaml` ends with exit code 3 and says"
+    yield ""
+    yield "```"
+    yield "stopped at load factor 0.685693 of 1: no undeformed shape was found beyond this load: …"
+    yield "  After 4 failed steps: to first order the load moves the body by 888 mm, most at (0.962, 0.192, 0.192) m;"
+    yield "  65% of it is rigid: it is nearly free to move along (0.58, 0.58, 0.58)"
+    yield "```"
+    yield ""
     yield from _prose(
         """
-        A run that does not reach its full load ends with exit code 3, and its last message says at which load factor
-        it stopped, why, and what to try; `status` and `advice` in [summary.json](../reference/summary.md) say the
-        same. A run that reaches it ends with a certificate, whose lines may fail too
-        ([below](#when-the-certificate-does-not-pass)).
+        `status` and `advice` in [summary.json](../reference/summary.md) say the same. A run that reaches its load ends
+        with a certificate, whose lines may fail too ([below](#when-the-certificate-does-not-pass)).
         """
     )
     yield ""
     yield "## Look first"
     yield ""
-    yield from _prose(
-        """
-        1. At the line `meshed part:` near the beginning, with size, mass and load of the body, and at the warnings
-        below it: is a [unit](../reference/units.md#size-mass-and-load) wrong?
-        """
-    )
-    yield from _prose(
-        """
-        2. At the picture of the job, `hpcinv show job.yaml`: supports and loads, and their directions.
-        """
-    )
-    yield from _prose(
-        """
-        3. At the body where it stopped: `hpcinv show results/job`, or its [report](report.md), which says where it is
-        strained most.
-        """
+    yield from (
+        "1. at the line `meshed part:`, with size, mass and load: is a"
+        " [unit](../reference/units.md#size-mass-and-load) wrong?",
+        "2. at the picture of the job, `hpcinv show job.yaml`: supports, loads and their directions;",
+        "3. at the body where it stopped: `hpcinv show results/job`, or its [report](report.md).",
     )
     yield ""
     yield "## By diagnosis"
     yield ""
     yield from _prose(
         """
-        Before a run gives up it has halved its load steps and tried its [rescue strategies](hard-cases.md), so that
-        another try with smaller steps alone seldom helps. After four failed solves the log says what the load moves to
-        first order: how far, where most, whether the body is nearly free to move or turn as a whole, and what the
-        supports hold. Failed solves may take 500 factorizations in each direction (`solver: {patience: 500}`).
+        A run has halved its load steps and tried its [rescue strategies](hard-cases.md) before it gives up, so smaller
+        steps alone seldom help. Failed solves may take 500 factorizations in each direction
+        (`solver: {patience: 500}`).
         """
     )
     yield ""

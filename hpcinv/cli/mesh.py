@@ -3,8 +3,8 @@
 import argparse
 import shlex
 import time
-from dataclasses import replace
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
