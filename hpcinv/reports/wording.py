@@ -121,7 +121,7 @@ def remedy(line: Mapping[str, Any]) -> str:
     """Return what to do about a line of the certificate; empty if it passes or was not checked."""
     if line["verdict"] in ("pass", "not checked"):
         return ""
-    remedies = LINE_REMEDIES | (_UNDECIDED if line["verdict"] == "not decided" else {})
+    remedies = {**LINE_REMEDIES, **(_UNDECIDED if line["verdict"] == "not decided" else {})}
     return next((text for head, text in remedies.items() if line["name"].startswith(head)), "")
 
 
