@@ -1,6 +1,6 @@
 """What fibres by a rule cost beside a run: a left ventricle in cells of several sizes, inverse, at 9 mmHg.
 
-Run ``mpirun -n 2 python benchmarks/fibre_rules.py``. Results are in docs/how-to/fibres.md.
+Run ``mpirun -n 2 python benchmarks/fibre_rules.py``.
 """
 
 from __future__ import annotations

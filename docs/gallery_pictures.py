@@ -28,14 +28,14 @@ def main() -> None:
             shrink(drawn, ROOT / "docs" / "pictures" / "gallery" / f"{name}.png")
 
 
-def shrink(drawn: Path, kept: Path) -> None:
+def shrink(drawn: Path, kept: Path, width: int = WIDTH, dither: Image.Dither = Image.Dither.FLOYDSTEINBERG) -> None:
     """Write a picture as a smaller file."""
     picture = Image.open(drawn).convert("RGB")
-    scale = min(1.0, WIDTH / picture.width)
+    scale = min(1.0, width / picture.width)
     size = round(picture.width * scale), round(picture.height * scale)
     smaller = picture.resize(size, Image.Resampling.LANCZOS)
     palette = smaller.quantize(256, method=Image.Quantize.MAXCOVERAGE)  # rare colours too, such as those of arrows
-    smaller.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(kept, optimize=True)
+    smaller.quantize(palette=palette, dither=dither).save(kept, optimize=True)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from hpcinv import errors
 from hpcinv.cli.formula_guide import OPERATORS, PLACES, varying
 from hpcinv.effects import effects
 from hpcinv.job.fibre_rules import FibreRule
-from hpcinv.job.job import json_schema
+from hpcinv.job.job import Job, json_schema
 from hpcinv.materials import MaterialLaw, laws
 from hpcinv.materials.isochoric import DILATATIONS
 from hpcinv.materials.moduli import Moduli
@@ -34,8 +34,10 @@ from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import ARITHMETIC, members_of, metadata_in
 from hpcinv.quantity.spatial_fields import VaryingQuantity
-from hpcinv.reports.wording import MEANINGS
+from hpcinv.reports.wording import LINE_REMEDIES, MEANINGS
 from hpcinv.solver.diagnosis import Diagnosis
+from hpcinv.study.study_spec import Study
+from hpcinv.sweep.sweep_spec import Sweep
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
@@ -49,31 +51,6 @@ EXIT_CODES = {
     7: "the certificate has warnings or is not decided, with `--strict`",
     130: "Ctrl-C",
     141: "the output was closed",
-}
-REMEDIES = {
-    "equilibrium residual": "Lower `solver.tolerance`. Near the limit of a law the warning may remain, where the"
-    " residual is as small as rounding errors allow.",
-    "smallest volume ratio": "Check the load and the moduli. Else refine the mesh where `J` is small (`hpcinv show"
-    " results/job --colour J`).",
-    "largest volume ratio": "As for the smallest.",
-    "volume ratio not explained": "Smaller cells, or `discretisation: {displacement: 3}`.",
-    "discretisation error": "Smaller cells, [curved ones](images.md#curved-cells) (`geometry_degree: 2`) on a curved"
-    " body, or [ask for the accuracy](accuracy.md). Stresses are singular at the edge of a region that is fixed, not"
-    " where springs hold it (`elastic-foundation`).",
-    "worst cell": "Refine the mesh at the place that the note names. A folded cell is not a solution: the load may be"
-    " more than the body can carry.",
-    "depth beyond the plane": "If it is a plane of symmetry, the body would pass through its mirror image: as for"
-    " facets that cross. If it is a wall or a rest, the body passes it.",
-    "boundary facets that cross": "No such body can be made. Check load and stiffness; where parts touch in the loaded"
-    " body, their contact carries a load that the job does not have.",
-    "round trip": "[Stability](../theory/stability.md), since the way back may lead to another state.",
-    "stability": "The loaded body would buckle or snap away, so that nobody can have seen it: check load and supports."
-    " What to do about 'not decided' is [on its page](../theory/stability.md#the-verdicts).",
-    "limit points": "The body may carry this load in two shapes: [what was found](../theory/newton.md#limit-points).",
-    "loads on parts": "Remove the load or the support.",
-    "equation of cavity": "Lower `solver.tolerance`.",
-    "contact": "[Contact](contact.md#what-determines-the-pressure).",
-    "error of": "Raise `solver.maximum_unknowns`, take a machine with more memory, or demand less.",
 }
 INTERFACE = {
     "hpcinv": ("load", "run", "sweep"),
@@ -90,6 +67,7 @@ def pages() -> dict[Path, str]:
         "reference/laws.md": _laws(),
         "reference/effects.md": _effects(),
         "reference/job-keys.md": _job_keys(),
+        "reference/batch-keys.md": _batch_keys(),
         "reference/functions.md": _functions(),
         "reference/commands.md": _commands(),
         "reference/exit-codes.md": _exit_codes(),
@@ -191,8 +169,6 @@ def _component(name: str, kind: type[Ingredient], tag: str) -> Iterator[str]:
 
 
 def _job_keys() -> Iterator[str]:
-    schema = json_schema()
-    definitions = schema["$defs"]
     yield "# Keys of a job"
     yield ""
     yield from _prose(
@@ -203,10 +179,33 @@ def _job_keys() -> Iterator[str]:
         """
     )
     yield ""
+    yield from _keys(json_schema(Job))
+
+
+def _batch_keys() -> Iterator[str]:
+    yield "# Keys of sweeps and studies"
+    yield ""
+    yield from _prose(
+        """
+        All keys of the files of a [sweep](../how-to/sweep.md) and a [study](../how-to/study.md). `hpcinv schema sweep`
+        and `hpcinv schema study` print the same as JSON Schema. Values are set by dotted keys of the
+        [job](job-keys.md), such as `effects[0].density`, or as whole sections.
+        """
+    )
+    for kind in (Sweep, Study):
+        yield ""
+        yield f"## {kind.__name__.lower()}"
+        yield ""
+        yield from _keys(json_schema(kind), f"{kind.__name__.lower()}: ")
+
+
+def _keys(schema: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """Yield the tables of the keys of a file and of its sections."""
+    definitions = schema["$defs"]
     yield from _table(("key", "value", "default", "meaning"), _rows(schema, definitions))
     for section, name in _sections(schema, definitions).items():
         yield ""
-        yield f"## {section}"
+        yield f"## {prefix}{section}"
         yield ""
         part = _object(definitions[name])
         yield _linked(" ".join(part.get("description", "").split())).replace("``", "`")
@@ -401,43 +400,37 @@ def _exit_codes() -> Iterator[str]:
 def _failures() -> Iterator[str]:
     yield "# What to do when a solve fails"
     yield ""
+    yield "`hpcinv run jobs/hard/sphere-beyond-its-limit.yaml` ends with exit code 3 and says"
+    yield ""
+    yield "```"
+    yield "stopped at load factor 0.685693 of 1: no undeformed shape was found beyond this load: …"
+    yield "  After 4 failed steps: to first order the load moves the body by 888 mm, most at (0.962, 0.192, 0.192) m;"
+    yield "  65% of it is rigid: it is nearly free to move along (0.58, 0.58, 0.58)"
+    yield "```"
+    yield ""
     yield from _prose(
         """
-        A run that does not reach its full load ends with exit code 3, and its last message says at which load factor
-        it stopped, why, and what to try; `status` and `advice` in [summary.json](../reference/summary.md) say the
-        same. A run that reaches it ends with a certificate, whose lines may fail too
-        ([below](#when-the-certificate-does-not-pass)).
+        `status` and `advice` in [summary.json](../reference/summary.md) say the same. A run that reaches its load ends
+        with a certificate, whose lines may fail too ([below](#when-the-certificate-does-not-pass)).
         """
     )
     yield ""
     yield "## Look first"
     yield ""
-    yield from _prose(
-        """
-        1. At the line `meshed part:` near the beginning, with size, mass and load of the body, and at the warnings
-        below it: is a [unit](../reference/units.md#size-mass-and-load) wrong?
-        """
-    )
-    yield from _prose(
-        """
-        2. At the picture of the job, `hpcinv show job.yaml`: supports and loads, and their directions.
-        """
-    )
-    yield from _prose(
-        """
-        3. At the body where it stopped: `hpcinv show results/job`, or its [report](report.md), which says where it is
-        strained most.
-        """
+    yield from (
+        "1. at the line `meshed part:`, with size, mass and load: is a"
+        " [unit](../reference/units.md#size-mass-and-load) wrong?",
+        "2. at the picture of the job, `hpcinv show job.yaml`: supports, loads and their directions;",
+        "3. at the body where it stopped: `hpcinv show results/job`, or its [report](report.md).",
     )
     yield ""
     yield "## By diagnosis"
     yield ""
     yield from _prose(
         """
-        Before a run gives up it has halved its load steps and tried its [rescue strategies](hard-cases.md), so that
-        another try with smaller steps alone seldom helps. After four failed solves the log says what the load moves to
-        first order: how far, where most, whether the body is nearly free to move or turn as a whole, and what the
-        supports hold. Failed solves may take 500 factorizations in each direction (`solver: {patience: 500}`).
+        A run has halved its load steps and tried its [rescue strategies](hard-cases.md) before it gives up, so smaller
+        steps alone seldom help. Failed solves may take 500 factorizations in each direction
+        (`solver: {patience: 500}`).
         """
     )
     yield ""
@@ -447,12 +440,13 @@ def _failures() -> Iterator[str]:
     yield ""
     yield from _prose(
         """
-        The note of a line says what was seen and where. [The certificate](certificate.md) has how each line is found
-        and its threshold.
+        A line that does not pass says what was seen, and below it what to do. [The certificate](certificate.md) has
+        thresholds; more is on [stability](../theory/stability.md#the-verdicts) and
+        [limit points](../theory/newton.md#limit-points).
         """
     )
     yield ""
-    rows = [(f"{name} …", meaning, REMEDIES[name]) for name, meaning in MEANINGS.items() if name in REMEDIES]
+    rows = [(f"{name} …", MEANINGS[name], remedy) for name, remedy in LINE_REMEDIES.items()]
     yield from _table(("line", "what it means", "what to do"), rows)
 
 

@@ -159,8 +159,7 @@ def _discretisation(equations: Equations, solution: Solution, estimated: Estimat
         DISCRETISATION, estimated.shape / scale.length if scale.length else 0.0, 0.05, LINEAR, note=note
     )
     if line.verdict is Verdict.FAIL and not estimated.is_solved:
-        unsure = "one Newton step says little of so large an error, and the finer problem was not solved"
-        note += f"; {unsure}: use a finer mesh"
+        note += "; too large to be estimated by one Newton step"
         return replace(line, note=note, verdict=Verdict.UNDECIDED)
     if estimated.is_solved:
         note += "; found by a solve in spaces of one degree more"
@@ -176,5 +175,5 @@ def _discretisation(equations: Equations, solution: Solution, estimated: Estimat
     if not uncertain or estimated.shape > uncertain:
         return line
     # The mesh need not be better than the image deserves.
-    note += f"; the given surface leaves {readable(uncertain, 'm', 2)} uncertain: a finer mesh is not worth its time"
+    note += f"; the given surface is uncertain by {readable(uncertain, 'm', 2)}"
     return replace(line, note=note, verdict=Verdict.PASS if line.verdict is Verdict.WARN else line.verdict)

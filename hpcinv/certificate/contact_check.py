@@ -53,7 +53,7 @@ def penalties(equations: Equations, solution: Solution, forward: ForwardFactors)
                 name = f"contact on '{contact.region}': change of the shape if the penalty is doubled"
                 rate = _rate(equilibrium.system, solver, obstacle)
                 if rate is None:
-                    note = "the pressures that follow it do not settle: refine the mesh where the body touches"
+                    note = "the pressures that follow it do not settle"
                     yield Line(name, None, "", "must be known", Verdict.UNDECIDED, note)
                     continue
                 change = log(2) * rate * equations.scales.length
@@ -109,7 +109,7 @@ def _line(contact: ContactReport, far: float) -> Line:
         note = f"{contact.assumption}; the body does not touch the obstacle"
         return Line(name, 0.0, "m²", "area in contact; warning if there is none", Verdict.WARN, note)
     if contact.tolerance is not None:
-        limit, note = _RIGID * contact.tolerance, "penetration between vertices: refine the mesh where the body touches"
+        limit, note = _RIGID * contact.tolerance, "penetration between vertices"
         rule = f"penetration; warning above {readable(limit, 'm')}"
         verdict = Verdict.PASS if contact.penetration <= limit else Verdict.WARN
         note = contact.assumption if verdict is Verdict.PASS else f"{contact.assumption}; {note}"

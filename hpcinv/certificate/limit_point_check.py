@@ -32,10 +32,7 @@ def _removal_line(line: Line, start: str) -> Line:
     rule = f"the determinant of the tangent must keep its sign from state '{start}' to this one"
     if line.verdict is not Verdict.WARN:
         return replace(line, rule=rule)
-    note = (
-        f"the forces that held the body in state '{start}' were taken away step by step, and loads that act may have no"
-        " limit point: compare with a path from the rest shape (without 'start')"
-    )
+    note = f"the forces that held the body in state '{start}' were taken away: its loads may have no limit point"
     return replace(line, rule=rule, verdict=Verdict.UNDECIDED, note=note)
 
 
@@ -49,12 +46,12 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
     rule = "the determinant of the tangent must keep its sign from the unloaded body to the loaded one"
     turned = sum(s.limit_point for s in solution.solves)
     if turned:
-        note = "another shape may carry the same load: compare with smaller steps"
+        note = "another shape may carry the same load"
         if passed := _earlier_passes([s.load for s in solution.solves if s.outcome.accepted]):
             times = "once" if passed == 1 else f"{passed} times"
             note = (
                 f"{turned} limit {'point' if turned == 1 else 'points'} of the load; the path reaches the full load"
-                f" {times} before, where other shapes carry it: the first is found with 'limit_points: 0'"
+                f" {times} before, where other shapes carry it"
             )
         return Line(LIMIT_POINTS, float(turned), "", rule, Verdict.WARN, note)
     if not any(s.factorizations for s in solution.solves):
@@ -74,7 +71,7 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
         note = "the same sign at each load that was solved" + (", on coarser cells along the path" if nested else "")
         note += ", and the load rises all along the power series" if rises else ""
         return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, note)
-    note = "another shape may carry the same load: compare with smaller steps"
+    note = "another shape may carry the same load"
     if may_be_spurious:
         note = f"a mode that may be spurious (see the line on stability), or {note}"
         return Line(LIMIT_POINTS, 1.0, "", rule, Verdict.UNDECIDED, note)

@@ -106,10 +106,7 @@ def solved_back(equations: Equations, solution: Solution, forward: ForwardFactor
     equations.release(equilibrium)
     if last.outcome.accepted:
         return _closed(equations, solution)
-    note = (
-        f"near the known displacement the solve back did not converge: {last.outcome.text}; 'certificate: {{round_trip:"
-        " path}' solves it from the unloaded body"
-    )
+    note = f"near the known displacement the solve back did not converge: {last.outcome.text}"
     return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
 
 

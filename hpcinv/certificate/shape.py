@@ -14,10 +14,7 @@ from hpcinv.quantity.units import readable
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
-_STRAIGHT = (
-    "the straight cell between its corners is inside out, the curved one is not; "
-    "'mesh: {geometry_degree: 2}' writes curved cells"
-)
+_STRAIGHT = "the straight cell between its corners is inside out, the curved one is not"
 OVERLAP = "boundary facets that cross each other"
 
 
@@ -59,7 +56,7 @@ def self_overlap(equations: Equations, solution: Solution) -> Iterator[Line]:
     if crossings.point is None:
         yield Line(OVERLAP, 0.0, "", rule, Verdict.PASS, "the body does not pass through itself")
     else:
-        note = f"the body passes through itself, such as at ({_point(crossings.point)}) m: no such body can be made"
+        note = f"the body passes through itself, such as at ({_point(crossings.point)}) m"
         yield Line(OVERLAP, float(crossings.pairs), "", rule, Verdict.FAIL, note)
 
 

@@ -76,7 +76,7 @@ class SingularLimit:
     @property
     def doubt(self) -> str:
         """Text for a note; empty if the estimate is reliable."""
-        return "" if self.is_reliable else f"not reliable here: {self.text}; a second mesh shows more ('accuracy')"
+        return "" if self.is_reliable else f"not reliable here: {self.text}"
 
     def as_data(self) -> dict[str, Any]:
         """The effect as JSON data, without the cells."""

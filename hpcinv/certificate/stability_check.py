@@ -94,20 +94,17 @@ def _unstable(count: int, confirmed: Confirmed | None, *, is_mixed: bool) -> Lin
         # For a tangent that is not symmetric, the symmetric part can prove stability but not instability. The
         # asymmetry is the confirmation's, since the solve's quadrature can make follower loads asymmetric.
         kind = _potential_note(confirmed.asymmetry)
-        does = "might buckle, snap away or flutter" if kind else "would buckle or snap away from this state"
+        does = "might buckle, snap away or flutter" if kind else "would buckle or snap away"
         note = f"confirmed negative eigenvalues: the loaded body {does}"
         if confirmed.directions < count:
-            note += f"; of the {count} that the forward tangent has, the others may be spurious modes of the elements"
+            note += f"; others of the {count} may be spurious modes of the elements"
         verdict = Verdict.WARN if kind else Verdict.FAIL
         note = f"{note}; {kind}, which proves no instability" if kind else note
         return Line(STABILITY, float(confirmed.directions), "", _RULE, verdict, note)
     if confirmed is None:
-        why = "they could not be confirmed: no factors of the form for that, or no convergence"
+        why = "they could not be confirmed"
     elif is_mixed:
-        why = (
-            "none is confirmed with the volume constraint enforced at each point: they may be spurious modes of the "
-            "elements, which tetrahedra and the displacement form have fewer of, or a mode that a finer mesh confirms"
-        )
+        why = "none is confirmed: they may be spurious modes of the elements"
     else:
         why = f"none is left with a margin of {MARGIN:.0%} of the elastic energy: the body is at a critical load"
     note = f"negative eigenvalues of the forward tangent, but {why}"
@@ -115,4 +112,8 @@ def _unstable(count: int, confirmed: Confirmed | None, *, is_mixed: bool) -> Lin
 
 
 def _potential_note(asymmetry: float) -> str:
-    return "" if asymmetry < 1e-8 else f"loads without a potential (asymmetry {asymmetry:.1g}): of the symmetric part"
+    return (
+        ""
+        if asymmetry < 1e-8
+        else f"loads without a potential (asymmetry {asymmetry:.1g}): only the symmetric part was checked"
+    )

@@ -52,11 +52,8 @@ def volume(equations: Equations, solution: Solution) -> Iterator[Line]:
         yield Line(UNACCOUNTED, strain, "", rule, Verdict.PASS)
     else:
         mixed = equations.unknowns.p is not None
-        remedy = "mesh finer, or raise discretisation.displacement"
-        if not mixed:
-            remedy += ", or take the mixed form (discretisation.formulation: mixed)"
-        what = "the mesh is too coarse" if mixed else "the mesh is too coarse or locks"
-        yield Line(UNACCOUNTED, strain, "", rule, Verdict.WARN, f"{what}: {remedy}")
+        what = "the mesh is too coarse" if mixed else "the mesh is too coarse, or locks in the displacement form"
+        yield Line(UNACCOUNTED, strain, "", rule, Verdict.WARN, what)
 
 
 def _unaccounted(equations: Equations, scene: Scene) -> float | None:

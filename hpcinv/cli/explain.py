@@ -22,7 +22,7 @@ def add_explain(commands: Any) -> None:
         "explain",
         "Show the terms of a job's equations, and measure what each costs.",
         examples="hpcinv explain jobs/muscle.yaml",
-        page="how-to/scenes.md",
+        page="how-to/choose-a-method.md",
     )
     explain.add_argument("job", type=Path, help="job file (YAML)")
     add_option(explain)

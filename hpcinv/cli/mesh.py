@@ -4,6 +4,7 @@ import argparse
 import shlex
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -202,7 +203,7 @@ def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, gi
         raise OutputError(f"{options.output}: cannot be written; the endings are {', '.join(SAVERS)}")
     source = read_source(spec, options.input, lambda text: print(f"{options.input}: {text}", flush=True))
     check(source)
-    save(options.output, source, source.points)
+    save(options.output, replace(source, unit=1.0), source.points)
     print(f"{options.output}: {len(source.cells)} cells and {len(source.points)} nodes, in m")
     print("regions:")
     for group in source.groups:

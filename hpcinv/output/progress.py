@@ -21,6 +21,7 @@ from hpcinv.output.run_log import RunLog
 from hpcinv.quantity.units import readable
 from hpcinv.quantity.written_units import as_shown
 from hpcinv.reports.shape_error import shape_error
+from hpcinv.reports.wording import remedy
 from hpcinv.solver.observer import Observer
 
 if TYPE_CHECKING:
@@ -412,6 +413,8 @@ def _certificate(certificate: Mapping[str, Any]) -> list[str]:
         seconds = f", {line['seconds']:.1f} s" if (line["seconds"] or 0.0) >= _SHOWN else ""
         state = f"{line['state']}: " if "state" in line else ""
         lines.append(f"  {line['verdict']}: {state}{line['name']}{value_text}{note}{seconds}")
+        if text := remedy(line):
+            lines.append(f"    {text}")
     return lines
 
 

@@ -30,6 +30,31 @@ MEANINGS: Mapping[str, str] = {
 }
 """what a line of the certificate means, by the beginning of its name"""
 
+LINE_REMEDIES: Mapping[str, str] = {
+    "equilibrium residual": "Lower solver.tolerance; near the limit of a law, rounding errors leave this much.",
+    "smallest volume ratio": "Check load and moduli, or refine the mesh where J is small ('hpcinv show --colour J').",
+    "largest volume ratio": "Check load and moduli, or refine the mesh where J is large ('hpcinv show --colour J').",
+    "volume ratio not explained": "Use smaller cells, or 'discretisation: {displacement: 3}'.",
+    "equation of cavity": "Lower solver.tolerance.",
+    "discretisation error": "Use smaller cells, 'geometry_degree: 2' on a curved body, or demand an accuracy.",
+    "worst cell": "Refine the mesh at this place; 'mesh: {geometry_degree: 2}' writes curved cells.",
+    "depth beyond the plane": "If this is a plane of symmetry, check load and stiffness.",
+    "boundary facets that cross": "Check load and stiffness; where parts touch, the job needs their contact.",
+    "round trip": "Read the line on stability: the way back may lead to another state.",
+    "stability": "Check supports, direction of the load and stiffness.",
+    "limit points": "Compare with smaller steps (solver.initial_step), or with 'limit_points: 0'.",
+    "loads on parts": "Remove the load or the support.",
+    "contact": "Refine the mesh where the body touches, and check the place of the obstacle.",
+}
+"""what to do about a line that does not pass, by the beginning of its name"""
+
+_UNDECIDED: Mapping[str, str] = {
+    "round trip": "Try 'certificate: {round_trip: path}', or a smaller solver.initial_step.",
+    "stability": "Refine the mesh, or use tetrahedra, which have fewer spurious modes.",
+    "limit points": "Compare with smaller steps, or with a path from the rest shape (without 'start').",
+}
+"""what to do about a line that is not decided, where that is something else"""
+
 _NEXT = {
     "pass": "Use the shape. All files are in the directory of the run.",
     "not checked": "Nothing was checked: run the job with certificate: standard before you rely on the shape.",
@@ -70,7 +95,10 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
     if verdict != "fail":  # an estimate supposes that there is such a body
         sure += _accuracy(summary, error)
     doubts = [line for line in checked if line not in passed]
-    sure += [f"{_named(line)}: {line['verdict']}. {_sentence(line['note'])}".strip() for line in doubts]
+    sure += [
+        " ".join(filter(None, [f"{_named(line)}: {line['verdict']}.", _sentence(line["note"]), remedy(line)]))
+        for line in doubts
+    ]
     advice = [_NEXT[verdict]]
     if error is not None and (verdict == "warning" or (verdict == "pass" and error.cause != "mesh")):
         advice.append(REMEDIES[error.cause])
@@ -87,6 +115,14 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
 def meaning(name: str) -> str:
     """Return what a line of the certificate means; empty for an unknown one."""
     return next((text for head, text in MEANINGS.items() if name.startswith(head) or f" {head}" in name), "")
+
+
+def remedy(line: Mapping[str, Any]) -> str:
+    """Return what to do about a line of the certificate; empty if it passes or was not checked."""
+    if line["verdict"] in ("pass", "not checked"):
+        return ""
+    remedies = {**LINE_REMEDIES, **(_UNDECIDED if line["verdict"] == "not decided" else {})}
+    return next((text for head, text in remedies.items() if line["name"].startswith(head)), "")
 
 
 def _found(summary: Mapping[str, Any]) -> str:

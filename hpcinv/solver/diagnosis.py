@@ -13,41 +13,36 @@ class Diagnosis(enum.Enum):
 
     LIMIT_POINT = (
         "the load reaches a maximum here (limit point): no solution near by carries more",
-        "Check the load, the stiffness and their units first. If they are right, this is the most that is carried on"
-        " the way from the unloaded body: lower the load. Beyond this limit point the load falls; only on a path that"
-        " turns a second time does it rise to the full load again (strategy: arc-length, limit_points: 2).",
+        "Check the load, the stiffness and their units, then lower the load. To follow the path beyond two limit"
+        " points, use 'solver: {strategy: arc-length, limit_points: 2}'.",
     )
     LEAST_LOAD = (
         "the load reaches a minimum here (limit point): no solution near by carries less",
-        "Beyond the first limit point the load falls to this one and rises again. The solution at full load that lies"
-        " before the limit points is found with 'limit_points: 0'.",
+        "The path falls and rises again here. 'limit_points: 0' finds the solution before both limit points.",
     )
     BEYOND_FULL_LOAD = (
-        "beyond the solution at full load that the path from the unloaded body passes first, no other was reached",
-        "That first solution is found with 'limit_points: 0'. For another one refine the mesh, to second order where"
-        " the body is curved, or try a smaller solver.initial_step. Laws that soften, such as mooney-rivlin with a"
-        " negative c2, may lose ellipticity at large strain: from there on the equations determine no shape, on any"
-        " mesh.",
+        "beyond the first solution at full load, no other was reached",
+        "'limit_points: 0' finds the first solution. For another one use a finer or curved mesh, a smaller"
+        " solver.initial_step, or a law that does not soften.",
     )
     NO_UNDEFORMED_SHAPE = (
         "no undeformed shape was found beyond this load: an element of it would turn inside out, or an incompressible"
         " material halve or double its volume",
-        "Check the load, the material and their units. If a finer mesh stops at nearly the same load factor, no body of"
-        " this material has the given shape under the full load.",
+        "Check the load, the material and their units. If a finer mesh stops at nearly the same load factor, this"
+        " material does not have the given shape under the full load.",
     )
     INVERTED = (
         "an element would turn inside out (det F ≤ 0)",
-        "Look for poor elements where the body is squeezed or bends most and refine them, or for a load that cannot be"
-        " carried.",
+        "Refine poor elements where the body is squeezed or bends most, or lower the load.",
     )
     VOLUME_CHANGED = (
         "the incompressible material would halve or double its volume somewhere",
         "Refine the mesh there; if that does not help, the load cannot be carried.",
     )
     LOSS_OF_STABILITY = (
-        "the body lost its stability on the way (the tangent's determinant changed its sign): it would buckle or snap",
-        "Lower the load, or hold the body as it is held in reality. Where it buckles sideways, a small imperfection of"
-        " its shape or load lets it be followed.",
+        "the body lost its stability on the way (the tangent's determinant changed its sign)",
+        "It would buckle or snap: lower the load, or hold the body as it is held in reality. A small imperfection of"
+        " its shape lets sideways buckling be followed.",
     )
     BRANCHING = (
         "the path of undeformed shapes branches (the tangent's determinant changed its sign)",
@@ -59,8 +54,8 @@ class Diagnosis(enum.Enum):
     )
     ILL_POSED = (
         "the tangent is singular, even in the unloaded body",
-        "Do the supports hold the body against every rigid motion, and leave an incompressible one some free surface?"
-        " If so, look at solver.petsc.",
+        "Hold the body against every rigid motion, and leave an incompressible one some free surface. Else check"
+        " solver.petsc.",
     )
     LINEAR_SOLVER = (
         "the linear solver failed: the tangent is singular",
@@ -68,15 +63,14 @@ class Diagnosis(enum.Enum):
         " preconditioner.",
     )
     KRYLOV_LIMIT = (
-        "the iterative linear solver did not converge within the iterations that it may take, and the direct one is not"
-        " allowed, or there is not enough memory for it",
-        "Leave out 'solver: {linear: iterative}', or take more memory, more nodes or a coarser mesh. Do the supports"
-        " hold the body firmly? Where elements are poor, a better mesh may do.",
+        "the iterative linear solver did not converge, and the direct one is not allowed or has too little memory",
+        "Leave out 'solver: {linear: iterative}', hold the body more firmly, improve poor elements, or take more"
+        " memory.",
     )
     NO_MEMORY = (
         "there is not enough memory for the factors of the tangent, or for the workspace that MUMPS needs",
-        "Take more memory or nodes, a coarser mesh, or 'solver: {linear: iterative}'. If no memory is short,"
-        " too large a value of mat_mumps_icntl_14 in solver.petsc may be the cause.",
+        "Take more memory or nodes, a coarser mesh, or 'solver: {linear: iterative}'. Else lower mat_mumps_icntl_14"
+        " in solver.petsc.",
     )
     MEMORY_LIMIT = (
         Outcome.MEMORY_LIMIT.text,
@@ -99,9 +93,9 @@ class Diagnosis(enum.Enum):
         "Try a smaller solver.minimum_step, and a finer mesh where the body deforms most.",
     )
     ARC_LENGTH_CUT_SHORT = (
-        "Newton's method does not converge, and arc-length continuation, tried after it, ran out of its factorizations",
-        "Take it from the beginning, without that limit (solver: {strategy: arc-length}): it shows whether the load has"
-        " a limit point here. Else refine the mesh where the body deforms most.",
+        "Newton's method does not converge, and arc-length continuation took too many factorizations",
+        "Start with 'solver: {strategy: arc-length}', which shows whether the load has a limit point. Else refine the"
+        " mesh where the body deforms most.",
     )
     PASSED_THROUGH = (Outcome.PASSED_THROUGH.text, Outcome.PASSED_THROUGH.advice)
     CONTACT_LIMIT = (Outcome.CONTACT_LIMIT.text, Outcome.CONTACT_LIMIT.advice)

@@ -68,6 +68,14 @@ def counts(source: MeshSource) -> dict[str, int]:
     return {group.name: group.dim for group in source.groups}
 
 
+def test_the_command_writes_metres(cad: Callable[[str], Path], tmp_path: Path) -> None:
+    """Files in mm would need their unit in the next command."""
+    mesh = tmp_path / "box.msh"
+    assert main(["mesh", "from-cad", str(cad("box.step")), str(mesh), "--size", "8 mm"]) == 0
+    spec = MeshSpec.model_validate({"file": mesh.name}, context={"directory": tmp_path, "untrusted": False})
+    assert volume(read_source(spec, mesh)) == pytest.approx(2e-6, rel=1e-9)
+
+
 @pytest.mark.parametrize(("file", "unit"), [("box.step", {}), ("box.brep", {"unit": "mm"})])
 def test_a_box_has_its_volume_and_faces(file: str, unit: dict[str, str], cad: Callable[[str], Path]) -> None:
     source = read(cad(file), **unit)

@@ -24,7 +24,7 @@ from hpcinv.pictures.snapshots import Snapshot, read_snapshots, write_snapshot
 from hpcinv.reports.charts import convergence_chart, load_chart
 from hpcinv.reports.of_run import run_page, write_run_report
 from hpcinv.reports.packed_arrays import PackedArrays
-from hpcinv.reports.wording import meaning, words
+from hpcinv.reports.wording import LINE_REMEDIES, MEANINGS, meaning, remedy, words
 
 
 def decoded(spec: dict[str, Any], text: str) -> np.ndarray:
@@ -216,6 +216,20 @@ def test_lines_of_the_certificate_have_a_meaning() -> None:
     names = re.findall(r"^  (?:pass|warning|fail): ([^\d(]+?) [\d(]", guide, flags=re.MULTILINE)
     assert len(names) > 8
     assert [name for name in names if not meaning(name)] == []
+
+
+def test_lines_that_do_not_pass_have_one_remedy_of_one_row() -> None:
+    assert LINE_REMEDIES.keys() <= MEANINGS.keys()
+    for head in LINE_REMEDIES:
+        for verdict in ("fail", "warning", "not decided"):
+            text = remedy({"name": f"{head} of something", "verdict": verdict})
+            assert text.count(". ") == 0
+            assert text.endswith(".")
+            assert len(text) <= 96
+        assert remedy({"name": head, "verdict": "pass"}) == ""
+    assert remedy({"name": "stability: …", "verdict": "fail"}) != remedy(
+        {"name": "stability: …", "verdict": "not decided"}
+    )
 
 
 def test_charts_show_each_iteration_and_leave_out_what_has_no_place() -> None:
