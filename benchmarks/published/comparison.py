@@ -12,9 +12,13 @@ from .references import Reference
 
 type Verdict = Literal["inside", "outside", "not reliable", "failed", "skipped"]
 
-MESHES = 3.0
-"""Error of our value over its largest change on finer meshes: the safety factor of Roache (1994,
-doi:10.1115/1.2910291) for meshes whose order of convergence is not known. Larger: longer error bars."""
+SAFETY = 1.5
+"""Error of our value over the error that its change on a finer mesh has if errors are of first order in the size of the
+cells, the lowest order, which singular fibres and supports have. With halved cells an error is three times the change:
+the safety factor of Roache (1994, doi:10.1115/1.2910291) for an unknown order. Larger: longer error bars."""
+
+REDISTRIBUTED = 1.02
+"""Ratio of sizes below which a mesh has the same cells elsewhere; where these matter, they count as halved."""
 
 ROUNDING = 1e-11
 """Error of our value on a common mesh, relative to it: ten times Newton's tolerance. Larger: a coarser comparison."""
@@ -78,9 +82,14 @@ def _error(reference: Reference, summary: Mapping[str, Any], name: str, componen
     ours = abs(_number(summary["quantities"].get(name), component))
     if reference.comparison == "mesh":
         return ROUNDING * ours, ""
-    if summary.get("finer"):
-        others = [_number(quantities.get(name), component) for quantities in summary["finer"]]
-        return MESHES * max(abs(other - _number(summary["quantities"].get(name), component)) for other in others), ""
+    if finer := summary.get("finer"):
+        value = _number(summary["quantities"].get(name), component)
+        changes = [
+            abs(_number(mesh["quantities"].get(name), component) - value)
+            * _error_by_change(mesh["mesh"]["unknowns"] / summary["mesh"]["unknowns"])
+            for mesh in finer
+        ]
+        return max(changes), ""
     if accuracy := summary.get("accuracy"):
         return abs(accuracy["bounds"][name]), ""
     estimate = summary["certificate"].get("estimate") or {}
@@ -93,6 +102,13 @@ def _error(reference: Reference, summary: Mapping[str, Any], name: str, componen
     elif name in estimate.get("unreliable", ()):
         reason = "our estimate is not reliable here: the fibres have no limit at this point"
     return abs(_number(estimate["quantities"][name], component)), reason
+
+
+def _error_by_change(unknowns: float) -> float:
+    """Return error over change of a value on a mesh with ``unknowns`` times as many unknowns, of smaller cells."""
+    ratio = unknowns ** (1 / 3)
+    ratio = 2.0 if ratio < REDISTRIBUTED else ratio
+    return SAFETY * ratio / (ratio - 1)
 
 
 def _number(value: Any, component: str | None) -> float:

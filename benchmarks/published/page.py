@@ -24,9 +24,10 @@ HEADER = """<!-- Written by python -m benchmarks.published: do not edit. -->
 
 Values that others published, each next to ours with our error bar. Their error is the spread that they state, or one
 unit of the last printed digit. Our error is the certificate's estimate; it is zero where both solve the same discrete
-problem ("mesh"). Where one mesh has no reliable estimate, it is three times the largest change on finer meshes. The
-difference is in units of both errors together: a row is inside if it is at most 1. Seconds are of whole runs on a
-shared machine, the first one of each kind with compilation.
+problem ("mesh"). Where one mesh has no reliable estimate, it is from changes on finer meshes, as if errors were of
+first order: 1.5 r/(r - 1) times the largest one, r times smaller cells. The difference is in units of both errors
+together: a row is inside if it is at most 1. Seconds are of whole runs on a shared machine, the first one of each kind
+with compilation.
 
 <!-- not typed: benchmarks.published, solves for minutes; tests/verification/test_published.py runs the small rows -->
 ```sh

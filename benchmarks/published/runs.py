@@ -36,7 +36,7 @@ class Missing(HpcinvError):
 def summary_of(row: Reference, store: Path, comm: MPI.Intracomm) -> Mapping[str, Any]:
     """Return ``summary.json`` of the run that a row needs, which is solved unless the store has it; collective.
 
-    ``finer`` in it has the quantities on the finer meshes of the row. A run that fails gives ``{"failure": message}``,
+    ``finer`` in it has the summaries on the finer meshes of the row. A run that fails gives ``{"failure": message}``,
     one whose files are missing ``{"missing": message}``.
     """
     try:
@@ -52,7 +52,7 @@ def summary_of(row: Reference, store: Path, comm: MPI.Intracomm) -> Mapping[str,
     except HpcinvError as error:
         return {"failure": str(error).splitlines()[0]}
     summary: dict[str, Any] = on_root(comm, lambda: _summary(directory))
-    summary["finer"] = on_root(comm, lambda: [_summary(mesh)["quantities"] for mesh in finer])
+    summary["finer"] = on_root(comm, lambda: [_summary(mesh) for mesh in finer])
     return summary
 
 

@@ -15,7 +15,7 @@ from hpcinv.errors import JobError
 from hpcinv.job.job import UNNAMED, Job, PlannedSolve
 from hpcinv.mesh import Body
 from hpcinv.mesh.interpolation import interpolate
-from hpcinv.mesh.source import Ints
+from hpcinv.mesh.source import Floats, Ints
 from hpcinv.methods.method import UNLOADED, Guess, Start
 from hpcinv.model.cell_layers import layers_of_cells, layers_on
 from hpcinv.model.spaces import Integers
@@ -132,7 +132,8 @@ class _Steps(StepObserver):
         if self._last_trial is None:
             return UNLOADED
         with equations.timings("transfer"):
-            return Start(guess=guess_from(self._last_trial.solution, self._last_trial.body, equations))
+            guess = guess_from(self._last_trial.solution, self._last_trial.body, equations)
+        return Start(guess=guess)
 
     def check(self, earlier: Sequence[Solution], solved: SolvedDirection, step: PlannedSolve) -> None:
         if solved.stopped:
@@ -151,8 +152,11 @@ def _measured(timings: Timings) -> Iterator[dict[str, float]]:
     spent |= {phase: timings.seconds[phase] - seconds_before.get(phase, 0.0) for phase in _PHASES}
 
 
-def guess_from(solution: Solution, body: Body, equations: Equations) -> Guess:
-    """Return a solution on another mesh of ``body`` as a guess for equations; collective."""
+def guess_from(solution: Solution, body: Body, equations: Equations) -> Guess | None:
+    """Return a solution on another mesh of ``body`` as a guess for equations; collective.
+
+    ``None`` if its cells are curved so strongly that Newton's method does not find a point in them.
+    """
     u, p = equations.unloaded().fields
     pairs = [(u, solution.displacement)] if p is None else [(u, solution.displacement), (p, solution.pressure)]
     for new, old in pairs:
@@ -164,14 +168,16 @@ def guess_from(solution: Solution, body: Body, equations: Equations) -> Guess:
             given = None if layers is None else layers_of_cells(equations.job, body)
             # Coordinates of both meshes have the scale of the new one.
             body.place(solution.mesh_nodes * (body.length_scale / equations.body.length_scale))
-            _interpolate_layers(new, old, layers, given)
+            is_found = _interpolate_layers(new, old, layers, given)
             body.place(solution.mesh_nodes)
+            if not is_found:
+                return None
         new.x.scatter_forward()
     return Guess(u.x.array, None if p is None else p.x.array, strategy="solution on another mesh")
 
 
-def _interpolate_layers(new: fem.Function, old: fem.Function, layers: Ints | None, given: Ints | None) -> None:
-    """Interpolate between meshes of one body, whose coordinates have the same scale.
+def _interpolate_layers(new: fem.Function, old: fem.Function, layers: Ints | None, given: Ints | None) -> bool:
+    """Interpolate between meshes of one body, whose coordinates have the same scale; return whether that was possible.
 
     Args:
         layers, given: of the local cells of the new and of the old mesh; the pressure of each comes from the same one.
@@ -180,17 +186,34 @@ def _interpolate_layers(new: fem.Function, old: fem.Function, layers: Ints | Non
     owned = [np.arange(m.topology.index_map(3).size_local, dtype=np.int32) for m in (here, there)]
     padding = _PADDING * here.comm.allreduce(float(there.h(3, owned[1]).max(initial=0.0)), op=MPI.MAX)
     if layers is None or given is None:
-        _interpolate_across(new, old, owned[0], padding)
+        is_found = _interpolate_across(new, old, owned[0], padding)
     else:
+        is_found = True
         for layer in layers_on(here.comm, given):
             cells = owned[0][layers[: len(owned[0])] == layer]
-            _interpolate_across(new, _restricted(old, owned[1][given[: len(owned[1])] == layer]), cells, padding)
+            part = _restricted(old, owned[1][given[: len(owned[1])] == layer])
+            is_found = is_found and _interpolate_across(new, part, cells, padding)
     new.x.scatter_forward()
+    return is_found
 
 
-def _interpolate_across(new: fem.Function, old: fem.Function, cells: Integers, padding: float) -> None:
+def _interpolate_across(new: fem.Function, old: fem.Function, cells: Integers, padding: float) -> bool:
     data = fem.create_interpolation_data(new.function_space, old.function_space, cells, padding=padding)
-    new.interpolate_nonmatching(old, cells, data)
+    # A rank that fails within the interpolation would leave the others waiting.
+    fails = new.function_space.mesh.comm.allreduce(_fails_at(old, data.dest_points, data.dest_cells), op=MPI.LOR)
+    if not fails:
+        new.interpolate_nonmatching(old, cells, data)
+    return not fails
+
+
+def _fails_at(function: fem.Function, points: Floats, cells: Ints) -> bool:
+    """Return whether a function cannot be evaluated at points of this rank."""
+    try:
+        if len(points):
+            function.eval(points, cells)
+    except RuntimeError:  # of Newton's method for the place in a curved cell
+        return True
+    return False
 
 
 def _restricted(function: fem.Function, cells: Integers) -> fem.Function:

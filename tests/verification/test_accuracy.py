@@ -215,24 +215,41 @@ def test_a_signal_in_an_estimate_ends_the_search(comm: MPI.Intracomm, monkeypatc
     assert len(asked) == 1
 
 
+def model_on(file: Path, degree: int, parameters: dict[str, Any], comm: MPI.Intracomm, unit: float = 1.0) -> Equations:
+    mesh = spec(file, parameters=parameters, geometry_degree=degree)
+    body = build_body(mesh, {}, comm)
+    body.mesh.geometry.x[:] *= unit
+    body = dataclasses.replace(body, length_scale=body.length_scale / unit)
+    its = job(
+        mesh=mesh.model_dump(exclude_unset=True),
+        material={"law": "neo-hookean", "mu": 1.0, "lam": 1e3},
+        supports=[{"region": "boundary", "fix": ["x", "y", "z"]}],
+    )
+    return Equations(its, body, Timings())
+
+
+@pytest.mark.parallel([1, 2])
+def test_cells_in_which_no_point_is_found_give_no_guess_on_any_rank(
+    comm: MPI.Intracomm, meshes: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A strongly curved cell of a coarse ventricle: one rank fails, none waits, and the search begins unloaded."""
+
+    def fail(*_: object) -> None:
+        raise RuntimeError("Newton method failed to converge for non-affine geometry")
+
+    there, here = (model_on(meshes / "box.py", 1, {"nx": n, "ny": 1, "nz": 1}, comm) for n in (2, 3))
+    solution = solution_of(there, "forward", there.scene("forward"), ())
+    if comm.rank == comm.size - 1:
+        monkeypatch.setattr(type(solution.displacement), "eval", fail)
+    assert guess_from(solution, there.body, here) is None
+
+
 @pytest.mark.parallel([1, 3])
 def test_solutions_are_taken_from_mesh_to_mesh(comm: MPI.Intracomm, meshes: Path) -> None:
     """Quadratic displacements and linear pressures between meshes that do not fit, of other scales and curved ones."""
 
     def u(x: np.ndarray) -> np.ndarray:
         return np.stack([x[0] ** 2 - x[1] * x[2], x[0] * x[2], 1 + x[1] ** 2])
-
-    def model_on(file: str, degree: int, parameters: dict[str, Any], unit: float = 1.0) -> Equations:
-        mesh = spec(meshes / file, parameters=parameters, geometry_degree=degree)
-        body = build_body(mesh, {}, comm)
-        body.mesh.geometry.x[:] *= unit
-        body = dataclasses.replace(body, length_scale=body.length_scale / unit)
-        its = job(
-            mesh=mesh.model_dump(exclude_unset=True),
-            material={"law": "neo-hookean", "mu": 1.0, "lam": 1e3},
-            supports=[{"region": "boundary", "fix": ["x", "y", "z"]}],
-        )
-        return Equations(its, body, Timings())
 
     cases: Sequence[tuple[str, int, dict[str, Any], float]] = (
         ("box.py", 1, {}, 1e-13),
@@ -241,7 +258,7 @@ def test_solutions_are_taken_from_mesh_to_mesh(comm: MPI.Intracomm, meshes: Path
     )
     for file, degree, coarse, tolerance in cases:
         finer = {"nx": 7, "ny": 5, "nz": 6} if file == "box.py" else coarse | {"size": 0.0025}
-        there, here = model_on(file, degree, coarse), model_on(file, degree, finer, 2.0)
+        there, here = model_on(meshes / file, degree, coarse, comm), model_on(meshes / file, degree, finer, comm, 2.0)
         v, p = there.state().fields
         assert p is not None
         length = there.body.length_scale
@@ -249,6 +266,7 @@ def test_solutions_are_taken_from_mesh_to_mesh(comm: MPI.Intracomm, meshes: Path
         p.interpolate(lambda x, length=length: x[0] * length)
         there.put_fields((v, p))
         guess = guess_from(solution_of(there, "forward", there.scene("forward"), ()), there.body, here)
+        assert guess is not None
         displacement, pressure = here.unloaded().fields
         displacement.x.array[:] = guess.displacement
         assert guess.pressure is not None

@@ -93,21 +93,27 @@ def test_rows_are_judged_by_both_error_bars() -> None:
 
 
 def test_changes_on_finer_meshes_give_the_error_where_an_estimate_is_not_reliable() -> None:
-    from benchmarks.published.comparison import MESHES, compare
+    from benchmarks.published.comparison import compare
     from benchmarks.published.references import read
 
     limit = dataclasses.replace(read("cook")[0], comparison="limit", value="14.74", spread=0.01)
-    summary = {
-        "quantities": {"tip": 14.70e-3},
-        "finer": [{"tip": 14.71e-3}, {"tip": 14.69e-3}, {"tip": 14.705e-3}],
+
+    def mesh(size: float, unknowns: int, order: float) -> dict[str, object]:
+        return {"quantities": {"tip": 14.75e-3 - 0.05e-3 * size**order}, "mesh": {"unknowns": unknowns}}
+
+    summary = mesh(1.0, 1000, 1.0) | {
         "certificate": {"estimate": {"quantities": {"tip": 1e-9}, "unreliable": ["tip"]}},
-        "mesh": {"unknowns": 1},
         "timings": {"total": 1.0},
         "job": {"analysis": "forward"},
     }
-    row = compare(limit, summary)
-    assert row.error == pytest.approx(MESHES * 0.01)
-    assert row.verdict == "inside"
+    for order in (1.0, 2.0):  # the bar holds the exact value, for slightly finer and for halved cells
+        for ratio in (1.3, 2.0):
+            finer = mesh(1 / ratio, round(1000 * ratio**3), order)
+            row = compare(limit, summary | {"finer": [mesh(1.0, 1000, 1.0), finer]})
+            assert row.verdict == "inside"
+            assert 14.75 - row.ours < row.error < 0.15
+    moved = {"quantities": {"tip": 14.71e-3}, "mesh": {"unknowns": 1000}}
+    assert compare(limit, summary | {"finer": [moved]}).error == pytest.approx(0.03)  # as if its cells were halved
     assert compare(limit, summary | {"finer": []}).verdict == "not reliable"
     assert next(row.finer for row in read("land") if row.quantity == "twisted-x")[1] == {"mesh.parameters.apex": 0.5}
 
