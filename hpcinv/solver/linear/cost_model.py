@@ -28,8 +28,9 @@ _SET_UP, _MESH, _TRANSFER = 0.05, 8e-6, 3e-6  # s: one more model; gmsh by coars
 SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single precision and low rank pay
 # s of a set-up, and of an iteration, by unknown of degree 1, which is aggregated at once. Larger ones favour factors.
 _AGGREGATION = 14e-6, 6e-7
-# Krylov iterations of a correction of a cube of 20,000 unknowns. The displacement form is for moderate Poisson's ratios.
-_DISPLACEMENT_KRYLOV, _MIXED_KRYLOV = 9, 26
+# Krylov iterations of a correction of a cube of 20,000 to 160,000 unknowns; higher ones favour factors. Bodies in the
+# displacement form have moderate Poisson's ratios. In the mixed form, pressures and their coupling are multiplied too.
+_DISPLACEMENT_KRYLOV, _MIXED_KRYLOV, _MIXED_ITERATION = 9, 27, 4 / 3  # the last one: time of an iteration, relative
 _FLAT = 100.0  # cubed norm of a cell's edges by its volume: 5 for equal orthogonal edges, 100 for a height of 1/35
 _REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
 
@@ -156,6 +157,7 @@ class Forecast:
     def multigrid_time(self, tangents: float, iterations: float) -> float:
         """Return the time (s) of a number of multigrid set-ups and of Krylov iterations."""
         set_up, iteration = _AGGREGATION if self.degree == 1 else (7e-6, 1.5e-7 * self.degree**2)
+        iteration *= _MIXED_ITERATION if self.is_mixed else 1
         return (tangents * set_up + iterations * iteration) * self.unknowns
 
     @property
@@ -167,7 +169,7 @@ class Forecast:
     def krylov(self) -> float:
         """Krylov iterations of one correction."""
         cube = _MIXED_KRYLOV if self.is_mixed else _DISPLACEMENT_KRYLOV
-        return cube * math.sqrt(self.shape.aspect) * math.pow(self.unknowns / 2e4, 0.1)
+        return cube * math.pow(self.shape.aspect, 0.25)
 
 
 def shape_of(unknowns: Unknowns) -> Shape:

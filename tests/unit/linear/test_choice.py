@@ -116,9 +116,7 @@ def test_large_chunky_bodies_are_solved_iteratively_and_others_directly(
 
 @pytest.mark.parallel([1, 2])
 def test_flat_cells_are_solved_directly(comm: MPI.Intracomm) -> None:
-    flat, cubes = (
-        model(box((2, 2, layers), lz=height), comm).chooser for layers, height in ((2, 0.02), (2, 1.0))
-    )
+    flat, cubes = (model(box((2, 2, layers), lz=height), comm).chooser for layers, height in ((2, 0.02), (2, 1.0)))
     for chooser in (flat, cubes):
         chooser.forecast, chooser.room = Forecast(300_000, 2, Shape(cut=6_000, aspect=1.0)), 1e12
     assert flat.choose(Solver()).why == "100% of the cells are too flat for multigrid"
