@@ -29,8 +29,8 @@ SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single 
 # s of a set-up, and of an iteration, by unknown of degree 1, which is aggregated at once. Larger ones favour factors.
 _AGGREGATION = 14e-6, 6e-7
 # Krylov iterations of a correction of a cube of 20,000 to 160,000 unknowns; higher ones favour factors. Bodies in the
-# displacement form have moderate Poisson's ratios. In the mixed form, pressures and their coupling are multiplied too.
-_DISPLACEMENT_KRYLOV, _MIXED_KRYLOV, _MIXED_ITERATION = 9, 27, 4 / 3  # the last one: time of an iteration, relative
+# displacement form have moderate Poisson's ratios.
+_DISPLACEMENT_KRYLOV, _MIXED_KRYLOV = 9, 17
 _FLAT = 100.0  # cubed norm of a cell's edges by its volume: 5 for equal orthogonal edges, 100 for a height of 1/35
 _REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
 
@@ -157,7 +157,6 @@ class Forecast:
     def multigrid_time(self, tangents: float, iterations: float) -> float:
         """Return the time (s) of a number of multigrid set-ups and of Krylov iterations."""
         set_up, iteration = _AGGREGATION if self.degree == 1 else (7e-6, 1.5e-7 * self.degree**2)
-        iteration *= _MIXED_ITERATION if self.is_mixed else 1
         return (tangents * set_up + iterations * iteration) * self.unknowns
 
     @property
