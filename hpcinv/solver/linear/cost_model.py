@@ -30,7 +30,7 @@ SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single 
 _AGGREGATION = 14e-6, 6e-7
 # Krylov iterations of a correction of a cube of 20,000 to 160,000 unknowns; higher ones favour factors. Bodies in the
 # displacement form have moderate Poisson's ratios.
-_DISPLACEMENT_KRYLOV, _MIXED_KRYLOV = 9, 17
+_DISPLACEMENT_KRYLOV, _MIXED_KRYLOV = 9, 18
 _FLAT = 100.0  # cubed norm of a cell's edges by its volume: 5 for equal orthogonal edges, 100 for a height of 1/35
 _REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
 
