@@ -99,7 +99,7 @@ def bodies() -> dict[str, JobData]:
         "ventricle": body("ventricle", ventricle, CLOSE, size="6 mm"),
         "ventricle P1": body("ventricle", ventricle, SOFT, 1, size="4 mm"),
         "finger": body("finger", hanging("base", 1.0), CLOSE, size="3.5 mm"),
-        "blade": body("blade", {**root, **hanging("root", 0.5)}, SOFT, size="3 mm"),
+        "blade": body("blade", hanging("root", 0.5), SOFT, size="3 mm"),
         "refined corner": body("refined_corner", {**floor, **hanging("floor", 0.3)}, SOFT, size=0.2, ratio=100.0),
         "lattice": body("voxel_body", standing, SOFT, kind="lattice", cells=25),
         "lattice P2": body("voxel_body", standing, SOFT, kind="lattice", cells=13),

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
+from functools import lru_cache
 from typing import Any, ClassVar, Literal
 
 from pydantic import ValidationInfo
@@ -88,7 +89,7 @@ class Formula(IsochoricLaw):
             raise ValueError(f"{error}{_missing_units(energy, known, parameters)}") from None
         try:
             faults = list(_faults(_float_jet(energy, parameters, 0.0, 0.0, 0.0)))
-            shear, bulk = _moduli(energy, parameters)
+            shear, bulk = _moduli(energy, tuple(parameters.items()))
         except (OverflowError, ZeroDivisionError):
             raise ValueError(f"'{energy}' has no finite value near F = I") from None
         except ValueError as error:
@@ -118,7 +119,7 @@ class Formula(IsochoricLaw):
 
         The small-strain moduli of the energy are quantities too, so that forms with them are the same for all values.
         """
-        shear, bulk = _moduli(self.energy, self.parameters)
+        shear, bulk = _moduli(self.energy, tuple(self.parameters.items()))
         derived = {"_pascal": 1.0, "_shear_modulus": shear, "_bulk_modulus": bulk}
         return (
             {"kappa": (self.kappa, _STRESS)}
@@ -175,11 +176,12 @@ def _float_jet(energy: Expression, parameters: Mapping[str, Measured], *e: float
     return evaluate(energy, constants, PrincipalStretches(*e), FLOATS)[0]
 
 
-def _moduli(energy: Expression, parameters: Mapping[str, Measured]) -> tuple[float, float]:
+@lru_cache(maxsize=64)  # laws in one process; each is evaluated dozens of times in a run, more cost memory
+def _moduli(energy: Expression, parameters: tuple[tuple[str, Measured], ...]) -> tuple[float, float]:
     """Return shear and bulk modulus (Pa) without fibres, by ``psi = mu dev(e):dev(e) + K/2 tr²(e)`` at small ``e``."""
 
     def psi(*e: float) -> float:
-        return float(_float_jet(energy, parameters, *e).remainder)
+        return float(_float_jet(energy, dict(parameters), *e).remainder)
 
     def limit(modulus: Callable[[float], float]) -> float:
         fine, coarse = modulus(_SMALL), modulus(2 * _SMALL)

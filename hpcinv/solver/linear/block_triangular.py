@@ -11,6 +11,8 @@ from hpcinv.mesh.source import Floats
 
 type Integers = npt.NDArray[np.int32]
 
+_MASS_ITERATIONS = 4  # of conjugate gradients; two take 10 % more Krylov iterations, six as many
+
 
 class WithoutPressures:
     """Context of a matrix ``[[A, 0], [0, 0]]`` that multiplies with the tangent, for vectors without pressures."""
@@ -28,12 +30,15 @@ class WithoutPressures:
 
 
 class BlockTriangular:
-    """Context of ``[[A, Bᵀ], [0, S]]⁻¹``; its set-up is collective.
+    """Context of ``[[A, Bᵀ], [0, -M]]⁻¹``; its set-up is collective.
+
+    A fixed number of conjugate-gradient iterations solves for the pressures. By the diagonal of M alone, a cube of
+    29,114 unknowns took 46 Krylov iterations to a residual of 1e-6 instead of 31.
 
     Args:
         tangent: with all rows.
         pressures: local numbers of the owned pressures.
-        schur: diagonal of the approximate S, at these.
+        mass: M at these.
         set_levels: sets up a preconditioner of A, by an operator without pressures.
         prefix: of the options of that preconditioner.
     """
@@ -42,12 +47,19 @@ class BlockTriangular:
         self,
         tangent: PETSc.Mat,
         pressures: Integers,
-        schur: Floats,
+        mass: PETSc.Mat,
         set_levels: Callable[[PETSc.PC, PETSc.Mat, PETSc.Mat], None],
         prefix: str,
     ) -> None:
         self._tangent, self._pressures = tangent, pressures
-        self._inverse = 1.0 / np.where(schur == 0.0, 1.0, schur)
+        self._mass_solver = PETSc.KSP().create(mass.comm)
+        self._mass_solver.setOperators(mass)
+        self._mass_solver.setType(PETSc.KSP.Type.CG)
+        self._mass_solver.pc.setType(PETSc.PC.Type.JACOBI)
+        no_norm: Any = PETSc.KSP.NormType.NONE  # an int, whatever its stub says
+        self._mass_solver.setNormType(no_norm)
+        self._mass_solver.setTolerances(max_it=_MASS_ITERATIONS)
+        self._mass_vectors: tuple[PETSc.Vec, PETSc.Vec] = mass.createVecRight(), mass.createVecLeft()
         self._operator = PETSc.Mat().createPython(
             tangent.getSizes(), WithoutPressures(tangent, pressures), tangent.comm
         )
@@ -65,7 +77,10 @@ class BlockTriangular:
         pc.setFailedReason(cast(Any, self.displacements.getFailedReason()))
 
     def apply(self, _pc: PETSc.PC, residual: PETSc.Vec, correction: PETSc.Vec) -> None:
-        pressures = cast(Floats, residual.array_r)[self._pressures] * self._inverse
+        x, b = self._mass_vectors
+        b.array[:] = -cast(Floats, residual.array_r)[self._pressures]
+        self._mass_solver.solve(b, x)
+        pressures = np.array(x.array)
         self._right.set(0.0)
         self._right.array[self._pressures] = pressures
         self._tangent.mult(self._right, self._left)
@@ -76,5 +91,6 @@ class BlockTriangular:
 
     def reset(self, _pc: PETSc.PC) -> None:
         """Free PETSc objects."""
-        for part in (self.displacements, self._operator, self._right, self._left):
+        mass_parts = self._mass_solver, *self._mass_vectors
+        for part in (self.displacements, self._operator, self._right, self._left, *mass_parts):
             part.destroy()

@@ -14,6 +14,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
@@ -27,6 +28,10 @@ _SET_UP, _MESH, _TRANSFER = 0.05, 8e-6, 3e-6  # s: one more model; gmsh by coars
 SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single precision and low rank pay
 # s of a set-up, and of an iteration, by unknown of degree 1, which is aggregated at once. Larger ones favour factors.
 _AGGREGATION = 14e-6, 6e-7
+# Krylov iterations of a correction of a cube of 20,000 to 160,000 unknowns; higher ones favour factors. Bodies in the
+# displacement form have moderate Poisson's ratios.
+_DISPLACEMENT_KRYLOV, _MIXED_KRYLOV = 9, 18
+_FLAT = 100.0  # cubed norm of a cell's edges by its volume: 5 for equal orthogonal edges, 100 for a height of 1/35
 _REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
 
 
@@ -58,23 +63,25 @@ class Forecast:
     Args:
         unknowns: number of unknowns.
         degree: polynomial degree of the displacement.
+        is_mixed: whether the pressure is an unknown.
     """
 
     unknowns: int
     degree: int
     shape: Shape
+    is_mixed: bool = False
 
     def degree_forecast(self, degree: int) -> Forecast:
         """Return the forecast for spaces of another degree on the same body."""
         finer = degree / self.degree
         shape = replace(self.shape, cut=self.shape.cut * finer**2)
-        return Forecast(round(self.unknowns * finer**3), degree, shape)
+        return replace(self, unknowns=round(self.unknowns * finer**3), degree=degree, shape=shape)
 
     @property
     def coarser(self) -> Forecast:
         """The forecast on cells `COARSER` times as large."""
         shape = replace(self.shape, cut=self.shape.cut / COARSER**2)
-        return Forecast(round(self.unknowns / COARSER**3), self.degree, shape)
+        return replace(self, unknowns=round(self.unknowns / COARSER**3), shape=shape)
 
     def nested_gain(self, tangents: int, ranks: int = 1) -> float:
         """Return the time that nested iteration saves by the time that it takes.
@@ -127,10 +134,14 @@ class Forecast:
     def direct(self) -> float:
         """Time of the factorizations (s), and of their refinement."""
         if self.operations < SINGLE:
-            return TANGENTS * self.factorization
-        factorizations = TANGENTS * (1 - 0.5 / self.shape.aspect)  # chunky bodies can keep more factors
+            return self._new_tangents * self.factorization
         refinement = 6e-10 * self.entries + 2e-7 * self.unknowns
-        return factorizations * self._single_precision_time + CORRECTIONS * _REFINEMENTS * refinement
+        return self._new_tangents * self._single_precision_time + CORRECTIONS * _REFINEMENTS * refinement
+
+    @property
+    def _new_tangents(self) -> float:
+        """Number of tangents with a set-up of their own; chunky bodies can keep more."""
+        return TANGENTS * (1 - 0.5 / self.shape.aspect)
 
     @property
     def _single_precision_time(self) -> float:
@@ -141,9 +152,9 @@ class Forecast:
     @property
     def iterative(self) -> float:
         """Time of the multigrid set-up and the Krylov iterations (s)."""
-        return self.multigrid_time(TANGENTS, CORRECTIONS * self.krylov)
+        return self.multigrid_time(self._new_tangents, CORRECTIONS * self.krylov)
 
-    def multigrid_time(self, tangents: int, iterations: float) -> float:
+    def multigrid_time(self, tangents: float, iterations: float) -> float:
         """Return the time (s) of a number of multigrid set-ups and of Krylov iterations."""
         set_up, iteration = _AGGREGATION if self.degree == 1 else (7e-6, 1.5e-7 * self.degree**2)
         return (tangents * set_up + iterations * iteration) * self.unknowns
@@ -151,12 +162,13 @@ class Forecast:
     @property
     def equal_krylov(self) -> float:
         """Krylov iterations of one correction with which multigrid takes as long as factorizations; at least 0."""
-        return max(self.direct - self.multigrid_time(TANGENTS, 0), 0.0) / self.multigrid_time(0, CORRECTIONS)
+        return max(self.direct - self.multigrid_time(self._new_tangents, 0), 0.0) / self.multigrid_time(0, CORRECTIONS)
 
     @property
     def krylov(self) -> float:
         """Krylov iterations of one correction."""
-        return 22 * math.sqrt(self.shape.aspect) * math.pow(self.unknowns / 2e4, 0.1)
+        cube = _MIXED_KRYLOV if self.is_mixed else _DISPLACEMENT_KRYLOV
+        return cube * math.pow(self.shape.aspect, 0.25)
 
 
 def shape_of(unknowns: Unknowns) -> Shape:
@@ -171,11 +183,24 @@ def shape_of(unknowns: Unknowns) -> Shape:
     return Shape(cut=unknowns.size * spacing / length, aspect=max(length / (volume / length) ** 0.5, 1.0))
 
 
+def flat_share(unknowns: Unknowns) -> float:
+    """Return the share of the cells whose edges at a corner are far from equal and orthogonal; collective."""
+    edges = _edges_at_corner(unknowns)
+    flat = np.linalg.norm(edges, axis=(1, 2)) ** 3 > _FLAT * np.abs(np.linalg.det(edges))
+    counts = unknowns.mesh.comm.allreduce(np.array([flat.sum(), len(flat)]))
+    return float(counts[0] / counts[1])
+
+
 def _volume(unknowns: Unknowns) -> float:
     """Return the volume of the owned cells with straight edges."""
+    tetrahedra = unknowns.mesh.topology.cell_type.name == "tetrahedron"
+    return float(np.abs(np.linalg.det(_edges_at_corner(unknowns))).sum()) / (6 if tetrahedra else 1)
+
+
+def _edges_at_corner(unknowns: Unknowns) -> npt.NDArray[np.float64]:
+    """Return the three straight edges at a corner of each owned cell, (cells, 3, 3)."""
     mesh = unknowns.mesh
-    tetrahedra = mesh.topology.cell_type.name == "tetrahedron"
-    corners = mesh.geometry.dofmaps[0][: mesh.topology.index_map(3).size_local][:, [0, 1, 2, 3 if tetrahedra else 4]]
+    last = 3 if mesh.topology.cell_type.name == "tetrahedron" else 4
+    corners = mesh.geometry.dofmaps[0][: mesh.topology.index_map(3).size_local][:, [0, 1, 2, last]]
     points = mesh.geometry.x[corners]
-    volumes = np.abs(np.linalg.det(points[:, 1:] - points[:, :1]))
-    return float(volumes.sum()) / (6 if tetrahedra else 1)
+    return np.asarray(points[:, 1:] - points[:, :1])

@@ -89,7 +89,7 @@ class Iterative(LinearConfiguration):
                 BlockTriangular(
                     matrix,
                     self._unknowns.owned_pressure_dofs,
-                    -self.pressure_scale(),
+                    self._pressure_mass(),
                     cast(DegreeLevels, self._levels).set_up,
                     f"{ksp.getOptionsPrefix()}{_DISPLACEMENTS}",
                 )
@@ -121,15 +121,17 @@ class Iterative(LinearConfiguration):
 
     def pressure_scale(self) -> npt.NDArray[np.float64]:
         """Return the diagonal of the scaled mass matrix at the owned pressures; collective."""
-        if self._unknowns.p is None:
-            return np.zeros(0)
+        return np.zeros(0) if self._unknowns.p is None else np.array(self._pressure_mass().getDiagonal().array)
+
+    def _pressure_mass(self) -> PETSc.Mat:
+        """Return the scaled mass matrix at the present state; collective."""
         if self._mass is None:
             self._form = fem.form(self._scene.pressure_mass(self._unknowns.pressure_space), jit_options=JIT_OPTIONS)
             self._mass = fem_petsc.create_matrix(self._form)
         self._mass.zeroEntries()
         fem_petsc.assemble_matrix(self._mass, self._form)
         self._mass.assemble()
-        return np.array(self._mass.getDiagonal().array)
+        return self._mass
 
     def destroy(self) -> None:
         super().destroy()

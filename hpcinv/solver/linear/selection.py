@@ -10,10 +10,11 @@ from hpcinv.effects import Direction
 from hpcinv.job.settings import Solver
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.available_memory import available
-from hpcinv.solver.linear.cost_model import CORRECTIONS, LOW_RANK, SINGLE, Forecast, Shape, shape_of
+from hpcinv.solver.linear.cost_model import CORRECTIONS, LOW_RANK, SINGLE, Forecast, Shape, flat_share, shape_of
 from hpcinv.solver.linear.symbolic_analysis import operations_of
 
-_WORTH = 1.5  # least gain of multigrid: factorizations also give signs along the path, and fail at once
+_WORTH = 1.1  # least gain of multigrid: factorizations also give signs along the path, and fail at once
+_FLAT_SHARE = 0.1  # of flat cells, from which multigrid hardly converges: smoothers of points leave errors across them
 _OBVIOUS = 10.0  # gain by the shape, above which branches cannot make factorizations the faster ones
 _UNLIKE = 1.6  # times the operations that are forecast for blocks, up to which MUMPS was seen to take more or fewer
 _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solution, as limit of one Newton solve
@@ -81,7 +82,8 @@ class Chooser:
 
     def __init__(self, unknowns: Unknowns, degree: int, *, is_shell: bool = False) -> None:
         self._is_shell = is_shell
-        self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns))
+        self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns), unknowns.p is not None)
+        self._flat_share = flat_share(unknowns)
         self.room = _ROOM * available(unknowns.mesh.comm)
         self._is_slender = self.forecast.shape.aspect >= _SLENDER
         self._ranks = unknowns.mesh.comm.size
@@ -113,6 +115,7 @@ class Chooser:
             or not self.can_factorize
             or self._is_analysed
             or self._is_shell
+            or self._flat_share >= _FLAT_SHARE
         ):
             return
         if not _WORTH < self.forecast.direct / self.forecast.iterative < _OBVIOUS:
@@ -175,6 +178,8 @@ class Chooser:
                 "iterative",
                 f"factors would take {_memory(self.forecast.factors)}, and there is room for {_memory(self.room)}",
             )
+        if self._flat_share >= _FLAT_SHARE:
+            return Choice("direct", f"{self._flat_share:.0%} of the cells are too flat for multigrid", "iterative")
         ratio = self.forecast.direct / self.forecast.iterative
         size = f"at {self.forecast.unknowns} unknowns, {self.forecast.shape.cut:.0f} of them in a cross-section"
         if ratio > _WORTH:

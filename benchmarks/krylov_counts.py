@@ -1,0 +1,81 @@
+"""Krylov iterations to a relative residual of 1e-6 with multigrid, over size, degree, compressibility and ranks.
+
+A cube of 1 m hangs by its weight, inverse. Two systems are solved: the tangent of the unloaded body, and the tangent
+after its correction at full load. "jump" is a lower half whose moduli are 1,000 times those of the upper half.
+
+Command: mpirun -n RANKS python benchmarks/krylov_counts.py [--sizes 20000 60000] [--kinds "P2, incompressible" …]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+from assembly import model_of, say
+
+# isort: split
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+from hpcinv.parallel.runtime import MPI
+
+SOFT: dict[str, Any] = {"law": "neo-hookean", "young": "10 kPa"}
+INCOMPRESSIBLE: dict[str, Any] = {"law": "isochoric-neo-hookean", "mu": "3.33 kPa", "kappa": "incompressible"}
+TOLERANCE = 1e-6  # relative residual
+
+
+def jumping(poisson: float) -> dict[str, Any]:
+    """Return the materials of a body whose lower half is 1,000 times as stiff as the upper half."""
+    stiff = {**SOFT, "young": "10 MPa", "poisson": poisson}
+    return {"material": {"lower": stiff, "elsewhere": {**SOFT, "poisson": poisson}}}
+
+
+KINDS: dict[str, tuple[int, dict[str, Any]]] = {
+    "P1, 0.3": (1, {"material": {**SOFT, "poisson": 0.3}}),
+    "P1, 0.3, jump": (1, jumping(0.3)),
+    "P2, 0.3": (2, {"material": {**SOFT, "poisson": 0.3}}),
+    "P2, 0.3, jump": (2, jumping(0.3)),
+    "P2, 0.49": (2, {"material": {**SOFT, "poisson": 0.49}}),
+    "P2, 0.49, jump": (2, jumping(0.49)),
+    "P2, incompressible": (2, {"material": INCOMPRESSIBLE}),
+}
+
+
+def cube(unknowns: int, degree: int, material: dict[str, Any]) -> dict[str, Any]:
+    """Return the job of a cube with about a number of displacements."""
+    n = round(((unknowns / 3) ** (1 / 3) - 1) / degree)
+    n += n % 2  # the halves end between cells
+    data: dict[str, Any] = {
+        "mesh": {"file": "../meshes/box.py", "parameters": dict.fromkeys(("nx", "ny", "nz"), n)},
+        "discretisation": {"displacement": degree},
+        "effects": [{"effect": "gravity", "acceleration": [0, 0, -0.5], "density": 1000}],
+        "supports": [{"region": "z1", "fix": ["x", "y", "z"]}],
+        "solver": {"linear": "iterative", "petsc": {"ksp_rtol": TOLERANCE}},
+        **material,
+    }
+    if "lower" in material["material"]:
+        data["regions"] = {"lower": "z < 0.50000001 m"}
+    return data
+
+
+def row(name: str, unknowns: int) -> None:
+    """Print the iterations of both systems, and the processor time of rank 0 by unknown and system."""
+    model = model_of(cube(unknowns, *KINDS[name]))
+    equilibrium = model.equilibrium(model.scene("inverse"))
+    counts, begun = [], time.process_time()
+    for _ in range(2):
+        equilibrium.correct(1.0)
+        counts.append(equilibrium.linear.take_iterations())
+    seconds = (time.process_time() - begun) / 2
+    say(f"{name:22}{model.unknowns.size:10}{MPI.COMM_WORLD.size:7}{counts[0]:8}{counts[1]:8}{seconds:10.1f}")
+    equilibrium.destroy()
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", type=int, nargs="+", default=[20_000, 60_000, 200_000], help="unknowns, about")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
+    options = parser.parse_args()
+    say(f"{'kind':22}{'unknowns':>10}{'ranks':>7}{'first':>8}{'second':>8}{'s each':>10}")
+    for kind in options.kinds:
+        for size in options.sizes:
+            row(kind, size)
