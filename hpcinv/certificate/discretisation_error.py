@@ -63,6 +63,9 @@ from hpcinv.solver.observer import SILENT, IterationObserver, Observer, stop_if_
 LINEAR = 0.5
 """Correction of the shape, relative to the displacement; above it one Newton step does not suffice."""
 
+_SHELL_STEPS = 4
+"""Newton steps in a shell, which stretches in a linear step that bends it; raised, the estimate takes longer"""
+
 
 @dataclass(frozen=True)
 class Correction:
@@ -172,7 +175,8 @@ def estimate(
         if not is_affordable:
             return None
         equilibrium = finer.equilibrium(finer.scene(solution.direction))
-        equilibrium.correct(1.0)
+        for _ in range(_SHELL_STEPS if body.source.midsurface else 1):
+            equilibrium.correct(1.0)
         equilibrium.destroy()
     u, node_displacement, moved, largest = _moved(equations, solution, finer, given)
     if is_affordable and not largest <= LINEAR * scale:
