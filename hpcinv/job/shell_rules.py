@@ -81,4 +81,6 @@ def _hinges(job: Any) -> Faults:
 def _hinged(job: Any) -> Iterable[KeyPath]:
     lists: list[tuple[KeyPath, Iterable[Support]]] = [(("supports",), job.supports)]
     lists += [(("states", i, "supports"), state.supports or ()) for i, state in enumerate(job.states)]
-    yield from ((*place, i, "hinge") for place, supports in lists for i, support in enumerate(supports) if support.hinge)
+    yield from (
+        (*place, i, "hinge") for place, supports in lists for i, support in enumerate(supports) if support.hinge
+    )

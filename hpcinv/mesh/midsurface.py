@@ -177,9 +177,10 @@ def surface_source(body: MeshSource, points: Floats) -> tuple[MeshSource, Floats
     levels, middle = points.reshape(len(shell.levels), count, 3), at_surface(points)
     through = levels[-1] - levels[0]
     thickness = np.linalg.norm(through, axis=1, keepdims=True)
-    arrays = {
-        _level_name(i, shell): level - middle for i, level in enumerate(levels) if i != shell.surface_level
-    } | {OUTER: levels[-1] - middle, INNER: levels[0] - middle}
+    arrays = {_level_name(i, shell): level - middle for i, level in enumerate(levels) if i != shell.surface_level} | {
+        OUTER: levels[-1] - middle,
+        INNER: levels[0] - middle,
+    }
     arrays |= {"thickness": thickness, "director": through / np.maximum(thickness, 1e-300)}
     data = {
         name: dataclasses.replace(

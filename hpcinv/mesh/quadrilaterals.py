@@ -66,7 +66,9 @@ def quadrilaterals(surfaces: Sequence[MeshSource]) -> MeshSource:
     keys, weights = (
         np.concatenate(columns)
         for columns in zip(
-            _keys(np.ones((1, 1)), np.arange(count)[:, None]), *(_keys(p.weights, cells) for p, cells in blocks), strict=True
+            _keys(np.ones((1, 1)), np.arange(count)[:, None]),
+            *(_keys(p.weights, cells) for p, cells in blocks),
+            strict=True,
         )
     )
     distinct, sample, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)

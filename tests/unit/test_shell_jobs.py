@@ -145,11 +145,14 @@ def test_layers_and_thickness_follow_the_job(sheet: Path, place: Any) -> None:
     for name, share in layers.items():
         assert volumes[groups[name]].sum() == pytest.approx(share / 4 * 2 * (0.1 * 3 + 0.02 * 9 / 2))
     heights = {name: thick.points[thick.facets[groups[name]]][..., 2] for name in ("inner", "outer")}
-    assert np.sign([heights["inner"].min(), heights["outer"].max()]).tolist() == {
-        "middle": [-1, 1],
-        "outer": [-1, 0],
-        "inner": [0, 1],
-    }[place]
+    assert (
+        np.sign([heights["inner"].min(), heights["outer"].max()]).tolist()
+        == {
+            "middle": [-1, 1],
+            "outer": [-1, 0],
+            "inner": [0, 1],
+        }[place]
+    )
     back, points = surface_source(thick, thick.points * [1, 1, 2])
     assert points == pytest.approx(surface.points, abs=1e-15)
     assert back.data["thickness"].values[:, 0] == pytest.approx(0.2 + 0.04 * points[:, 0])
