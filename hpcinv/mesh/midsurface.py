@@ -164,7 +164,8 @@ def surface_source(body: MeshSource, points: Floats) -> tuple[MeshSource, Floats
     unit vector between the faces, and ``thickness`` their distance (m). Other levels have arrays as well.
     """
     surface, shell = body.midsurface, body.shell
-    assert surface is not None and shell is not None
+    assert surface is not None
+    assert shell is not None
     count = len(surface.points)
     shares = _surface_shares(shell)
 

@@ -298,7 +298,8 @@ def _slide(spec: Support, place: str, body: Body, unknowns: Unknowns) -> Slide:
 def _surface_nodes(space: fem.FunctionSpace, body: Body) -> npt.NDArray[np.int32]:
     """Return local degrees of freedom on the given surface of a shell, at a height of the third axis of its cells."""
     source, points = body.source, space.element.basix_element.points
-    assert source.shell is not None and source.shell.surface_level is not None
+    assert source.shell is not None
+    assert source.shell.surface_level is not None
     layers = len(source.shell.layers) or 1
     layer = np.asarray(body.mesh.topology.original_cell_index) * layers // sum(body.partition.cells)
     height = source.shell.surface_level / 2 - layer

@@ -229,7 +229,7 @@ def test_triangles_become_quadrilaterals_on_the_same_surface(tmp_path: Path, deg
         gmsh.write(str(path))
     surface = read_surface(path)
     given = points[np.argsort(tags)]
-    assert surface.kind == "quadrilateral" and surface.degree == 2
+    assert (surface.kind, surface.degree) == ("quadrilateral", 2)
     assert surface.points[: len(given)] == pytest.approx(given)
     assert "triangles of degree" in surface.notes[-1]
     x, y, z = surface.points.T
