@@ -10,8 +10,9 @@ the same cells with a geometry of a higher degree. ``u_h`` is taken there by ref
 the correction and the corrected quantities have the error of the geometry in them, to first order. Elsewhere the
 estimate leaves that error out, and says so.
 
-In a shell four Newton steps are made, since one stretches what it bends. One Newton step says little of a correction that is as large as the displacement. The finer problem is then solved, so
-that a certificate fails for an error that was found, and not for one that was extrapolated.
+One Newton step says little of a correction that is as large as the displacement. The finer problem is then solved, so
+that a certificate fails for an error that was found, and not for one that was extrapolated. In a shell four Newton
+steps are made, since one stretches what it bends.
 
 At re-entrant edges and at edges of supports it finds a part of the error only, and is multiplied by what is missing
 (`hpcinv.certificate.singular_limit`).
