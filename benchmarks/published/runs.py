@@ -44,7 +44,7 @@ def summary_of(row: Reference, store: Path, comm: MPI.Intracomm) -> Mapping[str,
         if row.loaded:
             loaded = _solved(row, row.loaded, changes | {"output.mesh": ["msh"]}, store, comm, BODY)
             changes = {key: value for key, value in changes.items() if not key.startswith("mesh.")}
-            changes["mesh"] = {"file": str((loaded / BODY).resolve())}
+            changes["mesh.file"] = str((loaded / BODY).resolve())
         directory = _solved(row, row.job, changes, store, comm)
         finer = [_solved(row, row.job, changes | _WITHOUT_ESTIMATE | dict(mesh), store, comm) for mesh in row.finer]
     except Missing as error:

@@ -76,9 +76,6 @@ def certify(
 
     def discretisation() -> Iterable[Line]:
         nonlocal estimated
-        if solution.job.mesh.shell is not None:
-            yield skipped(DISCRETISATION, "is not estimated for shells: compare with a finer mesh")
-            return
         if solution.cavities:
             yield skipped(DISCRETISATION, "is not estimated where the pressure of a cavity is unknown")
             return

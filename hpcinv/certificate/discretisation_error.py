@@ -11,7 +11,8 @@ the correction and the corrected quantities have the error of the geometry in th
 estimate leaves that error out, and says so.
 
 One Newton step says little of a correction that is as large as the displacement. The finer problem is then solved, so
-that a certificate fails for an error that was found, and not for one that was extrapolated.
+that a certificate fails for an error that was found, and not for one that was extrapolated. In a shell four Newton
+steps are made, since one stretches what it bends.
 
 At re-entrant edges and at edges of supports it finds a part of the error only, and is multiplied by what is missing
 (`hpcinv.certificate.singular_limit`).
@@ -62,6 +63,9 @@ from hpcinv.solver.observer import SILENT, IterationObserver, Observer, stop_if_
 
 LINEAR = 0.5
 """Correction of the shape, relative to the displacement; above it one Newton step does not suffice."""
+
+_SHELL_STEPS = 4
+"""Newton steps in a shell, which stretches in a linear step that bends it; raised, the estimate takes longer"""
 
 
 @dataclass(frozen=True)
@@ -168,11 +172,14 @@ def estimate(
     start = finer.state().displacement
     state, is_solved = finer.unknowns.state.x.array, False
     is_affordable = forecast.least <= equations.chooser.room
-    if not (forecast.operations > two_level.MANY and two_level.correct(equations, solution.direction, finer, observer)):
+    is_shell = body.source.midsurface is not None
+    is_large = forecast.operations > two_level.MANY and not is_shell  # iterations make one step, which is not enough
+    if not (is_large and two_level.correct(equations, solution.direction, finer, observer)):
         if not is_affordable:
             return None
         equilibrium = finer.equilibrium(finer.scene(solution.direction))
-        equilibrium.correct(1.0)
+        for _ in range(_SHELL_STEPS if is_shell else 1):
+            equilibrium.correct(1.0)
         equilibrium.destroy()
     u, node_displacement, moved, largest = _moved(equations, solution, finer, given)
     if is_affordable and not largest <= LINEAR * scale:

@@ -598,7 +598,7 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
     named = () if job.mesh.array_labels is not None else _named_regions(job)
     unknown = unknown_regions(
         job.resolve(job.mesh.file),
-        {*job.regions, *job.mesh.faces},
+        {*job.regions, *job.mesh.faces, *(job.mesh.shell.layers if job.mesh.shell is not None else ())},
         named,
         is_shell=job.mesh.shell is not None,
     )

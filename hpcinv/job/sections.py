@@ -1,7 +1,9 @@
 """Sections of a job file that describe the body: mesh, supports, and quantities of interest."""
 
+import math
 import re
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -40,6 +42,7 @@ from hpcinv.quantity.schema import (
     raise_if_any,
     shown,
 )
+from hpcinv.quantity.spatial_fields import ByRegion, ThicknessField
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
@@ -312,24 +315,54 @@ WRITTEN_AS["array_labels"] = "labels"
 
 
 class Shell(Spec):
-    """A shell whose midsurface is the mesh: quadrilaterals of degree 2, in a file (.msh) or by a generator of gmsh.
+    """A shell whose surface is the mesh: triangles and quadrilaterals, in a file (.msh) or by a generator of gmsh.
 
-    The displacement is quadratic through the thickness, and any law of three dimensions holds there.
+    The displacement is quadratic through each layer, and any law of three dimensions holds there.
     """
 
-    thickness: Size | None = None
-    """thickness of the given body along its director, half of it on each side"""
+    thickness: ThicknessField | None = None
+    """thickness of the given body along its director: a number, a formula of x, y, z on the surface, or an array at
+    the nodes of the file, such as {data: wall, unit: mm}"""
+    surface: Literal["middle", "outer", "inner"] = "middle"
+    """where the mesh is in the shell: half way through the thickness, or one of the faces"""
+    layers: Annotated[Mapping[Name, float], Field(exclude_if=lambda layers: not layers)] = {}
+    """layers from the inner to the outer face, which are regions of cells, with their relative thicknesses, such as
+    {core: 3, coat: 1}; by default one"""
     director: Literal["normal", "data"] = "normal"
     """of the given body: the normal of the surface; or data: the arrays 'outer' and 'inner' of the file, vectors (m)
     from its nodes to both faces, which give the thickness too, as shape files of runs have them"""
     kind: Literal["director"] = "director"
     """director: with bending, and with shear and strain through the thickness"""
 
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """Distances of the nodes of a column from the inner face, by the thickness: three in each layer."""
+        shares = tuple(self.layers.values()) or (1.0,)
+        ends = [sum(shares[:i]) / sum(shares) for i in range(len(shares) + 1)]
+        return (0.0, *(p for low, high in pairwise(ends) for p in ((low + high) / 2, high)))
+
+    @property
+    def surface_place(self) -> float:
+        """Distance of the given surface from the inner face, by the thickness."""
+        return {"inner": 0.0, "middle": 0.5, "outer": 1.0}[self.surface]
+
+    @property
+    def surface_level(self) -> int | None:
+        """Number of the level at which the given surface is, ``None`` between levels."""
+        return next((i for i, place in enumerate(self.levels) if abs(place - self.surface_place) < 1e-9), None)
+
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.director == "normal" and self.thickness is None:
             yield ("thickness",), "is needed, unless the file has the faces ('director: data')"
         elif self.director == "data" and self.thickness is not None:
             yield ("thickness",), "is not valid with 'director: data', which gives it"
+        if isinstance(self.thickness, ByRegion):
+            yield ("thickness",), "cannot be by region, since it would jump: give a formula or an array at the nodes"
+        for name, share in self.layers.items():
+            if name in (*RESERVED, "outer", "inner"):
+                yield ("layers", name), "is the name of another region; choose another"
+            if not 0 < share < math.inf:
+                yield ("layers", name), f"must be a positive number, the relative thickness, not {share:g}"
 
 
 class MeshSpec(MeshFile):

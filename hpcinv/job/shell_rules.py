@@ -31,6 +31,9 @@ def unsuited_shell(job: Any) -> Faults:
             ("discretisation", "quadrature"),
             "is not valid with a shell, whose own one keeps it from locking",
         )
+    if job.mesh.shell.surface_level is None:
+        for place in _hinged(job):
+            yield place, "is not possible where the surface is inside of a layer: let it be between two, or a face"
     refused = [*_refused(job)]
     if refused:
         keys = ", ".join(dict.fromkeys(dotted_key(place) for place in refused))
@@ -71,9 +74,13 @@ def _refused(job: Any) -> Iterable[KeyPath]:
 
 
 def _hinges(job: Any) -> Faults:
+    for place in _hinged(job):
+        yield place, "is valid only with 'mesh: {shell: …}'; other bodies turn about an edge"
+
+
+def _hinged(job: Any) -> Iterable[KeyPath]:
     lists: list[tuple[KeyPath, Iterable[Support]]] = [(("supports",), job.supports)]
     lists += [(("states", i, "supports"), state.supports or ()) for i, state in enumerate(job.states)]
-    for place, supports in lists:
-        for i, support in enumerate(supports):
-            if support.hinge:
-                yield (*place, i, "hinge"), "is valid only with 'mesh: {shell: …}'; other bodies turn about an edge"
+    yield from (
+        (*place, i, "hinge") for place, supports in lists for i, support in enumerate(supports) if support.hinge
+    )

@@ -197,13 +197,13 @@ def read_source(
             source = image_mesh(path, spec, report)
         else:
             source = FILES[suffix_of(path)](path) if spec.shell is None else read_surface(path)
-            for note in source.notes:
-                report(note)
             if not FORMATS[suffix_of(path)].is_partitioned:  # partitioned meshes are in metres
                 check_unit(path, source.unit, spec.unit)
                 source = source.convert_to_metres(spec.unit)
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
+    for note in source.notes:
+        report(note)
     check_nodes(source)
     source = _with_sets(source, spec, path).drop_unused_nodes()
     source = join_facets(source if spec.shell is None else thicken(source, spec.shell))

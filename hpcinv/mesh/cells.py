@@ -15,7 +15,7 @@ from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.tetrahedron_rules import has_rule, tetrahedron_rule
 
 FACET_KIND = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
-EDGE_KIND = {"quadrilateral": "interval"}
+EDGE_KIND = {"quadrilateral": "interval", "triangle": "interval"}
 """facets of the cells of a shell's surface"""
 DEGREES = (1, 2)
 """Geometry degrees that a job may choose."""

@@ -1,10 +1,11 @@
-"""The body of a shell: one layer of hexahedra of degree 2 around a surface of quadrilaterals.
+"""The body of a shell: layers of hexahedra of degree 2 around a surface of quadrilaterals.
 
-A node of the surface has a column of three nodes, at the inner face, on the surface and at the outer face. A map of the
+A node of the surface has a column of three nodes, at the inner face, half way and at the outer face. A map of the
 body is quadratic in the distance ``ζ`` from the surface: ``y = y₀ + ζ y₁ + ζ² y₂``, with the director ``y₁`` and the
 quadratic part ``y₂``, without which a law of three dimensions would be too stiff in bending. The values of the three
-columns' nodes determine ``y₀``, ``y₁`` and ``y₂``: a displacement of degree 2 is the displacement of a shell with
-director, with the strains of its solid, and `LayerDegree` is the quadrature by which it does not lock.
+nodes determine ``y₀``, ``y₁`` and ``y₂``: a displacement of degree 2 is the displacement of a shell with director, with
+the strains of its solid, and `LayerDegree` is the quadrature by which it does not lock. Layers of other materials are
+further layers of hexahedra, each with a director of its own.
 
 Source: Chapelle, Ferent & Bathe, Math. Models Methods Appl. Sci. 14, 105–142, 2004 (elements of this kind).
 """
@@ -23,6 +24,7 @@ from hpcinv.job.sections import Shell
 from hpcinv.mesh.cells import scalar_element, sub_entities, vertex_count
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, distinct_tags
 from hpcinv.mesh.topology import unique_rows, vertex_sets
+from hpcinv.quantity.spatial_fields import ByData, ByFormula, Field
 
 _KIND, _DEGREE = "quadrilateral", 2
 _SHARPEST = 40.0
@@ -34,42 +36,43 @@ and Newton's method does not converge"""
 
 
 def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
-    """Return the body of a shell, whose nodes are the surface's, then the inner face's and the outer face's.
+    """Return the body of a shell, whose nodes are one copy of the surface's for each level, from the inner face on.
 
     The outer face is where the normals of the cells point to: outwards if the surface is closed, else on the side of
     the first cell's normal, by the order of its nodes. A group of cells ``NAME`` has further groups ``NAME|outer`` and
-    ``NAME|inner`` of its faces, and a group of edges becomes one of facets through the thickness.
+    ``NAME|inner`` of its faces, and a group of edges becomes one of facets through the thickness. A layer is a group.
 
     Raises:
         MeshError: the surface has folds or junctions, or only one side; or it lacks the data of its faces.
     """
-    if shell.thickness is None:
-        inner, outer = (_vectors(surface, name) for name in (INNER, OUTER))
-        thickness = float(np.linalg.norm(outer - inner, axis=1).mean())
-    else:
-        thickness = shell.thickness
-    extent = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
-    if extent > _THINNEST * thickness:
-        text = f"is {extent / thickness:,.0f} times as long as the shell is thick (at most {_THINNEST:,.0f})"
-        _refuse(
-            surface.path, text, "Are 'thickness' and mesh.unit right? In thinner shells rounding errors are too large."
-        )
-    if taken := [group.name for group in surface.groups if group.name in (OUTER, INNER)]:
-        text = f"has a physical group '{taken[0]}', which is the name of a face of the shell"
+    names = [OUTER, INNER, *shell.layers]
+    if taken := [group.name for group in surface.groups if group.name in names]:
+        text = f"has a physical group '{taken[0]}', which is the name of a face or layer of the shell"
         _refuse(surface.path, text, "Give the group another name.")
     surface = dataclasses.replace(surface, cells=_oriented(surface))
     normals, count = _normals(surface), len(surface.points)
     if shell.thickness is not None:
-        outer = thickness / 2 * normals
-        inner = -outer
-    elif ((outer - inner) * normals).sum() < 0:  # by the order of their nodes, cells have the other normal
-        surface = dataclasses.replace(surface, cells=_mirrored(surface.cells))
-    cells = _columns(_KIND, "hexahedron", surface.cells, count)
-    edges = _columns("interval", _KIND, surface.facets, count)
+        thickness = _thickness(surface, shell.thickness)
+        columns = [(place - shell.surface_place) * thickness * normals for place in shell.levels]
+    else:
+        columns = [_column(surface, shell, level) for level in range(len(shell.levels))]
+        through = columns[-1] - columns[0]
+        thickness = np.linalg.norm(through, axis=1, keepdims=True)
+        if (through * normals).sum() < 0:  # by the order of their nodes, cells have the other normal
+            surface = dataclasses.replace(surface, cells=_mirrored(surface.cells))
+    _require_thick(surface, thickness)
+    layers = range(len(columns) // 2)
+    starts = [2 * layer * count for layer in layers]
+    cells = np.concatenate([start + _columns(_KIND, "hexahedron", surface.cells, count) for start in starts])
+    edges = np.concatenate([start + _columns("interval", _KIND, surface.facets, count) for start in starts])
     sheet = surface.cells[:, _order(_KIND, _KIND)]
-    facets = np.concatenate([edges, sheet + count, sheet + 2 * count])
-    groups = list(surface.groups)
-    every = np.arange(len(sheet))
+    facets = np.concatenate([edges, sheet, sheet + (len(columns) - 1) * count])
+    sizes = {3: len(surface.cells), 2: len(surface.facets)}
+    every, groups = np.arange(len(sheet)), list[Group]()
+    for group in surface.groups:
+        members = [group.members + layer * sizes[group.dim] for layer in layers]
+        groups.append(dataclasses.replace(group, members=np.concatenate(members)))
+    groups.extend(Group(name, 3, 0, layer * len(sheet) + every) for layer, name in enumerate(shell.layers))
     for name, first in ((INNER, len(edges)), (OUTER, len(edges) + len(sheet))):
         groups.append(Group(name, 2, 0, first + every))
         parts = [group for group in surface.groups if group.dim == 3]
@@ -77,15 +80,74 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
     return dataclasses.replace(
         surface,
         kind="hexahedron",
-        points=np.concatenate([surface.points, surface.points + inner, surface.points + outer]),
-        node_tags=np.concatenate([surface.node_tags, surface.node_tags.max() + 1 + np.arange(2 * count)]),
+        points=np.concatenate([surface.points + column for column in columns]),
+        node_tags=_repeated_tags(surface.node_tags, len(columns)),
         cells=cells,
+        cell_tags=_repeated_tags(surface.cell_tags, len(layers)),
         facets=facets,
         groups=distinct_tags(groups),
-        data=surface.nodal_data(lambda values: np.tile(values, (3, 1))),
+        data={
+            name: dataclasses.replace(
+                array, values=np.tile(array.values, (len(columns) if array.place == "nodes" else len(layers), 1))
+            )
+            for name, array in surface.data.items()
+        },
         midsurface=surface,
-        slenderness=_slenderness(surface, thickness),
+        shell=shell,
+        slenderness=_slenderness(surface, float(thickness.mean())) if len(thickness) else 1.0,
     )
+
+
+def _repeated_tags(tags: Ints, times: int) -> Ints:
+    """Tags of as many copies, distinct if the given ones are."""
+    step = int(tags.max(initial=0)) + 1 - int(tags.min(initial=0))
+    return np.concatenate([tags + step * copy for copy in range(times)])
+
+
+def _thickness(surface: MeshSource, given: float | Field) -> Floats:
+    """Thickness (n, 1) at the nodes, in m; raises ``MeshError`` if it is not positive and finite."""
+    match given:
+        case ByData():
+            array = surface.data.get(given.array)
+            if array is None or array.place != "nodes" or array.values.shape[1] != 1:
+                known = ", ".join(sorted(surface.data)) or "none"
+                text = f"has no array '{given.array}' of numbers at the nodes (arrays: {known})"
+                _refuse(surface.path, text, "mesh.shell.thickness must be a number, a formula, or such an array.")
+            values = array.values * given.factor
+        case ByFormula():
+            x, y, z = surface.points.T
+            with np.errstate(all="ignore"):
+                at_nodes = given.values_at({"x": x, "y": y, "z": z, "X": x, "Y": y, "Z": z})
+            values = np.broadcast_to(at_nodes, x.shape)[:, None]
+        case number:
+            values = np.full((len(surface.points), 1), number)
+    if not (np.isfinite(values) & (values > 0)).all():
+        node = surface.node_tags[np.argmin((np.isfinite(values) & (values > 0))[:, 0])]
+        text = f"has a thickness that is not positive and finite at node {node}"
+        _refuse(surface.path, text, "Correct mesh.shell.thickness.")
+    return np.asarray(values)
+
+
+def _require_thick(surface: MeshSource, thickness: Floats) -> None:
+    extent, least = float(np.linalg.norm(np.ptp(surface.points, axis=0))), float(thickness.min())
+    if extent > _THINNEST * least:
+        shown = f"{extent / least:,.0f}" if least else "infinitely many"
+        text = f"is {shown} times as long as the shell is thick (at most {_THINNEST:,.0f})"
+        _refuse(
+            surface.path, text, "Are 'thickness' and mesh.unit right? In thinner shells rounding errors are too large."
+        )
+
+
+def _level_name(level: int, shell: Shell) -> str:
+    """Name of the array of vectors from the surface to a level."""
+    last = len(shell.levels) - 1
+    return {0: INNER, last: OUTER}.get(level, f"level-{level}")
+
+
+def _column(surface: MeshSource, shell: Shell, level: int) -> Floats:
+    """Vectors (n, 3) from the surface to a level, of the arrays of the file."""
+    is_surface = level == shell.surface_level
+    return np.zeros_like(surface.points) if is_surface else _vectors(surface, _level_name(level, shell))
 
 
 def _slenderness(surface: MeshSource, thickness: float) -> float:
@@ -99,26 +161,48 @@ def surface_source(body: MeshSource, points: Floats) -> tuple[MeshSource, Floats
     """Return the surface of a shell with data of its body, and its nodes, for the nodes (n, 3) of the body.
 
     Data arrays ``outer`` and ``inner`` are the vectors from a node of the surface to the faces (m), ``director`` is the
-    unit vector between the faces, and ``thickness`` their distance (m).
+    unit vector between the faces, and ``thickness`` their distance (m). Other levels have arrays as well.
     """
-    surface = body.midsurface
+    surface, shell = body.midsurface, body.shell
     assert surface is not None
+    assert shell is not None
     count = len(surface.points)
-    middle, inner, outer = points[:count], points[count : 2 * count], points[2 * count :]
-    through = outer - inner
+    shares = _surface_shares(shell)
+
+    def at_surface(values: Floats) -> Floats:
+        columns = values.reshape(len(shell.levels), count, -1)
+        if shell.surface_level is not None:
+            return np.asarray(columns[shell.surface_level])
+        return np.asarray(np.tensordot(shares, columns, axes=1))
+
+    levels, middle = points.reshape(len(shell.levels), count, 3), at_surface(points)
+    through = levels[-1] - levels[0]
     thickness = np.linalg.norm(through, axis=1, keepdims=True)
-    arrays = {
-        OUTER: outer - middle,
-        INNER: inner - middle,
-        "thickness": thickness,
-        "director": through / np.maximum(thickness, 1e-300),
+    arrays = {_level_name(i, shell): level - middle for i, level in enumerate(levels) if i != shell.surface_level} | {
+        OUTER: levels[-1] - middle,
+        INNER: levels[0] - middle,
     }
+    arrays |= {"thickness": thickness, "director": through / np.maximum(thickness, 1e-300)}
     data = {
-        name: dataclasses.replace(array, values=array.values[:count]) if array.place == "nodes" else array
+        name: dataclasses.replace(
+            array, values=at_surface(array.values) if array.place == "nodes" else array.values[: len(surface.cells)]
+        )
         for name, array in body.data.items()
     }
     more = {name: DataArray(name, "nodes", values) for name, values in arrays.items()}
     return dataclasses.replace(surface, data=data | more), middle
+
+
+def _surface_shares(shell: Shell) -> Floats:
+    """Shares of the levels in a quantity at the surface, which is quadratic in each layer."""
+    levels, place = np.array(shell.levels), shell.surface_place
+    layer = min(int(np.searchsorted(levels[2::2], place)), len(levels) // 2 - 1)
+    nodes = 2 * layer + np.arange(3)
+    shares = np.zeros(len(levels))
+    for node in nodes:
+        others = levels[nodes[nodes != node]]
+        shares[node] = ((place - others) / (levels[node] - others)).prod()
+    return shares
 
 
 def _vectors(surface: MeshSource, name: str) -> Floats:
@@ -142,8 +226,7 @@ def _order(kind: str, flat: str) -> Ints:
 def _columns(flat: str, kind: str, nodes: Ints, count: int) -> Ints:
     """Cells of one dimension more, whose last axis goes through the thickness."""
     height = np.rint(2 * scalar_element(kind, _DEGREE).points[:, -1]).astype(np.int64)
-    layer = np.array([1, 0, 2])[height] * count  # inner face, surface, outer face
-    return np.asarray(nodes[:, _order(kind, flat)] + layer)
+    return np.asarray(nodes[:, _order(kind, flat)] + height * count)
 
 
 def _oriented(surface: MeshSource) -> Ints:

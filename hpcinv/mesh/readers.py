@@ -4,8 +4,8 @@ import dataclasses
 import runpy
 import tempfile
 import traceback
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from hpcinv.mesh.io.gmsh_model import extract, extract_surface, read_views, sess
 from hpcinv.mesh.io.isolated import check_msh
 from hpcinv.mesh.io.length_unit import stored_unit
 from hpcinv.mesh.io.vtu import source_of
+from hpcinv.mesh.quadrilaterals import quadrilaterals
 from hpcinv.mesh.source import MeshSource
 
 
@@ -93,12 +94,21 @@ def build_geo(
     return dataclasses.replace(source, inputs=inputs)
 
 
-def read_msh(path: Path, extracted: Callable[[Any, Path], MeshSource] = extract) -> MeshSource:
-    """Read MSH 2.2 or 4.1, ASCII or binary; the sections $NodeData and $ElementData become data arrays.
+def read_msh(path: Path) -> MeshSource:
+    """Read MSH 2.2 or 4.1, ASCII or binary; the sections $NodeData and $ElementData become data arrays."""
+    with _opened_msh(path) as gmsh:
+        return _with_data(gmsh, extract(gmsh, path))
 
-    Args:
-        extracted: takes the mesh from gmsh's model, by default a solid's.
-    """
+
+def read_surface(path: Path) -> MeshSource:
+    """Read the surface of a shell from an MSH file, as quadrilaterals of degree 2."""
+    with _opened_msh(path) as gmsh:
+        return quadrilaterals([_with_data(gmsh, part) for part in extract_surface(gmsh, path)])
+
+
+@contextmanager
+def _opened_msh(path: Path) -> Iterator[Any]:
+    """Context with the mesh of an MSH file in gmsh."""
     if fault := FORMATS[".msh"].fault(path):
         raise MeshError(f"{path}: {fault}", "Export the mesh again (gmsh: gmsh.write, or -save).")
     with session(path.stem) as gmsh, tempfile.TemporaryDirectory(prefix="hpcinv-mesh-") as empty:
@@ -109,13 +119,11 @@ def read_msh(path: Path, extracted: Callable[[Any, Path], MeshSource] = extract)
         _merge(gmsh, link, path)
         if gmsh.model.getNumberOfPartitions():
             gmsh.model.mesh.unpartition()
-        source = extracted(gmsh, path)
-        return dataclasses.replace(source, data=read_views(gmsh, source), unit=stored_unit(gmsh))
+        yield gmsh
 
 
-def read_surface(path: Path) -> MeshSource:
-    """Read the surface of a shell from an MSH file."""
-    return read_msh(path, extract_surface)
+def _with_data(gmsh: Any, source: MeshSource) -> MeshSource:
+    return dataclasses.replace(source, data=read_views(gmsh, source), unit=stored_unit(gmsh))
 
 
 def _merge(gmsh: Any, path: Path, called: Path | None = None) -> None:
@@ -147,7 +155,7 @@ def _extracted_surface(gmsh: Any, path: Path, monitor: MeshingMonitor) -> MeshSo
     """The generated surface of a shell, in cells of degree 2 with their nodes on the CAD surfaces."""
     gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 0)
     gmsh.model.mesh.setOrder(2)
-    source = extract_surface(gmsh, path)
+    source = quadrilaterals(extract_surface(gmsh, path))
     require_at_most(path, len(source.cells), monitor.limit)
     return source
 

@@ -12,6 +12,7 @@ from typing import Literal, Self
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.job.sections import Shell
 from hpcinv.quantity.arrays import Floats as Floats
 from hpcinv.quantity.arrays import Ints as Ints
 
@@ -113,6 +114,7 @@ class MeshSource:
     nodes_per_cell: int = 0  # of the elements in the file of another program; 0: as many as in ``cells``
     surface: CadSurface | None = None  # of the CAD model that was meshed, if there is one
     midsurface: MeshSource | None = None  # of a shell, whose groups of cells have ``dim`` 3, and of edges 2
+    shell: Shell | None = None  # its section of the job
     slenderness: float = 1.0  # of a shell: mean diameter of its cells by their thickness
 
     @property

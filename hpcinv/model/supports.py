@@ -103,7 +103,7 @@ class Supports:
                 scalar, _ = part.collapse()
                 dofs = fem.locate_dofs_topological((part, scalar), body.mesh.topology.dim - 1, facets)
                 if spec.hinge:
-                    kept = np.isin(dofs[1], _middle_nodes(scalar))
+                    kept = np.isin(dofs[1], _surface_nodes(scalar, body))
                     dofs = [part_dofs[kept] for part_dofs in dofs]
                 now = fem.Function(scalar)
                 full = np.zeros_like(now.x.array)
@@ -295,10 +295,16 @@ def _slide(spec: Support, place: str, body: Body, unknowns: Unknowns) -> Slide:
     return Slide(f"{place}.fix", spec.region, space, nodes, normals)
 
 
-def _middle_nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-    """Return local degrees of freedom on the midsurface of a shell, half way along the third axis of its cells."""
-    points = space.element.basix_element.points
-    return np.unique(space.dofmap.list[:, np.abs(points[:, 2] - 0.5) < 1e-9])
+def _surface_nodes(space: fem.FunctionSpace, body: Body) -> npt.NDArray[np.int32]:
+    """Return local degrees of freedom on the given surface of a shell, at a height of the third axis of its cells."""
+    source, points = body.source, space.element.basix_element.points
+    assert source.shell is not None
+    assert source.shell.surface_level is not None
+    layers = len(source.shell.layers) or 1
+    layer = np.asarray(body.mesh.topology.original_cell_index) * layers // sum(body.partition.cells)
+    height = source.shell.surface_level / 2 - layer
+    is_there = np.abs(points[None, :, 2] - height[:, None]) < 1e-9
+    return np.unique(space.dofmap.list[is_there])
 
 
 def _values(spec: Support, formula: Expression, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

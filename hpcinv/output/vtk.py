@@ -164,8 +164,9 @@ class _Fields:
         return (mesh, other) if self._solution.direction == "forward" else (other, mesh)
 
     def shell_arrays(self, name: str) -> Iterator[Array]:
-        """Director and thickness of a shell at the owned nodes, in one of the bodies; none of other bodies."""
-        if self._body.source.midsurface is None:
+        """Director and thickness of a shell of one layer at the owned nodes, in one of the bodies; none of others."""
+        shell = self._body.source.shell
+        if shell is None or len(shell.layers) > 1:
             return
         places = self._spaces[()].element.basix_element.points
         ends = [places * [1, 1, 0] + [0, 0, side] for side in (0.0, 1.0)]

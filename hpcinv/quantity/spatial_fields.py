@@ -196,6 +196,7 @@ PositiveField = Annotated[Any, VaryingQuantity("", above=0)]
 DispersionField = Annotated[Any, VaryingQuantity("", at_least=0, at_most=1 / 3)]
 StiffnessField = Annotated[Any, VaryingQuantity("N/m^3", at_least=0)]
 ExpansionField = Annotated[Any, VaryingQuantity("1/K")]
+ThicknessField = Annotated[Any, VaryingQuantity("m", above=0)]
 TemperatureField = Annotated[Any, VaryingQuantity("K")]
 
 

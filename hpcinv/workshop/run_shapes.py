@@ -76,9 +76,11 @@ def _summary(run: Path) -> dict[str, Any]:
 
 
 def _found(run: Path, name: str) -> MeshSource:
-    if is_file(path := run / f"{name}.msh") and "shell" in (read_yaml(run / "job.yaml").get("mesh") or {}):
+    given = (read_yaml(run / "job.yaml").get("mesh") or {}).get("shell")
+    if given and is_file(path := run / f"{name}.msh"):
         source = read_surface(path)
-        return thicken(source.convert_to_metres(source.unit or 1.0), Shell(director="data"))
+        shell = Shell.model_validate({**given, "thickness": None, "director": "data"})
+        return thicken(source.convert_to_metres(source.unit or 1.0), shell)
     for suffix, read in FILES.items():
         path = run / f"{name}{suffix}"
         if path.exists():

@@ -17,11 +17,13 @@ from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import load
 from hpcinv.job.sections import Shell
 from hpcinv.mesh.cells import LayerDegree, jacobians, quadrature, quadrature_metadata
+from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.midsurface import surface_source, thicken
 from hpcinv.mesh.readers import read_surface
 from hpcinv.mesh.source import MeshSource
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.spatial_fields import VaryingQuantity
 
 THIN = Shell(thickness=0.1)
 CELLS = CellType.hexahedron
@@ -70,7 +72,11 @@ def test_jobs_that_a_shell_does_not_have_are_refused(sheet: Path, data: dict[str
         ({}, "mesh.shell.thickness: is needed"),
         ({"thickness": "-1 mm"}, "mesh.shell.thickness"),
         ({"thickness": "1 mm", "director": "data"}, "is not valid with 'director: data'"),
-        ({"thickness": "1 mm", "kind": "membrane"}, "mesh.shell.kind"),
+        ({"thickness": "1 mm", "kind": "naghdi"}, "mesh.shell.kind"),
+        ({"thickness": "1 mm + 2 kg"}, "mesh.shell.thickness"),
+        ({"thickness": {"core": "1 mm"}}, "mesh.shell.thickness: cannot be by region"),
+        ({"thickness": "1 mm", "layers": {"outer": 1}}, "mesh.shell.layers.outer: is the name of another region"),
+        ({"thickness": "1 mm", "layers": {"a": 0}}, "mesh.shell.layers.a: must be a positive number"),
     ],
 )
 def test_thickness_is_given_once(sheet: Path, shell: dict[str, Any], message: str) -> None:
@@ -127,6 +133,39 @@ def test_the_surface_comes_back_with_its_faces(sheet: Path) -> None:
         thicken(surface, Shell(director="data"))
 
 
+@pytest.mark.parametrize("place", ["middle", "outer", "inner"])
+def test_layers_and_thickness_follow_the_job(sheet: Path, place: Any) -> None:
+    """Volumes of two layers of varying thickness, on either side of the surface, which comes back with its faces."""
+    surface = read_surface(sheet)
+    given = VaryingQuantity("m").read("0.1 + 0.02*x")
+    layers = {"core": 3.0, "coat": 1.0}
+    shell = Shell(thickness=given, surface=place, layers=layers)
+    thick = thicken(surface, shell)
+    volumes, groups = body(thick), {group.name: group.members for group in thick.groups}
+    for name, share in layers.items():
+        assert volumes[groups[name]].sum() == pytest.approx(share / 4 * 2 * (0.1 * 3 + 0.02 * 9 / 2))
+    heights = {name: thick.points[thick.facets[groups[name]]][..., 2] for name in ("inner", "outer")}
+    assert (
+        np.sign([heights["inner"].min(), heights["outer"].max()]).tolist()
+        == {
+            "middle": [-1, 1],
+            "outer": [-1, 0],
+            "inner": [0, 1],
+        }[place]
+    )
+    back, points = surface_source(thick, thick.points * [1, 1, 2])
+    assert points == pytest.approx(surface.points, abs=1e-15)
+    assert back.data["thickness"].values[:, 0] == pytest.approx(0.2 + 0.04 * points[:, 0])
+    if place == "middle":
+        return  # the surface is inside of a layer
+    again = thicken(replace(back, points=points), Shell(director="data", surface=place, layers=layers))
+    assert again.points == pytest.approx(thick.points * [1, 1, 2], abs=1e-15)
+    by_data = Shell(thickness=VaryingQuantity("m").read({"data": "thickness", "unit": "mm"}))
+    values = 1e3 * back.data["thickness"].values
+    measured = replace(back, data={"thickness": replace(back.data["thickness"], values=values)})
+    assert body(thicken(measured, by_data)).sum() == pytest.approx(2 * volumes.sum())
+
+
 @pytest.mark.parametrize("kind", ["junction", "fold", "strip with one side", "too thin", "name of a face"])
 def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None:
     surface, shell = read_surface(sheet), THIN
@@ -164,18 +203,47 @@ def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None
         thicken(surface, shell)
 
 
-def test_triangles_are_refused_with_the_reason(tmp_path: Path) -> None:
-    from hpcinv.mesh.io.gmsh_model import session
-
-    path = tmp_path / "triangles.msh"
-    with session("triangles") as gmsh:
-        gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_triangles_become_quadrilaterals_on_the_same_surface(tmp_path: Path, degree: int) -> None:
+    """Triangles and quadrilaterals next to them: the given nodes, edges, groups and data, on a surface without gaps."""
+    path = tmp_path / "mixed.msh"
+    with session("mixed") as gmsh:
+        left, right = (gmsh.model.occ.addRectangle(corner, 0, 0, 1, 1) for corner in (0, 1))
+        gmsh.model.occ.fragment([(2, left)], [(2, right)])
         gmsh.model.occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+        gmsh.model.mesh.setTransfiniteSurface(1)
+        gmsh.model.mesh.setRecombine(2, 1)
+        for tag, name in ((1, "left"), (2, "right")):
+            gmsh.model.addPhysicalGroup(2, [tag], name=name)
+        ends = [t for _, t in gmsh.model.getEntities(1) if gmsh.model.getBoundingBox(1, t)[3] < 1e-3]
+        gmsh.model.addPhysicalGroup(1, ends, name="x0")
         gmsh.model.mesh.generate(2)
-        gmsh.model.mesh.setOrder(2)
+        gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 0)
+        gmsh.model.mesh.setOrder(degree)
+        tags, coordinates, _ = gmsh.model.mesh.getNodes()
+        points = coordinates.reshape(-1, 3)
+        points[:, 2] = 0.1 * points[:, 0] ** 2 + 0.05 * points[:, 0] * points[:, 1]
+        for tag, point in zip(tags, points, strict=True):
+            gmsh.model.mesh.setNode(tag, point, [])
         gmsh.write(str(path))
-    with pytest.raises(MeshError, match="triangles of degree 2 lock"):
-        read_surface(path)
+    surface = read_surface(path)
+    given = points[np.argsort(tags)]
+    assert (surface.kind, surface.degree) == ("quadrilateral", 2)
+    assert surface.points[: len(given)] == pytest.approx(given)
+    assert "triangles of degree" in surface.notes[-1]
+    x, y, z = surface.points.T
+    if degree == 2:  # the elements hold this surface
+        assert z == pytest.approx(0.1 * x**2 + 0.05 * x * y, abs=1e-12)
+    groups = {group.name: group.members for group in surface.groups}
+    assert len(groups["left"]) + len(groups["right"]) == len(surface.cells)
+    assert surface.points[surface.cells[groups["left"]]][..., 0].max() == pytest.approx(1)
+    edge = surface.points[surface.facets[groups["x0"]]]
+    assert np.ptp(edge[:, :2, 1], axis=1).sum() == pytest.approx(1)
+    thick = thicken(surface, THIN)
+    assert thick.notes == surface.notes
+    assert body(thick).min() > 0
+    assert len(np.unique(np.round(surface.points, 9), axis=0)) == len(surface.points)
 
 
 def test_quadrature_of_layers() -> None:

@@ -27,6 +27,14 @@ GMSH_NAMES = {
     "interval": "Line",
 }
 
+_SURFACE_CELLS = {
+    "Triangle 3": ("triangle", 1),
+    "Triangle 6": ("triangle", 2),
+    "Quadrilateral 4": ("quadrilateral", 1),
+    "Quadrilateral 9": ("quadrilateral", 2),
+}
+"""kinds and degrees of the cells of a shell's surface, by gmsh's names"""
+
 PLACES: dict[str, Place] = {"NodeData": "nodes", "ElementData": "cells"}  # of views ($NodeData, $ElementData)
 
 
@@ -97,26 +105,29 @@ def extract(gmsh: Any, path: Path) -> MeshSource:
     return _source(gmsh, path, (3, kind, degree), FACET_KIND[kind])
 
 
-def extract_surface(gmsh: Any, path: Path) -> MeshSource:
-    """Surface mesh of gmsh's current model: all quadrilaterals, and the edges in physical groups of curves.
+def extract_surface(gmsh: Any, path: Path) -> tuple[MeshSource, ...]:
+    """Surface mesh of gmsh's current model, one for each kind of cells, with the edges in physical groups of curves.
 
     Groups of surfaces have ``dim`` 3, as groups of cells have, and groups of curves have 2.
 
     Raises:
-        MeshError: there are no quadrilaterals of 9 nodes, or other cells with them.
+        MeshError: there are no triangles or quadrilaterals of degree 1 or 2, or other cells with them.
     """
     mesh = gmsh.model.mesh
     names = sorted(mesh.getElementProperties(t)[0] for t in (*mesh.getElementTypes(2), *mesh.getElementTypes(3)))
-    if names != ["Quadrilateral 9"]:
-        reason = "of a shell must be quadrilaterals of 9 nodes"
-        if any("Triangle" in name for name in names):
-            reason += " (triangles of degree 2 lock in thin shells: at 1/1000 they bend 20 % less)"
+    degrees = {_SURFACE_CELLS.get(name, ("", 0))[1] for name in names}
+    if degrees not in ({1}, {2}):
         raise MeshError(
-            f"{path}: cells {reason}, and are {' and '.join(names) or 'none'}",
-            "Mesh the surface with quadrilaterals (gmsh: Mesh.RecombineAll = 1) of degree 2 (model.mesh.setOrder(2)).",
+            f"{path}: cells of a shell must be triangles or quadrilaterals, all of degree 1 or all of degree 2, and are"
+            f" {' and '.join(names) or 'none'}",
+            "Mesh the surface alone (gmsh: model.mesh.generate(2)), then model.mesh.setOrder(2) with"
+            " Mesh.SecondOrderIncomplete = 0.",
         )
-    source = _source(gmsh, path, (2, "quadrilateral", 2), EDGE_KIND["quadrilateral"])
-    return replace(source, groups=tuple(replace(group, dim=group.dim + 1) for group in source.groups))
+    parts = []
+    for kind, degree in map(_SURFACE_CELLS.__getitem__, names):
+        source = _source(gmsh, path, (2, kind, degree), EDGE_KIND[kind])
+        parts.append(replace(source, groups=tuple(replace(group, dim=group.dim + 1) for group in source.groups)))
+    return tuple(parts)
 
 
 def _source(gmsh: Any, path: Path, cell: tuple[int, str, int], facet_kind: str) -> MeshSource:
