@@ -146,6 +146,10 @@ class NewtonMonitor:
             return correction <= self.reuse * self.predicted and correction <= self.close_correction * state
         return correction <= self.renewal * self.history[-1].correction
 
+    def exceeds_prediction(self, correction: float, ratio: float) -> bool:
+        """Return whether the first correction exceeds the prediction by more than a ratio."""
+        return not self.history and self.predicted > 0 and correction > ratio * self.predicted
+
     def is_too_large(self, increment: Increment) -> bool:
         """Return whether the rotation or strain of the next correction shows that the solve has failed."""
         is_first = not self.history and not self.predicted

@@ -18,6 +18,7 @@ Sources: Cochelin, Comput. Struct. 53, 1181–1192, 1994, doi:10.1016/0045-7949(
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -116,14 +117,20 @@ class PowerSeries:
         last, before = (self.weights(a, pade=pade, orders=n) for n in (len(self.loads), len(self.loads) - 1))
         return float(np.linalg.norm((last - before) @ self.factors) / np.linalg.norm(last @ self.factors))
 
+    @cached_property
+    def _denominators(self) -> dict[int, Reals]:
+        return {}
+
     def _denominator(self, orders: int) -> Reals:
         """Return the coefficients of the denominator of a Padé approximant, from order 0 on."""
-        f, d = self.factors, np.zeros(orders)
-        d[0] = 1.0
-        for i in range(1, orders):
-            row = orders - 1 - i
-            d[i] = -sum(d[j] * f[orders - 1 - j, row] for j in range(i)) / (f[row, row] or 1.0)
-        return d
+        if orders not in self._denominators:
+            f, d = self.factors, np.zeros(orders)
+            d[0] = 1.0
+            for i in range(1, orders):
+                row = orders - 1 - i
+                d[i] = -(d[:i] @ f[orders - 1 : row : -1, row]) / (f[row, row] or 1.0)
+            self._denominators[orders] = d
+        return self._denominators[orders]
 
 
 def _orthonormal(rows: Reals, comm: MPI.Intracomm) -> Reals:
