@@ -102,7 +102,7 @@ class NewtonMonitor:
 
     # Far from the solution the first corrections may shrink by chance: a tangent assembled there must not be kept.
     close_correction = 0.02
-    # A first correction as small as this keeps its tangent if the initial state is known to be near the solution.
+    # The first correction with a new tangent, if as small as this, keeps it if the initial state is known to be near the solution.
     first_close_correction = 5e-3
     # Corrections smaller than this that no longer shrink are rounding errors.
     round_off = 1e-8
@@ -128,7 +128,9 @@ class NewtonMonitor:
         if not self.history:
             return not (self.predicted and self.reuse)
         last = self.history[-1]
-        if len(self.history) == 1 and self.begins_near and last.correction <= self.first_close_correction * last.state:
+        tangents = sum(iteration.new_tangent for iteration in self.history)
+        is_first = last.new_tangent and tangents == 1
+        if is_first and self.begins_near and last.correction <= self.first_close_correction * last.state:
             return False
         theta = self.contraction
         if len(self.history) == 1 and self.predicted:
