@@ -172,6 +172,8 @@ def _arc_length_was_cut_short(solves: Sequence[Solve]) -> bool:
 
 def _crossed_singular_point(accepted: Sequence[Solve]) -> bool:
     """Return whether the tangent's determinant changed its sign between limit points."""
+    if any(solve.bifurcation is not None for solve in accepted):
+        return True
     sign = 0
     for solve in accepted:
         if solve.limit_point:

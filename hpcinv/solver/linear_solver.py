@@ -236,6 +236,15 @@ class LinearSolver:
         """Return the sign of the determinant of the factorized tangent; 0 if it is not known."""
         return self.configuration.sign_of_determinant(self.ksp)
 
+    def inertia_mark(self) -> int:
+        """Return a number of the factorized tangent that changes with its inertia; 0 if there is none.
+
+        It is 1 more than the number of negative pivots of L D Lᵀ, or the sign of the determinant of L U.
+        """
+        if (factors := self.symmetric_factors) is not None:
+            return 1 + int(factors.getFactorMatrix().getMumpsInfog(12))
+        return self.sign_of_determinant()
+
     def destroy(self) -> None:
         """Free PETSc objects."""
         self.options.remove()

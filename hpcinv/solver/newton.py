@@ -38,6 +38,8 @@ class Solve:
         position_residual: distance of the loaded body from the given one (m) after a step of a fixed-point method.
         linear_iterations: iterations of the Krylov solver, if there is one.
         limit_point: whether the load has an extremum along the path here.
+        bifurcation: load factor between the last accepted solve and this one at which other paths branch off.
+        mode: unit vector along which the largest displacement of such a path begins.
     """
 
     load: float
@@ -49,6 +51,8 @@ class Solve:
     linear_iterations: int = 0
     strategy: str = "load steps"
     limit_point: bool = False
+    bifurcation: float | None = None
+    mode: tuple[float, ...] = ()
 
 
 def is_given_up(solves: Sequence[Solve], patience: int) -> bool:
@@ -102,7 +106,8 @@ class NewtonMonitor:
 
     # Far from the solution the first corrections may shrink by chance: a tangent assembled there must not be kept.
     close_correction = 0.02
-    # The first correction with a new tangent, if as small as this, keeps it if the initial state is known to be near the solution.
+    # The first correction with a new tangent, if as small as this, keeps it where the initial state is known to be near
+    # the solution.
     first_close_correction = 5e-3
     # Corrections smaller than this that no longer shrink are rounding errors.
     round_off = 1e-8

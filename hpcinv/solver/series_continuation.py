@@ -89,12 +89,14 @@ class SeriesContinuation:
             kept = _POLISHED * tolerance if is_exact else 0.0
             series = self._expand(load, goal, kept, are_near=are_near)
             spent = self._linear.factorizations - before
+            mark = self._linear.inertia_mark()
             if isinstance(series, Outcome):
                 yield Solve(load, series, (), spent, strategy=STRATEGY)
                 return
             for solve in self._corrected(series, origin, goal, kept, tolerance, steps.path_tolerance):
                 are_near = solve.factorizations > 0
-                yield replace(solve, factorizations=solve.factorizations + spent, strategy=STRATEGY)
+                solve = self._branched(replace(solve, factorizations=solve.factorizations + spent), series, mark)
+                yield replace(solve, strategy=STRATEGY)
                 spent = 0
             origin.destroy()
             if not solve.outcome.accepted:
@@ -135,6 +137,27 @@ class SeriesContinuation:
             if solve.outcome.accepted or solve.outcome.is_final:
                 return
             a *= _SHORTER
+
+    def _branched(self, solve: Solve, series: PowerSeries, mark: int) -> Solve:
+        """Return a solve with the bifurcation before it, if the series has one and the inertia of the tangent changes.
+
+        Args:
+            mark: mark of the inertia at the beginning of the series.
+        """
+        found = series.bifurcation()
+        if found is None or not solve.outcome.accepted or not series.load < found[1] < solve.load:
+            return solve
+        spent = self._linear.factorizations
+        self._system.linearise(solve.load)
+        self._linear.factorize()
+        solve = replace(solve, factorizations=solve.factorizations + self._linear.factorizations - spent)
+        if self._linear.inertia_mark() == mark:
+            return solve
+        nodes = series.states[-1][self._system.scene.unknowns.owned_displacement_dofs].reshape(-1, 3)
+        sizes = np.linalg.norm(nodes, axis=1)
+        largest = nodes[sizes.argmax()] if len(nodes) else np.zeros(3)
+        mode = max(self._system.comm.allgather(tuple(largest.tolist())), key=lambda v: float(np.linalg.norm(v)))
+        return replace(solve, bifurcation=found[1], mode=tuple((mode / np.linalg.norm(mode)).tolist()))
 
     def _end_at_limit(
         self, series: PowerSeries, origin: PETSc.Vec, a: float, end: float, path_tolerance: float, *, is_pade: bool
