@@ -63,6 +63,25 @@ def test_series_and_load_steps_end_in_the_same_state(name: str, comm: MPI.Intrac
     assert counts[0] <= 2 * len(PATHS[name].get("load_cases", ["all"]))
 
 
+BENT: dict[str, Any] = {
+    "mesh": box((4, 1, 1), lx=4.0, hexahedra=True),
+    "material": {"law": "neo-hookean", "mu": 1e3, "lam": 1e5},
+    "effects": [{"effect": "gravity", "acceleration": [0, -0.5, 0], "density": 100}],
+    "discretisation": {"formulation": "displacement"},
+}
+
+
+def test_auto_takes_a_series_only_where_a_step_would_fail(comm: MPI.Intracomm) -> None:
+    auto, steps = (solved(comm, continuation, analysis="forward", **BENT) for continuation in ("auto", "steps"))
+    (solve,) = auto.solves
+    assert (solve.strategy, solve.factorizations) == ("power series", 2)
+    assert factorizations(steps) > 2
+    states = [result.model.unknowns.geometry_values(result.model.unknowns.displacement()) for result in (auto, steps)]
+    assert np.abs(states[0] - states[1]).max() < 1e-9 * np.abs(states[1]).max()
+    (back,) = solved(comm, "auto", **PATHS["inverse"]).solves
+    assert back.strategy == "load steps"
+
+
 @pytest.mark.parametrize("analysis", ["forward", "inverse"])
 def test_limit_load_is_located(analysis: str, comm: MPI.Intracomm) -> None:
     """A cube under 1.2 times the tension that it carries from all sides, for which there is a closed form."""
