@@ -157,7 +157,7 @@ class SeriesContinuation:
         sizes = np.linalg.norm(nodes, axis=1)
         largest = nodes[sizes.argmax()] if len(nodes) else np.zeros(3)
         mode = max(self._system.comm.allgather(tuple(largest.tolist())), key=lambda v: float(np.linalg.norm(v)))
-        return replace(solve, bifurcation=found[1], mode=tuple((mode / np.linalg.norm(mode)).tolist()))
+        return replace(solve, bifurcation=found[1], mode=tuple((mode / (np.linalg.norm(mode) or 1.0)).tolist()))
 
     def _end_at_limit(
         self, series: PowerSeries, origin: PETSc.Vec, a: float, end: float, path_tolerance: float, *, is_pade: bool
