@@ -93,30 +93,29 @@ def _automatic_series(problem: Problem, steps: AdaptiveSteps) -> Series | None:
         return None  # each order would take a solve by multigrid to 1e-10
 
     def series(load: float, failed: Solve) -> Iterator[Solve]:
-        return _series(problem, steps, load, failed if failed.outcome is Outcome.TOO_NONLINEAR else None, asked=False)
+        return _series(problem, steps, load, failed)
 
     return series
 
 
-def _series(
-    problem: Problem, steps: AdaptiveSteps, load: float, refused: Solve | None = None, *, asked: bool = True
-) -> Solves:
+def _series(problem: Problem, steps: AdaptiveSteps, load: float, failed: Solve | None = None) -> Solves:
     """Solves along the path as a power series; what it does not reach is left to load steps, with a line of the log.
 
     Args:
-        refused: solve that was not tried; its factors are used, and counted.
-        asked: whether the job asks for a series, so that its absence is worth a line.
+        failed: solve after which `auto` takes the series; if it was not tried, its factors are used, and counted.
     """
+    solver, linear = problem.equations.job.solver, problem.equilibrium.linear
     try:
         path = SeriesContinuation(problem.equilibrium)
     except NotAnalytic as reason:
-        if asked:
+        if failed is None:
             problem.observer.failing([f"load steps instead of a power series: {reason}"])
         return
-    last, spent = None, refused.factorizations if refused is not None else 0
-    for last in path.follow(
-        steps, problem.equations.job.solver.tolerance, load, spent=spent, are_near=refused is not None
-    ):
+    is_refused = failed is not None and failed.outcome is Outcome.TOO_NONLINEAR
+    spent = failed.factorizations if failed is not None and is_refused else 0
+    is_replaced = failed is not None and "pc_precision" not in solver.petsc and linear.use_double_precision()
+    last = None
+    for last in path.follow(steps, solver.tolerance, load, spent=spent, are_near=is_refused and not is_replaced):
         yield last
     if last is not None and not (last.outcome.accepted or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
         problem.observer.failing([f"load steps instead of a power series: {last.outcome.text}"])

@@ -195,6 +195,17 @@ class LinearSolver:
         )
         return True
 
+    def use_double_precision(self) -> bool:
+        """Discard factors in single precision, unless they have blocks of low rank; return whether there were any.
+
+        Solves to 1e-10 take several iterations with them. In double precision, the largest bodies' factors take longer.
+        """
+        if not self._is_rounded or self.configuration.name != "direct" or self.choice.low_rank:
+            return False
+        self._is_rounded = False
+        self._replace("direct", "factors in double precision for a power series")
+        return True
+
     def _replace(self, name: str, reason: str) -> None:
         self.fallback = reason
         self.configuration.destroy()
