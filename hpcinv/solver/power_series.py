@@ -36,7 +36,8 @@ _GROWTH = 1.05  # factor between parameters that are tried; the range is short o
 _FARTHEST = 50.0  # times the range of the polynomials, up to which Padé approximants are tried
 _SAMPLES = 100  # loads along a range; two limit points between two of them are not seen
 _PROGRESSION = 1e-2
-"""Largest part of a coefficient, relative to it, that is not a multiple of the one before, in a geometric progression."""
+"""Largest relative difference of a coefficient in a geometric progression from a multiple of the one before. A larger
+one takes other series for a progression, which costs a factorization each time."""
 _STEADY = 1e-3  # largest relative change of its ratio in the last two orders
 _DEPENDENT = 1e-13  # part of a coefficient, relative to it, that is rounding errors of its projections on others
 _POLE = 0.98  # share of the distance of the first pole of the denominator that the range may reach
