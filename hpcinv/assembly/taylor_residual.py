@@ -51,6 +51,9 @@ from hpcinv.parallel.runtime import MPI
 _SHARE = 0.25
 """Share of the available memory for kept coefficients. With more of them, coefficients are computed again for each
 order, which makes the cost of all orders cubic; a larger share may leave too little memory for the factors."""
+_RECOMPUTED = 12
+"""Orders up to which nothing is kept. To compute all 12 takes 1.6 times as long then, but no memory, which takes longer
+than the arithmetic where it is used for the first time (up to 2 s a GB on a virtual machine). More would be slower."""
 
 
 class TaylorResidual:
@@ -362,12 +365,8 @@ class _Part:
         if domain.normal is not None:  # Nanson's formula
             volumes = volumes * np.linalg.norm(domain.normal @ self._to_cell, axis=-1)
         self._weights = (domain.weights * volumes)[..., None]
-        room = self._blocks if are_kept else 1
-        shape = room, self._coefficients(stored), LANES
-        if self._kept.shape != shape:  # fresh memory takes longer than the arithmetic of an order
-            self._kept = np.empty(0)  # free the memory before
-            self._kept = np.empty(shape)
-        self._choices = np.empty((room, kernel.plan.choices, LANES), dtype=np.int64)
+        self._choices = np.empty((self._blocks if are_kept else 1, kernel.plan.choices, LANES), dtype=np.int64)
+        self._block = np.empty((1, self._coefficients(stored), LANES))
         self._leaves = np.zeros((self._blocks, stored, kernel.leaves, LANES))
         self._results = np.empty((self._blocks, kernel.outputs, LANES))
         self._inputs = np.zeros((self._blocks, kernel.plan.input_count, LANES))
@@ -392,12 +391,21 @@ class _Part:
 
     def sweep(self, k: int) -> Floats:
         """Return the ``k``-th coefficients of the duals times weights, (cells, points, components of all slots)."""
-        first = max(k - 1, 0) if self._are_kept else 0
-        arrays = self._leaves, self._inputs, self._kept, self._choices, self._results
-        self._kernel.library.sweep(self._blocks, self._stored, first, k, int(self._are_kept), *arrays)
+        is_kept = self._are_kept and k > _RECOMPUTED
+        first = k - 1 if is_kept and k > _RECOMPUTED + 1 else 0
+        arrays = self._leaves, self._inputs, self._room() if is_kept else self._block, self._choices, self._results
+        self._kernel.library.sweep(self._blocks, self._stored, first, k, int(is_kept), *arrays)
         points = self._results.transpose(0, 2, 1).reshape(-1, self._kernel.outputs)[: self._count]
         duals: Floats = points.reshape(*self._to_cell.shape[:2], self._kernel.outputs) * self._weights
         return duals
+
+    def _room(self) -> Floats:
+        """Return the memory for the coefficients of all points, which later expansions use again."""
+        shape = self._blocks, self._coefficients(self._stored), LANES
+        if self._kept.shape != shape:
+            self._kept = np.empty(0)  # free the memory before
+            self._kept = np.empty(shape)
+        return self._kept
 
     def add(self, duals: Floats, b: npt.NDArray[np.float64]) -> None:
         """Add the integrals of duals times test functions to ``b``, at the local unknowns."""

@@ -84,8 +84,8 @@ class Solver(Spec):
     strategy: Literal["adaptive", "fixed", "arc-length"] = "adaptive"
     """adaptive finds the largest steps that converge, fixed takes equal steps, arc-length passes limit points"""
     continuation: Literal["auto", "series", "steps"] = "auto"
-    """path to the full load (strategy: adaptive): power series of many orders, or steps; auto takes steps; series takes
-    steps where the equations have no power series, as with contact, or where the series fails"""
+    """path to the full load (strategy: adaptive): power series of many orders, or steps; auto takes a series where a
+    step fails, or is expected to; all take steps where the equations have no power series, as with contact"""
     steps: Annotated[int, Field(ge=1)] = 10
     """number of equal steps (strategy: fixed)"""
     initial_step: Annotated[float, Field(gt=0, le=1)] = 1.0

@@ -27,7 +27,7 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps, follow
+from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Series, Steps, follow
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import Observer
 from hpcinv.solver.series_continuation import SeriesContinuation
@@ -56,13 +56,19 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
     """
     solver, last = problem.equations.job.solver, None
     stop_early = "arc-length" in solver.rescue
-    if solver.continuation == "series" and isinstance(steps, AdaptiveSteps):
+    series: Series | None = None
+    if isinstance(steps, AdaptiveSteps) and solver.continuation == "auto":
+        series = _automatic_series(problem, steps)
+    if isinstance(steps, AdaptiveSteps) and solver.continuation == "series":
         for last in _series(problem, steps, load):
             load = last.load if last.outcome.accepted else load
             yield last
         if load == 1.0 or (last is not None and last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
             return
-    for last in follow(problem.equilibrium, steps, solver.tolerance, load=load, passed=passed, stop_early=stop_early):
+    path = follow(
+        problem.equilibrium, steps, solver.tolerance, load=load, passed=passed, stop_early=stop_early, series=series
+    )
+    for last in path:
         load = last.load if last.outcome.accepted else load
         passed += last.limit_point
         yield last
@@ -81,15 +87,35 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
             yield replace(last, strategy=name)
 
 
-def _series(problem: Problem, steps: AdaptiveSteps, load: float) -> Solves:
-    """Solves along the path as a power series; what it does not reach is left to load steps, with a line of the log."""
+def _automatic_series(problem: Problem, steps: AdaptiveSteps) -> Series | None:
+    """Return the continuation by power series after a solve that failed, if factors solve the equations."""
+    if problem.equilibrium.linear.configuration.name != "direct":
+        return None  # each order would take a solve by multigrid to 1e-10
+
+    def series(load: float, failed: Solve) -> Iterator[Solve]:
+        return _series(problem, steps, load, failed)
+
+    return series
+
+
+def _series(problem: Problem, steps: AdaptiveSteps, load: float, failed: Solve | None = None) -> Solves:
+    """Solves along the path as a power series; what it does not reach is left to load steps, with a line of the log.
+
+    Args:
+        failed: solve after which `auto` takes the series; if it was not tried, its factors are used, and counted.
+    """
+    solver, linear = problem.equations.job.solver, problem.equilibrium.linear
     try:
         path = SeriesContinuation(problem.equilibrium)
     except NotAnalytic as reason:
-        problem.observer.failing([f"load steps instead of a power series: {reason}"])
+        if failed is None:
+            problem.observer.failing([f"load steps instead of a power series: {reason}"])
         return
+    is_refused = failed is not None and failed.outcome is Outcome.TOO_NONLINEAR
+    spent = failed.factorizations if failed is not None and is_refused else 0
+    is_replaced = failed is not None and "pc_precision" not in solver.petsc and linear.use_double_precision()
     last = None
-    for last in path.follow(steps, problem.equations.job.solver.tolerance, load):
+    for last in path.follow(steps, solver.tolerance, load, spent=spent, are_near=is_refused and not is_replaced):
         yield last
     if last is not None and not (last.outcome.accepted or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
         problem.observer.failing([f"load steps instead of a power series: {last.outcome.text}"])

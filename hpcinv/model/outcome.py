@@ -12,6 +12,7 @@ class Outcome(enum.Enum):
     INVERTED = "an element would turn inside out (det F ≤ 0)"
     OUTSIDE_LAW = "the material would be strained beyond what its law is defined for"
     VOLUME_CHANGED = "the incompressible material would halve or double its volume somewhere"
+    TOO_NONLINEAR = "the step is too long for Newton's method"
     NOT_FINITE = "the residual is not finite: a law left its domain, or an element turned inside out"
     ITERATION_LIMIT = "Newton's method took too many iterations"
     LINEAR_SOLVER = "the linear solver failed: the tangent is singular"

@@ -57,8 +57,8 @@ class Position:
     def from_json(cls, data: Mapping[str, Any]) -> Self:
         def solve(s: Mapping[str, Any]) -> Solve:
             iterations = tuple(NewtonIteration(**i) for i in s["iterations"])
-            read = {"outcome": Outcome[s["outcome"]], "iterations": iterations, "signs": tuple(s["signs"])}
-            return Solve(**(dict(s) | read))
+            read = {"outcome": Outcome[s["outcome"]], "iterations": iterations}
+            return Solve(**(dict(s) | read | {name: tuple(s[name]) for name in ("signs", "mode") if name in s}))
 
         return cls(data["direction"], data["load"], tuple(tuple(map(solve, solution)) for solution in data["solves"]))
 

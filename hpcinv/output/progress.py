@@ -259,6 +259,9 @@ class Progress(Observer):
                 else f" {readable(solve.position_residual, 'm')} from the given shape,"
             )
             self.note(f"  load {solve.load:.4g}: {effort},{distance} {state}, {seconds:.1f} s")
+            if solve.bifurcation is not None:
+                mode = ", ".join(f"{component:.2g}" for component in solve.mode)
+                self.note(f"  other paths branch off at load {solve.bifurcation:.6g}, with displacement along ({mode})")
         else:
             self.note(f"  load {solve.load:.4g} not reached: {solve.outcome.text}; {effort}, {seconds:.1f} s")
         if self._bar is not None and solve.outcome.accepted:

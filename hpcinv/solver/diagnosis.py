@@ -151,6 +151,8 @@ def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
 
 def _last_outcome(solves: Sequence[Solve]) -> Outcome:
     """Return the last outcome of the preferred strategy; `Outcome.STEP_LIMIT` only if there is no other."""
+    if solves[-1].outcome is Outcome.LIMIT_POINT:
+        return Outcome.LIMIT_POINT
     last = {solve.strategy: solve.outcome for solve in solves}
     ends = [last[s] for s in _PREFERRED if s in last and not last[s].accepted] or [solves[-1].outcome]
     return next((end for end in ends if end is not Outcome.STEP_LIMIT), ends[0])
@@ -164,6 +166,8 @@ def _arc_length_was_cut_short(solves: Sequence[Solve]) -> bool:
 
 def _crossed_singular_point(accepted: Sequence[Solve]) -> bool:
     """Return whether the tangent's determinant changed its sign between limit points."""
+    if any(solve.bifurcation is not None for solve in accepted):
+        return True
     sign = 0
     for solve in accepted:
         if solve.limit_point:

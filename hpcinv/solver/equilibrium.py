@@ -47,6 +47,7 @@ class _Progress:
         correction: norm of the last correction before it was shortened.
         short: the fault for which the last correction was shortened.
         refused: the reason why no correction can be taken.
+        farthest: ratio of the first correction to the prediction above which the solve ends.
         is_tested: whether PETSc has called the convergence test.
     """
 
@@ -61,6 +62,7 @@ class _Progress:
     outcome: Outcome | None = None
     short: Outcome | None = None
     refused: Outcome | None = None
+    farthest: float = math.inf
     is_tested: bool = False
 
     def outcome_of(self, reason: int) -> Outcome:
@@ -122,7 +124,13 @@ class Equilibrium:
         return snes
 
     def solve(
-        self, load: float, tolerance: float, *, predicted: Prediction | None = None, begins_near: bool = False
+        self,
+        load: float,
+        tolerance: float,
+        *,
+        predicted: Prediction | None = None,
+        begins_near: bool = False,
+        farthest: float = math.inf,
     ) -> Solve:
         """Solve from the present state, which is unchanged if the outcome is not accepted.
 
@@ -130,6 +138,8 @@ class Equilibrium:
             tolerance: estimated error of the state relative to its norm.
             predicted: prediction of the present state; its effort is added to the effort of the solve.
             begins_near: whether the present state is known to be near the solution.
+            farthest: ratio of the first correction to the prediction, both with the same tangent, above which the
+                solve ends (`Outcome.TOO_NONLINEAR`); the factors remain those of the prediction.
         """
         system, linear = self.system, self.linear
         system.set_load(load)
@@ -140,7 +150,7 @@ class Equilibrium:
                 system.set_state(predicted.origin)
             return Solve(load, Outcome.PASSED_THROUGH, (), spent)
         self._now = now = _Progress(self._monitor(tolerance, begins_near=begins_near and self.reuse > 0))
-        now.factorizations = linear.factorizations
+        now.factorizations, now.farthest = linear.factorizations, farthest
         if predicted is not None:
             now.factorizations -= predicted.factorizations
             now.signs = list(predicted.signs)
@@ -294,7 +304,8 @@ class Equilibrium:
             self._last_state.aypx(-1.0, x)
             now.correction = norm(self._last_state)
             x.copy(self._last_state)
-        if now.refused is Outcome.LINEAR_SOLVER:  # without a correction there is nothing to judge by
+        # Without a correction there is nothing to judge by.
+        if now.refused in (Outcome.LINEAR_SOLVER, Outcome.TOO_NONLINEAR):
             now.outcome = now.refused
             return _GIVEN_UP
         now.travelled += now.correction
@@ -320,6 +331,10 @@ class Equilibrium:
                 now.too_far = self._less_far * now.travelled
                 now.travelled, changed = 0.0, True
                 self._solve_again(y)
+            if not now.has_new_tangent and now.monitor.exceeds_prediction(norm(y), now.farthest):
+                now.refused = Outcome.TOO_NONLINEAR
+                y.set(0.0)
+                return True
             if not now.has_new_tangent and not now.monitor.accepts(norm(y), norm(x)):
                 now.has_new_tangent, changed = True, True
                 self._renew_tangent(x)

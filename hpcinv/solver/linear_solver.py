@@ -195,6 +195,17 @@ class LinearSolver:
         )
         return True
 
+    def use_double_precision(self) -> bool:
+        """Discard factors in single precision, unless they have blocks of low rank; return whether there were any.
+
+        Solves to 1e-10 take several iterations with them. In double precision, the largest bodies' factors take longer.
+        """
+        if not self._is_rounded or self.configuration.name != "direct" or self.choice.low_rank:
+            return False
+        self._is_rounded = False
+        self._replace("direct", "factors in double precision for a power series")
+        return True
+
     def _replace(self, name: str, reason: str) -> None:
         self.fallback = reason
         self.configuration.destroy()
@@ -235,6 +246,15 @@ class LinearSolver:
     def sign_of_determinant(self) -> int:
         """Return the sign of the determinant of the factorized tangent; 0 if it is not known."""
         return self.configuration.sign_of_determinant(self.ksp)
+
+    def inertia_mark(self) -> int:
+        """Return a number of the factorized tangent that changes with its inertia; 0 if there is none.
+
+        It is 1 more than the number of negative pivots of L D Lᵀ, or the sign of the determinant of L U.
+        """
+        if (factors := self.symmetric_factors) is not None:
+            return 1 + int(factors.getFactorMatrix().getMumpsInfog(12))
+        return self.sign_of_determinant()
 
     def destroy(self) -> None:
         """Free PETSc objects."""

@@ -38,6 +38,8 @@ class Solve:
         position_residual: distance of the loaded body from the given one (m) after a step of a fixed-point method.
         linear_iterations: iterations of the Krylov solver, if there is one.
         limit_point: whether the load has an extremum along the path here.
+        bifurcation: load factor between the last accepted solve and this one at which other paths branch off.
+        mode: unit vector along which the largest displacement of such a path begins.
     """
 
     load: float
@@ -49,6 +51,8 @@ class Solve:
     linear_iterations: int = 0
     strategy: str = "load steps"
     limit_point: bool = False
+    bifurcation: float | None = None
+    mode: tuple[float, ...] = ()
 
 
 def is_given_up(solves: Sequence[Solve], patience: int) -> bool:
@@ -102,7 +106,8 @@ class NewtonMonitor:
 
     # Far from the solution the first corrections may shrink by chance: a tangent assembled there must not be kept.
     close_correction = 0.02
-    # A first correction as small as this keeps its tangent if the initial state is known to be near the solution.
+    # The first correction with a new tangent, if as small as this, keeps it where the initial state is known to be near
+    # the solution.
     first_close_correction = 5e-3
     # Corrections smaller than this that no longer shrink are rounding errors.
     round_off = 1e-8
@@ -128,7 +133,9 @@ class NewtonMonitor:
         if not self.history:
             return not (self.predicted and self.reuse)
         last = self.history[-1]
-        if len(self.history) == 1 and self.begins_near and last.correction <= self.first_close_correction * last.state:
+        tangents = sum(iteration.new_tangent for iteration in self.history)
+        is_first = last.new_tangent and tangents == 1
+        if is_first and self.begins_near and last.correction <= self.first_close_correction * last.state:
             return False
         theta = self.contraction
         if len(self.history) == 1 and self.predicted:
@@ -145,6 +152,10 @@ class NewtonMonitor:
         if not self.history:
             return correction <= self.reuse * self.predicted and correction <= self.close_correction * state
         return correction <= self.renewal * self.history[-1].correction
+
+    def exceeds_prediction(self, correction: float, ratio: float) -> bool:
+        """Return whether the first correction exceeds the prediction by more than a ratio."""
+        return not self.history and self.predicted > 0 and correction > ratio * self.predicted
 
     def is_too_large(self, increment: Increment) -> bool:
         """Return whether the rotation or strain of the next correction shows that the solve has failed."""

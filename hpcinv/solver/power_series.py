@@ -11,13 +11,19 @@ matrix: with ``K t = -∂R/∂λ``, and with the coefficient ``Rₖ`` of the res
 
 Padé approximants with one denominator for all unknowns reach farther than polynomials.
 
+Near a bifurcation at ``a = c`` the coefficients end in a geometric progression, ``xₖ ≈ xₖ₋₁/c``, along the direction of
+the other path: rounding errors and imperfections begin it, and it outlives the coefficients of the smooth path.
+
 Sources: Cochelin, Comput. Struct. 53, 1181–1192, 1994, doi:10.1016/0045-7949(94)90165-1; Chen et al., ACM Trans. Graph.
-33, 2014, doi:10.1145/2601097.2601189.
+33, 2014, doi:10.1145/2601097.2601189; Cochelin & Médale, J. Comput. Phys. 236, 594–607, 2013,
+doi:10.1016/j.jcp.2012.11.016.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +35,11 @@ type Reals = npt.NDArray[np.float64]
 _GROWTH = 1.05  # factor between parameters that are tried; the range is short of its end by this factor at most
 _FARTHEST = 50.0  # times the range of the polynomials, up to which Padé approximants are tried
 _SAMPLES = 100  # loads along a range; two limit points between two of them are not seen
+_PROGRESSION = 1e-2
+"""Largest relative difference of a coefficient in a geometric progression from a multiple of the one before. A larger
+one takes other series for a progression, which costs a factorization each time."""
+_STEADY = 1e-3  # largest relative change of its ratio in the last two orders
+_DEPENDENT = 1e-13  # part of a coefficient, relative to it, that is rounding errors of its projections on others
 _POLE = 0.98  # share of the distance of the first pole of the denominator that the range may reach
 
 
@@ -111,19 +122,43 @@ class PowerSeries:
             low, high = (left, high) if load(left) < load(right) else (low, right)
         return float(low)
 
+    def bifurcation(self) -> tuple[float, float] | None:
+        """Return the parameter of a bifurcation and the load factor there, ``None`` without a geometric progression."""
+        if len(self.loads) < 4:
+            return None
+        ratios = []
+        for before, row in pairwise(self.factors[-3:]):
+            size, length = np.linalg.norm(row), np.linalg.norm(before)
+            ratio = float(row @ before) / float(length**2 or 1.0)
+            if size == 0.0 or np.linalg.norm(row - ratio * before) > _PROGRESSION * size:
+                return None
+            ratios.append(ratio)
+        if ratios[-1] <= 0 or abs(ratios[1] - ratios[0]) > _STEADY * ratios[1]:
+            return None
+        a, orders = 1 / ratios[-1], len(self.loads)
+        # The progression itself has no sum there: what is left of the load without it is the path's.
+        smooth = self.loads - self.loads[-1] * ratios[-1] ** (np.arange(1.0, orders + 1) - orders)
+        return a, self.load + float(a ** np.arange(1, orders + 1) @ smooth)
+
     def error(self, a: float, *, pade: bool) -> float:
         """Return the distance of the two last orders at ``a``, relative to the distance from the beginning."""
         last, before = (self.weights(a, pade=pade, orders=n) for n in (len(self.loads), len(self.loads) - 1))
         return float(np.linalg.norm((last - before) @ self.factors) / np.linalg.norm(last @ self.factors))
 
+    @cached_property
+    def _denominators(self) -> dict[int, Reals]:
+        return {}
+
     def _denominator(self, orders: int) -> Reals:
         """Return the coefficients of the denominator of a Padé approximant, from order 0 on."""
-        f, d = self.factors, np.zeros(orders)
-        d[0] = 1.0
-        for i in range(1, orders):
-            row = orders - 1 - i
-            d[i] = -sum(d[j] * f[orders - 1 - j, row] for j in range(i)) / (f[row, row] or 1.0)
-        return d
+        if orders not in self._denominators:
+            f, d = self.factors, np.zeros(orders)
+            d[0] = 1.0
+            for i in range(1, orders):
+                row = orders - 1 - i
+                d[i] = -(d[:i] @ f[orders - 1 : row : -1, row]) / (f[row, row] or 1.0)
+            self._denominators[orders] = d
+        return self._denominators[orders]
 
 
 def _orthonormal(rows: Reals, comm: MPI.Intracomm) -> Reals:
@@ -136,7 +171,8 @@ def _orthonormal(rows: Reals, comm: MPI.Intracomm) -> Reals:
             shares = comm.allreduce(basis[:k] @ rest)
             factors[k, :k] += shares
             rest -= shares @ basis[:k]
-        size = float(np.sqrt(comm.allreduce(rest @ rest)))
-        factors[k, k] = size
-        basis[k] = rest / (size or 1.0)
+        whole, size = np.sqrt(comm.allreduce(np.array([row @ row, rest @ rest])))
+        if size > _DEPENDENT * whole:  # rounding errors have no direction that is orthogonal to the basis
+            factors[k, k] = size
+            basis[k] = rest / size
     return factors

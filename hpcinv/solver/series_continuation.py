@@ -66,29 +66,37 @@ class SeriesContinuation:
             self._taylor = TaylorResidual(system.scene)
         self._scale = np.inf
 
-    def follow(self, steps: AdaptiveSteps, tolerance: float, load: float) -> Iterator[Solve]:
+    def follow(
+        self, steps: AdaptiveSteps, tolerance: float, load: float, *, spent: int = 0, are_near: bool = False
+    ) -> Iterator[Solve]:
         """Yield a solve for each range on the way from ``load``, where the state is in equilibrium, to the full load.
 
         The state is always the state of the last accepted solve. The last solve is accepted at load factor 1, or has
         failed.
+
+        Args:
+            spent: factorizations that are not part of a report yet.
+            are_near: whether the present factors belong to a tangent near the one at the present state.
         """
         equilibrium, system = self._equilibrium, self._system
         equilibrium.depart(load)
-        are_near, is_exact = False, load == 0.0
+        is_exact = load == 0.0
         while load < 1.0:
-            goal, before = target_of(load, 1.0, steps.cases), self._linear.factorizations
+            goal, before = target_of(load, 1.0, steps.cases), self._linear.factorizations - spent
             system.linearise(load)
             origin = system.position()
             # Later expansions begin at states that are not exact.
             kept = _POLISHED * tolerance if is_exact else 0.0
             series = self._expand(load, goal, kept, are_near=are_near)
             spent = self._linear.factorizations - before
+            mark = self._linear.inertia_mark()
             if isinstance(series, Outcome):
                 yield Solve(load, series, (), spent, strategy=STRATEGY)
                 return
             for solve in self._corrected(series, origin, goal, kept, tolerance, steps.path_tolerance):
                 are_near = solve.factorizations > 0
-                yield replace(solve, factorizations=solve.factorizations + spent, strategy=STRATEGY)
+                solve = self._branched(replace(solve, factorizations=solve.factorizations + spent), series, mark)
+                yield replace(solve, strategy=STRATEGY)
                 spent = 0
             origin.destroy()
             if not solve.outcome.accepted:
@@ -129,6 +137,27 @@ class SeriesContinuation:
             if solve.outcome.accepted or solve.outcome.is_final:
                 return
             a *= _SHORTER
+
+    def _branched(self, solve: Solve, series: PowerSeries, mark: int) -> Solve:
+        """Return a solve with the bifurcation before it, if the series has one and the inertia of the tangent changes.
+
+        Args:
+            mark: mark of the inertia at the beginning of the series.
+        """
+        found = series.bifurcation()
+        if found is None or not solve.outcome.accepted or not series.load < found[1] < solve.load:
+            return solve
+        spent = self._linear.factorizations
+        self._system.linearise(solve.load)
+        self._linear.factorize()
+        solve = replace(solve, factorizations=solve.factorizations + self._linear.factorizations - spent)
+        if self._linear.inertia_mark() == mark:
+            return solve
+        nodes = series.states[-1][self._system.scene.unknowns.owned_displacement_dofs].reshape(-1, 3)
+        sizes = np.linalg.norm(nodes, axis=1)
+        largest = nodes[sizes.argmax()] if len(nodes) else np.zeros(3)
+        mode = max(self._system.comm.allgather(tuple(largest.tolist())), key=lambda v: float(np.linalg.norm(v)))
+        return replace(solve, bifurcation=found[1], mode=tuple((mode / (np.linalg.norm(mode) or 1.0)).tolist()))
 
     def _end_at_limit(
         self, series: PowerSeries, origin: PETSc.Vec, a: float, end: float, path_tolerance: float, *, is_pade: bool
@@ -227,17 +256,20 @@ class SeriesContinuation:
         b, x = system.rhs, system.rhs.duplicate()
         with system.timings("residual"):
             taylor.begin(_ORDERS, load)
-        is_refined = are_near and linear.configuration.exact
-        if not is_refined:
+        # Solves of a coefficient with factors of a near tangent; 0 with factors of the assembled one.
+        refinements = _REFINEMENTS if are_near and linear.configuration.exact else 0
+        if not refinements:
             linear.factorize(may_keep=are_near)
 
         def fault() -> Outcome | None:
             """Solve for ``x``; return the reason why that failed."""
-            nonlocal is_refined
+            nonlocal refinements
             if not np.isfinite(norm(b)):
                 return Outcome.NOT_FINITE
-            is_refined = is_refined and self._refine(b, x)
-            return None if is_refined or linear.solve(b, x) else linear.failure
+            taken = self._refine(b, x, refinements)
+            # If the first of two solves is precise, the factors are those of the assembled tangent.
+            refinements = 1 if taken == 2 else refinements if taken else 0
+            return None if taken or linear.solve(b, x) else linear.failure
 
         def put(k: int, values: Reals, load_rate: float) -> None:
             step.x.petsc_vec.array[:] = values
@@ -279,23 +311,27 @@ class SeriesContinuation:
         x.destroy()
         return series
 
-    def _refine(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Solve with the assembled tangent by factors of one near it; return whether that succeeded."""
-        r, step = b.copy(), b.duplicate()
+    def _refine(self, b: PETSc.Vec, x: PETSc.Vec, most: int) -> int:
+        """Solve with the assembled tangent by factors of one near it; return the number of solves, 0 if that failed.
+
+        Args:
+            most: number of solves; 1 if that is known to suffice, 0 to try none.
+        """
+        r, step, taken = b.copy(), b.duplicate(), 0
         x.set(0.0)
         with self._system.timings("linear solve"):
-            for _ in range(_REFINEMENTS):
+            for number in range(1, most + 1):
                 if not self._linear.back_substitute(r, step):
                     break
                 x.axpy(1.0, step)
-                if norm(step) <= _PRECISE * norm(x):
+                if most == 1 or norm(step) <= _PRECISE * norm(x):
+                    taken = number
                     break
                 self._system.matrix.mult(x, r)
                 r.aypx(-1.0, b)
-            succeeded = norm(step) <= _PRECISE * norm(x)
         r.destroy()
         step.destroy()
-        return succeeded
+        return taken
 
     def _lift(self, b: PETSc.Vec, load: float) -> None:
         """Set the rows of prescribed unknowns of ``b`` to their rates, and add what these cause in the others."""

@@ -59,7 +59,7 @@ def require_finite(statistics: Mapping[str, Any]) -> None:
 
 
 # Without a meaning for some methods and formulations.
-_OPTIONAL = ("position_residual", "pressure", "fallback")
+_OPTIONAL = ("position_residual", "bifurcation", "pressure", "fallback")
 
 
 def _missing(value: Any, where: str) -> list[str]:

@@ -51,3 +51,13 @@ def test_straight_path_has_no_end() -> None:
     coefficients[0] = 1.0, 2.0
     a, is_pade = PowerSeries.of(coefficients, np.eye(ORDERS)[0], 0.0, 1.0, MPI.COMM_SELF).range(1e-6)
     assert (a, is_pade) == (np.inf, False)
+
+
+def test_bifurcation_is_the_ratio_of_a_progression(series: PowerSeries) -> None:
+    assert series.bifurcation() is None
+    k = np.arange(1, ORDERS + 1)[:, None]
+    mode, smooth = np.eye(len(POLES))[:2]
+    coefficients = 100.0**-k * smooth + 1e-14 * 0.8 ** -(k - 1) * mode  # rounding errors along the mode
+    a, load = PowerSeries.of(coefficients, np.eye(ORDERS)[0], 0.1, 1.0, MPI.COMM_SELF).bifurcation() or (0.0, 0.0)
+    assert a == pytest.approx(0.8, rel=1e-9)
+    assert load == pytest.approx(0.9, rel=1e-9)

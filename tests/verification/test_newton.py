@@ -77,7 +77,7 @@ def test_step_is_cut_where_newton_fails_and_the_load_is_still_reached(comm: MPI.
             ),
             comm,
         )
-        for solver in ({}, {"initial_step": 0.1})
+        for solver in ({"continuation": "steps"}, {"initial_step": 0.1})
     )
     outcomes = [s.outcome for s in sheared.solutions[0].solves]
     assert not outcomes[0].accepted
@@ -100,7 +100,7 @@ def test_slender_beam_of_stiff_volume_needs_no_rescue(comm: MPI.Intracomm) -> No
         ),
         comm,
     )
-    assert {s.strategy for s in result.solutions[0].solves} == {"load steps"}
+    assert {s.strategy for s in result.solutions[0].solves} <= {"load steps", "power series"}
     assert result.solutions[0].factorizations <= 25
 
 
@@ -124,7 +124,7 @@ def test_a_correction_that_would_invert_an_element_is_backed_off_from(comm: MPI.
 
 def test_a_load_that_cannot_be_reached_ends_with_a_diagnosis(comm: MPI.Intracomm) -> None:
     with pytest.raises(SolveError, match=r"stopped at load factor 0 of 1: \w.*\n  \w"):
-        beam(comm, load=50.0, minimum_step=0.5, rescue=[])
+        beam(comm, load=50.0, minimum_step=0.5, rescue=[], continuation="steps")
 
 
 def test_petsc_options_reach_the_solver_and_unused_ones_are_named(comm: MPI.Intracomm) -> None:

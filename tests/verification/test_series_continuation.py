@@ -12,6 +12,7 @@ from helpers.verification import Solved, box, job
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.newton import Solve
 
 HELD = {"region": "x0", "fix": ["x", "y", "z"]}
 GRAVITY = {"effect": "gravity", "acceleration": [0, -4, 0], "density": 1000, "density_in": "reference"}
@@ -60,6 +61,25 @@ def test_series_and_load_steps_end_in_the_same_state(name: str, comm: MPI.Intrac
     assert error < 1e-10
     assert counts[0] <= counts[1]
     assert counts[0] <= 2 * len(PATHS[name].get("load_cases", ["all"]))
+
+
+BENT: dict[str, Any] = {
+    "mesh": box((4, 1, 1), lx=4.0, hexahedra=True),
+    "material": {"law": "neo-hookean", "mu": 1e3, "lam": 1e5},
+    "effects": [{"effect": "gravity", "acceleration": [0, -0.5, 0], "density": 100}],
+    "discretisation": {"formulation": "displacement"},
+}
+
+
+def test_auto_takes_a_series_only_where_a_step_would_fail(comm: MPI.Intracomm) -> None:
+    auto, steps = (solved(comm, continuation, analysis="forward", **BENT) for continuation in ("auto", "steps"))
+    (solve,) = auto.solves
+    assert (solve.strategy, solve.factorizations) == ("power series", 2)
+    assert factorizations(steps) > 2
+    states = [result.model.unknowns.geometry_values(result.model.unknowns.displacement()) for result in (auto, steps)]
+    assert np.abs(states[0] - states[1]).max() < 1e-9 * np.abs(states[1]).max()
+    (back,) = solved(comm, "auto", **PATHS["inverse"]).solves
+    assert back.strategy == "load steps"
 
 
 @pytest.mark.parametrize("analysis", ["forward", "inverse"])
@@ -127,3 +147,39 @@ def test_path_that_hardly_moves_is_straight(comm: MPI.Intracomm) -> None:
     (solve,) = solution.solves
     assert solve.outcome.accepted
     assert solve.strategy == "power series"
+
+
+def column(comm: MPI.Intracomm, multiple: float) -> list[Solve]:
+    """Solves of a column between sliding plates, shortened by a multiple of Euler's strain; it may bend towards y."""
+    slenderness = 50
+    solution = Solved(
+        job(
+            analysis="forward",
+            mesh=box((8, 1, 1), hexahedra=True, lx="1 m", ly="2 cm", lz="2 cm"),
+            discretisation={"displacement": 3, "formulation": "displacement"},
+            material={"law": "st-venant-kirchhoff", "young": "1 MPa", "poisson": 0},
+            supports=[
+                {"region": "x0", "fix": ["x", "y"]},
+                {"region": "x1", "displacement": [f"{-multiple * np.pi**2 / 12 / slenderness**2} m", None, None]},
+                {"region": "z0", "fix": ["z"]},
+                {"region": "z1", "fix": ["z"]},
+            ],
+            effects=[],
+            solver={"continuation": "series", "linear": "direct"},
+        ),
+        comm,
+    )
+    return list(solution.solves)
+
+
+@pytest.mark.parallel([1, 2])
+def test_bifurcation_is_eulers_load_with_its_mode(comm: MPI.Intracomm) -> None:
+    """The straight column is a solution beyond it, too: only rounding errors begin the progression of coefficients."""
+    assert all(solve.bifurcation is None for solve in column(comm, 0.9))
+    (solve,) = (solve for solve in column(comm, 1.2) if solve.bifurcation is not None)
+    assert solve.bifurcation is not None
+    euler = np.pi**2 / 12 / 50**2
+    expected = 1 / (1 + euler * 2 * 6 / 5)  # E/(k G) of a rectangle whose Poisson's ratio is 0 (Timoshenko)
+    print(f"critical load over Euler's: {1.2 * solve.bifurcation:.6f}, with shear {expected:.6f}, mode {solve.mode}")
+    assert 1.2 * solve.bifurcation == pytest.approx(expected, abs=1e-3)
+    assert abs(solve.mode[1]) > 0.999

@@ -55,7 +55,9 @@ def test_extremely_small_displacements_are_solved(
 @both_ways
 @pytest.mark.parametrize("extreme", SOFT.values(), ids=SOFT)
 def test_extremely_large_loads_are_reported(extreme: dict[str, float], analysis: str, comm: MPI.Intracomm) -> None:
-    with pytest.raises(SolveError, match="stopped at load factor 0 of 1") as caught:
+    with pytest.raises(SolveError, match="stopped at load factor") as caught:
         hpcinv.run(block(analysis, **extreme), comm)
     print(caught.value)
+    # A power series may find the largest load, of a few times the weight.
+    assert float(str(caught.value).split("load factor ")[1].split(" of")[0]) < 1e-6
     assert caught.value.advice
