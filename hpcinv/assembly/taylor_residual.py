@@ -89,8 +89,8 @@ class TaylorResidual:
         comm = self._unknowns.mesh.comm
         are_kept = comm.allreduce(needed) <= _SHARE * available(comm)
         self._parameters.set_load(load)
-        self._rates = self._parameters.load_rates(load)
-        loads = list(self._parameters.constant.value[: len(self._rates)])
+        self._rates = self._parameters.path_rates(load)
+        loads = [float(self._parameters.constant.value[i]) for i in self._parameters.path_entries]
         for part in self._parts:
             part.begin(self._stored, are_kept=are_kept)
             part.put(0, self._unknowns.state.x.array, loads)
@@ -191,7 +191,7 @@ class _Plan:
     Attributes:
         outputs: slots of the test functions.
         leaves: slots of the unknowns on which the duals depend.
-        cases: load cases on whose factors they depend.
+        cases: load cases on whose factors they depend, or numbers among the entries that change along the path.
         text: C code (`taylor_code`).
         kept, sums, choices: sizes of its arrays.
         input_count: number of inputs.
@@ -227,7 +227,7 @@ def _plans(
     """
     comm, functions, constants = scene.unknowns.mesh.comm, scene.residual.coefficients(), scene.residual.constants()
     parameters, directory = scene.parameters, Path(jit_options["cache_dir"])
-    numbers = functions.index(scene.unknowns.state), len(parameters.load_rates(0.0))
+    numbers = functions.index(scene.unknowns.state), parameters.path_entries
     place = constants.index(parameters.constant) if parameters.constant in constants else None
     description = f"{scene.residual.signature()} {numbers} {place}".encode()
     description += b"".join(integral.cell_points.tobytes() for integral in integrals)
@@ -278,8 +278,8 @@ def _derived(
     parts = {part for dual in outputs.values() for part in unique_post_traversal(dual)}
     symbols = {slot: remove_stages(symbol) for slot, (_, symbol) in trials.items()}
     used = {slot: symbol for slot, symbol in symbols.items() if symbol in parts}
-    factors = (parameters.load(case) for case in range(len(parameters.load_rates(0.0))))
-    loads = {case: load for case, load in enumerate(factors) if load in parts}
+    entries = (parameters.constant[i] for i in parameters.path_entries)
+    loads = {number: entry for number, entry in enumerate(entries) if entry in parts}
     graph, leaves, count = ScalarGraph(), dict[Any, list[int]](), 0
     for symbol in (*used.values(), *loads.values()):
         size = math.prod(symbol.ufl_shape)

@@ -57,7 +57,7 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
                 f" {times} before, where other shapes carry it: the first is found with 'limit_points: 0'"
             )
         return Line(LIMIT_POINTS, float(turned), "", rule, Verdict.WARN, note)
-    if not any(s.factorizations for s in solution.solves):
+    if not any(s.factorizations or s.signs for s in solution.solves):
         return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "nothing moves the body")
     signs = [s.signs for s in solution.solves if s.outcome.accepted and s.signs]
     # A series whose load has a maximum is not followed beyond it.

@@ -95,6 +95,14 @@ class SeriesContinuation:
                 return
             load, is_exact = solve.load, False
 
+    def expand(self, goal: float, kept: float, *, are_near: bool) -> PowerSeries | Outcome:
+        """Return the series at the present state, an equilibrium at load factor 0, or the reason why there is none.
+
+        Arguments as of `_expand`.
+        """
+        self._system.linearise(0.0)
+        return self._expand(0.0, goal, kept, are_near=are_near)
+
     def _corrected(
         self, series: PowerSeries, origin: PETSc.Vec, goal: float, kept: float, tolerance: float, path_tolerance: float
     ) -> Iterator[Solve]:
