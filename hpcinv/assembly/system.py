@@ -123,7 +123,7 @@ class System:
         self.set_load(0.0)
 
     def begin_line(self, job: Job) -> None:
-        """Let the load factor lead from the numbers of a job, whose solution is the present state, to the present numbers.
+        """Let the load factor lead from the numbers of a job, with the present state as solution, to the present ones.
 
         All loads act in full on this path. Collective.
         """
