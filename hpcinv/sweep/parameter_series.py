@@ -22,6 +22,7 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.power_series import PowerSeries
 from hpcinv.solver.series_continuation import SeriesContinuation
+from hpcinv.sweep.neighbours import is_equal
 
 STRATEGY = "power series in numbers"
 """Strategy of the solve of a case that begins with the value of a series."""
@@ -116,8 +117,8 @@ def expanded(
 
 def share_of(first: Floats, last: Floats, numbers: Floats) -> float | None:
     """Return the share of the way between two sets of numbers at which a third lies, ``None`` if not on the line."""
-    varies = first != last
-    if not np.allclose(numbers[~varies], first[~varies], rtol=1e-12, atol=0.0):
+    varies = ~is_equal(first, last)
+    if not is_equal(numbers, first)[~varies].all():
         return None
     shares = (numbers[varies] - first[varies]) / (last[varies] - first[varies])
     share = float(shares.mean())

@@ -16,7 +16,7 @@ from hpcinv.batch.ledger.ledger import Claim, Ledger
 from hpcinv.batch.task import BatchTask, Pause
 from hpcinv.mesh.source import Floats
 from hpcinv.output.run_directory import RunDirectory, as_yaml
-from hpcinv.sweep.neighbours import ParameterSpace
+from hpcinv.sweep.neighbours import ParameterSpace, is_equal
 from hpcinv.sweep.sweep_plan import SweepPlan
 
 LEAST_AHEAD = 8
@@ -120,13 +120,16 @@ class Queue:
         members = members[self._open[members]]
         if len(members) < LEAST_AHEAD:
             return line
-        ways = np.array([self._cases[i].numbers for i in members]).reshape(len(members), -1) - np.array(case.numbers)
-        ways /= np.abs(ways).max(axis=0, initial=0.0, where=ways != 0.0) + (ways == 0.0).all(axis=0)
+        here = np.array(case.numbers)
+        numbers = np.array([self._cases[i].numbers for i in members]).reshape(len(members), len(here))
+        ways = np.where(is_equal(numbers, here), 0.0, numbers - here)
+        ways = ways[:, ways.any(axis=0)]
+        ways /= np.abs(ways).max(axis=0, initial=0.0)
         ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-        leading = np.take_along_axis(ways, (np.abs(ways) > 0.5 / max(ways.shape[1], 1)).argmax(axis=1)[:, None], axis=1)
-        _, directions, counts = np.unique(
-            np.round(ways * np.sign(leading), 9), axis=0, return_inverse=True, return_counts=True
-        )
+        # The largest component is positive, of two almost equal ones the first.
+        leading = (np.abs(ways) > 0.999 * np.abs(ways).max(axis=1, keepdims=True)).argmax(axis=1)
+        ways *= np.sign(np.take_along_axis(ways, leading[:, None], axis=1))
+        _, directions, counts = np.unique(np.round(ways, 9) + 0.0, axis=0, return_inverse=True, return_counts=True)
         line[members[directions.reshape(-1) == counts.argmax()]] = True
         line[self._last] = True
         return line
