@@ -51,6 +51,12 @@ from hpcinv.parallel.runtime import MPI
 _SHARE = 0.25
 """Share of the available memory for kept coefficients. With more of them, coefficients are computed again for each
 order, which makes the cost of all orders cubic; a larger share may leave too little memory for the factors."""
+_UNKNOWNS_SHARE = 0.4
+"""Share of the available memory for coefficients of the unknowns, at nodes and at quadrature points. With more of them,
+there are fewer orders, whose range is shorter; a larger share may leave too little memory for the factors."""
+_LEAST = 8
+"""Orders that are made however little memory there is. With fewer, a range is so short that load steps are cheaper."""
+_VECTORS = 5  # copies of the coefficients at nodes, while the orthonormal basis of a series is made
 
 
 class TaylorResidual:
@@ -59,12 +65,17 @@ class TaylorResidual:
     Args:
         scene: its residual without prescribed displacements, and with loads from the unloaded body on.
 
+    Attributes:
+        orders: number of orders for which there is memory; set by `begin`.
+        order_bytes: memory that each of them takes on all ranks, without coefficients of operations.
+
     Raises:
         NotAnalytic: on all ranks, if the residual has no Taylor series; the message names the reason.
     """
 
     def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
         self._unknowns, self._parameters = scene.unknowns, scene.parameters
+        self.orders, self.order_bytes = 0, 0.0
         self._rates: list[float] = []
         self._parts: list[_Part] = []
         self._stored = 0
@@ -81,13 +92,19 @@ class TaylorResidual:
     def begin(self, orders: int, load: float) -> None:
         """Begin at the present state and position of the mesh, with room for coefficients up to an order.
 
+        Where the coefficients of the unknowns take too much memory, `orders` are fewer.
+
         Args:
             load: the present load factor.
         """
-        self._stored = orders + 1
-        needed = sum(part.kept_bytes(self._stored) for part in self._parts)
         comm = self._unknowns.mesh.comm
-        are_kept = comm.allreduce(needed) <= _SHARE * available(comm)
+        free = available(comm)
+        vectors = _VECTORS * 8.0 * self._unknowns.state.x.petsc_vec.local_size
+        self.order_bytes = comm.allreduce(vectors + sum(part.order_bytes for part in self._parts))
+        self.orders = min(orders, max(math.floor(_UNKNOWNS_SHARE * free / self.order_bytes), _LEAST))
+        self._stored = self.orders + 1
+        needed = comm.allreduce(sum(part.kept_bytes(self._stored) for part in self._parts))
+        are_kept = needed <= _SHARE * (free - self.orders * self.order_bytes)
         self._parameters.set_load(load)
         self._rates = self._parameters.path_rates(load)
         loads = [float(self._parameters.constant.value[i]) for i in self._parameters.path_entries]
@@ -343,6 +360,11 @@ class _Part:
         self._count = len(domain.cells) * len(domain.points)
         self._blocks = -(-self._count // LANES)
         self._kept: Floats = np.empty(0)
+
+    @property
+    def order_bytes(self) -> float:
+        """Memory of the coefficients of the unknowns at quadrature points, for one order."""
+        return 8.0 * LANES * self._blocks * self._kernel.leaves
 
     def kept_bytes(self, stored: int) -> float:
         return 8.0 * LANES * self._blocks * self._coefficients(stored)

@@ -10,8 +10,10 @@ import pytest
 from helpers.paths import cube, tried
 from helpers.verification import Solved, box, job
 
+from hpcinv.assembly import taylor_residual
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.observer import SILENT
 
 HELD = {"region": "x0", "fix": ["x", "y", "z"]}
 GRAVITY = {"effect": "gravity", "acceleration": [0, -4, 0], "density": 1000, "density_in": "reference"}
@@ -127,3 +129,18 @@ def test_path_that_hardly_moves_is_straight(comm: MPI.Intracomm) -> None:
     (solve,) = solution.solves
     assert solve.outcome.accepted
     assert solve.strategy == "power series"
+
+
+def test_little_memory_makes_fewer_orders(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines: list[str] = []
+    monkeypatch.setattr(SILENT, "failing", lines.extend)
+    plenty = solved(comm, "series", **PATHS["forward"])
+    assert not lines
+    monkeypatch.setattr(taylor_residual, "available", lambda _: 1e6)
+    little = solved(comm, "series", **PATHS["forward"])
+    orders = {int(line.split()[3]) for line in lines if line.startswith("power series of")}
+    print(lines[0])
+    assert len(orders) == 1
+    assert 8 <= orders.pop() < 20
+    states = [result.model.unknowns.geometry_values(result.model.unknowns.displacement()) for result in (plenty, little)]
+    assert np.abs(states[0] - states[1]).max() < 1e-10 * np.abs(states[0]).max()
