@@ -104,10 +104,10 @@ class PowerSeries:
         way = replace(self, loads=signs * self.loads, factors=signs[:, None] * self.factors)
         high, is_pade = way.range(accuracy)
         if not np.isfinite(high):  # the path is straight
-            high = (load - self.load) / float(way.loads[0])
+            return self.weights((load - self.load) / float(self.loads[0]), pade=False), 0.0
 
         def passes(a: float) -> bool:
-            return (way.load_at(way.weights(a, pade=is_pade)) - load) * signs[0] >= 0
+            return bool((way.load_at(way.weights(a, pade=is_pade)) - load) * signs[0] >= 0)
 
         if not passes(high):
             return None

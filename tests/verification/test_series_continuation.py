@@ -142,5 +142,6 @@ def test_little_memory_makes_fewer_orders(comm: MPI.Intracomm, monkeypatch: pyte
     print(lines[0])
     assert len(orders) == 1
     assert 8 <= orders.pop() < 20
-    states = [result.model.unknowns.geometry_values(result.model.unknowns.displacement()) for result in (plenty, little)]
+    unknowns = [result.model.unknowns for result in (plenty, little)]
+    states = [each.geometry_values(each.displacement()) for each in unknowns]
     assert np.abs(states[0] - states[1]).max() < 1e-10 * np.abs(states[0]).max()
