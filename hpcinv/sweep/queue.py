@@ -25,20 +25,29 @@ _REFUSALS = 20  # failed claims after which all states are read again, since oth
 
 
 @dataclass(frozen=True)
+class Ahead:
+    """The farthest open case on a line, and the number of open cases there."""
+
+    content: Mapping[str, Any]
+    numbers: tuple[float, ...]
+    count: int
+
+
+@dataclass(frozen=True)
 class SweepTask(BatchTask):
     """A case of a sweep.
 
     Attributes:
         point: its point in the space of its reuse group.
         numbers: its numbers, as of `Case`.
-        ahead: the farthest open case on its line, by content and numbers; ``None`` if few are open there.
+        ahead: the farthest open case on its line; ``None`` if few are open there.
     """
 
     reuse_group: str
     point: Floats
     directory: RunDirectory
     numbers: tuple[float, ...]
-    ahead: tuple[Mapping[str, Any], tuple[float, ...]] | None
+    ahead: Ahead | None
 
 
 class Queue:
@@ -99,7 +108,7 @@ class Queue:
             case.title, self.plan.job(case), claim, case.reuse_group, point, directory, case.numbers, ahead
         )
 
-    def _ahead(self) -> tuple[Mapping[str, Any], tuple[float, ...]] | None:
+    def _ahead(self) -> Ahead | None:
         """Return the farthest open case on the line of the last one, which is the present line from now on."""
         if not (self._line[self._last] and (self._line & self._open).any()):
             self._line = self._best_line()
@@ -110,7 +119,7 @@ class Queue:
         places = np.searchsorted(members, left)
         distances = np.linalg.norm(points[places] - self._last_point(), axis=1)
         case = self._cases[left[np.argmax(distances)]]
-        return self.plan.content(case), case.numbers
+        return Ahead(self.plan.content(case), case.numbers, len(left))
 
     def _best_line(self) -> np.ndarray:
         """Return the cases on that line through the last one on which most cases are open."""

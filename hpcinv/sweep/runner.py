@@ -25,7 +25,7 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.workspace import Workspace
 from hpcinv.sweep.neighbours import MOST_BYTES, Neighbour, Neighbours
 from hpcinv.sweep.parameter_series import STRATEGY, ParameterSeries, expanded
-from hpcinv.sweep.queue import SweepTask
+from hpcinv.sweep.queue import Ahead, SweepTask
 
 _KEPT = (
     "shape.*",
@@ -36,6 +36,12 @@ _KEPT = (
     "snapshots",
     "report.html",
 )  # patterns in a run's directory; the summary is in the record
+
+EXPANSION = 5
+"""Cases whose factorizations take as long as an expansion. Raised, short axes are solved case by case."""
+SET_UP = 12_500
+"""Cases times unknowns whose factorizations take as long as the set-up of a series (0.3 s). Raised, small bodies are
+solved case by case."""
 
 
 class SweepRunner(Runner[SweepTask]):
@@ -74,9 +80,9 @@ class SweepRunner(Runner[SweepTask]):
         entries = {"start": start if strategy else "", "by_series": strategy == STRATEGY}
         is_kept = self._remember(task, result)
         # Without new factors, the present series still serves.
-        is_new = task.ahead is not None and result.solutions[0].factorizations > 0
-        if is_kept and is_new and self.without_series != task.reuse_group:
-            entries["remark"] = self._expand(task, result.solutions[0])
+        is_new = result.solutions[0].factorizations > 0 and self.without_series != task.reuse_group
+        if is_kept and is_new and task.ahead is not None and _is_worth(result.solutions[0], task.ahead):
+            entries["remark"] = self._expand(task, task.ahead, result.solutions[0])
         return entries
 
     def _run(
@@ -127,14 +133,13 @@ class SweepRunner(Runner[SweepTask]):
         self.neighbours[1].add(neighbour, self.comm.allreduce(neighbour.bytes, op=MPI.MAX))
         return True
 
-    def _expand(self, task: SweepTask, solution: Solution) -> str:
+    def _expand(self, task: SweepTask, ahead: Ahead, solution: Solution) -> str:
         """Make a power series at a solution, to the cases ahead on its line; return the remark on it; collective."""
-        assert task.ahead is not None
-        (content, numbers), job = task.ahead, task.job
-        ahead = on_root(self.comm, lambda: parse(content, job.path or Path(UNNAMED), untrusted=job.is_untrusted))
+        path, untrusted = task.job.path or Path(UNNAMED), task.job.is_untrusted
+        job = on_root(self.comm, lambda: parse(ahead.content, path, untrusted=untrusted))
         try:
-            equations = self.workspace.equations(ahead, self.workspace.body(ahead), Timings())[0]
-            series = expanded(equations, solution, task.claim.key, task.numbers, numbers)
+            equations = self.workspace.equations(job, self.workspace.body(job), Timings())[0]
+            series = expanded(equations, solution, task.claim.key, task.numbers, ahead.numbers)
         except (NotAnalytic, MeshError) as reason:
             self.without_series = task.reuse_group
             return f"no power series: {reason.message if isinstance(reason, MeshError) else reason}"
@@ -151,6 +156,14 @@ class SweepRunner(Runner[SweepTask]):
             shutil.rmtree(directory.checkpoints, ignore_errors=True)
         else:
             super().remove_run(task, record)
+
+
+def _is_worth(solution: Solution, ahead: Ahead) -> bool:
+    """Return whether a power series takes less time than the factorizations that it saves."""
+    fields = (field for field in solution.fields if field is not None)
+    spaces = [field.function_space.dofmap for field in fields]
+    unknowns = sum(space.index_map.size_global * space.index_map_bs for space in spaces)
+    return (ahead.count - EXPANSION) * unknowns >= SET_UP
 
 
 def _has_changed(task: SweepTask, summary: Mapping[str, Any]) -> bool:

@@ -14,7 +14,7 @@ from helpers.sweeps import write_sweep
 import hpcinv
 from hpcinv.driver import run
 from hpcinv.parallel.runtime import MPI
-from hpcinv.sweep import queue
+from hpcinv.sweep import queue, runner
 from hpcinv.sweep.sweep_interface import Table
 from hpcinv.sweep.sweep_plan import load_sweep
 
@@ -28,6 +28,11 @@ SHEARED: Mapping[str, Any] = BLOCK | {
     "quantities": [{"name": "middle", "of": "uz", "at": [0, 0.5, 0.5]}],
 }
 STIFFNESSES = [f"{mu:.4g} kPa" for mu in np.random.default_rng(0).permutation(np.linspace(5, 25, 14))]
+
+
+@pytest.fixture(autouse=True)
+def _expand_small_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "SET_UP", 0)
 
 
 def solved(path: Path, comm: MPI.Intracomm, lines: list[str]) -> Table:
@@ -81,6 +86,7 @@ def test_reason_without_a_series_is_given_once(
     tmp_path: Path, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(queue, "LEAST_AHEAD", 1)
+    monkeypatch.setattr(runner, "EXPANSION", 0)
     wall = {"shape": "plane", "point": [0, 0, 0.99], "normal": [0, 0, -1]}
     effects = [*BLOCK["effects"], {"effect": "contact", "region": "z1", "obstacle": wall, "penetration": "5 mm"}]
     job = {**SHEARED, "effects": effects, "supports": SHEARED["supports"][:1]}
