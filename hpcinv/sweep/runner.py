@@ -163,7 +163,7 @@ def _is_worth(solution: Solution, ahead: Ahead) -> bool:
     fields = (field for field in solution.fields if field is not None)
     spaces = [field.function_space.dofmap for field in fields]
     unknowns = sum(space.index_map.size_global * space.index_map_bs for space in spaces)
-    return (ahead.count - EXPANSION) * unknowns >= SET_UP
+    return bool((ahead.count - EXPANSION) * unknowns >= SET_UP)
 
 
 def _has_changed(task: SweepTask, summary: Mapping[str, Any]) -> bool:
