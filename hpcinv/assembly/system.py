@@ -14,6 +14,7 @@ from petsc4py import PETSc
 from hpcinv.assembly.admissibility import Admissibility
 from hpcinv.assembly.tangent import Tangent, tangent_of
 from hpcinv.assembly.tangent_moduli import Term
+from hpcinv.job.job import Job
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.scene import Scene
 from hpcinv.model.sliding import MatrixConstraint
@@ -121,6 +122,15 @@ class System:
         self.supports.begin_path(self.state.x.array)
         self.set_load(0.0)
 
+    def begin_line(self, job: Job) -> None:
+        """Let the load factor lead from the numbers of a job, with the present state as solution, to the present ones.
+
+        All loads act in full on this path. Collective.
+        """
+        self.end_path()
+        self.scene.begin_line(job)
+        self.supports.begin_path(self.state.x.array)
+
     def begin_unloaded(self) -> None:
         """Let forces that press on the unloaded body at any load factor grow with it, on this path; collective.
 
@@ -139,9 +149,11 @@ class System:
 
     def end_path(self) -> None:
         """Let the load factor lead from the unloaded body again, with forces that act at any load factor."""
-        self.scene.parameters.grow(growing=False)
-        if self._path is not None:
+        parameters = self.scene.parameters
+        parameters.grow(growing=False)
+        if self._path is not None or parameters.is_on_line:
             self._path = None
+            parameters.end_line()
             self.supports.end_path()
 
     def set_state(self, x: PETSc.Vec) -> None:

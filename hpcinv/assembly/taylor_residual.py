@@ -54,6 +54,12 @@ order, which makes the cost of all orders cubic; a larger share may leave too li
 _RECOMPUTED = 12
 """Orders up to which nothing is kept. To compute all 12 takes 1.6 times as long then, but no memory, which takes longer
 than the arithmetic where it is used for the first time (up to 2 s a GB on a virtual machine). More would be slower."""
+_UNKNOWNS_SHARE = 0.4
+"""Share of the available memory for coefficients of the unknowns, at nodes and at quadrature points. With more of them,
+there are fewer orders, whose range is shorter; a larger share may leave too little memory for the factors."""
+_LEAST = 8
+"""Orders that are made however little memory there is. With fewer, a range is so short that load steps are cheaper."""
+_VECTORS = 5  # copies of the coefficients at nodes, while the orthonormal basis of a series is made
 
 
 class TaylorResidual:
@@ -62,12 +68,17 @@ class TaylorResidual:
     Args:
         scene: its residual without prescribed displacements, and with loads from the unloaded body on.
 
+    Attributes:
+        orders: number of orders for which there is memory; set by `begin`.
+        order_bytes: memory that each of them takes on all ranks, without coefficients of operations.
+
     Raises:
         NotAnalytic: on all ranks, if the residual has no Taylor series; the message names the reason.
     """
 
     def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
         self._unknowns, self._parameters = scene.unknowns, scene.parameters
+        self.orders, self.order_bytes = 0, 0.0
         self._rates: list[float] = []
         self._parts: list[_Part] = []
         self._stored = 0
@@ -84,16 +95,22 @@ class TaylorResidual:
     def begin(self, orders: int, load: float) -> None:
         """Begin at the present state and position of the mesh, with room for coefficients up to an order.
 
+        Where the coefficients of the unknowns take too much memory, `orders` are fewer.
+
         Args:
             load: the present load factor.
         """
-        self._stored = orders + 1
-        needed = sum(part.kept_bytes(self._stored) for part in self._parts)
         comm = self._unknowns.mesh.comm
-        are_kept = comm.allreduce(needed) <= _SHARE * available(comm)
+        free = available(comm)
+        vectors = _VECTORS * 8.0 * self._unknowns.state.x.petsc_vec.local_size
+        self.order_bytes = comm.allreduce(vectors + sum(part.order_bytes for part in self._parts))
+        self.orders = min(orders, max(math.floor(_UNKNOWNS_SHARE * free / self.order_bytes), _LEAST))
+        self._stored = self.orders + 1
+        needed = comm.allreduce(sum(part.kept_bytes(self._stored) for part in self._parts))
+        are_kept = needed <= _SHARE * (free - self.orders * self.order_bytes)
         self._parameters.set_load(load)
-        self._rates = self._parameters.load_rates(load)
-        loads = list(self._parameters.constant.value[: len(self._rates)])
+        self._rates = self._parameters.path_rates(load)
+        loads = [float(self._parameters.constant.value[i]) for i in self._parameters.path_entries]
         for part in self._parts:
             part.begin(self._stored, are_kept=are_kept)
             part.put(0, self._unknowns.state.x.array, loads)
@@ -194,7 +211,7 @@ class _Plan:
     Attributes:
         outputs: slots of the test functions.
         leaves: slots of the unknowns on which the duals depend.
-        cases: load cases on whose factors they depend.
+        cases: load cases on whose factors they depend, or numbers among the entries that change along the path.
         text: C code (`taylor_code`).
         kept, sums, choices: sizes of its arrays.
         input_count: number of inputs.
@@ -230,7 +247,7 @@ def _plans(
     """
     comm, functions, constants = scene.unknowns.mesh.comm, scene.residual.coefficients(), scene.residual.constants()
     parameters, directory = scene.parameters, Path(jit_options["cache_dir"])
-    numbers = functions.index(scene.unknowns.state), len(parameters.load_rates(0.0))
+    numbers = functions.index(scene.unknowns.state), parameters.path_entries
     place = constants.index(parameters.constant) if parameters.constant in constants else None
     description = f"{scene.residual.signature()} {numbers} {place}".encode()
     description += b"".join(integral.cell_points.tobytes() for integral in integrals)
@@ -281,8 +298,8 @@ def _derived(
     parts = {part for dual in outputs.values() for part in unique_post_traversal(dual)}
     symbols = {slot: remove_stages(symbol) for slot, (_, symbol) in trials.items()}
     used = {slot: symbol for slot, symbol in symbols.items() if symbol in parts}
-    factors = (parameters.load(case) for case in range(len(parameters.load_rates(0.0))))
-    loads = {case: load for case, load in enumerate(factors) if load in parts}
+    entries = (parameters.constant[i] for i in parameters.path_entries)
+    loads = {number: entry for number, entry in enumerate(entries) if entry in parts}
     graph, leaves, count = ScalarGraph(), dict[Any, list[int]](), 0
     for symbol in (*used.values(), *loads.values()):
         size = math.prod(symbol.ufl_shape)
@@ -346,6 +363,11 @@ class _Part:
         self._count = len(domain.cells) * len(domain.points)
         self._blocks = -(-self._count // LANES)
         self._kept: Floats = np.empty(0)
+
+    @property
+    def order_bytes(self) -> float:
+        """Memory of the coefficients of the unknowns at quadrature points, for one order."""
+        return 8.0 * LANES * self._blocks * self._kernel.leaves
 
     def kept_bytes(self, stored: int) -> float:
         return 8.0 * LANES * self._blocks * self._coefficients(stored)

@@ -59,7 +59,7 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
         mode = ", ".join(f"{component:.2g}" for component in branches[0].mode)
         note = f"other paths branch off at load factor {branches[0].bifurcation:.6g}, with displacements along ({mode})"
         return Line(LIMIT_POINTS, float(len(branches)), "", rule, Verdict.WARN, note)
-    if not any(s.factorizations for s in solution.solves):
+    if not any(s.factorizations or s.signs for s in solution.solves):
         return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "nothing moves the body")
     signs = [s.signs for s in solution.solves if s.outcome.accepted and s.signs]
     # A series whose load has a maximum is not followed beyond it.

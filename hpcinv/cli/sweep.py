@@ -14,7 +14,7 @@ from hpcinv.cli.sweep_results import add_results
 from hpcinv.cli.sweep_submit import add_submit
 from hpcinv.errors import Interrupted
 from hpcinv.files.untrusted import add_option
-from hpcinv.sweep.results import results, status_of
+from hpcinv.sweep.results import results, series_line, status_of
 from hpcinv.sweep.sweep_batch import open_damaged, sweep_batch
 from hpcinv.sweep.sweep_plan import load_sweep
 
@@ -124,8 +124,9 @@ def _run(options: argparse.Namespace) -> int:
 
         def end() -> tuple[int, int]:
             ledger = plan.ledger
-            status = status_of(plan, ledger, results(plan, ledger))
-            print("\n".join(lines(status)), flush=True)
+            records = results(plan, ledger)
+            status = status_of(plan, ledger, records)
+            print("\n".join([*lines(status), *series_line(records)]), flush=True)
             return status.exit_code(strict=options.strict), status.unfinished
 
         is_unfinished = on_root(world, begin)  # else no process has to import PETSc

@@ -57,11 +57,15 @@ def structure_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
 
 
 def numbers_of(job: Job) -> tuple[float, ...]:
-    """The numbers (SI) that `reuse_group_of` omits, in the same order for all jobs of a reuse group."""
+    """The numbers (SI) that `reuse_group_of` omits, in the same order for all jobs of a reuse group.
+
+    Quantities of laws whose names begin with an underscore follow from others.
+    """
     jobs = [solve.job for solve in job.plan] if job.states else [job]
     effects = (effect for each_job in jobs for effect in each_job.effects)
     ingredients = (*job.laws.values(), *effects, *job.families.values())
-    ingredient_numbers = (n for i in ingredients for value, _ in i.quantities().values() for n in _numbers(value))
+    values = (v for i in ingredients for name, (v, _) in i.quantities().items() if not name.startswith("_"))
+    ingredient_numbers = (number for value in values for number in _numbers(value))
     return (
         *ingredient_numbers,
         *(n for each_job in jobs for support in each_job.supports for n in _numbers_of_support(support)),

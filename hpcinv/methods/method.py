@@ -8,12 +8,16 @@ from dolfinx.fem import Function
 
 from hpcinv.mesh.source import Floats
 from hpcinv.model.outcome import Outcome
+from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.newton import Solve
+from hpcinv.solver.predictor import Increment, Prediction
 
 NESTED = "nested iteration"
 """Strategy of a solve that begins with the solution on coarser cells."""
+GUESS = "guess"
+"""Strategy of a solve that begins with a solution of a similar problem."""
 
 
 @dataclass(frozen=True)
@@ -25,12 +29,14 @@ class Guess:
         pressure: values of the degrees of freedom of the pressure, in Pa; ``None`` in the displacement form.
         sign: sign of the tangent's determinant in the similar problem's solution, 0 if it is not known.
         strategy: name of the solve from it, for reports.
+        keeps_factors: whether the error is so small that factors of the similar problem may correct it.
     """
 
     displacement: Floats
     pressure: Floats | None
     sign: int = 0
-    strategy: str = "guess"
+    strategy: str = GUESS
+    keeps_factors: bool = False
 
     def solve(self, equations: Equations, equilibrium: Equilibrium) -> Solve:
         """Solve equations at full load from the guess.
@@ -43,11 +49,22 @@ class Guess:
         if p is not None:
             p.x.array[:] = self.pressure
         equations.put_fields((u, p))
-        solve = equilibrium.solve(1.0, equations.job.solver.tolerance, begins_near=True)
+        predicted = self._prediction(equilibrium) if self.keeps_factors else None
+        solve = equilibrium.solve(1.0, equations.job.solver.tolerance, predicted=predicted, begins_near=True)
+        if predicted is not None:
+            predicted.origin.destroy()
         solve = replace(solve, strategy=self.strategy)
         if solve.outcome.accepted and self.sign and solve.signs and solve.signs[-1] != self.sign:
             return replace(solve, outcome=Outcome.ANOTHER_PATH)
         return solve
+
+    @staticmethod
+    def _prediction(equilibrium: Equilibrium) -> Prediction | None:
+        """Return the present state as a prediction for factors of the similar problem, if there are any."""
+        if not equilibrium.linear.reuse_factors():
+            return None
+        x, sign = equilibrium.system.position(), equilibrium.linear.sign_of_determinant()
+        return Prediction(norm(x), Increment(0.0, 0.0), x, is_taken=True, signs=(sign,) if sign else ())
 
 
 @dataclass(frozen=True)

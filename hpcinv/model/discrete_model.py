@@ -25,6 +25,10 @@ from hpcinv.quantity.nondimensional import Scales, power_of_two
 
 KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinematics)}
 
+_NEAR = 8.0
+"""Ratio of stress scales up to which the present one stays, so that factors serve the next job. Raised, scaled moduli
+may be far from 1, as the tolerances of singular tangents expect them."""
+
 
 class DiscreteModel:
     """Spaces, supports, scales and scenes of a reuse group of jobs (`reuse_group_of`) on one body.
@@ -146,7 +150,9 @@ class DiscreteModel:
         self.job = job
         with self.timings("set-up"):
             check_fields(job, self.fields)
-            self.scales = self._scales()
+            scales = self._scales()
+            if not 1 / _NEAR <= scales.stress / self.scales.stress <= _NEAR:
+                self.scales = scales
             self.supports.update_parameters(job)
             for scene in self._scenes.values():
                 scene.update_parameters(job, self.scales)

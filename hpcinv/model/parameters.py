@@ -77,6 +77,7 @@ class Parameters:
     ) -> None:
         self.fields, self._scales, self._cases = fields, scales, cases
         self._values = [0.0] * cases
+        self._first: npt.NDArray[np.float64] | None = None  # entries where a line begins
         self._metre: int | None = None
         self._functions: dict[str, tuple[fem.Function, Dimension]] = {}
         self._places = [self._places_of(where, ingredient) for where, ingredient in ingredients]
@@ -93,13 +94,47 @@ class Parameters:
         return self.constant[case]
 
     def set_load(self, value: float) -> None:
-        """Set the load factors of all cases, which are applied in turn, for the share ``value`` of the whole load."""
-        self.constant.value[: self._cases] = [load_factor(value, case, self._cases) for case in range(self._cases)]
+        """Set the load factors of all cases, which are applied in turn, for the share ``value`` of the whole load.
+
+        On a line from other numbers (`begin_line`), set all entries for the share ``value`` of the way.
+        """
+        factors = [load_factor(value, case, self._cases) for case in range(self._cases)]
+        if self._first is not None:
+            factors = [1.0] * self._cases
+            self.constant.value[:] = (1 - value) * self._first + value * np.array(self._values)
+        self.constant.value[: self._cases] = factors
 
     def load_rates(self, value: float) -> list[float]:
         """Return the rates of the load factors of all cases by the share of the whole load, from ``value`` on."""
         present = min(math.floor(self._cases * value + 1e-9), self._cases - 1)
         return [float(self._cases) if case == present else 0.0 for case in range(self._cases)]
+
+    @property
+    def path_entries(self) -> tuple[int, ...]:
+        """Numbers of the entries of the constant that change along the present path, the load factors or others."""
+        if self._first is None:
+            return tuple(range(self._cases))
+        return tuple(int(i) for i in np.flatnonzero(self._first != np.array(self._values)))
+
+    def path_rates(self, value: float) -> list[float]:
+        """Return the rates of `path_entries` by the share of the path, from ``value`` on."""
+        if self._first is None:
+            return self.load_rates(value)
+        return [float(self._values[i] - self._first[i]) for i in self.path_entries]
+
+    @property
+    def is_on_line(self) -> bool:
+        """True between `begin_line` and `end_line`."""
+        return self._first is not None
+
+    def begin_line(self, ingredients: Sequence[tuple[str, Ingredient]]) -> None:
+        """Let the load factor lead at full load from the numbers of other ingredients (0) to the present ones (1)."""
+        self._first = self._entries_of(ingredients)
+
+    def end_line(self) -> None:
+        """Let the load factor scale the loads of the present numbers again."""
+        self._first = None
+        self.constant.value[:] = self._values
 
     @property
     def growing(self) -> Any:
@@ -124,14 +159,22 @@ class Parameters:
         """Set the numbers of other ingredients, of a job of the same reuse group, in other scales."""
         for function, dimension in self._functions.values():
             function.x.array[:] *= self._scales.unit_of(dimension) / scales.unit_of(dimension)
-        self._scales, count = scales, len(self._values)
+        self._scales = scales
+        self._values[:] = self._entries_of(ingredients)
+        self.end_line()
+
+    def _entries_of(self, ingredients: Sequence[tuple[str, Ingredient]]) -> npt.NDArray[np.float64]:
+        """Return the entries of the constant for other ingredients, in the present scales."""
+        kept_values, kept_metre = self._values, self._metre
         self._values, self._metre = [0.0] * self._cases, None
         for where, ingredient in ingredients:
             self._places_of(where, ingredient)
         if self._growing is not None:
             self._append(0.0)
-        assert len(self._values) == count
-        self.constant.value[:] = self._values
+        entries = np.array(self._values)
+        self._values, self._metre = kept_values, kept_metre
+        assert len(entries) == len(self._values)
+        return entries
 
     def scale(self, index: int, name: str, factor: float) -> None:
         """Set a uniform quantity of the ``index``-th ingredient to ``factor`` times its value in the job."""

@@ -172,6 +172,10 @@ class Scene:
         self.parameters.update_parameters(_ingredients(job), scales)
         self.contacts.update_parameters(job.effects, _modulus(job, self.parameters.fields, scales))
 
+    def begin_line(self, job: Job) -> None:
+        """Let the load factor lead from the numbers of another job of the same reuse group to the present ones."""
+        self.parameters.begin_line(_ingredients(job))
+
     def pressure_mass(self, pressures: fem.FunctionSpace) -> Any:
         """Return ``∫ (1/μ + 1/Λ) p q`` over the mesh, spectrally equivalent to the Schur complement of the pressures.
 

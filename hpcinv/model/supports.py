@@ -201,9 +201,17 @@ class Supports:
                 entry.now.x.array[entry.nodes] = (1 - load) * self._path[number] + load * entry.full[entry.nodes]
 
     def scale_rates(self, rates: Sequence[float]) -> None:
-        """Prescribe rates of the displacements, until `scale` is called, for rates of the load factors of all cases."""
-        for one in self.prescribed:
-            one.now.x.array[:] = rates[one.case] * one.full
+        """Prescribe rates of the displacements along the path, until `scale` is called.
+
+        Args:
+            rates: rates of the load factors of all cases, which count on a path from the unloaded body.
+        """
+        self._gap = -np.asarray(self._first_gap)
+        for number, entry in enumerate(self.prescribed):
+            if self._path is None:
+                entry.now.x.array[:] = rates[entry.case] * entry.full
+            else:
+                entry.now.x.array[entry.nodes] = entry.full[entry.nodes] - self._path[number]
 
     def held_part[T: np.floating[Any]](
         self, values: npt.NDArray[T], regions: Collection[str] | None = None

@@ -127,6 +127,24 @@ class LinearSolver:
         self._factorized = max(self._factorized, self._released)
         self.factorize(may_keep=True)
 
+    def become_exact(self) -> bool:
+        """Change to factors in double precision, unless they are too large; return whether one application solves."""
+        if self._is_rounded and self.configuration.name == "direct" and not self.choice.low_rank:
+            self._is_rounded, kept_fallback = False, self.fallback
+            self._replace("direct", "")
+            self.fallback = kept_fallback
+        return self.configuration.exact
+
+    def reuse_factors(self) -> bool:
+        """Let factors of an earlier tangent, also released ones, serve as they are; return whether there are any.
+
+        Only a solver that is exact in one application of its factors needs no tangent that belongs to them.
+        """
+        if not self.configuration.exact or max(self._factorized, self._released) < 0:
+            return False
+        self._factorized = self.system.tangents
+        return True
+
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """Solve to rounding errors, or to the accuracy of an iterative solver; return whether that succeeded."""
         self.factorize()

@@ -21,7 +21,7 @@ doi:10.1016/j.jcp.2012.11.016.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -103,6 +103,30 @@ class PowerSeries:
         while a * _GROWTH < end and self.error(a * _GROWTH, pade=True) <= accuracy:
             a *= _GROWTH
         return a, a > polynomial
+
+    def at_load(self, load: float, accuracy: float) -> tuple[Reals, float] | None:
+        """Return the factors of all coefficients at a load factor, and the `error` there; ``None`` out of range.
+
+        Args:
+            accuracy: as of `range`, which counts in both directions of the path.
+        """
+        # Coefficients of the path in the other direction have alternating signs.
+        signs = np.ones(len(self.loads)) if load >= self.load else (-1.0) ** np.arange(1, len(self.loads) + 1)
+        way = replace(self, loads=signs * self.loads, factors=signs[:, None] * self.factors)
+        high, is_pade = way.range(accuracy)
+        if not np.isfinite(high):  # the path is straight
+            return self.weights((load - self.load) / float(self.loads[0]), pade=False), 0.0
+
+        def passes(a: float) -> bool:
+            return bool((way.load_at(way.weights(a, pade=is_pade)) - load) * signs[0] >= 0)
+
+        if not passes(high):
+            return None
+        low = 0.0
+        for _ in range(100):
+            middle = (low + high) / 2
+            low, high = (low, middle) if passes(middle) else (middle, high)
+        return signs * way.weights(high, pade=is_pade), way.error(high, pade=is_pade) if high else 0.0
 
     def limit(self, end: float, *, pade: bool) -> float | None:
         """Return the first parameter before ``end`` from which on the load falls, ``None`` if it never does."""

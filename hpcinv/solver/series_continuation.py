@@ -103,6 +103,14 @@ class SeriesContinuation:
                 return
             load, is_exact = solve.load, False
 
+    def expand(self, goal: float, kept: float, *, are_near: bool) -> PowerSeries | Outcome:
+        """Return the series at the present state, an equilibrium at load factor 0, or the reason why there is none.
+
+        Arguments as of `_expand`.
+        """
+        self._system.linearise(0.0)
+        return self._expand(0.0, goal, kept, are_near=are_near)
+
     def _corrected(
         self, series: PowerSeries, origin: PETSc.Vec, goal: float, kept: float, tolerance: float, path_tolerance: float
     ) -> Iterator[Solve]:
@@ -277,6 +285,8 @@ class SeriesContinuation:
             with system.timings("residual"):
                 taylor.put(k, step.x.array, load_rate)
 
+        if taylor.orders < _ORDERS:
+            self._equilibrium.observer.failing([_memory_line(taylor)])
         with system.timings("residual"):
             taylor.put(1, None, 1.0)
             taylor.assemble(1, b)
@@ -292,7 +302,7 @@ class SeriesContinuation:
         states, loads = [first * t], [first]
         put(1, states[0], first)
         slope = (size / scale) ** 2 * first + first
-        for k in range(2, _ORDERS + 1):
+        for k in range(2, taylor.orders + 1):
             with system.timings("residual"):
                 taylor.assemble(k, b)
             b.scale(-1.0)
@@ -303,9 +313,9 @@ class SeriesContinuation:
             load_rate = -float(comm.allreduce(w @ states[0])) / scale**2 / slope
             states.append(load_rate * t + w)
             loads.append(load_rate)
-            if k in _ENDS:
+            if k in _ENDS or k == taylor.orders:
                 series = PowerSeries.of(np.array(states), np.array(loads), load, scale, comm)
-                if k == _ORDERS or self._suffices(series, goal, kept):
+                if k == taylor.orders or self._suffices(series, goal, kept):
                     break
             put(k, states[-1], load_rate)
         x.destroy()
@@ -344,3 +354,11 @@ class SeriesContinuation:
             supports.scale(load)
             b.axpy(1.0, forces)
             forces.destroy()
+
+
+def _memory_line(taylor: TaylorResidual) -> str:
+    """Return the line on orders that are left out for lack of memory."""
+    return (
+        f"power series of {taylor.orders} orders instead of {_ORDERS}: each takes {taylor.order_bytes / 1e6:.3g} MB,"
+        " and there is no more memory for them"
+    )

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from hpcinv.mesh.source import Floats
 from hpcinv.methods.method import Guess
@@ -21,6 +22,14 @@ from hpcinv.methods.method import Guess
 MOST_BYTES = 256_000_000
 """largest size of the solutions that each rank keeps"""
 _LARGEST_WEIGHTS = 4.0  # Σ |c_i|: growth of the neighbours' errors; 1 in an interpolation
+_ROUNDING = 1e-12
+"""Relative difference of numbers that is a rounding error, as in moduli that follow from others. With a smaller one,
+cases seem to differ in such moduli; with a larger one, close cases seem equal."""
+
+
+def is_equal(a: Floats, b: Floats) -> npt.NDArray[np.bool_]:
+    """Return which numbers are equal but for rounding errors."""
+    return np.asarray(np.abs(a - b) <= _ROUNDING * np.maximum(np.abs(a), np.abs(b)))
 
 
 class ParameterSpace:
@@ -33,7 +42,7 @@ class ParameterSpace:
     def __init__(self, numbers: Sequence[Sequence[float]]) -> None:
         values = np.array(numbers, dtype=np.float64).reshape(len(numbers), -1)
         low, high = values.min(axis=0), values.max(axis=0)
-        self._varies = high > low
+        self._varies = np.asarray(~is_equal(low, high))
         low, high = low[self._varies], high[self._varies]
         with np.errstate(divide="ignore", invalid="ignore"):
             self._logarithmic = ((low > 0) & (high > 10 * low)) | ((high < 0) & (low < 10 * high))

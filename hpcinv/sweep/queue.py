@@ -1,7 +1,13 @@
-"""Queue of a sweep: a group of ranks takes next the open case that is nearest to its last one."""
+"""Queue of a sweep: a group of ranks takes next the open case that is nearest to its last one, on the same line first.
+
+A line holds cases whose numbers lie on a straight line, such as those along one axis of a grid: one power series serves
+many of them (`hpcinv.sweep.parameter_series`).
+"""
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,19 +16,38 @@ from hpcinv.batch.ledger.ledger import Claim, Ledger
 from hpcinv.batch.task import BatchTask, Pause
 from hpcinv.mesh.source import Floats
 from hpcinv.output.run_directory import RunDirectory, as_yaml
-from hpcinv.sweep.neighbours import ParameterSpace
+from hpcinv.sweep.neighbours import ParameterSpace, is_equal
 from hpcinv.sweep.sweep_plan import SweepPlan
 
+LEAST_AHEAD = 8
+"""Open cases on a line from which a power series is worth its solves. Raised, shorter axes take more factorizations."""
 _REFUSALS = 20  # failed claims after which all states are read again, since other groups work on these cases
 
 
 @dataclass(frozen=True)
+class Ahead:
+    """The farthest open case on a line, and the number of open cases there."""
+
+    content: Mapping[str, Any]
+    numbers: tuple[float, ...]
+    count: int
+
+
+@dataclass(frozen=True)
 class SweepTask(BatchTask):
-    """A case of a sweep, its point in the space of its reuse group, and its run directory."""
+    """A case of a sweep.
+
+    Attributes:
+        point: its point in the space of its reuse group.
+        numbers: its numbers, as of `Case`.
+        ahead: the farthest open case on its line; ``None`` if few are open there.
+    """
 
     reuse_group: str
     point: Floats
     directory: RunDirectory
+    numbers: tuple[float, ...]
+    ahead: Ahead | None
 
 
 class Queue:
@@ -42,6 +67,7 @@ class Queue:
         self._cases = sorted(distinct.values(), key=lambda case: (case.reuse_group, case.number))
         self._reuse_groups = np.array([case.reuse_group for case in self._cases])
         self._members: dict[str, tuple[np.ndarray, Floats]] = {}  # of each reuse group, and their points
+        self._line = np.zeros(len(self._cases), dtype=bool)  # the cases of the present line
         for reuse_group in dict.fromkeys(case.reuse_group for case in self._cases):
             members = np.flatnonzero(self._reuse_groups == reuse_group)
             numbers = [self._cases[i].numbers for i in members]
@@ -70,14 +96,52 @@ class Queue:
         line = f"{task.title}: "
         if not record.converged:
             return line + record.status
-        line += f"{record.seconds:.2f} s, certificate {record.verdict}" + (", from a guess" if record.start else "")
+        line += f"{record.seconds:.2f} s, certificate {record.verdict}" + _start_text(record)
         warnings = (record.statistics.get("body") or {"warnings": []})["warnings"]
         return "; ".join([line, *(f"warning: {text}" for text in warnings)])
 
     def _task(self, claim: Claim) -> SweepTask:
         case = self._cases[self._last]
         directory = RunDirectory(claim.run, as_yaml(self.plan.content(case)), claimed=True)
-        return SweepTask(case.title, self.plan.job(case), claim, case.reuse_group, self._last_point(), directory)
+        point, ahead = self._last_point(), self._ahead()
+        return SweepTask(
+            case.title, self.plan.job(case), claim, case.reuse_group, point, directory, case.numbers, ahead
+        )
+
+    def _ahead(self) -> Ahead | None:
+        """Return the farthest open case on the line of the last one, which is the present line from now on."""
+        if not (self._line[self._last] and (self._line & self._open).any()):
+            self._line = self._best_line()
+        left = np.flatnonzero(self._line & self._open)
+        if len(left) < LEAST_AHEAD:
+            return None
+        members, points = self._members[self._cases[self._last].reuse_group]
+        places = np.searchsorted(members, left)
+        distances = np.linalg.norm(points[places] - self._last_point(), axis=1)
+        case = self._cases[left[np.argmax(distances)]]
+        return Ahead(self.plan.content(case), case.numbers, len(left))
+
+    def _best_line(self) -> np.ndarray:
+        """Return the cases on that line through the last one on which most cases are open."""
+        line = np.zeros(len(self._cases), dtype=bool)
+        case = self._cases[self._last]
+        members, _ = self._members[case.reuse_group]
+        members = members[self._open[members]]
+        if len(members) < LEAST_AHEAD:
+            return line
+        here = np.array(case.numbers)
+        numbers = np.array([self._cases[i].numbers for i in members]).reshape(len(members), len(here))
+        ways = np.where(is_equal(numbers, here), 0.0, numbers - here)
+        ways = ways[:, ways.any(axis=0)]
+        ways /= np.abs(ways).max(axis=0, initial=0.0)
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        # The largest component is positive, of two almost equal ones the first.
+        leading = (np.abs(ways) > 0.999 * np.abs(ways).max(axis=1, keepdims=True)).argmax(axis=1)
+        ways *= np.sign(np.take_along_axis(ways, leading[:, None], axis=1))
+        _, directions, counts = np.unique(np.round(ways, 9) + 0.0, axis=0, return_inverse=True, return_counts=True)
+        line[members[directions.reshape(-1) == counts.argmax()]] = True
+        line[self._last] = True
+        return line
 
     def _last_point(self) -> Floats:
         members, points = self._members[self._cases[self._last].reuse_group]
@@ -103,10 +167,12 @@ class Queue:
         return None
 
     def _nearest(self, eligible: np.ndarray) -> int:
-        """Return the nearest case of the same reuse group, else the first one of the group with most cases."""
+        """Return the nearest case on the present line, else of its reuse group, else the first of the largest group."""
         if eligible[self._last]:
             return self._last
         members, points = self._members[self._cases[self._last].reuse_group]
+        if (eligible & self._line).any():
+            eligible = eligible & self._line
         if eligible[members].any():
             distances = np.linalg.norm(points - self._last_point(), axis=1)
             return int(members[np.argmin(np.where(eligible[members], distances, np.inf))])
@@ -118,3 +184,9 @@ class Queue:
         self._states = [states[case.key] for case in self._cases]
         self._open = np.array([state.name != "finished" for state in self._states])
         self._deaths = np.array([state.died for state in self._states])
+
+
+def _start_text(record: CaseRecord) -> str:
+    """Return what a line on a case says about its start, and about a series that was made of it."""
+    start = "" if not record.start else f", from a {'power series' if record.by_series else 'guess'}"
+    return f"{start}; {record.remark}" if record.remark else start

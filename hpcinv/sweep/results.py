@@ -33,6 +33,14 @@ def status_of(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]
     return status(plan.sweep.sweep, cases, ledger, records, retry=RETRY)
 
 
+def series_line(records: Mapping[str, CaseRecord]) -> list[str]:
+    """Return the line on cases that began with values of power series; empty without any."""
+    starts = [record.start for record in records.values() if record.by_series]
+    if not starts:
+        return []
+    return [f"  {len(set(starts)):,} power series gave the start of {len(starts):,} cases"]
+
+
 def provenance(plan: SweepPlan, ledger: Ledger) -> Iterator[str]:
     """Yield job, fingerprint, versions and machine of each case as JSON, as far as they are known."""
     lines = {

@@ -7,20 +7,25 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from hpcinv.assembly.scalar_graph import NotAnalytic
 from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.store import as_output_error
 from hpcinv.batch.task import Runner
 from hpcinv.certificate import Verdict
 from hpcinv.driver import run
-from hpcinv.errors import CheckpointError
+from hpcinv.errors import CheckpointError, MeshError
 from hpcinv.files.inputs import changed_inputs
-from hpcinv.methods.method import Guess
+from hpcinv.job.job import UNNAMED, parse
+from hpcinv.methods.method import GUESS, Guess
 from hpcinv.output.progress import SilentProgress
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.solution import Solution
 from hpcinv.solver.workspace import Workspace
-from hpcinv.sweep.neighbours import Neighbour, Neighbours
-from hpcinv.sweep.queue import SweepTask
+from hpcinv.sweep.neighbours import MOST_BYTES, Neighbour, Neighbours
+from hpcinv.sweep.parameter_series import STRATEGY, ParameterSeries, expanded
+from hpcinv.sweep.queue import Ahead, SweepTask
 
 _KEPT = (
     "shape.*",
@@ -31,6 +36,12 @@ _KEPT = (
     "snapshots",
     "report.html",
 )  # patterns in a run's directory; the summary is in the record
+
+EXPANSION = 5
+"""Cases whose factorizations take as long as an expansion. Raised, short axes are solved case by case."""
+SET_UP = 12_500
+"""Cases times unknowns whose factorizations take as long as the set-up of a series (0.3 s). Raised, small bodies are
+solved case by case."""
 
 
 class SweepRunner(Runner[SweepTask]):
@@ -46,9 +57,13 @@ class SweepRunner(Runner[SweepTask]):
         self.comm, self.warm_start = comm, warm_start
         self.workspace = Workspace(comm)
         self.neighbours: tuple[str, Neighbours] = "", Neighbours()
+        self.series: tuple[str, list[ParameterSeries]] = "", []
+        self.without_series = ""
+        """reuse group without a series, the last one found"""
 
     def clear(self) -> None:
         self.workspace.clear()
+        self.series = "", []
 
     def run(self, task: SweepTask, progress: SilentProgress, stop_asked: Callable[[], bool]) -> dict[str, Any]:
         known = on_root(self.comm, task.directory.summary)
@@ -60,8 +75,15 @@ class SweepRunner(Runner[SweepTask]):
             progress.statistics = known  # an earlier attempt was killed just before its commit
             return {}
         start, guess = self._guess(task)
-        self._remember(task, self._run(task, progress, guess, stop_asked))
-        return {"start": start if _began_with_guess(progress.statistics) else ""}
+        result = self._run(task, progress, guess, stop_asked)
+        strategy = _start_strategy(progress.statistics)
+        entries = {"start": start if strategy else "", "by_series": strategy == STRATEGY}
+        is_kept = self._remember(task, result)
+        # Without new factors, the present series still serves.
+        is_new = result.solutions[0].factorizations > 0 and self.without_series != task.reuse_group
+        if is_kept and is_new and task.ahead is not None and _is_worth(result.solutions[0], task.ahead):
+            entries["remark"] = self._expand(task, task.ahead, result.solutions[0])
+        return entries
 
     def _run(
         self, task: SweepTask, progress: SilentProgress, guess: Guess | None, stop_asked: Callable[[], bool]
@@ -84,21 +106,49 @@ class SweepRunner(Runner[SweepTask]):
         return go()
 
     def _guess(self, task: SweepTask) -> tuple[str, Guess | None]:
+        """Return the start of a case, and the key of the case whose solution or series it is; collective."""
+        group, series = self.series
+        if group == task.reuse_group:
+            values = [(one.key, value) for one in series if (value := one.guess(task.numbers)) is not None]
+            if values:
+                key, (guess, _) = min(values, key=lambda entry: entry[1][1])
+                return key, guess
         group, known = self.neighbours
-        guess = known.guess(task.point) if group == task.reuse_group else None
-        return ("", None) if guess is None else (guess[1], guess[0])
+        start = known.guess(task.point) if group == task.reuse_group else None
+        return ("", None) if start is None else (start[1], start[0])
 
-    def _remember(self, task: SweepTask, result: Result) -> None:
-        """Keep the solution for later cases, unless it lies beyond a limit point or its certificate fails."""
+    def _remember(self, task: SweepTask, result: Result) -> bool:
+        """Keep the solution for later cases, unless it lies beyond a limit point or its certificate fails.
+
+        Return whether it is kept.
+        """
         solution = result.solutions[0]
         signs = {sign for solve in solution.solves if solve.outcome.accepted for sign in solve.signs}
         doubtful = len(signs) > 1 or result.certificate.verdict is Verdict.FAIL
         if not self.warm_start or result.accuracy is not None or doubtful:
-            return
+            return False
         if self.neighbours[0] != task.reuse_group:
             self.neighbours = task.reuse_group, Neighbours()
         neighbour = Neighbour(task.claim.key, task.point, solution.as_guess())
         self.neighbours[1].add(neighbour, self.comm.allreduce(neighbour.bytes, op=MPI.MAX))
+        return True
+
+    def _expand(self, task: SweepTask, ahead: Ahead, solution: Solution) -> str:
+        """Make a power series at a solution, to the cases ahead on its line; return the remark on it; collective."""
+        path, untrusted = task.job.path or Path(UNNAMED), task.job.is_untrusted
+        job = on_root(self.comm, lambda: parse(ahead.content, path, untrusted=untrusted))
+        try:
+            equations = self.workspace.equations(job, self.workspace.body(job), Timings())[0]
+            series = expanded(equations, solution, task.claim.key, task.numbers, ahead.numbers)
+        except (NotAnalytic, MeshError) as reason:
+            self.without_series = task.reuse_group
+            return f"no power series: {reason.message if isinstance(reason, MeshError) else reason}"
+        group, kept = self.series
+        kept = [*(kept if group == task.reuse_group else []), series]
+        while len(kept) > 1 and self.comm.allreduce(sum(one.bytes for one in kept), op=MPI.MAX) > MOST_BYTES:
+            kept.pop(0)
+        self.series = task.reuse_group, kept
+        return "power series for the cases on its line"
 
     def remove_run(self, task: SweepTask, record: CaseRecord) -> None:
         directory = task.directory
@@ -106,6 +156,14 @@ class SweepRunner(Runner[SweepTask]):
             shutil.rmtree(directory.checkpoints, ignore_errors=True)
         else:
             super().remove_run(task, record)
+
+
+def _is_worth(solution: Solution, ahead: Ahead) -> bool:
+    """Return whether a power series takes less time than the factorizations that it saves."""
+    fields = (field for field in solution.fields if field is not None)
+    spaces = [field.function_space.dofmap for field in fields]
+    unknowns = sum(space.index_map.size_global * space.index_map_bs for space in spaces)
+    return bool((ahead.count - EXPANSION) * unknowns >= SET_UP)
 
 
 def _has_changed(task: SweepTask, summary: Mapping[str, Any]) -> bool:
@@ -123,6 +181,8 @@ def _clear(path: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def _began_with_guess(statistics: Mapping[str, Any]) -> bool:
+def _start_strategy(statistics: Mapping[str, Any]) -> str:
+    """Return the strategy of the guess from which a case was solved; empty if it was not solved from one."""
     solves = statistics["solutions"][0]["solves"] if statistics else []
-    return bool(solves) and all(solve["strategy"] == "guess" for solve in solves)
+    strategies = {solve["strategy"] for solve in solves}
+    return str(strategies.pop()) if strategies in ({GUESS}, {STRATEGY}) else ""

@@ -35,6 +35,7 @@ DIGITS = 60
 SWITCHES = ("max(", "lambda1_bar")  # in laws without a Taylor series: fibres in tension, ordered principal stretches
 ORDER = 10  # of the highest coefficient of a Taylor series
 STEP = 1e-18  # of mpmath's central differences
+POINTS, RADIUS = 24, mp.mpf(2) ** -10  # of the circle around which Taylor coefficients are integrated
 THIRDS = np.array([[1, 2, 2], [2, 1, -2], [2, -2, 1]])  # three times the orthonormal directions of fibres
 EXAMPLES: dict[str, MaterialLaw] = {name: law.model_validate(law.example) for name, law in laws().items()}
 MPMATH = {
@@ -162,11 +163,27 @@ class Reference:
             P = [[float(self.slope(F, i, j)) for j in range(3)] for i in range(3)]
             return State(float(self.energy(F)), np.array(P), np.array([]))
 
-    def coefficients(self, H0: np.ndarray, H1: np.ndarray, order: int) -> list[Any]:
-        """Taylor coefficients of the energy at ``H0 + a H1``."""
-        start, along = mp.eye(3) + mp.matrix(H0.tolist()), mp.matrix(H1.tolist())
-        taylor: list[Any] = mp.taylor(lambda a: self.energy(start + a * along), 0, order)
-        return taylor
+    def coefficients(self, path: np.ndarray, D: np.ndarray, order: int) -> list[float]:
+        """Taylor coefficients of ``P : D`` along a polynomial path of ``H`` and the parameters, by Cauchy's integral.
+
+        Args:
+            path: coefficients by order, of the components of ``H`` and then of the parameters.
+        """
+        with mp.workdps(2 * DIGITS):
+            values, roots, kept = [], mp.unitroots(POINTS), self.parameters
+            step = mp.mpf(STEP) ** 2
+            way = step * mp.matrix(D.tolist())
+            exact = [[mp.mpf(c) for c in row] for row in path.tolist()]
+            for root in roots:
+                at = [sum(row[i] * (RADIUS * root) ** k for k, row in enumerate(exact)) for i in range(len(exact[0]))]
+                F = mp.eye(3) + mp.matrix([at[:3], at[3:6], at[6:9]])
+                self.parameters = dict(zip(kept, at[9:], strict=True))
+                values.append((self.energy(F + way) - self.energy(F - way)) / (2 * step))
+            self.parameters = kept
+            return [
+                float(mp.re(sum(v * roots[-j * k % POINTS] for j, v in enumerate(values)))) / float(POINTS * RADIUS**k)
+                for k in range(order + 1)
+            ]
 
     def slope(self, F: Any, i: int, j: int) -> Any:
         ends = []
@@ -239,45 +256,45 @@ def test_stress_keeps_its_digits_at_small_strain(name: str) -> None:
 
 
 @of_every_law
-def test_coefficients_of_stress_along_a_line_are_those_of_the_energy(name: str) -> None:
-    """``P : H'`` of ``H(a) = H₀ + a H₁`` is ``dψ/da``, order by order: from a moderate strain, and from none."""
+def test_taylor_coefficients_of_stress_are_those_of_the_energy(name: str) -> None:
+    """``P : D`` where strain and parameters are polynomials: from a moderate strain, and from none."""
     law, reference, mesh = EXAMPLES[name], Reference(EXAMPLES[name]), create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
     par, symbol = parameters(law, mesh), fem.Constant(mesh, np.zeros((3, 3)))
     H = Variable(symbol, LABEL)
     k = Deformation(H, {f: ufl.as_vector(list(THIRDS[i] / 3)) for i, f in enumerate(law.families)})
     psi = law.isochoric_energy(k, par) + law.volumetric_modulus(par) * law.dilatation(k) ** 2 / 2
-    graph = ScalarGraph()
-    scalars = Scalars(graph, {symbol: [graph.leaf(i) for i in range(9)]})
+    graph, entries = ScalarGraph(), [e for e in vars(par).values() for e in (e if e.ufl_shape else [e])]
+    count = 9 + len(entries)
+    leaves_of: dict[Any, list[int]] = {symbol: [graph.leaf(i) for i in range(9)]}
+    leaves_of |= {entry: [graph.leaf(i)] for i, entry in enumerate(entries, 9)}
+    scalars = Scalars(graph, leaves_of)
     stress = remove_stages(gradient(psi, H))
     if any(word in law.energy_formula for word in SWITCHES):
         with pytest.raises(NotAnalytic, match="switch"):
             scalars.of(stress)
         return
     outputs = scalars.of(stress)
-    code = taylor_code(graph, 9, outputs)
+    code = taylor_code(graph, count, outputs)
     sweep = compile_library(MPI.COMM_SELF, code.text).sweep
     doubles, masks = array_type(np.float64), array_type(np.int64)
     sweep.argtypes = [ctypes.c_int64, *4 * [ctypes.c_int], *3 * [doubles], masks, doubles]
-    values = fem.Expression(ufl.as_vector(graph.inputs), np.full((1, 3), 0.25), jit_options=JIT_OPTIONS)
-    inputs = np.repeat(values.eval(mesh, np.array([0], dtype=np.int32)).reshape(1, -1, 1), LANES, axis=2)
-    stored, H1 = ORDER + 1, np.random.default_rng(5).normal(size=(3, 3))
-    H1 *= 0.5 / np.linalg.norm(H1)
-    errors = []
-    for H0 in (0.4 * H1, np.zeros((3, 3))):
-        leaves = np.zeros((1, stored, 9, LANES))
-        leaves[0, :2] = np.stack([H0.ravel(), H1.ravel()])[..., None]
-        kept, choices = (
-            np.empty((1, code.kept * stored + code.sums, LANES)),
-            np.empty((1, code.choices, LANES), dtype=np.int64),
-        )
-        P = np.empty((1, 9, LANES))
-        with mp.workdps(DIGITS):
-            expected = reference.coefficients(H0, H1, stored)
+    stored, random = ORDER + 1, np.random.default_rng(5)
+    numbers = np.array([float(value) for value in reference.parameters.values()])
+    varied = numbers * [not parameter.startswith("_") for parameter in reference.parameters]  # not units of formulas
+    paths = np.concatenate([random.normal(size=(2, 9)), random.uniform(-1, 1, (2, len(numbers))) * varied], axis=1)
+    paths *= np.array([[0.15], [0.05]])  # coefficients of orders 1 and 2
+    D, errors = random.normal(size=(3, 3)), []
+    for H0 in (0.4 * paths[0, :9], np.zeros(9)):
+        leaves = np.zeros((1, stored, count, LANES))
+        leaves[0, :3] = np.stack([np.concatenate([H0, numbers]), *paths])[..., None]
+        kept = np.empty((1, code.kept * stored + code.sums, LANES))
+        choices, P = np.empty((1, code.choices, LANES), dtype=np.int64), np.empty((1, 9, LANES))
+        expected = reference.coefficients(leaves[0, :3, :, 0], D, ORDER)
         for order in range(stored):
-            sweep(1, stored, max(order - 1, 0), order, 1, leaves, inputs, kept, choices, P)
-            work = float(P[0, :, 0] @ H1.ravel())
-            size = float(np.abs(P[0, :, 0] * H1.ravel()).sum())
-            errors.append(abs(work - (order + 1) * float(expected[order + 1])) / size if size else 0.0)
+            sweep(1, stored, max(order - 1, 0), order, 1, leaves, np.empty((1, 0, LANES)), kept, choices, P)
+            parts = P[0, :, 0] * D.ravel()
+            size = float(np.abs(parts).sum())
+            errors.append(abs(float(parts.sum()) - expected[order]) / size if size else abs(expected[order]))
     print(f"{name}, orders 0 to {ORDER}: {max(errors):.1e}")
     assert max(errors) <= 1e-10
 

@@ -61,3 +61,13 @@ def test_bifurcation_is_the_ratio_of_a_progression(series: PowerSeries) -> None:
     a, load = PowerSeries.of(coefficients, np.eye(ORDERS)[0], 0.1, 1.0, MPI.COMM_SELF).bifurcation() or (0.0, 0.0)
     assert a == pytest.approx(0.8, rel=1e-9)
     assert load == pytest.approx(0.9, rel=1e-9)
+
+
+def test_states_at_loads_in_both_directions(series: PowerSeries) -> None:
+    for load in (-1.2, -0.5, 0.0, 0.5, 1.0):
+        weights, error = series.at_load(load, 1e-6) or pytest.fail("out of range")
+        assert series.load_at(weights) == pytest.approx(load, abs=1e-12)
+        assert np.linalg.norm(weights @ series.states - states(load)) <= 3e-6 * np.linalg.norm(states(load)) + 1e-14
+        assert error <= 1e-6
+    assert series.at_load(1.9, 1e-9) is None
+    assert series.at_load(-5.0, 1e-6) is None

@@ -10,9 +10,11 @@ import pytest
 from helpers.paths import cube, tried
 from helpers.verification import Solved, box, job
 
+from hpcinv.assembly import taylor_residual
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.newton import Solve
+from hpcinv.solver.observer import SILENT
 
 HELD = {"region": "x0", "fix": ["x", "y", "z"]}
 GRAVITY = {"effect": "gravity", "acceleration": [0, -4, 0], "density": 1000, "density_in": "reference"}
@@ -183,3 +185,19 @@ def test_bifurcation_is_eulers_load_with_its_mode(comm: MPI.Intracomm) -> None:
     print(f"critical load over Euler's: {1.2 * solve.bifurcation:.6f}, with shear {expected:.6f}, mode {solve.mode}")
     assert 1.2 * solve.bifurcation == pytest.approx(expected, abs=1e-3)
     assert abs(solve.mode[1]) > 0.999
+
+
+def test_little_memory_makes_fewer_orders(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines: list[str] = []
+    monkeypatch.setattr(SILENT, "failing", lines.extend)
+    plenty = solved(comm, "series", **PATHS["forward"])
+    assert not lines
+    monkeypatch.setattr(taylor_residual, "available", lambda _: 1e6)
+    little = solved(comm, "series", **PATHS["forward"])
+    orders = {int(line.split()[3]) for line in lines if line.startswith("power series of")}
+    print(lines[0])
+    assert len(orders) == 1
+    assert 8 <= orders.pop() < 20
+    unknowns = [result.model.unknowns for result in (plenty, little)]
+    states = [each.geometry_values(each.displacement()) for each in unknowns]
+    assert np.abs(states[0] - states[1]).max() < 1e-10 * np.abs(states[0]).max()

@@ -8,19 +8,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from dolfinx import fem
 from helpers.verification import box, deform, job
+from mpmath import mp
 
 from hpcinv.assembly import taylor_residual
-from hpcinv.assembly.scalar_graph import NotAnalytic
+from hpcinv.assembly.scalar_graph import NotAnalytic, ScalarGraph
 from hpcinv.assembly.system import System
+from hpcinv.assembly.taylor_code import TaylorCode, taylor_code
 from hpcinv.assembly.taylor_residual import TaylorResidual
 from hpcinv.effects import effects
 from hpcinv.mesh import build_body
+from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
@@ -49,13 +53,24 @@ def model_of(direction: str, formulation: str, names: list[str], comm: MPI.Intra
     return Equations(data, build_body(data.mesh, data.regions, comm, resolve=data.resolve), Timings())
 
 
+def larger(value: Any) -> Any:
+    return [*map(larger, value)] if isinstance(value, tuple) else 1.1 * value
+
+
 @pytest.mark.everyday("inverse-mixed")
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize(("direction", "formulation"), KINDS)
 def test_series_of_the_residual_converges_with_its_order(
     direction: str, formulation: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """With the load of all effects; forward, in one form, with the first quantity of each and the moduli."""
     model = model_of(direction, formulation, ANALYTIC, comm)
+    if (direction, formulation) == KINDS[0]:
+        changes: dict[str, Any] = {"material.c1": "13 kPa*(1 + X/(8 m) + y/(5 m))", "material.d1": "80 kPa"}
+        for number, effect in enumerate(model.job.effects):
+            name, (value, _) = next(iter(effect.quantities().items()))
+            changes[f"effects[{number}].{name}"] = larger(value)
+        model.scene(model.job.directions[0]).begin_line(model.job.with_(changes))
     deform(model.unknowns)
     scene, state = model.scene(model.job.directions[0]), model.unknowns.state
     system, taylor, load = System(scene, model.supports, Timings()), TaylorResidual(scene), 0.7
@@ -90,10 +105,103 @@ def test_series_of_the_residual_converges_with_its_order(
     far, near = errors(0.4), errors(0.2)
     rates = [math.log2(a / b) for a, b in zip(far, near, strict=True)]
     if comm.rank == 0:
-        print(f"{direction}, {formulation}: errors {near}, rates {rates}")
+        print(f"errors {near}, rates {rates}")
     for rate, order in zip(rates, (1, 2, 5, ORDER), strict=True):
         assert rate == pytest.approx(order + 1, abs=0.3)
     assert errors(0.02)[-1] < 1e-13
+
+
+def test_coefficients_at_a_point_are_those_of_mpmath(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the stress, the volume equation and all loads, at the first point of each integral."""
+    model = model_of("inverse", "mixed", ANALYTIC, comm)
+    deform(model.unknowns)
+    scene, state = model.scene("inverse"), model.unknowns.state
+    taylor, load = TaylorResidual(scene), 0.7
+    along = 0.1 * np.random.default_rng(0).normal(size=len(state.x.array))
+    taylor.begin(ORDER, load)
+    taylor.put(1, along, 0.3)
+    graphs = captured_graphs(scene, monkeypatch)
+    errors, parts = [], {part._kernel.plan.text: part for part in taylor._parts if part._count}
+    assert parts.keys() == graphs.keys()
+    for text, part in parts.items():
+        graph, outputs = graphs[text]
+        coefficients = []
+        for order in range(ORDER + 1):
+            part.sweep(order)
+            coefficients.append(part._results[0, :, 0].copy())
+        expected = exact_coefficients(graph, outputs, part._leaves[0, :2, :, 0], part._inputs[0, :, 0])
+        for order, values in enumerate(coefficients):
+            size = max(np.abs(expected[order]).max(), 1e-30 * np.abs(expected).max())  # zeros have rounding errors
+            errors.append(np.abs(values - expected[order]).max() / size)
+    print(f"{len(parts)} integrands: {max(errors):.1e}")
+    assert max(errors) < 1e-10
+
+
+def captured_graphs(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> dict[str, tuple[ScalarGraph, list[int]]]:
+    """Graphs and outputs of the integrals of a scene, by their C code; nothing is compiled."""
+    graphs = {}
+
+    def capture(graph: ScalarGraph, leaves: int, outputs: list[int]) -> TaylorCode:
+        code = taylor_code(graph, leaves, outputs)
+        graphs[code.text] = graph, outputs
+        return code
+
+    monkeypatch.setattr(taylor_residual, "taylor_code", capture)
+    monkeypatch.setattr(taylor_residual, "compile_expression", lambda *_: SimpleNamespace(file="", symbol=""))
+    for integral in (*taylor_residual._volume(scene), *taylor_residual._surface(scene)):
+        taylor_residual._derived(integral, scene, {})
+    return graphs
+
+
+def exact_coefficients(
+    graph: ScalarGraph, outputs: list[int], leaves: np.ndarray, inputs: np.ndarray
+) -> list[np.ndarray]:
+    """Coefficients of nodes for leaves (orders, n), by Cauchy's integral with 80 digits."""
+    points, radius = 24, mp.mpf(2) ** -10
+    with mp.workdps(80):
+        roots = mp.unitroots(points)
+        paths = [[mp.mpf(c) for c in path] for path in leaves.T.tolist()]
+        at = ([sum(c * (radius * root) ** k for k, c in enumerate(path)) for path in paths] for root in roots)
+        values = [evaluated(graph, moved, inputs) for moved in at]
+        return [
+            np.array(
+                [
+                    float(
+                        mp.re(sum(v[node] * roots[-j * k % points] for j, v in enumerate(values))) / points / radius**k
+                    )
+                    for node in outputs
+                ]
+            )
+            for k in range(ORDER + 1)
+        ]
+
+
+def evaluated(graph: ScalarGraph, leaves: list[Any], inputs: np.ndarray) -> list[Any]:
+    """Values of all nodes in the arithmetic of the leaves, functions in their closed forms."""
+    values: list[Any] = []
+    for operation in graph.operations:
+        match operation:
+            case ("leaf", number):
+                values.append(leaves[number])
+            case ("input", number):
+                values.append(mp.mpf(inputs[number]))
+            case ("number", value):
+                values.append(mp.mpf(value))
+            case ("add", a, b):
+                values.append(values[a] + values[b])
+            case ("multiply", a, b):
+                values.append(values[a] * values[b])
+            case ("divide", a, b):
+                values.append(values[a] / values[b])
+            case ("power", a, n):
+                values.append(values[a] ** values[n])
+            case ("function" | "integral", name, x, *_):
+                values.append(getattr(mp, name)(values[x]))
+            case ("choose", _, _, _, closed, _):
+                values.append(values[closed])
+            case _:
+                raise AssertionError(operation)
+    return values
 
 
 @pytest.mark.parametrize("name", SWITCHES)

@@ -17,8 +17,10 @@ class CaseRecord:
         status: "converged", or the diagnosis.
         statistics: content of the run's ``summary.json``; empty if the case failed before there was one.
         seconds: wall time of the case.
-        start: key of the case whose solution was the initial guess; "" for the unloaded body.
+        start: key of the case whose solution, or power series, was the initial guess; "" for the unloaded body.
         compiled: whether kernels were compiled, so that its time does not count; set by studies.
+        by_series: whether the initial guess was the value of a power series.
+        remark: whether a power series for other cases was made of it, or why not; empty if none was wanted.
     """
 
     status: str
@@ -28,6 +30,8 @@ class CaseRecord:
     attempts: int
     start: str = ""
     compiled: bool = False
+    by_series: bool = False
+    remark: str = ""
 
     @property
     def converged(self) -> bool:
