@@ -4,7 +4,6 @@ Solids are regions by their names in the file, and so are faces that have names.
 ``face-2``, … in the order of the file; the face between two solids is ``A|B``.
 """
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -20,12 +19,12 @@ from hpcinv.mesh.io.isolated import check_cad
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.thin_walls import report_thin_walls
 from hpcinv.quantity.units import readable
+from hpcinv.reading.cad_files import given_name, solid_names
 
 _HAIR = 1e-3  # gap of two solids, relative to the whole size, that is taken for a fault; more refuses separate parts
 _SEWN = 1e-5  # gap of faces, relative to the whole size, that are sewn to a solid; more may join thin parts
 _MOST_GLUE = 0.01  # of the whole size; more changes the shape of solids
 _OVERLAP = 1e-9  # volume that solids share, relative to the whole, below which it is rounding
-_GIVEN_BY_LIBRARY = ("Open CASCADE", "COMPOUND", "SOLID", "SHELL")
 _PER_TURN = 12  # edges in a full turn of a curved face; more follow curvature with smaller cells
 
 
@@ -95,11 +94,10 @@ def _imported(gmsh: Any, path: Path, report: Callable[[str], None]) -> tuple[lis
         if not gmsh.model.getEntities(3):
             raise MeshError(f"{path}: has no solid", "Export a closed solid body, not surfaces or sketches.")
         report("its surfaces were sewn to a solid")
-    given = [_named(gmsh, 3, tag) or f"solid-{number}" for number, (_, tag) in enumerate(gmsh.model.getEntities(3), 1)]
     tags = [tag for _, tag in gmsh.model.getEntities(3)]
-    solids = [_Solid(name, tag, _colour(gmsh, 3, tag)) for name, tag in zip(_distinct(given), tags, strict=True)]
+    solids = [_Solid(name, tag, _colour(gmsh, 3, tag)) for name, tag in zip(solid_names(gmsh), tags, strict=True)]
     faces = [tag for _, tag in gmsh.model.getEntities(2)]
-    names, colours = ({tag: of(gmsh, 2, tag) for tag in faces} for of in (_named, _colour))
+    names, colours = ({tag: of(gmsh, 2, tag) for tag in faces} for of in (given_name, _colour))
     return solids, _Faces(names, colours)
 
 
@@ -107,21 +105,6 @@ def _colour(gmsh: Any, dim: int, tag: int) -> str:
     """Return the name of the region of a colour, such as ``colour-ff0000``; empty without a colour in the file."""
     *channels, opacity = gmsh.model.getColor(dim, tag)
     return f"colour-{bytes(channels).hex()}" if opacity else ""
-
-
-def _named(gmsh: Any, dim: int, tag: int) -> str:
-    """Return the last part of the name of an entity in the file; empty for names that the exporting library gave."""
-    name = str(gmsh.model.getEntityName(dim, tag)).rpartition("/")[2].strip()
-    return "" if name.startswith(_GIVEN_BY_LIBRARY) else name
-
-
-def _distinct(names: Sequence[str]) -> list[str]:
-    counts, numbers = Counter(names), Counter[str]()
-    distinct = []
-    for name in names:
-        numbers[name] += 1
-        distinct.append(name if counts[name] == 1 else f"{name}-{numbers[name]}")
-    return distinct
 
 
 def _joined(gmsh: Any, path: Path, solids: list[_Solid], unit: float, *, glued: bool) -> list[_Solid]:
