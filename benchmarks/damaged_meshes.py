@@ -1,6 +1,6 @@
 """Damaged files of all formats of meshes, CAD and lumens: each gets one message, or is read, and none hangs.
 
-Command: OMP_NUM_THREADS=1 python benchmarks/damaged_meshes.py [files of each format]
+Command: OMP_NUM_THREADS=1 python benchmarks/damaged_meshes.py [files of each format [suffix …]]
 """
 
 import random
@@ -84,11 +84,13 @@ def damaged(content: bytes, dice: random.Random) -> bytes:
     return bytes(changed)
 
 
-def main(each: int) -> int:
-    dice, outcomes, wrong = random.Random(45), Counter[str](), list[str]()
+def main(each: int, suffixes: list[str]) -> int:
+    wrong = list[str]()
     with tempfile.TemporaryDirectory() as directory:
         for path, section in whole_files(Path(directory)).items():
-            content = path.read_bytes()
+            if suffixes and path.suffix not in suffixes:
+                continue
+            content, dice, outcomes = path.read_bytes(), random.Random(45), Counter[str]()
             for number in range(each):
                 path.write_bytes(damaged(content, dice))
                 began = time.perf_counter()
@@ -107,14 +109,14 @@ def main(each: int) -> int:
                 except Exception as error:  # what must not happen
                     outcome = "traceback"
                     wrong.append(f"{path.name} {number}: {type(error).__name__}: {str(error)[:300]}")
-                outcomes[f"{path.suffix} {outcome}"] += 1
+                outcomes[outcome] += 1
                 if (seconds := time.perf_counter() - began) > SLOW:
                     wrong.append(f"{path.name} {number}: took {seconds:.0f} s")
             path.write_bytes(content)
-    print(", ".join(f"{name}: {count}" for name, count in sorted(outcomes.items())))
+            print(path.suffix, ", ".join(f"{count} {name}" for name, count in sorted(outcomes.items())), flush=True)
     print(*wrong, sep="\n")
     return 1 if wrong else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else 14))
+    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else 14, sys.argv[2:]))
