@@ -151,6 +151,14 @@ def test_damaged_files_get_a_message(cad: Callable[[str], Path], tmp_path: Path)
     assert not [text for text in messages if "Traceback" in text]
 
 
+def test_a_file_without_shapes_has_no_solid(cad: Callable[[str], Path], tmp_path: Path) -> None:
+    """OpenCASCADE reads files of versions that it does not know as nothing, without an error."""
+    path = tmp_path / "empty.brep"
+    path.write_bytes(cad("box.brep").read_bytes().replace(b"Topology V", b"Topology X"))
+    with pytest.raises(MeshError, match="has no solid"):
+        read(path, unit="mm")
+
+
 def test_a_file_that_gmsh_has_read_is_not_tried_again(
     cad: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

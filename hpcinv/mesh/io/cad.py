@@ -49,38 +49,43 @@ def cad_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None], size_fac
     Raises:
         MeshError: the file cannot be read, has no solid, or its solids overlap or miss each other by a hair.
     """
-    assert spec.size is not None
     check_cad(path)
-    unit = spec.metres
-    with session(path.stem, size_factor) as gmsh:
-        names, faces = _imported(gmsh, path, report)  # STEP and IGES in mm, whatever their unit
-        if spec.glue is not None:
-            _check_glue(gmsh, path, spec.glue / unit)
-            gmsh.option.setNumber("Geometry.ToleranceBoolean", spec.glue / unit)
-        measures = _measures(gmsh)
-        solids = _joined(gmsh, path, names, unit, glued=spec.glue is not None)
-        faces = _renumbered(faces, measures, _measures(gmsh), _SEWN * _extent(gmsh))
-        _add_groups(gmsh, solids, faces)
-        size = spec.size / unit
-        gmsh.model.mesh.setSize(gmsh.model.getEntities(0), size)  # gmsh's default is a tenth of the body
-        gmsh.option.setNumber("Mesh.MeshSizeMax", size)
-        gmsh.option.setNumber("Mesh.MeshSizeMin", size / (spec.grade or 4.0))
-        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", _PER_TURN)
-        try:
-            with monitored(gmsh, path, MeshingMonitor(spec.maximum_cells, report)):
-                gmsh.model.mesh.generate(3)
-        except MeshError:
-            raise
-        except Exception as error:  # gmsh raises nothing narrower
-            advice = "Make mesh.size smaller, or repair the solid in the CAD program."
-            raise MeshError(f"{path}: gmsh could not mesh it: {error}", advice) from error
-        if spec.geometry_degree == 2:
-            gmsh.model.mesh.setOrder(2)
-        source = extract(gmsh, path)
-        source = replace(source, surface=cad_surface(gmsh, source.kind, source.degree))
-    source = source.convert_to_metres(unit)
+    try:
+        with session(path.stem, size_factor) as gmsh:
+            source = _meshed(gmsh, path, spec, report)
+    except MeshError:
+        raise
+    except Exception as error:  # gmsh raises nothing narrower
+        advice = "Make mesh.size smaller, or repair the solid in the CAD program."
+        raise MeshError(f"{path}: gmsh could not mesh it: {error}", advice) from error
+    source = source.convert_to_metres(spec.metres)
     report_thin_walls(source, report)
     return source
+
+
+def _meshed(gmsh: Any, path: Path, spec: MeshSpec, report: Callable[[str], None]) -> MeshSource:
+    """Return the mesh of a CAD file in the unit of the file."""
+    assert spec.size is not None
+    unit = spec.metres
+    names, faces = _imported(gmsh, path, report)  # STEP and IGES in mm, whatever their unit
+    if spec.glue is not None:
+        _check_glue(gmsh, path, spec.glue / unit)
+        gmsh.option.setNumber("Geometry.ToleranceBoolean", spec.glue / unit)
+    measures = _measures(gmsh)
+    solids = _joined(gmsh, path, names, unit, glued=spec.glue is not None)
+    faces = _renumbered(faces, measures, _measures(gmsh), _SEWN * _extent(gmsh))
+    _add_groups(gmsh, solids, faces)
+    size = spec.size / unit
+    gmsh.model.mesh.setSize(gmsh.model.getEntities(0), size)  # gmsh's default is a tenth of the body
+    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+    gmsh.option.setNumber("Mesh.MeshSizeMin", size / (spec.grade or 4.0))
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", _PER_TURN)
+    with monitored(gmsh, path, MeshingMonitor(spec.maximum_cells, report)):
+        gmsh.model.mesh.generate(3)
+    if spec.geometry_degree == 2:
+        gmsh.model.mesh.setOrder(2)
+    source = extract(gmsh, path)
+    return replace(source, surface=cad_surface(gmsh, source.kind, source.degree))
 
 
 def _imported(gmsh: Any, path: Path, report: Callable[[str], None]) -> tuple[list[_Solid], _Faces]:
@@ -89,8 +94,9 @@ def _imported(gmsh: Any, path: Path, report: Callable[[str], None]) -> tuple[lis
     occ.importShapes(str(path))
     occ.synchronize()
     if not gmsh.model.getEntities(3):
-        occ.healShapes(tolerance=_SEWN * _extent(gmsh))
-        occ.synchronize()
+        if gmsh.model.getEntities(2):
+            occ.healShapes(tolerance=_SEWN * _extent(gmsh))
+            occ.synchronize()
         if not gmsh.model.getEntities(3):
             raise MeshError(f"{path}: has no solid", "Export a closed solid body, not surfaces or sketches.")
         report("its surfaces were sewn to a solid")
