@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from hpcinv.certificate.check import Line, Verdict
+from hpcinv.quantity.written_units import as_shown
 
 
 class Ending(enum.Enum):
@@ -53,10 +54,16 @@ class AccuracyStep:
     seconds: float
     limit: str = ""
 
-    @property
-    def text(self) -> str:
+    def described(self, units: Mapping[str, str], symbols: Mapping[str, str]) -> str:
+        """Return a line on the step.
+
+        Args:
+            units: SI units of quantities by name, where the job defines them.
+            symbols: units of the job by SI unit.
+        """
         errors = ", ".join(
-            f"{name} ± {'?' if bound is None else f'{bound:.3g}'}" for name, bound in self.bounds.items()
+            f"{name} ± {'?' if bound is None else as_shown(bound, units.get(name, ''), symbols, 3)}"
+            for name, bound in self.bounds.items()
         )
         excess = "one mesh cannot show" if self.excess is None else f"{self.excess:.2g} of what is allowed"
         return (

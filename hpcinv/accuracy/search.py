@@ -22,6 +22,7 @@ from hpcinv.parallel.memory_use import peak
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.signals import signals_recorded
 from hpcinv.parallel.timings import Timings
+from hpcinv.quantity.written_units import written_units
 from hpcinv.solver.observer import Observer, Stopped
 
 USABLE = 0.7  # share of the free memory before the first mesh is made
@@ -229,7 +230,8 @@ class Search:
                 seconds=seconds,
             )
         )
-        self.note(self.rows[-1].text)
+        units = {q.name: q.dimension.unit for q in self.job.quantities if q.dimension is not None}
+        self.note(self.rows[-1].described(units, written_units(self.job.data)))
 
     def _limit_of(self, trial: Trial) -> str:
         """Return text on what limits the rate: a singular edge that has most of the error, regions that move."""

@@ -45,6 +45,7 @@ def _validate(options: argparse.Namespace) -> int:
     for path in options.jobs:
         try:
             content = _load(path)
+            regions = _regions_of_cad(content) if isinstance(content, Job) and content.mesh.is_cad else []
         except HpcinvError as error:
             print(error, file=sys.stderr)
             failed = error.exit_code
@@ -53,7 +54,24 @@ def _validate(options: argparse.Namespace) -> int:
                 for text in doubtful_moduli(content):
                     print(f"warning: {path}: {text}", file=sys.stderr)
             print(f"{path}: valid")
+            for line in regions:
+                print(f"  {line}")
     return failed
+
+
+def _regions_of_cad(job: Job) -> list[str]:
+    """Return lines on the solids and faces of a job's CAD file; loads what reads meshes, as no other job does."""
+    from hpcinv.mesh.io.isolated import cad_contents
+
+    contents = cad_contents(job.resolve(job.mesh.file))
+    unit = job.mesh.metres
+    lines = [f"{name}: solid" for name in contents["solids"]]
+    for name, centre, area in contents["faces"]:
+        place = ", ".join(f"{round(float(x) * unit * 1e3, 6) + 0.0:.5g}" for x in centre)
+        lines.append(f"{name}: face of {float(area) * unit**2 * 1e6:.4g} mm^2 around ({place}) mm")
+    if not contents["faces"]:
+        lines.append("faces: numbered when the solids are joined; 'hpcinv mesh from-cad' lists them")
+    return lines
 
 
 def _load(path: Path) -> object:

@@ -25,6 +25,7 @@ def _add_temperatures(schema: dict[str, Any], _kind: type[Any]) -> None:
     schema["properties"]["temperature"] = either | {"description": _MEANINGS["temperature"]}
     schema["properties"]["reference_temperature"] = number | {"description": _MEANINGS["reference_temperature"]}
     schema["required"] = [key for key in schema.get("required", ()) if key != "temperature_change"]
+    schema["anyOf"] = [{"required": ["temperature_change"]}, {"required": [*_KEYS]}]
 
 
 class ThermalExpansion(Effect):

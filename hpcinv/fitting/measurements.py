@@ -250,7 +250,9 @@ class _Reader:
                 need = COLUMNS[name].needs
                 over = f", over {need} {_stated(need, self._statements[need])}" if need else ""
                 unit = COLUMNS[name].dimension.unit
-                size = f" in {factor:.6g} {unit}".rstrip() if factor != 1 else f" in {unit}" if unit else ""
+                whole = readable(factor, unit) if unit else ""
+                plain = f"{factor:.6g} {unit}".rstrip() if factor != 1 else unit
+                size = f" in {whole[2:] if whole.startswith('1 ') else plain}" if unit or factor != 1 else ""
                 self._notes.append(f"  '{titles.entries[i]}': {name}{size}{over}")
         if ignored:
             self._notes.append(f"  not used: {', '.join(ignored)}")

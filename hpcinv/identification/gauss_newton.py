@@ -437,7 +437,7 @@ class _Problem:
 
 
 def _moments(shapes: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Return mean and standard deviation (n, 3) of nodes, of which there may be too many for all shapes at once."""
+    """Return mean and standard deviation (n, 3) of nodes; all shapes at once may not fit in memory."""
     mean = np.zeros(shapes[0].shape)
     for nodes in shapes:
         mean += nodes / len(shapes)

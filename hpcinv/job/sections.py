@@ -24,6 +24,7 @@ from hpcinv.files.names import exists, is_file
 from hpcinv.files.untrusted import applies
 from hpcinv.formats import FORMATS as MESHES
 from hpcinv.formats import mesh_fault
+from hpcinv.job.lumen import INNER, OR_OPEN, OUTER, WALL, End, WallThickness, also_open
 from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_generator, read_parameters
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number, replace_scalar
@@ -106,6 +107,8 @@ IMAGES = (".nii", ".gz", ".nrrd", ".mha", ".mhd", ".vti", ".dcm")
 """suffixes of segmented images"""
 SURFACES = (".stl", ".ply", ".obj", ".vtp", ".vtk")
 """suffixes of surfaces of triangles"""
+CENTRELINE = ".csv"
+"""suffix of a table of centrelines"""
 CADS = (".step", ".stp", ".iges", ".igs", ".brep")
 """suffixes of CAD files"""
 
@@ -154,6 +157,7 @@ class MeshFile(Spec):
             "image": "a segmented image, instead of 'file'",
             "surface": "a closed surface, instead of 'file'",
             "cad": "a CAD file (.step, .iges, .brep), instead of 'file'",
+            "lumen": "a segmented image, a surface, or a table (.csv) of centrelines with radii, instead of 'file'",
         }
         content["properties"] |= {
             key: {"type": "string", "description": kinds[key]} for key in cls.sources if key in kinds
@@ -187,10 +191,12 @@ class MeshFile(Spec):
     @model_validator(mode="before")
     @classmethod
     def _source_is_a_file(cls, data: Any) -> Any:
-        sources = [key for key in ("image", "surface", "cad") if isinstance(data, Mapping) and key in data]
+        sources = [key for key in ("image", "surface", "cad", "lumen") if isinstance(data, Mapping) and key in data]
         if len(sources) > 1 or (sources and "file" in data):
             other = "file" if "file" in data else sources[0]
             raise Problems(((sources[-1],), f"is given together with '{other}': a mesh is made from one of them"))
+        if sources == ["lumen"] and data.get("wall") is None and "lumen" in cls.sources:
+            raise Problems((("wall",), "is needed: the thickness of the wall around the lumen, such as 1.5 mm"))
         return {("file" if key in sources else key): value for key, value in data.items()} if sources else data
 
     @property
@@ -404,17 +410,29 @@ class MeshSpec(MeshFile):
     shell: Annotated[Shell | None, Field(exclude_if=lambda shell: shell is None)] = None
     """of a surface mesh: the shell around it, such as {thickness: 1.2 mm}; its faces are the regions 'outer' and
     'inner'"""
+    wall: Annotated[WallThickness | None, Field(exclude_if=lambda wall: wall is None)] = None
+    """of a lumen (written as 'lumen' instead of 'file'): thickness of the wall around it, such as 1.5 mm, or a table
+    along it, such as {distance: [0 mm, 80 mm], thickness: [2 mm, 1.4 mm]}; regions are 'wall', 'inner', 'outer' and
+    the ends"""
+    ends: Annotated[
+        Mapping[Name, End], OR_OPEN, Field(exclude_if=lambda ends: not ends, json_schema_extra=also_open)
+    ] = {}
+    """of a lumen: open, or the places of ends by the names of their regions, such as {inlet: {at: [0 mm, 0 mm, 0 mm]}}
+    or, cut by a plane, {inlet: {at: […], normal: [0, 0, -1]}}; the others are end-1, end-2, …, the largest first"""
+    layers: Annotated[int, Field(ge=1, le=20, exclude_if=lambda layers: layers == 2)] = 2
+    """of a lumen: layers of cells through its wall"""
     surface_error: Annotated[SurfaceError | None, Field(exclude_if=lambda error: error is None)] = None
     """error of the given surface, whose effect on shape and quantities the certificate reports; of an image by default
     {sd: 0.12 voxels, correlation: a voxel or half of 'size'}"""
 
-    formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES + SURFACES + CADS
+    formats: ClassVar[tuple[str, ...]] = (*FORMATS, *IMAGES, *SURFACES, *CADS, CENTRELINE)
     sources: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "file": (),
         "cad": ("size",),
         "image": ("labels", "size"),
         "surface": ("unit", "size"),
         "surfaces": ("unit", "size"),
+        "lumen": ("wall", "size"),
     }
 
     @property
@@ -461,7 +479,9 @@ class MeshSpec(MeshFile):
         first = first[0] if isinstance(first, list | tuple) and first else first
         if not isinstance(first, str):
             raise Problems((("surfaces",), "must be names of regions and their files, such as {body: body.stl}"))
-        if others := [key for key in ("file", "image", "surface", "cad") if key in data and data[key] != first]:
+        if others := [
+            key for key in ("file", "image", "surface", "cad", "lumen") if key in data and data[key] != first
+        ]:
             raise Problems((("surfaces",), f"is given together with '{others[0]}': a mesh is made from one of them"))
         return {**data, "file": first}
 
@@ -502,13 +522,34 @@ class MeshSpec(MeshFile):
             yield ("unit",), stated if "unit" not in self.model_fields_set else "is in the file already; leave it out"
         if self.glue is not None and not self.is_cad:
             yield ("glue",), "is for CAD files only"
-        is_meshed = self.is_image or self.is_surface or self.is_cad
+        yield from self._faults_of_vessel()
+        is_meshed = self.is_image or self.is_surface or self.is_cad or self.wall is not None
         if is_meshed and self.size is None:
             yield ("size",), "is needed: the largest length of edges, as 5 mm"
         if self.size is not None and not is_meshed:
             yield ("size",), "is for CAD files, images and surfaces only; give a generator's among its 'parameters'"
         if self.grade is not None and not is_meshed:
             yield ("grade",), "is for CAD files, images and surfaces only"
+
+    def _faults_of_vessel(self) -> Faults:
+        is_centreline = suffix_of(self.file) == CENTRELINE
+        if self.wall is None:
+            if is_centreline:
+                yield (), "a table of centrelines is given as 'lumen', with the 'wall' around it"
+            for key in ("ends", "layers"):
+                if key in self.model_fields_set:
+                    yield (key,), "is for a 'lumen' only"
+            return
+        if not (self.is_image or self.is_surface or is_centreline):
+            kinds = f"an image ({', '.join(IMAGES)}), a surface ({', '.join(SURFACES)}) or a table ({CENTRELINE})"
+            yield ("lumen",), f"must be {kinds}"
+        if is_centreline and "unit" not in self.model_fields_set:
+            yield ("unit",), "is needed: tables of centrelines do not have one"
+        for key in ("neighbours", "surfaces", "shell", "glue", "grade"):
+            if key in self.model_fields_set and getattr(self, key):
+                yield (key,), "is not valid with a lumen"
+        for name in {WALL, INNER, OUTER, *RESERVED} & self.ends.keys():
+            yield ("ends", name), "is the name of another region; choose another"
 
     def _faults_of_labels(self) -> Faults:
         names: dict[int | str, str] = {}

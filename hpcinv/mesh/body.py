@@ -182,6 +182,10 @@ def read_source(
             is_surface = spec.shell is not None
             source = generate(path, parameters, spec.geometry_degree, monitor, size_factor, is_surface=is_surface)
             source = source.convert_to_metres(spec.unit)
+        elif spec.wall is not None:
+            from hpcinv.mesh.vessels.vessel_mesh import vessel_mesh  # loads VTK
+
+            source = vessel_mesh(path, spec, report)
         elif spec.is_cad:
             source = cad_mesh(path, spec, report, size_factor)
         elif spec.size is not None and spec.is_surface:

@@ -117,6 +117,8 @@ def _read_groups(lines: _Lines, sets: dict[str, list[int]]) -> None:
             entries += (numbers := whole_numbers(more.split(), f"line {place}"))
             if not numbers:
                 raise Fault(f"line {place}: group {head[0]} has fewer members than its head says")
+        if len(entries) % 4:
+            raise Fault(f"line {at}: the members of group {head[0]} are not four numbers each")
         for kind, place_of in ((_NODE, "nodes"), (_ELEMENT, "cells")):
             if members := [tag for given, tag in zip(entries[::4], entries[1::4], strict=True) if given == kind]:
                 sets.setdefault(f"{place_of}:{name.strip() or f'group-{head[0]}'}", []).extend(members)

@@ -172,7 +172,7 @@ def shown_units(summary: Mapping[str, Any]) -> dict[str, list[float | str]]:
 
 def axes_of(mesh: Mapping[str, Any]) -> list[list[str]]:
     """Letters at the low and high ends of x, y and z: sides of the patient for an image, else the axis."""
-    if Path(str(mesh.get("file") or mesh.get("image") or "")).suffix not in IMAGES:
+    if Path(str(mesh.get("file") or mesh.get("image") or mesh.get("lumen") or "")).suffix not in IMAGES:
         return [["", axis] for axis in "xyz"]
     return [[_OPPOSITE[letter], letter] for letter in str(mesh.get("orientation") or "LPS")]
 

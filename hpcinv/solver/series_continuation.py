@@ -275,7 +275,7 @@ class SeriesContinuation:
             if not np.isfinite(norm(b)):
                 return Outcome.NOT_FINITE
             taken = self._refine(b, x, refinements)
-            # If the first of two solves is precise, the factors are those of the assembled tangent.
+            # If the first of two solves is precise, the factors belong to the assembled tangent.
             refinements = 1 if taken == 2 else refinements if taken else 0
             return None if taken or linear.solve(b, x) else linear.failure
 

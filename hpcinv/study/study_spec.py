@@ -277,7 +277,7 @@ def refines(varied: Iterable[str]) -> bool:
     """Return whether keys that vary along a series change nothing but the mesh."""
     keys = list(varied)
     mesh_keys = ("mesh.parameters", "expected_shape")
-    whole = ("mesh", "mesh.file", "mesh.cad", "mesh.image", "mesh.surface", "mesh.surfaces", "mesh.size")
+    whole = ("mesh", "mesh.file", "mesh.cad", "mesh.image", "mesh.surface", "mesh.surfaces", "mesh.lumen", "mesh.size")
     return bool(keys) and all(key in whole or key.startswith(mesh_keys) for key in keys)
 
 

@@ -1,6 +1,6 @@
 """Solutions of the cases on a line through the space of numbers, as a power series at one of them.
 
-The numbers of the job lead from those of a solved case (0) to those of another one (1), as the load factor leads from
+The numbers of the job lead from a solved case (0) to another one (1), as the load factor leads from
 the unloaded body to the full load (`hpcinv.solver.series_continuation`): one factorization serves all orders.
 """
 
@@ -78,7 +78,7 @@ class ParameterSeries:
 def expanded(
     equations: Equations, solution: Solution, key: str, first: Sequence[float], last: Sequence[float]
 ) -> ParameterSeries:
-    """Return the series at a solution, with the present factors if these are of a tangent near it; collective.
+    """Return the series at a solution, with the present factors if their tangent is near it; collective.
 
     Args:
         equations: with the numbers of another case of the reuse group, to which the path leads.

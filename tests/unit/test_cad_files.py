@@ -132,6 +132,20 @@ def test_wrong_keys_are_refused(cad: Callable[[str], Path], tmp_path: Path) -> N
             )
 
 
+def test_validate_lists_solids_and_faces(
+    cad: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = {
+        "mesh": {"cad": str(cad("cylinder.step")), "size": "4 mm"},
+        "material": {"law": "neo-hookean", "mu": 1, "lam": 1},
+    }
+    job = write_job(tmp_path / "job.yaml", data, supports=[{"region": "face-1", "fix": ["x", "y", "z"]}])
+    assert main(["validate", str(job)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "  solid-1: solid" in lines
+    assert "  face-2: face of 78.54 mm^2 around (0, 0, 20) mm" in lines
+
+
 def test_damaged_files_get_a_message(cad: Callable[[str], Path], tmp_path: Path) -> None:
     whole, source, messages = cad("cylinder.step").read_bytes(), random.Random(1), list[str]()
     for number in range(4):
@@ -143,6 +157,14 @@ def test_damaged_files_get_a_message(cad: Callable[[str], Path], tmp_path: Path)
             read(path)
         messages.append(refused.value.message)
     assert not [text for text in messages if "Traceback" in text]
+
+
+def test_a_file_without_shapes_has_no_solid(cad: Callable[[str], Path], tmp_path: Path) -> None:
+    """OpenCASCADE reads files of versions that it does not know as nothing, without an error."""
+    path = tmp_path / "empty.brep"
+    path.write_bytes(cad("box.brep").read_bytes().replace(b"Topology V", b"Topology X"))
+    with pytest.raises(MeshError, match="has no solid"):
+        read(path, unit="mm")
 
 
 def test_a_file_that_gmsh_has_read_is_not_tried_again(

@@ -395,6 +395,12 @@ FAULTS = [
     ),
     (".unv", "  0.0D+00  0.0D+00  1.0D+00", "  0.0D+00  0.0D+00", "line 10: a node has 2 coordinates, not 3"),
     (".unv", "         7         1 ", "         7        11 ", "set 'foot' has node 11, which is not defined"),
+    (
+        ".unv",
+        "         7         1         0         0",
+        5 * "         7",
+        "members of group 1 are not four numbers each",
+    ),
     (".unv", UNV[-60:], "", "its last dataset has no end"),
     (".unv", UNV, "", "has no datasets"),
     (".mesh", "Dimension 3", "Dimension 2", "is not a mesh in three dimensions"),

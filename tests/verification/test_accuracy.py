@@ -128,7 +128,7 @@ def test_two_kinds_of_cells_agree_where_the_stress_is_singular(comm: MPI.Intraco
     for hexahedra in (False, True):
         result = package.run(clamped(2e-3, hexahedra=hexahedra), comm)
         assert result.accuracy is not None
-        print("\n".join(row.text for row in result.accuracy.rows))
+        print("\n".join(row.described({}, {}) for row in result.accuracy.rows))
         tips.append(np.array(result.quantities["tip"]))
         bounds.append(result.accuracy.bounds["tip"])
     assert max(bounds) <= 2e-3

@@ -63,7 +63,7 @@ def curved(
     straight = Lattice(source.points, source.cells, labels)
     nodes, lower, upper = two_label_nodes(mesh.facets, pairs, len(mesh.points), count)
     is_middle = nodes >= len(source.points)
-    ends = _ends(mesh)
+    ends = edge_nodes(mesh)
     points = mesh.points.copy()
     normals = np.zeros_like(points)
     for some in (~is_middle, is_middle):  # middles from between the vertices on the boundary
@@ -81,7 +81,7 @@ def curved(
         points[ends[:, 0]] = points[ends[:, 1:]].mean(axis=1)
         bend = np.zeros_like(points)
         bend[middles] = end[middles] - points[middles]
-        share = _share(mesh.cells, points, bend, share)
+        share = shares_of_bend(mesh.cells, points, bend, share)
         if turn == _ROUNDS - 1:
             share = _uncrossed(mesh, points, bend, share)
         points += share[:, None] * bend
@@ -102,7 +102,7 @@ def mirrored(cells: Ints) -> Ints:
     return cells[:, [0, 2, 1, 3, 5, 4, 6, 7, 9, 8][: cells.shape[1]]]
 
 
-def _ends(mesh: MeshSource) -> Ints:
+def edge_nodes(mesh: MeshSource) -> Ints:
     """Middle and both vertices of each edge, (edges, 3)."""
     middles = mesh.cells[:, inner_dofs(mesh.kind, 1)].reshape(-1, 1)
     edges = mesh.cells[:, sub_entities(mesh.kind, 1)].reshape(-1, 2)
@@ -110,7 +110,7 @@ def _ends(mesh: MeshSource) -> Ints:
     return np.concatenate([middles, edges], axis=1)[first]
 
 
-def _share(cells: Ints, points: Floats, bend: Floats, share: Floats) -> Floats:
+def shares_of_bend(cells: Ints, points: Floats, bend: Floats, share: Floats) -> Floats:
     """Share of their way ``bend`` (n, 3) that nodes between vertices can go from straight edges."""
     share, going = share.copy(), np.flatnonzero(bend.any(axis=1))
     bent = cells[np.isin(cells, going).any(axis=1)]

@@ -8,7 +8,7 @@ import pyvista
 from scipy import ndimage
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.imaging.label_image import read_labels
+from hpcinv.mesh.imaging.label_image import Bools, read_labels
 from hpcinv.mesh.source import Floats
 
 _SMOOTH = 0.7  # standard deviation of the smoothing, in voxels
@@ -33,8 +33,22 @@ def image_surface(path: Path, labels: Sequence[int], unit: float) -> pyvista.Pol
     places = np.argwhere(image.voxels)
     low, high = places.min(axis=0), places.max(axis=0) + 1
     mask = np.pad(image.voxels[tuple(map(slice, low, high))] > 0, _MARGIN)
+    surface = surface_around(path, mask)
+    points: Floats = (np.asarray(surface.points, dtype=np.float64) + low - _MARGIN) * image.spacing
+    triangles = surface.regular_faces
+    if np.linalg.det(image.axes) < 0:  # mirrored
+        triangles = triangles[:, ::-1]
+    return pyvista.PolyData.from_regular_faces(image.positions(points), triangles)
+
+
+def surface_around(path: Path, mask: Bools) -> pyvista.PolyData:
+    """Return the surface (voxels) that encloses the volume of the voxels in a mask, whose margin is empty.
+
+    Raises:
+        MeshError: they are too few.
+    """
     field = ndimage.gaussian_filter(mask.astype(np.float32), _SMOOTH)
-    volume = image.volume(1) / float(image.spacing.prod())
+    volume = np.count_nonzero(mask)
     least, most = 0.02, 0.98
     for _ in range(_STEPS):
         level = (least + most) / 2
@@ -45,11 +59,7 @@ def image_surface(path: Path, labels: Sequence[int], unit: float) -> pyvista.Pol
         least, most = (level, most) if error > 0 else (least, level)
     if not surface.n_cells:
         raise MeshError(f"{path}: the label is too small for a surface", "Give an image with smaller voxels.")
-    points: Floats = (np.asarray(surface.points, dtype=np.float64) + low - _MARGIN) * image.spacing
-    triangles = surface.regular_faces
-    if np.linalg.det(image.axes) < 0:  # mirrored
-        triangles = triangles[:, ::-1]
-    return pyvista.PolyData.from_regular_faces(image.positions(points), triangles)
+    return surface
 
 
 def _contour(field: Floats, level: float) -> pyvista.PolyData:

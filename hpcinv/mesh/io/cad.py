@@ -4,7 +4,6 @@ Solids are regions by their names in the file, and so are faces that have names.
 ``face-2``, … in the order of the file; the face between two solids is ``A|B``.
 """
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -20,12 +19,12 @@ from hpcinv.mesh.io.isolated import check_cad
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.thin_walls import report_thin_walls
 from hpcinv.quantity.units import readable
+from hpcinv.reading.cad_files import given_name, solid_names
 
 _HAIR = 1e-3  # gap of two solids, relative to the whole size, that is taken for a fault; more refuses separate parts
 _SEWN = 1e-5  # gap of faces, relative to the whole size, that are sewn to a solid; more may join thin parts
 _MOST_GLUE = 0.01  # of the whole size; more changes the shape of solids
 _OVERLAP = 1e-9  # volume that solids share, relative to the whole, below which it is rounding
-_GIVEN_BY_LIBRARY = ("Open CASCADE", "COMPOUND", "SOLID", "SHELL")
 _PER_TURN = 12  # edges in a full turn of a curved face; more follow curvature with smaller cells
 
 
@@ -50,38 +49,43 @@ def cad_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None], size_fac
     Raises:
         MeshError: the file cannot be read, has no solid, or its solids overlap or miss each other by a hair.
     """
-    assert spec.size is not None
     check_cad(path)
-    unit = spec.metres
-    with session(path.stem, size_factor) as gmsh:
-        names, faces = _imported(gmsh, path, report)  # STEP and IGES in mm, whatever their unit
-        if spec.glue is not None:
-            _check_glue(gmsh, path, spec.glue / unit)
-            gmsh.option.setNumber("Geometry.ToleranceBoolean", spec.glue / unit)
-        measures = _measures(gmsh)
-        solids = _joined(gmsh, path, names, unit, glued=spec.glue is not None)
-        faces = _renumbered(faces, measures, _measures(gmsh), _SEWN * _extent(gmsh))
-        _add_groups(gmsh, solids, faces)
-        size = spec.size / unit
-        gmsh.model.mesh.setSize(gmsh.model.getEntities(0), size)  # gmsh's default is a tenth of the body
-        gmsh.option.setNumber("Mesh.MeshSizeMax", size)
-        gmsh.option.setNumber("Mesh.MeshSizeMin", size / (spec.grade or 4.0))
-        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", _PER_TURN)
-        try:
-            with monitored(gmsh, path, MeshingMonitor(spec.maximum_cells, report)):
-                gmsh.model.mesh.generate(3)
-        except MeshError:
-            raise
-        except Exception as error:  # gmsh raises nothing narrower
-            advice = "Make mesh.size smaller, or repair the solid in the CAD program."
-            raise MeshError(f"{path}: gmsh could not mesh it: {error}", advice) from error
-        if spec.geometry_degree == 2:
-            gmsh.model.mesh.setOrder(2)
-        source = extract(gmsh, path)
-        source = replace(source, surface=cad_surface(gmsh, source.kind, source.degree))
-    source = source.convert_to_metres(unit)
+    try:
+        with session(path.stem, size_factor) as gmsh:
+            source = _meshed(gmsh, path, spec, report)
+    except MeshError:
+        raise
+    except Exception as error:  # gmsh raises nothing narrower
+        advice = "Make mesh.size smaller, or repair the solid in the CAD program."
+        raise MeshError(f"{path}: gmsh could not mesh it: {error}", advice) from error
+    source = source.convert_to_metres(spec.metres)
     report_thin_walls(source, report)
     return source
+
+
+def _meshed(gmsh: Any, path: Path, spec: MeshSpec, report: Callable[[str], None]) -> MeshSource:
+    """Return the mesh of a CAD file in the unit of the file."""
+    assert spec.size is not None
+    unit = spec.metres
+    names, faces = _imported(gmsh, path, report)  # STEP and IGES in mm, whatever their unit
+    if spec.glue is not None:
+        _check_glue(gmsh, path, spec.glue / unit)
+        gmsh.option.setNumber("Geometry.ToleranceBoolean", spec.glue / unit)
+    measures = _measures(gmsh)
+    solids = _joined(gmsh, path, names, unit, glued=spec.glue is not None)
+    faces = _renumbered(faces, measures, _measures(gmsh), _SEWN * _extent(gmsh))
+    _add_groups(gmsh, solids, faces)
+    size = spec.size / unit
+    gmsh.model.mesh.setSize(gmsh.model.getEntities(0), size)  # gmsh's default is a tenth of the body
+    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+    gmsh.option.setNumber("Mesh.MeshSizeMin", size / (spec.grade or 4.0))
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", _PER_TURN)
+    with monitored(gmsh, path, MeshingMonitor(spec.maximum_cells, report)):
+        gmsh.model.mesh.generate(3)
+    if spec.geometry_degree == 2:
+        gmsh.model.mesh.setOrder(2)
+    source = extract(gmsh, path)
+    return replace(source, surface=cad_surface(gmsh, source.kind, source.degree))
 
 
 def _imported(gmsh: Any, path: Path, report: Callable[[str], None]) -> tuple[list[_Solid], _Faces]:
@@ -90,16 +94,16 @@ def _imported(gmsh: Any, path: Path, report: Callable[[str], None]) -> tuple[lis
     occ.importShapes(str(path))
     occ.synchronize()
     if not gmsh.model.getEntities(3):
-        occ.healShapes(tolerance=_SEWN * _extent(gmsh))
-        occ.synchronize()
+        if gmsh.model.getEntities(2):
+            occ.healShapes(tolerance=_SEWN * _extent(gmsh))
+            occ.synchronize()
         if not gmsh.model.getEntities(3):
             raise MeshError(f"{path}: has no solid", "Export a closed solid body, not surfaces or sketches.")
         report("its surfaces were sewn to a solid")
-    given = [_named(gmsh, 3, tag) or f"solid-{number}" for number, (_, tag) in enumerate(gmsh.model.getEntities(3), 1)]
     tags = [tag for _, tag in gmsh.model.getEntities(3)]
-    solids = [_Solid(name, tag, _colour(gmsh, 3, tag)) for name, tag in zip(_distinct(given), tags, strict=True)]
+    solids = [_Solid(name, tag, _colour(gmsh, 3, tag)) for name, tag in zip(solid_names(gmsh), tags, strict=True)]
     faces = [tag for _, tag in gmsh.model.getEntities(2)]
-    names, colours = ({tag: of(gmsh, 2, tag) for tag in faces} for of in (_named, _colour))
+    names, colours = ({tag: of(gmsh, 2, tag) for tag in faces} for of in (given_name, _colour))
     return solids, _Faces(names, colours)
 
 
@@ -107,21 +111,6 @@ def _colour(gmsh: Any, dim: int, tag: int) -> str:
     """Return the name of the region of a colour, such as ``colour-ff0000``; empty without a colour in the file."""
     *channels, opacity = gmsh.model.getColor(dim, tag)
     return f"colour-{bytes(channels).hex()}" if opacity else ""
-
-
-def _named(gmsh: Any, dim: int, tag: int) -> str:
-    """Return the last part of the name of an entity in the file; empty for names that the exporting library gave."""
-    name = str(gmsh.model.getEntityName(dim, tag)).rpartition("/")[2].strip()
-    return "" if name.startswith(_GIVEN_BY_LIBRARY) else name
-
-
-def _distinct(names: Sequence[str]) -> list[str]:
-    counts, numbers = Counter(names), Counter[str]()
-    distinct = []
-    for name in names:
-        numbers[name] += 1
-        distinct.append(name if counts[name] == 1 else f"{name}-{numbers[name]}")
-    return distinct
 
 
 def _joined(gmsh: Any, path: Path, solids: list[_Solid], unit: float, *, glued: bool) -> list[_Solid]:

@@ -113,7 +113,12 @@ def check_msh(path: Path, called: Path) -> None:
 
 def check_cad(path: Path) -> None:
     """Raise ``MeshError`` for a CAD file that gmsh cannot import."""
-    _check_once("cad", path, lambda: read_isolated("cad", path, "cannot be read as CAD", "Export it again, as STEP."))
+    _check_once("cad", path, lambda: cad_contents(path))
+
+
+def cad_contents(path: Path) -> dict[str, Any]:
+    """Return ``solids`` (names) and ``faces`` (names, centres and areas) of a CAD file; errors as in `check_cad`."""
+    return read_isolated("cad", path, "cannot be read as CAD", "Export it again, as STEP.")[0]
 
 
 def _check_once(action: str, path: Path, check: Callable[[], object]) -> None:
