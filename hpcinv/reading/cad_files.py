@@ -35,7 +35,7 @@ def distinct(names: Sequence[str]) -> list[str]:
 def read_cad(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Import a file and check its topology; return names of its solids, and names, centres and areas of its faces.
 
-    Faces are those of one solid: where several touch, gluing makes others.
+    Faces belong to one solid: gluing makes others where several touch.
     """
     import gmsh
 

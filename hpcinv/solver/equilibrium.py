@@ -139,7 +139,7 @@ class Equilibrium:
             predicted: prediction of the present state; its effort is added to the effort of the solve.
             begins_near: whether the present state is known to be near the solution.
             farthest: ratio of the first correction to the prediction, both with the same tangent, above which the
-                solve ends (`Outcome.TOO_NONLINEAR`); the factors remain those of the prediction.
+                solve ends (`Outcome.TOO_NONLINEAR`); the prediction's factors remain.
         """
         system, linear = self.system, self.linear
         system.set_load(load)

@@ -81,7 +81,7 @@ def expanded(
     """Return the series at a solution, with the present factors if their tangent is near it; collective.
 
     Args:
-        equations: with the numbers of another case of the reuse group, to which the path leads.
+        equations: with the numbers of another case of the reuse group; the path leads there.
         key: key of the case that was solved.
         first, last: numbers of that case and of the other one.
 

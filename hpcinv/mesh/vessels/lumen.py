@@ -20,7 +20,7 @@ from hpcinv.reading.suffix import suffix_of
 
 _BEYOND = 5  # voxels by which a lumen goes on behind its flat ends; fewer round the edges of ends
 _INSIDE = 2  # voxels between the sections that are compared
-_LIKE = 0.8  # area of the last section relative to the one before, from which on an end is flat: 0.3 in round ends
+_LIKE = 0.8  # least area of the last section of a flat end, relative to the one before; round ends have 0.3
 _PASS_BAND = 0.1  # of the smoothing of voxels; lower values smooth more
 _SWEEPS = 20
 

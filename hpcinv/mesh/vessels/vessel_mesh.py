@@ -43,7 +43,7 @@ lower values make more triangles around narrow branches"""
 _SHORTEST = 0.4  # edge, relative to the smaller of the same: shorter ones where branches part make walls fold
 _PER_AREA = 2.3  # triangles in the square of their edge
 _IN_PRISM = 3  # tetrahedra
-_NOTED = 0.02  # part of the area of a lumen that is left out, from which on it is reported
+_NOTED = 0.02  # part of a lumen's area that may be left out without a line
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class _Vessel:
     """Triangles of a lumen, and its ends.
 
     Attributes:
-        smooth: the given surface, on which nodes lie.
+        smooth: the given surface; nodes lie on it.
         edges: of the rim of each end, by its name.
         rims: planes of the ends, by name.
     """

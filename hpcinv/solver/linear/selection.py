@@ -14,7 +14,7 @@ from hpcinv.solver.linear.cost_model import CORRECTIONS, LOW_RANK, SINGLE, Forec
 from hpcinv.solver.linear.symbolic_analysis import operations_of
 
 _WORTH = 1.1  # least gain of multigrid: factorizations also give signs along the path, and fail at once
-_FLAT_SHARE = 0.1  # of flat cells, from which multigrid hardly converges: smoothers of points leave errors across them
+_FLAT_SHARE = 0.1  # of flat cells; above it multigrid hardly converges: smoothers of points leave errors across them
 _OBVIOUS = 10.0  # gain by the shape, above which branches cannot make factorizations the faster ones
 _UNLIKE = 1.6  # times the operations that are forecast for blocks, up to which MUMPS was seen to take more or fewer
 _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solution, as limit of one Newton solve
