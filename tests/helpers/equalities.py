@@ -191,7 +191,10 @@ def transformed(scene: Scene, matrix: np.ndarray) -> Scene:
 
     def change(value: Any, dimension: Dimension) -> Any:
         array = np.asarray(value, dtype=float)
-        array = turn @ array if array.shape == (3,) else turn @ array @ turn.T if array.shape == (3, 3) else array
+        if array.shape in ((3,), (2, 3)):  # a vector, or two of them
+            array = array @ turn.T
+        elif array.shape == (3, 3):
+            array = turn @ array @ turn.T
         return array * scale ** (dimension.length + dimension.mass)
 
     given = [effects()[data["effect"]].model_validate(data) for data in scene.data["effects"]]

@@ -58,7 +58,7 @@ def test_hopeless_steps_end_with_a_reason(comm: MPI.Intracomm) -> None:
         material=SOFT,
         effects=[{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 8000}],
         supports=[{"region": "patch", "fix": ["x", "y", "z"]}],
-        solver={"patience": PATIENCE},
+        solver={"patience": PATIENCE, "continuation": "steps"},
     )
     progress = SilentProgress(comm)
     with pytest.raises(SolveError) as raised:

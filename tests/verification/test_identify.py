@@ -457,7 +457,10 @@ LINE = {"line": [[0, 0, 0], [0, 0, 1]], "strain": 0.1}
         (observation(landmarks=MARK, state="lying", mesh="a.msh"), "needs exactly one of mesh, surface, landmarks"),
         (observation(strains=[LINE], state="lying", sd="1 mm"), "sd: must be a number, as strains are"),
         (observation(strains=[LINE | {"strain": -1.1}], state="lying"), "strain: must be above -1"),
-        (observation(strains=[LINE | {"line": [[0, 0, 0]]}], state="lying"), "line: must have two points at least"),
+        (
+            observation(strains=[LINE | {"line": [[0, 0, 0]]}], state="lying", sd=0.01),
+            "line: must have two points at least",
+        ),
         (observation(mesh="no.msh", state="lying"), "there is no file"),
         (observation(surface="no.step", state="lying"), "'no.step' must end in"),
     ],
