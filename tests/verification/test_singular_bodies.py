@@ -78,7 +78,7 @@ def test_a_promise_at_a_reentrant_corner_is_kept(comm: MPI.Intracomm) -> None:
     result = package.run(job(**data, accuracy={"q": demand}, solver={"maximum_unknowns": 2500}), comm)
     record = result.accuracy
     assert record is not None
-    print("\n".join(row.text for row in record.rows))
+    print("\n".join(row.described({}, {}) for row in record.rows))
     true = abs(result.quantities["q"] - EXACT["corner", True])
     (line,) = (line for line in result.certificate.lines if line.name == "error of q")
     assert true <= record.bounds["q"]
@@ -93,7 +93,7 @@ def test_tetrahedra_are_refined_towards_a_corner(comm: MPI.Intracomm) -> None:
     result = package.run(job(**data_of("corner", incompressible=False, hexahedra=False), accuracy={"q": demand}), comm)
     record = result.accuracy
     assert record is not None
-    print("\n".join(row.text for row in record.rows))
+    print("\n".join(row.described({}, {}) for row in record.rows))
     assert record.ending.name == "MET"
     assert abs(result.quantities["q"] - EXACT["corner", False]) <= record.bounds["q"] <= demand
 
@@ -113,6 +113,6 @@ def test_a_region_by_a_condition_says_that_its_border_moves(comm: MPI.Intracomm)
     )
     result = package.run(stack, comm)
     assert result.accuracy is not None
-    print("\n".join(row.text for row in result.accuracy.rows))
+    print("\n".join(row.described({}, {}) for row in result.accuracy.rows))
     (line,) = result.accuracy.lines()
     assert "the border of 'low' is not on the mesh, and moves with its cells" in line.note
