@@ -111,7 +111,8 @@ def follow(
     Args:
         passed: number of limit points between the unloaded body and the present state.
         stop_early: stop where a limit point is likely, before the smallest step is reached.
-        series: continues adaptive steps where one fails, or is expected to; if that ends early, steps follow.
+        series: continues adaptive steps where one fails, or is expected to; if that ends early, steps
+            follow from where it began.
     """
     equilibrium.system.begin_unloaded()
     equilibrium.depart(load)
@@ -154,13 +155,14 @@ def follow(
         if not is_refused:
             yield solve
         if series is not None and not (solve.outcome.accepted or solve.outcome.is_final):
-            last = None
+            last, begun = None, load
             for last in series(load, solve):
                 load = last.load if last.outcome.accepted else load
                 yield last
             if last is not None and (load == 1.0 or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
                 return
-            series = None
+            # Steps begin where the series did: they may pass states at which every path near by ends.
+            series, load, state.array[:] = None, begun, accepted
             if is_refused:  # the step is tried all the same
                 has_tangent = last is None
                 spent = solve.factorizations if has_tangent else 0

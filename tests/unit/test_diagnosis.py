@@ -57,6 +57,7 @@ def flattened() -> Job:
             *({"region": f"{side}", "fix": [side[0]]} for side in ("y0", "y1", "z0", "z1")),
         ],
         discretisation={"formulation": "displacement"},
+        solver={"continuation": "steps"},
     )
 
 
@@ -71,7 +72,7 @@ def column() -> Job:
             {"region": "x1", "displacement": ["-6 m", None, None]},
         ],
         discretisation={"formulation": "displacement"},
-        solver={"initial_step": 0.02, "rescue": []},
+        solver={"initial_step": 0.02, "rescue": [], "continuation": "steps"},
     )
 
 
