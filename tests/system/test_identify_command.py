@@ -94,4 +94,4 @@ def test_kernels_of_identify_are_compiled_beforehand(job: Path, tmp_path: Path) 
     ended = hpcinv(1, "identify", job, "-q", cwd=tmp_path, **env)
     assert ended.returncode == 0, ended.stderr
     assert set((tmp_path / "kernels").glob("*.so")) == before
-    assert not (tmp_path / "own").exists()
+    assert {path.name for path in (tmp_path / "own").glob("*")} <= {"matplotlib"}  # its fonts
