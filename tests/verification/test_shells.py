@@ -141,7 +141,9 @@ def test_hinged_strip_sags_as_a_beam(tmp_path: Path) -> None:
             {"region": "x1", "fix": ["y", "z"], "hinge": True},
         ],
         quantities=[{"name": "middle", "of": "uz", "at": [length / 2, 0.5, 0]}],
+        certificate={"level": "quick", "estimate": True},
     )
+    assert any("with a hinge" in line.note for line in result.certificate.lines)
     assert result.quantities["middle"] == pytest.approx(-5 * weight * length**4 / 384 / (YOUNG * 1e-3 / 12), rel=5e-3)
     assert gap(result) < 1e-10 * length
 
