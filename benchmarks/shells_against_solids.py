@@ -1,7 +1,7 @@
 """Unknowns and CPU time of shells and of solids at equal error: ``python benchmarks/shells_against_solids.py``.
 
-The solid has the hexahedra of the shell's layer, of degree 2 with full integration. Meshes have 2, 4, 8, … cells along a
-side until the quantity is within 1 % of its value on a finer shell. Times are of one warm process.
+The solid has the hexahedra of the shell's layer, of degree 2 with full integration. Meshes have 2, 4, 8, … cells along
+a side until a quantity is within 1 % of its value on a finer shell. Times are of one warm process.
 """
 
 from __future__ import annotations
