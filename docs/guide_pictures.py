@@ -7,6 +7,7 @@ Each function runs in a directory of its own with ``jobs`` and ``meshes``, and r
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -102,6 +103,18 @@ def shell() -> str:
     return "drawn.png"
 
 
+def sheet() -> str:
+    """By the commands of the tutorial."""
+    page = (ROOT / "docs" / "tutorials" / "sheet.md").read_text()
+    Path("jobs").unlink()  # a link to the project's
+    Path("jobs").mkdir()
+    Path("jobs/scan.yaml").write_text(re.findall(r"-->\n```yaml\n(.*?)^```", page, re.M | re.S)[0])
+    for block in re.findall(r"^```sh\n(.*?)^```", page, re.M | re.S):
+        for line in block.splitlines():
+            typed(line)
+    return "sheet.png"
+
+
 def supports() -> str:
     Path("tube.yaml").write_text(SLIDING)
     typed("hpcinv show tube.yaml --output drawn.png")
@@ -123,6 +136,7 @@ PICTURES: dict[str, Callable[[], str]] = {
     "fibres": fibres,
     "new-part": new,
     "parts": parts,
+    "sheet": sheet,
     "shell": shell,
     "supports": supports,
 }

@@ -79,6 +79,9 @@ def certify(
         if solution.cavities:
             yield skipped(DISCRETISATION, "is not estimated where the pressure of a cavity is unknown")
             return
+        if any(support.hinge for support in solution.job.supports):
+            yield skipped(DISCRETISATION, "is not estimated with a hinge, whose line has no nodes in the finer spaces")
+            return
         if estimated is None and solution.job.certificate.estimate:
             estimated = estimate(equations, solution, computed, given, observer)
         yield _discretisation(equations, solution, estimated, uncertain)

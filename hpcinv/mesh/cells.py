@@ -71,6 +71,23 @@ def _layer_rule(degree: int, share: float) -> tuple[Floats, Floats]:
     return np.concatenate(points), np.concatenate(weights)
 
 
+def layer_interpolation(degree: int, places: Floats) -> tuple[Floats, Floats]:
+    """Return the k × k × (k + 1) points of a layer of `LayerDegree` 2 k, and the weights of values there at places.
+
+    At other points a shell's stress has parts that these points do not see, which may be larger than the stress.
+
+    Returns:
+        Points (m, 3), and weights (n, m) for places (n, 3) on the reference cell.
+    """
+    lines = [basix.make_quadrature(basix.CellType.interval, degree + extra)[0][:, 0] for extra in (-1, -1, 1)]
+    points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+    shares = []
+    for line, at in zip(lines, places.T, strict=True):
+        powers = np.arange(len(line))
+        shares.append(np.linalg.solve((line[:, None] ** powers).T, (at[:, None] ** powers).T))
+    return points, np.einsum("in,jn,kn->nijk", *shares).reshape(len(places), -1)
+
+
 def quadrature(kind: str, degree: int) -> tuple[Floats, Floats]:
     """Quadrature points (n, 3) and weights (n,) of integrals over reference cells.
 

@@ -13,7 +13,7 @@ from ufl.classes import FacetJacobianDeterminant
 from hpcinv.job.sections import NORMALS
 from hpcinv.kinematics.staged_derivatives import remove_stages
 from hpcinv.mesh import Body
-from hpcinv.mesh.cells import FACET_KIND, quadrature
+from hpcinv.mesh.cells import FACET_KIND, LayerDegree, layer_interpolation, quadrature
 from hpcinv.mesh.location import PointLocation
 from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
@@ -82,8 +82,13 @@ class SceneFields:
         comm = self._body.mesh.comm
         mine = [i for i, place in enumerate(places) if place.rank == comm.rank]
         cells = np.array([places[i].cell for i in mine], dtype=np.int32)
-        values = self._values("points", np.stack([place.xi for place in places]), cells, cells)
-        named = self._named("points", values[np.arange(len(mine)), mine])
+        points = np.stack([place.xi for place in places])
+        values = self._values("points", points, cells, cells)[np.arange(len(mine)), mine]
+        named = self._named("points", values)
+        if isinstance(self._scene.quadrature_degree, LayerDegree):
+            layer_points, weights = layer_interpolation(self._scene.quadrature_degree, points)
+            in_layers = np.einsum("cp,cpf->cf", weights[mine], self._values("layers", layer_points, cells, cells))
+            named = self._named("layers", in_layers) | {name: named[name] for name in _POSITIONS if name in named}
         rank_values = {i: {name: float(v[row]) for name, v in named.items()} for row, i in enumerate(mine)}
         everywhere = {i: values_there for part in comm.allgather(rank_values) for i, values_there in part.items()}
         return [everywhere[i] for i in range(len(places))]
@@ -129,7 +134,7 @@ class SceneFields:
     def _sizes(self, kind: str) -> list[Any]:
         """Return volumes or areas in both bodies per unit of the reference cell or facet; none for points."""
         kin, mesh = self._scene.kinematics, self._body.mesh
-        if kind == "points":
+        if kind in ("points", "layers"):
             return []
         if kind == "facets":
             return [abs(FacetJacobianDeterminant(mesh)) * ratio for ratio in kin.areas]

@@ -53,3 +53,33 @@ def save_sheet(path: Path, nx: int, ny: int, place: Place, unit: float = 1.0) ->
     )
     save_msh(path, source, points)
     return path
+
+
+def save_sphere_octant(path: Path, divisions: int) -> Path:
+    """Write an eighth of a unit sphere, 3 × divisions² cells; its edges in the planes x, y, z = 0 are x0, y0, z0."""
+    steps = np.linspace(0, 1, 2 * divisions + 1)
+    local = np.rint(2 * scalar_element("quadrilateral", 2).points).astype(np.int64)
+    corners = [(axis, 2 * i, 2 * j) for axis in range(3) for i in range(divisions) for j in range(divisions)]
+    cubes = np.ones((len(corners), len(local), 3))
+    for cube, (axis, i, j) in zip(cubes, corners, strict=True):
+        cube[:, (axis + 1) % 3], cube[:, (axis + 2) % 3] = steps[i + local[:, 0]], steps[j + local[:, 1]]
+    places, cells = np.unique(np.round(cubes.reshape(-1, 3), 9), axis=0, return_inverse=True)
+    cells, tangents = cells.reshape(len(corners), -1), np.tan(np.pi / 4 * places)
+    points = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
+    sides = np.concatenate([cells[:, edge] for edge in ([0, 1, 4], [0, 2, 5], [1, 3, 6], [2, 3, 7])])
+    edges = [sides[(points[sides][..., axis] == 0).all(axis=1)] for axis in range(3)]
+    starts = np.cumsum([0, *map(len, edges)])
+    groups = [Group(f"{name}0", 2, k + 1, np.arange(starts[k], starts[k + 1])) for k, name in enumerate("xyz")]
+    source = MeshSource(
+        path=path,
+        kind="quadrilateral",
+        degree=2,
+        points=points,
+        node_tags=np.arange(1, len(points) + 1),
+        cells=cells,
+        cell_tags=np.arange(1, len(cells) + 1),
+        facets=np.concatenate(edges),
+        groups=(Group("sheet", 3, 1, np.arange(len(cells))), *groups),
+    )
+    save_msh(path, source, points)
+    return path
