@@ -2,7 +2,8 @@
 
 Unknown are r/R - 1, the angle of twist and the axial displacement over the half section of the wall, and the pressure.
 The ellipsoids are exact, fibres have no direction to be sampled around the axis, and cells are graded towards the
-axis, the base and both faces, since stresses are singular where the faces meet the base. Columns: cells, degree, then mm: inner, outer and middle apex, and the point ``twisted``.
+axis, the base and both faces, since stresses are singular where the faces meet the base. Columns: cells, degree, then
+mm: inner, outer and middle apex, and the point ``twisted``.
 
 Command: python -m benchmarks.published.land.axisymmetric
 """
@@ -19,7 +20,7 @@ ANGLE = 8.5, 18.5, -13.220964067100537
 """mm: half-axes of the middle of the wall, and Z of the point ``twisted`` on it."""
 GRADES = 2.0, 3.0
 """Exponents of the cells' ends through and along the wall. Larger: smaller cells at faces, axis and base."""
-MESHES = ((4, 16, 3), (6, 24, 4))
+MESHES = ((6, 24, 4), (8, 32, 4))
 """Cells through and along the wall, and degree of the displacement."""
 
 
