@@ -84,9 +84,10 @@ def _error(reference: Reference, summary: Mapping[str, Any], name: str, componen
         return ROUNDING * ours, ""
     if finer := summary.get("finer"):
         value = _number(summary["quantities"].get(name), component)
+        dimension = 2 if summary["job"].get("mesh", {}).get("shell") else 3
         changes = [
             abs(_number(mesh["quantities"].get(name), component) - value)
-            * _error_by_change(mesh["mesh"]["unknowns"] / summary["mesh"]["unknowns"])
+            * _error_by_change((mesh["mesh"]["unknowns"] / summary["mesh"]["unknowns"]) ** (1 / dimension))
             for mesh in finer
         ]
         return max(changes), ""
@@ -104,9 +105,8 @@ def _error(reference: Reference, summary: Mapping[str, Any], name: str, componen
     return abs(_number(estimate["quantities"][name], component)), reason
 
 
-def _error_by_change(unknowns: float) -> float:
-    """Return error over change of a value on a mesh with ``unknowns`` times as many unknowns, of smaller cells."""
-    ratio = unknowns ** (1 / 3)
+def _error_by_change(ratio: float) -> float:
+    """Return error over change of a value on a mesh of ``ratio`` times smaller cells."""
     ratio = 2.0 if ratio < REDISTRIBUTED else ratio
     return SAFETY * ratio / (ratio - 1)
 

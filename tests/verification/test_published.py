@@ -112,6 +112,11 @@ def test_changes_on_finer_meshes_give_the_error_where_an_estimate_is_not_reliabl
             row = compare(limit, summary | {"finer": [mesh(1.0, 1000, 1.0), finer]})
             assert row.verdict == "inside"
             assert 14.75 - row.ours < row.error < 0.15
+    shell = summary | {
+        "job": {"analysis": "forward", "mesh": {"shell": {"thickness": 0.01}}},
+        "finer": [mesh(0.5, 4000, 1.0)],
+    }
+    assert compare(limit, shell).error == pytest.approx(3 * 0.05 * 0.5)  # halved cells: 4 times as many in a surface
     moved = {"quantities": {"tip": 14.71e-3}, "mesh": {"unknowns": 1000}}
     assert compare(limit, summary | {"finer": [moved]}).error == pytest.approx(0.03)  # as if its cells were halved
     assert compare(limit, summary | {"finer": []}).verdict == "not reliable"

@@ -36,15 +36,17 @@ def build(
     around: Divisions = 8,
     along: Divisions = 8,
     apex: float = 0.5,
+    base: float = 1.0,
     quarter: bool = True,
 ) -> None:
     """Mesh the wall, or a quarter of it.
 
     Args:
         across, around, along: cells through the wall, around the axis (a multiple of 8), and from apex to base.
-        apex: size of the cells at the axis over the mean size along the wall.
+        apex, base: size of the cells at the axis, and at the base, over the mean size along the wall.
     """
-    distances = np.linspace(0, 1, along + 1) ** (1 + np.log2(1 / apex) / np.log2(along))
+    to_axis, to_base = (1 + np.log2(1 / size) / np.log2(along) for size in (apex, base))
+    distances = (1 - np.linspace(1, 0, along + 1) ** to_base) ** to_axis
     points: dict[tuple[int, ...], int] = {}
     cells: list[int] = []
     facets: dict[str, list[int]] = {}
