@@ -114,7 +114,7 @@ def test_probable_unit_mistakes_are_warned_of_unless_confirmed(job: dict[str, An
         {"law": "isochoric-neo-hookean", "mu": "3 kPa", "kappa": "incompressible"},
     ],
 )
-def test_moduli_that_are_meant_are_not_told(material: dict[str, Any]) -> None:
+def test_plausible_moduli_cause_no_warning(material: dict[str, Any]) -> None:
     assert totals(MPI.COMM_SELF, **block(0.01, material=material)).warnings == ()
 
 

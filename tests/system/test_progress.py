@@ -91,7 +91,7 @@ def rank(number: int) -> Any:
     return SimpleNamespace(rank=number, size=2)
 
 
-def test_rank_0_tells_each_step_in_a_line_and_the_error_last() -> None:
+def test_rank_0_prints_each_step_in_a_line_and_the_error_last() -> None:
     silent, stream = io.StringIO(), io.StringIO()
     for comm, to in ((rank(1), silent), (rank(0), stream)):
         with Progress(comm, to) as progress:
@@ -128,7 +128,7 @@ def test_rank_0_tells_each_step_in_a_line_and_the_error_last() -> None:
     assert not any("\x1b" in line for line in lines)
 
 
-def test_without_a_stream_nothing_is_said(capfd: pytest.CaptureFixture[str]) -> None:
+def test_without_a_stream_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
     with Progress(rank(0), None) as progress:
         progress.note("a note")
         tell(progress)
@@ -269,7 +269,7 @@ def test_a_log_that_cannot_be_written_does_not_end_the_run(tmp_path: Path) -> No
     ]
 
 
-def test_a_run_under_mpirun_tells_its_phases_and_logs_them(tmp_path: Path) -> None:
+def test_a_run_under_mpirun_prints_and_logs_its_phases(tmp_path: Path) -> None:
     job = write_job(tmp_path / "job.yaml", BLOCK, output={"fields": False, "mesh": ["msh"]})
     done = hpcinv(2, "run", job, "--output", "run", "-v", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -471,7 +471,7 @@ def test_a_study_ends_in_an_error_where_nothing_converged_or_nothing_can_be_comp
         ended(Path("c"), [good(1.0)] * 5, measure=["length", "solutions[0].strain"], reference={"all": 0})
 
 
-def test_published_numbers_are_printed_beside_ours(
+def test_published_numbers_are_printed_next_to_ours(
     begin: Begin, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     beside = {

@@ -80,7 +80,7 @@ def test_the_command_line_executes_no_mesh(marker: Path, tmp_path: Path) -> None
     assert not marker.exists()
 
 
-def test_options_that_lie_beside_a_mesh_are_not_executed(mesh: Path, marker: Path) -> None:
+def test_options_that_lie_next_to_a_mesh_are_not_executed(mesh: Path, marker: Path) -> None:
     """gmsh reads NAME.msh.opt, a script, after NAME.msh."""
     mesh.with_name("box.msh.opt").write_bytes(scripts(marker)["script"])
     assert len(FILES[".msh"](mesh).cells) == 6
@@ -251,7 +251,7 @@ def test_checkpoints_from_elsewhere_are_not_read(tmp_path: Path, capsys: pytest.
 
 
 @pytest.mark.parametrize("command", ["validate", "explain", "compile", "mesh partition", "sweep plan", "study"])
-def test_every_command_that_reads_a_job_can_be_told(command: str, elsewhere: Path, marker: Path) -> None:
+def test_every_command_that_reads_a_job_takes_untrusted(command: str, elsewhere: Path, marker: Path) -> None:
     job = job_with(elsewhere, marker, {"plugins": ["plugin.py"]})
     file, more = job, list[str]()
     if command == "sweep plan":
@@ -325,7 +325,7 @@ def test_files_that_libraries_read_in_the_working_directory_are_refused(
     assert not capsys.readouterr().err
 
 
-def test_python_modules_beside_an_untrusted_file_are_not_found(
+def test_python_modules_next_to_an_untrusted_file_are_not_found(
     elsewhere: Path, marker: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job = job_with(elsewhere, marker, {})

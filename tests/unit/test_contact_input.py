@@ -113,7 +113,7 @@ def test_signed_distance_and_direction(
     assert [float(towards[i](())) for i in range(3)] == pytest.approx(direction, abs=1e-12)
 
 
-def test_unit_of_triangles_is_written_as_that_of_a_mesh(tmp_path: Path) -> None:
+def test_unit_of_triangles_is_written_like_a_meshs(tmp_path: Path) -> None:
     (file := tmp_path / "bed.stl").touch()
     given = [{"shape": "surface", "file": str(file), "unit": unit} for unit in ("mm", "1 mm", 1e-3)]
     assert {TypeAdapter(AnyObstacle).validate_python(obstacle).unit for obstacle in given} == {1e-3}

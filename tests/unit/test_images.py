@@ -340,7 +340,7 @@ def test_a_neighbour_behind_a_thin_wall_is_not_next_to_its_other_side(tmp_path: 
     assert area(mesh_read, "wall|outside") == pytest.approx(4 * np.pi * 12e-3**2, rel=0.15)
 
 
-def test_islands_are_left_out_and_told(tmp_path: Path) -> None:
+def test_islands_are_left_out_and_reported(tmp_path: Path) -> None:
     voxels, said = ball(), list[str]()
     voxels[0:2, 0, 0] = 1
     assert volumes(meshed(written(tmp_path / "islands.nii.gz", voxels), said))["ball"] > 0
@@ -460,7 +460,7 @@ def test_sheared_axes_are_reported(tmp_path: Path) -> None:
         meshed(tmp_path / "image.nrrd")
 
 
-def test_files_that_are_no_images_are_reported(tmp_path: Path) -> None:
+def test_files_that_are_not_images_are_reported(tmp_path: Path) -> None:
     (tmp_path / "image.nii.gz").write_bytes(b"\x1f\x8b no image")
     with pytest.raises(MeshError, match="cannot be read as an image"):
         meshed(tmp_path / "image.nii.gz")

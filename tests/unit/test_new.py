@@ -66,7 +66,7 @@ def typed(*arguments: object) -> int:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_examples_are_valid_jobs_beside_their_mesh(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_examples_are_valid_jobs_next_to_their_mesh(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     file = tmp_path / f"my-{kind}.yaml"
     assert typed(kind, file) == 0
     assert f"python -m hpcinv run {file}" in capsys.readouterr().out

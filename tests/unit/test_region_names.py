@@ -116,7 +116,7 @@ def test_region_names_are_reported_only_where_certain(tmp_path: Path) -> None:
     hpcinv.load(write(tmp_path, "a.vtu"))
 
 
-def test_names_of_points_and_curves_are_no_regions(tmp_path: Path) -> None:
+def test_names_of_points_and_curves_are_not_regions(tmp_path: Path) -> None:
     elements = [(4, 1, 1, (1, 2, 3, 4)), (1, 2, 1, (1, 2))]
     write_msh22(tmp_path / "a.msh", TETRAHEDRON, elements, [(3, 1, "body"), (1, 2, "edge")])
     plain = {"material": JOB["material"]["block"] | {"mu": 1}, "effects": [], "quantities": []}

@@ -73,5 +73,5 @@ def test_a_good_shape_from_coarse_voxels_is_not_to_be_refined() -> None:
     assert "finer mesh is not worth its time" in report.next[1]
 
 
-def test_without_any_estimate_there_is_no_headline() -> None:
+def test_without_any_estimate_there_is_not_a_headline() -> None:
     assert shape_error(summary(None, None, 0.0)) is None

@@ -282,7 +282,7 @@ def test_solutions_are_taken_from_mesh_to_mesh(comm: MPI.Intracomm, meshes: Path
             assert worst <= tolerance * size
 
 
-def test_a_body_with_flat_faces_is_told_from_a_curved_one(comm: MPI.Intracomm, meshes: Path) -> None:
+def test_bodies_with_flat_and_curved_faces_are_distinguished(comm: MPI.Intracomm, meshes: Path) -> None:
     for file, flat in (("box.py", True), ("pdms_beam.py", False), ("thick_sphere.py", False)):
         assert is_straight(read_source(spec(meshes / file, geometry_degree=2), meshes / file)) is flat
         for degree in (1, 2):

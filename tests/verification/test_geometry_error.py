@@ -183,7 +183,7 @@ def test_flat_faces_have_no_error_and_files_none_that_is_known(tmp_path: Path, c
     assert finer.source.degree == 2
 
 
-def test_a_generator_without_cad_tells_nothing(tmp_path: Path, comm: MPI.Intracomm) -> None:
+def test_a_generator_without_cad_gives_no_finer_geometry(tmp_path: Path, comm: MPI.Intracomm) -> None:
     (tmp_path / "ball.py").write_text(
         "def build(gmsh):\n"
         "    gmsh.model.occ.addSphere(0, 0, 0, 1)\n"
@@ -204,7 +204,7 @@ def made(name: str, degree: int, **parameters: object) -> MeshSource:
     return read_source(spec(path, geometry_degree=degree, parameters=parameters), path)
 
 
-def test_other_cells_tell_nothing_unless_faces_are_flat() -> None:
+def test_other_cells_give_no_finer_geometry_unless_faces_are_flat() -> None:
     sphere = made("thick_sphere", 1)
     assert surface_geometry(refine(sphere).source).unknown == OTHER_CELLS
     assert surface_geometry(dataclasses.replace(sphere, points=1.1 * sphere.points)).unknown == OTHER_CELLS
@@ -234,7 +234,7 @@ def test_nodes_lie_on_the_surface_of_the_model(
     assert gaps[curved].max() < 1e-7 * size  # of edges on a plane too: edges of the model lie on both
 
 
-def test_facets_of_a_part_of_the_surface_tell_nothing() -> None:
+def test_facets_of_a_part_of_the_surface_give_no_finer_geometry() -> None:
     """As where a generator has removed some: those that are left may be flat."""
     block = made("box", 1)
     surface = block.surface

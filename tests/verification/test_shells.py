@@ -186,7 +186,7 @@ def test_bimetal_strip_bends_as_timoshenko_says(tmp_path: Path) -> None:
 
 @pytest.mark.release
 @pytest.mark.parametrize("cells", [4, 8])
-def test_error_estimate_is_that_of_a_finer_mesh(tmp_path: Path, cells: int) -> None:
+def test_error_estimate_agrees_with_a_finer_mesh(tmp_path: Path, cells: int) -> None:
     def tip(count: int, level: str) -> tuple[float, Result]:
         result = solve(
             save_sheet(tmp_path / f"{count}.msh", count, max(count // 2, 1), cylinder(1, 1, 1.2)),
@@ -313,7 +313,7 @@ def test_shape_file_gives_the_flat_sheet_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.release
-def test_states_and_sensitivities_are_those_of_a_solid(tmp_path: Path) -> None:
+def test_states_and_sensitivities_agree_with_a_solid(tmp_path: Path) -> None:
     """A second state begins at the shape of a round trip, and derivatives agree with central differences."""
     path = save_sheet(tmp_path / "sheet.msh", 4, 2, cylinder(1, 1, 1))
     law = {"law": "neo-hookean", "mu": 3e4, "lam": 1.2e5}

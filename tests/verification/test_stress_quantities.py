@@ -251,7 +251,7 @@ def test_invalid_stress_quantities_are_refused(given: dict[str, Any], told: str)
     assert f"quantities[0].{told}" in str(caught.value)
 
 
-def test_stress_names_are_unknown_to_all_formulas_but_those_of_quantities() -> None:
+def test_only_formulas_of_quantities_know_names_of_stresses() -> None:
     job(**GOOD)
     for bad in (
         {"regions": {"loaded": "sxx > 1 kPa"}},

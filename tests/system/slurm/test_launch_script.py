@@ -100,7 +100,7 @@ def test_a_signal_in_the_moment_of_the_launch_is_passed_on(tmp_path: Path) -> No
     assert (tmp_path / "asked").read_text().strip() == "requeue 17"
 
 
-def test_a_run_that_saves_nothing_is_requeued_twice_in_a_row_at_most(
+def test_a_run_that_saves_nothing_is_requeued_at_most_twice_in_a_row(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     def stopped(number: int, **variables: str) -> str:

@@ -177,7 +177,7 @@ def test_supports_of_different_load_cases_contradict_each_other_on_the_way(
         model(comm, **data)
 
 
-def test_the_command_line_tells_it_once_and_ends_with_2(tmp_path: Path) -> None:
+def test_the_command_line_reports_it_once_with_exit_code_2(tmp_path: Path) -> None:
     ended = command(2, "run", JOBS / "contradicting-supports.yaml", cwd=tmp_path)
     assert ended.returncode == 2
     assert ended.stderr.count("supports[0].fix and supports[1].displacement: 'z0' and 'x1' share nodes") == 1
