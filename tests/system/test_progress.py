@@ -112,7 +112,7 @@ def test_rank_0_prints_each_step_in_a_line_and_the_error_last() -> None:
     assert lines[at + 1 : at + 4] == [
         "  pass: residual 1.23e-09, 1.3 s",
         "  not checked: overlap (switched off)",
-        "  warning: sag 0.5 m (much)",
+        "  warning: sag 500 mm (much)",
     ]
     at = lines.index("roundness: 1.5e-06 (standard deviation 1e-06)")
     assert lines[at - 1 : at + 4] == [
@@ -217,7 +217,7 @@ def test_a_quiet_run_says_warnings_and_how_it_ended_and_a_verbose_one_every_iter
     for level, expected in (
         (
             Level.QUIET,
-            ["warning: look at this", "  warning: sag 0.5 m (much)", "converged, certificate warning, 12.3 s"],
+            ["warning: look at this", "  warning: sag 500 mm (much)", "converged, certificate warning, 12.3 s"],
         ),
         (Level.VERBOSE, ["    iteration: correction 0.5 of 2, residual 0.001, new tangent"]),
     ):

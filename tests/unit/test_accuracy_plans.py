@@ -215,7 +215,8 @@ def test_errors_of_vectors_are_lengths() -> None:
 def test_the_certificate_names_the_demand_that_is_not_met(left_out: str) -> None:
     step = AccuracyStep("as it is", 48, 2, 375, {}, {}, {}, None, left_out, 3, 1.0)
     record = AccuracyRecord({"a": 1.0, "b": 1.0}, [step], 0, {"a": 0.5, "b": math.inf}, Ending.LIMIT, 1.0)
-    met, missed = record.lines()
+    met, missed = record.lines({"a": "m"}, {"m": "mm"})
+    assert (met.value, met.unit, met.rule) == (0.5, "m", "fail above 1000 mm, which accuracy.a demands")
     assert (met.verdict, met.note) == (Verdict.PASS, left_out.removeprefix(", "))
     assert missed.verdict is Verdict.FAIL
     assert "not met" in missed.note
