@@ -48,8 +48,8 @@ warn_of_lead() {
     IFS=: read -r hours minutes seconds <<<"$limit"
     [ -n "$lead" ] && [ -n "$seconds" ] || return 0
     limit=$((86400 * days + 3600 * 10#$hours + 60 * 10#$minutes + 10#$seconds))
-    [ "$limit" -gt "$lead" ] || echo "job $job: warning: its time limit of $limit s is not above the $lead s before it" \
-        "at which it is told to save (--signal=B:USR1@$lead): give it more time, or a smaller lead" >&2
+    [ "$limit" -gt "$lead" ] || echo "job $job: warning: its time limit of $limit s is not above the $lead s that are" \
+        "kept for saving (--signal=B:USR1@$lead): give it more time, or a smaller lead" >&2
 }
 
 await_launched() {

@@ -272,7 +272,7 @@ def test_printed_error_names_what_it_leaves_out(tmp_path: Path) -> None:
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert re.search(r"inner: \S+ \(estimated error \S+, without the error of the geometry\)", ended.stdout)
     assert re.search(
-        r"discretisation error .* m, without the error of the geometry: nothing is known of the true surface",
+        r"discretisation error .* m, without the error of the geometry: the true surface is not known",
         ended.stdout,
     )
     estimate = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]["estimate"]

@@ -324,7 +324,7 @@ def test_a_state_that_buckles_while_it_is_released_is_not_decided_to_have_a_limi
         lines = {line.name: line for line in result.certificate.lines if line.state == "free"}
         assert lines["stability: unstable directions"].verdict.value == "pass"
         assert lines["limit points of the path"].verdict.value == verdict
-    assert "state 'held' were taken away" in lines["limit points of the path"].note
+    assert "state 'held' were removed" in lines["limit points of the path"].note
 
 
 BLOCK: dict[str, Any] = {

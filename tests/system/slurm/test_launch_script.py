@@ -134,7 +134,7 @@ def test_a_time_limit_within_the_lead_is_reported_before_the_run(limit: str, is_
     environment = os.environ | {"PATH": path, "HPCINV_LAUNCHER": "env", "SLURM_JOB_ID": "17", "LIMIT": limit}
     done = subprocess.run(["bash", batch], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=20)
     assert (done.returncode, done.stdout) == (0, "begins\n")
-    text = "job 17: warning: its time limit of 120 s is not above the 120 s before it at which it is told to save"
+    text = "job 17: warning: its time limit of 120 s is not above the 120 s that are kept for saving"
     assert done.stderr.startswith(text) if is_told else not done.stderr
 
 
