@@ -270,9 +270,9 @@ def test_printed_error_names_what_it_leaves_out(tmp_path: Path) -> None:
     path = write_job(tmp_path / "job.yaml", of_a_file(tmp_path))
     ended = hpcinv(2, "run", path, "--output", tmp_path / "out", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert re.search(r"inner: \S+ \(estimated error \S+, without the error of the geometry\)", ended.stdout)
+    assert re.search(r"inner: \S+ \S+ \(estimated error \S+ \S+, without the error of the geometry\)", ended.stdout)
     assert re.search(
-        r"discretisation error .* m, without the error of the geometry: the true surface is not known",
+        r"discretisation error .*m, without the error of the geometry: the true surface is not known",
         ended.stdout,
     )
     estimate = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]["estimate"]
