@@ -169,7 +169,7 @@ def median(runs: Sequence[MeasuredRun], figure: Callable[[MeasuredRun], float]) 
 
 
 def _launcher() -> list[str]:
-    """Return the command that starts ranks: HPCINV_LAUNCHER, or the mpirun beside this Python."""
+    """Return the command that starts ranks: HPCINV_LAUNCHER, or the mpirun next to this Python."""
     if int(os.environ.get("PMI_SIZE", "1")) > 1:
         raise OutputError("bench starts the ranks itself", "Start it once, without mpirun.")
     mpirun = Path(sys.executable).parent / "mpirun"

@@ -1,4 +1,4 @@
-"""Seconds of the certificate beside the seconds of the solve, line by line, for beam, block and sphere.
+"""Seconds of the certificate and of the solve, line by line, for beam, block and sphere.
 
 Command: python benchmarks/certificate.py [--sizes 41000] [--bodies beam block sphere] [--ranks 1] [--level standard]
 """

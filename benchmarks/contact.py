@@ -1,4 +1,4 @@
-"""Factorizations of scenes with contact, beside the same scenes with supports in place of the obstacle.
+"""Factorizations of jobs with contact, and of the same jobs with supports instead of the obstacle.
 
 Usage: python benchmarks/contact.py
 """

@@ -1,4 +1,4 @@
-"""Operations, entries and seconds of MUMPS's factorizations beside the forecast by which `auto` chooses a solver.
+"""Operations, entries and seconds of MUMPS's factorizations, and the forecast by which `auto` chooses a solver.
 
 Blocks of silicone of several sizes and aspect ratios, inverse, at full load from the unloaded body: one tangent of each
 is factorized, analysis included, in double and in single precision, in METIS's ordering and by approximate minimum

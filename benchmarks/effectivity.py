@@ -3,8 +3,8 @@
 Command: python benchmarks/effectivity.py [--divisions 2 4] [--displacement 2 3] [--bodies sphere bar]
 
 Slabs with singular edges (corner, cantilever, slot, pad, window; not by default) are compared with graded meshes of a
-program of its own (`slabs/plane_strain.py`). Degree 1 is for bodies whose pressure is no unknown: column, bars and
-patch. Errors below 1e-8 of the value are those of Newton's method, and have no effectivity.
+program of its own (`slabs/plane_strain.py`). Degree 1 is for bodies whose pressure is not an unknown: column, bars and
+patch. Errors below 1e-8 of the value come from Newton's method, and have no effectivity.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def layered_sphere(divisions: int, geometry: int, displacement: int, *, hexahedr
 
 
 def grown_layers(divisions: int, geometry: int, displacement: int, *, hexahedra: bool) -> Case:
-    """Two layers of one incompressible material, of which one grows and the other shrinks."""
+    """Two layers of one incompressible material: one grows, the other shrinks."""
     pressure = {"effect": "pressure", "region": "inner", "pressure": layers.PRESSURE}
     changes = {
         "material": layers.law(50e3),
@@ -130,7 +130,7 @@ def wall_of_cylinder(divisions: int, geometry: int, displacement: int, *, hexahe
 
 
 def rotating_disk(divisions: int, geometry: int, displacement: int, *, hexahedra: bool) -> Case:
-    """By the balance of forces, its radii are those of a cylinder under the pressure ``rho ω² (b² - a²)/2``."""
+    """By the balance of forces, it has the radii of a cylinder under the pressure ``rho ω² (b² - a²)/2``."""
     density = 2 * cylinder.PRESSURE / (cylinder.OUTER**2 - cylinder.INNER**2)
     effect = {"effect": "centrifugal", "angular_velocity": 1.0, "axis": [0, 0, 1], "density": density}
     return cylinder_under(effect, divisions, geometry, displacement, hexahedra)

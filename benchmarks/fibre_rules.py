@@ -1,4 +1,4 @@
-"""What fibres by a rule cost beside a run: a left ventricle in cells of several sizes, inverse, at 9 mmHg.
+"""What fibres by a rule cost, compared with a run: a left ventricle in cells of several sizes, inverse, at 9 mmHg.
 
 Run ``mpirun -n 2 python benchmarks/fibre_rules.py``.
 """

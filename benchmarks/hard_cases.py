@@ -1,7 +1,7 @@
 """The table of the README on hard cases: every job of jobs/hard, what makes it hard, how it ends, and what that costs.
 
-Jobs are run as they are, with their certificates. The Newton iterations, with the factorizations in brackets, are those
-of the solve alone; seconds are those of the whole run without the compilation of its kernels.
+Jobs are run as they are, with their certificates. The Newton iterations, with the factorizations in brackets, count the
+solve alone; seconds count the whole run without the compilation of its kernels.
 
 Command: mpirun -n 1 python benchmarks/hard_cases.py [jobs …]
 """

@@ -1,7 +1,7 @@
 """Krylov iterations to a relative residual of 1e-6 with multigrid, over size, degree, compressibility and ranks.
 
 A cube of 1 m hangs by its weight, inverse. Two systems are solved: the tangent of the unloaded body, and the tangent
-after its correction at full load. "jump" is a lower half whose moduli are 1,000 times those of the upper half.
+after its correction at full load. "jump" is a lower half whose moduli are 1,000 times the upper half's.
 
 Command: mpirun -n RANKS python benchmarks/krylov_counts.py [--sizes 20000 60000] [--kinds "P2, incompressible" …]
 """

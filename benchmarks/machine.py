@@ -139,7 +139,7 @@ def setup(bench: Bench, counts: Sequence[int]) -> Findings:
     alone = probes[counts[0]]
     return Findings(
         "setup: imports and memory",
-        ("ranks", "imports (s)", "memory (GB/s)", "times that of the first"),
+        ("ranks", "imports (s)", "memory (GB/s)", "times the first"),
         [
             (
                 str(count),

@@ -47,7 +47,7 @@ from scipy.optimize import nnls
 from hpcinv.mesh.io.gmsh_model import metis
 
 UNKNOWNS, MANY = 100_000_000, 1_000  # what is predicted: so many unknowns on so many ranks
-CALLS = 8_000  # of the file system by each rank until it has the job: docs/how-to/start-up.md tells how to count them
+CALLS = 8_000  # of the file system by each rank until it has the job: docs/how-to/start-up.md says how to count them
 LATENCY, BANDWIDTH, FILE_OPERATIONS = 2e-6, 1e10, 2e4  # assumed: s, bytes/s of a rank, calls/s of the file system
 CELLS = 384  # of a part whose surface is counted
 FGMRES_REDUCTIONS = 2  # in an iteration: all inner products at once, and a norm

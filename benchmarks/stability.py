@@ -1,7 +1,7 @@
 """Modes of forward tangents, spurious and physical ones, and what confirming them takes (docs/theory/stability.md).
 
 ``modes`` solves ``K v = ω M v`` on the discrete kernel of the volume constraint, with M the linear elastic energy, and
-prints the lowest ω with the root mean square of the volume change by that of the gradient. ``counts`` prints how many
+prints the lowest ω with the root mean square of the volume change over the gradient's. ``counts`` prints how many
 negative eigenvalues the tangent has, and how many of them are confirmed with other penalties than the certificate's.
 ``price`` prints seconds: of a run without a certificate, of counting, and of confirming, kernels having been compiled.
 ``without-factors`` prints tangents and Krylov iterations of an iterative solve, seconds of it and of the line on

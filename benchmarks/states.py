@@ -1,4 +1,4 @@
-"""What a further state of a body costs beside its solve, on the bodies of ``benchmarks/machine.py``.
+"""What a further state of a body costs in addition to its solve, on the bodies of ``benchmarks/machine.py``.
 
 Command: python benchmarks/states.py [--sizes N …] [--repeat 3]
 """
@@ -54,7 +54,7 @@ def states(bench: Bench, measured: Bodies, sizes: Sequence[int], repeat: int) ->
             each = {title: (last[title] - single[title]) / (_STATES[-1] - _STATES[0]) for title in single}
             notes.append(
                 f"{name}, {rows[-1][1]} unknowns: a further state takes {each['command']:.2f} s, {each['solver']:.2f} s"
-                f" of them its solve; a job of its own would take {single['others']:.2f} s beside its solve"
+                f" of them its solve; a job of its own would take {single['others']:.2f} s and its solve"
             )
     return Findings(
         f"states: 1 rank, seconds, medians of {repeat}",

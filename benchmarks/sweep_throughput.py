@@ -1,6 +1,6 @@
 """What a sweep saves against a process for each case, and what a second rank brings, in one run.
 
-The cases are those of a sweep file, by default 240 silicone beams of four laws. A shell loop of single-rank processes,
+The cases come from a sweep file, by default 240 silicone beams of four laws. A shell loop of single-rank processes,
 two side by side, runs some of them, evenly spread over the sweep; then the sweep runs on one rank and on two, in empty
 stores. Kernels are compiled beforehand; all times are from command to prompt, and include start-up.
 
@@ -35,7 +35,7 @@ def shell_loop(plan: SweepPlan, count: int, directory: Path) -> float:
     """Seconds per case of single-rank processes, two side by side."""
     files = []
     for case in plan.cases[:: len(plan.cases) // count][:count]:
-        # Beside the sweep's job, where its paths begin.
+        # Next to the sweep's job, where its paths begin.
         files.append(plan.base.parent / f".{plan.sweep.sweep}-{case.key}.yaml")
         files[-1].write_text(yaml.safe_dump(dict(plan.content(case)), sort_keys=False, allow_unicode=True))
     try:

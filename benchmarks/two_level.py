@@ -1,6 +1,6 @@
-"""Error estimates by iterations beside those by a factorization in the finer spaces: seconds, and the largest error.
+"""Error estimates by iterations and by a factorization in the finer spaces: seconds, and the largest error.
 
-"Operations" are those of the factorization; from `hpcinv.certificate.two_level.MANY` on, iterations are made.
+"Operations" count the factorization; from `hpcinv.certificate.two_level.MANY` on, iterations are made.
 
 Command: python benchmarks/two_level.py [--sizes 3000 6000 12000 20000] [--bodies beam block]
 """

@@ -2,11 +2,9 @@
 
 The beam of jobs/pdms-beam.yaml, straight before its weight bent it, is made into images of several voxel sizes. Each is
 meshed, the beam's undeformed shape is found, and compared with the straight beam of 182 mm: the tip, and the distance
-of the surface. A line "without" is of the same cells with the nodes of the surface moved to that of the beam: what is
-left there is lost by mesh and clamp, and the rest by the surface. What the mesh alone loses is in the line "mesh", of
-the given mesh without an image. The last columns:
-the largest standard deviation of the undeformed shape that the certificate tells from the voxels, its seconds, and
-those of the run.
+of the surface. A line "without" has the same cells with their surface moved to the beam's: its errors come from mesh
+and clamp, the others from the surface. The line "mesh" is the given mesh without an image. The last columns are the
+largest standard deviation of the undeformed shape by the certificate, its seconds, and the seconds of the run.
 
     python3 -m uv run python benchmarks/voxelised_beam.py [--voxels 2 1 0.5] [--size 3]
 """
@@ -53,7 +51,7 @@ def main() -> None:
             moved = Path(place) / "moved.msh"
             distance = put_right(image, given.size, mesh, moved)
             report("without", {"file": str(moved)})
-            print(f"        its nodes were {distance * 1e3 / voxel:.3f} voxels beside the surface, rms", flush=True)
+            print(f"        its nodes were {distance * 1e3 / voxel:.3f} voxels from the surface, rms", flush=True)
 
 
 def voxelise(mesh: Path, voxel: float, path: Path) -> None:
@@ -75,7 +73,7 @@ def voxelise(mesh: Path, voxel: float, path: Path) -> None:
 
 
 def put_right(image: Path, size: float, mesh: Path, path: Path) -> float:
-    """Write the image's mesh with its surface moved to that of the beam, where cells allow; size in mm.
+    """Write the image's mesh with its surface moved to the beam's, where cells allow; size in mm.
 
     Returns the distance (m, root mean square) between the nodes of both surfaces.
     """

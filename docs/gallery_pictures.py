@@ -34,7 +34,9 @@ def shrink(drawn: Path, kept: Path, width: int = WIDTH, dither: Image.Dither = I
     scale = min(1.0, width / picture.width)
     size = round(picture.width * scale), round(picture.height * scale)
     smaller = picture.resize(size, Image.Resampling.LANCZOS)
-    palette = smaller.quantize(256, method=Image.Quantize.MAXCOVERAGE)  # rare colours too, such as those of arrows
+    palette = smaller.quantize(
+        256, method=Image.Quantize.MAXCOVERAGE
+    )  # rare colours too, such as the colours of arrows
     smaller.quantize(palette=palette, dither=dither).save(kept, optimize=True)
 
 

@@ -400,10 +400,12 @@ def _exit_codes() -> Iterator[str]:
 def _failures() -> Iterator[str]:
     yield "# What to do when a solve fails"
     yield ""
+    yield "![A thick sphere where its solve stopped, and the given one](../pictures/failed.png)"
+    yield ""
     yield "`hpcinv run jobs/hard/sphere-beyond-its-limit.yaml` ends with exit code 3 and says"
     yield ""
     yield "```"
-    yield "stopped at load factor 0.685693 of 1: no undeformed shape was found beyond this load: …"
+    yield "stopped at load factor 0.685693 of 1: elements of the undeformed shape would invert or collapse"
     yield "  After 4 failed steps: to first order the load moves the body by 888 mm, most at (0.962, 0.192, 0.192) m;"
     yield "  65% of it is rigid: it is nearly free to move along (0.58, 0.58, 0.58)"
     yield "```"

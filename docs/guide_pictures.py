@@ -6,19 +6,31 @@ Each function runs in a directory of its own with ``jobs`` and ``meshes``, and r
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import runpy
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
+from urllib.error import URLError
+from urllib.request import Request, urlopen
 
 import gmsh
+import numpy as np
 import pyvista
+import yaml
 from gallery_pictures import ROOT, shrink
+from matplotlib.figure import Figure
 from PIL import Image
+from stress_plots import curves
 
+from hpcinv.materials import laws
 from hpcinv.mesh.distributed.parts import partitioned
 from hpcinv.mesh.readers import FILES
 
@@ -34,9 +46,232 @@ supports:
 """
 
 
-def typed(line: str) -> None:
+VESSEL = """\
+mesh: {lumen: vessel.csv, unit: mm, wall: 1.5 mm, size: 5 mm, ends: open}
+material: {law: neo-hookean, young: 500 kPa, poisson: 0.45}
+effects: [{effect: pressure, region: inner, pressure: 100 mmHg}]
+supports: [{region: end-1, fix: [x, y, z]}]
+"""
+ARCH = """\
+x, y, z, radius, branch
+0, 0, 0, 12, trunk
+0, 0, 60, 12, trunk
+0, 0, 60, 8, left
+-14, 0, 80, 7, left
+-18, 0, 110, 7, left
+0, 0, 60, 8, right
+14, 0, 80, 6, right
+26, 0, 105, 6, right
+"""
+
+
+def typed(line: str, *, code: int = 0) -> None:
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    subprocess.run(line, shell=True, check=True, env=os.environ | {"PATH": path}, stdout=subprocess.DEVNULL)
+    environment = os.environ | {"PATH": path}
+    done = subprocess.run(line, shell=True, check=False, env=environment, stdout=subprocess.DEVNULL)
+    assert done.returncode == code, line
+
+
+def block(page: str, language: str) -> str:
+    """Return the first code box of a guide in a language."""
+    text = (ROOT / "docs" / "how-to" / f"{page}.md").read_text()
+    found = re.search(rf"^```{language}\n(.*?)^```", text, re.M | re.S)
+    assert found
+    return found[1]
+
+
+def figure(width: float = 6, height: float = 3.2) -> Figure:
+    return Figure(figsize=(width, height), dpi=150, layout="constrained")
+
+
+def saved(drawing: Figure) -> str:
+    drawing.savefig("drawn.png")
+    return "drawn.png"
+
+
+def boxes(*rows: list[str]) -> str:
+    """Draw rows of boxes with arrows from each to the next; texts that begin with "refused" are red."""
+    drawing = figure(8, 1.3 * len(rows))
+    axes = drawing.subplots()
+    axes.set_axis_off()
+    axes.set(xlim=(-0.6, max(map(len, rows)) - 0.4), ylim=(0.5 - len(rows), 0.5))
+    for y, row in enumerate(rows):
+        for x, text in enumerate(row):
+            colour = "#fbe3e4" if text.startswith("refused") else "#e6f0f8"
+            style = {"boxstyle": "round,pad=0.5", "facecolor": colour, "edgecolor": "#888888"}
+            axes.text(x, -y, text, ha="center", va="center", fontsize=9, bbox=style)
+            if x:
+                axes.annotate("", (x - 0.42, -y), (x - 0.58, -y), arrowprops={"arrowstyle": "->", "color": "#555555"})
+    return saved(drawing)
+
+
+def card() -> str:
+    typed("hpcinv fit jobs/treloar/uniaxial.csv --law yeoh --largest-stretch 4 --plot drawn.png --output fit.json")
+    return "drawn.png"
+
+
+def compare() -> str:
+    typed("hpcinv run jobs/pdms-beam.yaml --certificate off --output results/beam")
+    straight = pyvista.Cylinder(center=(91, 0, 0), direction=(1, 0, 0), radius=4.25, height=182, resolution=200)
+    straight.triangulate().save("straight.stl")
+    typed("hpcinv compare results/beam straight.stl --unit mm --to distance.vtp")
+    surface = pyvista.read("distance.vtp")
+    surface["distance in µm"] = 1e6 * surface["distance"]
+    plotter = pyvista.Plotter(off_screen=True, window_size=(900, 380))
+    plotter.add_mesh(surface, scalars="distance in µm", cmap="coolwarm", scalar_bar_args={"color": "black"})
+    plotter.view_vector((0.3, 0.3, 1), viewup=(0, 1, 0))
+    return kept(plotter, 1.9)
+
+
+def extend() -> str:
+    Path("own.py").write_text(block("extend", "python"))
+    kind = runpy.run_path("own.py")["Biderman"]
+    drawing = figure()
+    axes = drawing.subplots()
+    stretches = np.linspace(1.0, 1.8, 61)
+    for test, stress in curves(kind.model_validate(kind.example), stretches).items():
+        axes.plot(stretches, stress / 1e3, label=test)
+    axes.set(xlabel="stretch", ylabel="nominal stress of biderman in kPa", ylim=(0, None))
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return saved(drawing)
+
+
+def hard() -> str:
+    typed("hpcinv run jobs/hard/sagging-slender-beam.yaml --certificate off --output results/beam")
+    typed("hpcinv show results/beam --output drawn.png")
+    return "drawn.png"
+
+
+def interruption() -> str:
+    job = yaml.safe_load(Path("jobs/pdms-beam.yaml").read_text())
+    job["mesh"]["file"] = str(ROOT / "jobs" / job["mesh"]["file"])
+    job |= {"solver": {"strategy": "fixed", "steps": 12}, "quantities": [], "expected_shape": None}
+    Path("beam.yaml").write_text(yaml.safe_dump(job))
+    log = Path("results/beam/run.log")
+    program = [sys.executable, "-m", "hpcinv", "run", "beam.yaml", "--certificate", "off", "--output", "results/beam"]
+    with subprocess.Popen(program, stdout=subprocess.DEVNULL) as run:
+        while not log.exists() or "load 0.4167" not in log.read_text():
+            time.sleep(0.1)
+        run.send_signal(signal.SIGUSR1)
+    time.sleep(8)
+    typed("hpcinv resume results/beam")
+    found = re.findall(r"^(.{19}) +load ([\d.]+): ", Path("results/beam/run.log").read_text(), re.M)
+    clock = [datetime.fromisoformat(at).timestamp() for at, _ in found]
+    drawing = figure()
+    axes = drawing.subplots()
+    axes.step([at - clock[0] for at in clock], [float(load) for _, load in found], "o-", where="post")
+    axes.set(xlabel="seconds", ylabel="load factor of saved states", ylim=(0, 1.05))
+    axes.grid(alpha=0.3)
+    return saved(drawing)
+
+
+def chosen() -> str:
+    names = ("neo-hookean", "mooney-rivlin", "yeoh", "gent", "fung-demiray", "veronda-westmann")
+    drawing = figure()
+    axes = drawing.subplots()
+    stretches = np.linspace(1.0, 1.8, 161)
+    for name in names:
+        stress = curves(laws()[name].model_validate(laws()[name].example), stretches)["uniaxial"]
+        axes.plot(stretches, stress / stress[1] * (stretches[1] - 1), label=name)
+    axes.set(xlabel="stretch", ylabel="nominal stress / Young's modulus", ylim=(0, 2))
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return saved(drawing)
+
+
+def meshes() -> str:
+    gmsh.initialize()
+    block_tag = gmsh.model.occ.addBox(0, 0, 0, 60, 30, 20)
+    hole = gmsh.model.occ.addCylinder(40, 15, -1, 0, 0, 22, 8)
+    (_, body), *_ = gmsh.model.occ.cut([(3, block_tag)], [(3, hole)])[0]
+    gmsh.model.occ.synchronize()
+    gmsh.model.addPhysicalGroup(3, [body], name="part")
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 5)
+    gmsh.model.mesh.generate(3)
+    gmsh.write("part.inp")
+    gmsh.finalize()
+    typed("hpcinv mesh show part.inp --unit mm --output drawn.png")
+    return "drawn.png"
+
+
+def security() -> str:
+    return boxes(
+        ["download/job.yaml", "meshes and images, formulas,\nnumbers with units", "read"],
+        ["download/job.yaml", "plugins, generators (.py, .geo),\nlibraries of PETSc", "refused with --untrusted"],
+    )
+
+
+def serve() -> str:
+    Path("block.yaml").write_text(block("serve", "yaml"))
+    program = [sys.executable, "-m", "hpcinv", "serve", "block.yaml", "--port", "4247"]
+    moduli = np.linspace(14e3, 30e3, 9)
+    with subprocess.Popen(program, stdout=subprocess.DEVNULL) as server:
+        heights = [evaluated(modulus) for modulus in moduli]
+        server.terminate()
+    drawing = figure()
+    axes = drawing.subplots()
+    axes.plot(moduli / 1e3, heights, "o-")
+    axes.set(xlabel="material.mu in kPa", ylabel="height in m, by the server")
+    axes.grid(alpha=0.3)
+    return saved(drawing)
+
+
+def evaluated(modulus: float) -> float:
+    """Return the first output of the server, when it is there."""
+    data = json.dumps({"name": "block", "input": [[modulus, 1000.0]], "config": {}}).encode()
+    for _ in range(600):
+        try:
+            with urlopen(
+                Request("http://127.0.0.1:4247/Evaluate", data, {"Content-Type": "application/json"})
+            ) as answer:
+                return float(json.load(answer)["output"][0][0])
+        except URLError:
+            time.sleep(0.2)
+    raise SystemExit("the server does not answer")
+
+
+def slurm() -> str:
+    return boxes(
+        [
+            "sbatch slurm/job.sbatch\njob.yaml",
+            "runs, and saves\nat each load step",
+            "before the time limit:\nsaves, is requeued",
+        ],
+        ["the scheduler\nstarts it again", "resumes at the\nlast load step", "summary.json,\nfields, shape"],
+    )
+
+
+def start_up() -> str:
+    drawing = figure(6, 2)
+    axes = drawing.subplots()
+    for row, run in enumerate(("first", "second")):
+        typed(f"HPCINV_KERNELS=kernels hpcinv run jobs/thick-sphere.yaml --certificate off --output results/{run}")
+        phases = json.loads(Path(f"results/{run}/summary.json").read_text())["timings"]["phases"]
+        seconds = {"compile": 0.0, "mesh": 0.0, "the solve and the rest": 0.0}
+        for phase, times in phases.items():
+            seconds[phase if phase in seconds else "the solve and the rest"] += times["max"]
+        left = 0.0
+        for (phase, length), colour in zip(seconds.items(), ("#ee6677", "#ccbb44", "#4477aa"), strict=True):
+            axes.barh(f"{run} run", length, left=left, color=colour, label=phase if row == 0 else None)
+            left += length
+    axes.invert_yaxis()
+    axes.set(xlabel="seconds")
+    axes.legend()
+    return saved(drawing)
+
+
+def vessel() -> str:
+    Path("vessel.csv").write_text(ARCH)
+    Path("vessel.yaml").write_text(VESSEL)
+    typed("hpcinv show vessel.yaml --output drawn.png")
+    return "drawn.png"
+
+
+def failed() -> str:
+    typed("hpcinv run jobs/hard/sphere-beyond-its-limit.yaml --output results/sphere 2> said.txt", code=3)
+    typed("hpcinv show results/sphere --output drawn.png")
+    return "drawn.png"
 
 
 def cad() -> str:
@@ -131,14 +366,27 @@ def kept(plotter: pyvista.Plotter, zoom: float) -> str:
 
 PICTURES: dict[str, Callable[[], str]] = {
     "cad": cad,
+    "card": card,
+    "chosen-laws": chosen,
+    "compare": compare,
     "dossier": dossier,
     "export-mould": export,
+    "failed": failed,
     "fibres": fibres,
+    "hard-case": hard,
+    "interruption": interruption,
+    "mesh-file": meshes,
     "new-part": new,
+    "own-law": extend,
     "parts": parts,
+    "security": security,
+    "serve": serve,
     "sheet": sheet,
     "shell": shell,
+    "slurm": slurm,
+    "start-up": start_up,
     "supports": supports,
+    "vessel": vessel,
 }
 
 

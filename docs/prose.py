@@ -13,15 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-MOST = {
-    "docs": 3,
-    "hpcinv": 2,
-    "tests": 10,
-    "README.md": 0,
-    "ARCHITECTURE.md": 0,
-    "CONTRIBUTING.md": 0,
-    "CHANGELOG.md": 0,
-}
+MOST = {"docs": 0, "hpcinv": 2, "benchmarks": 5, "meshes": 0, "tests": 4}
+MOST |= dict.fromkeys(("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md"), 0)
 """allowed oddities; lower these numbers after each clean-up"""
 GENERATED = ("docs/reference/", "docs/notes/", "docs/verification/published.md", "docs/prose.py")
 ODDITIES = {
@@ -73,7 +66,9 @@ for directory in MOST:
                 counts[directory, kind] += 1
                 if "-v" in sys.argv and name.startswith(tuple(sys.argv[2:]) or ""):
                     print(f"{name}:{line}: {kind}")
-kinds = {directory: {kind: n for (where, kind), n in counts.items() if where == directory} for directory in MOST}
-for directory, numbers in kinds.items():
-    print(f"{directory}: {sum(numbers.values())} of at most {MOST[directory]} {numbers or ''}")
-sys.exit(any(sum(numbers.values()) > MOST[directory] for directory, numbers in kinds.items()))
+failed = False
+for directory, most in MOST.items():
+    numbers = {kind: n for (where, kind), n in counts.items() if where == directory}
+    failed |= sum(numbers.values()) > most
+    print(f"{directory}: {sum(numbers.values())} of at most {most} {numbers or ''}")
+sys.exit(failed)

@@ -25,10 +25,7 @@ from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import Observer, is_stop_asked
 from hpcinv.solver.workspace import Workspace
 
-_FREE_CUT = (
-    "the region 'cut', where the image ends in the body, has neither a support nor a load: the rest of the body does"
-    " not act on it"
-)
+_FREE_CUT = "the region 'cut', where the image ends in the body, is free; hold or load it as the rest of the body does"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A round finger along x with a closed chamber beside its axis, of tetrahedra: the half y ≤ 0.
+"""A round finger along x with a closed chamber next to its axis, of tetrahedra: the half y ≤ 0.
 
 Groups: volume ``finger``; surfaces ``base`` (x = 0), ``chamber``, ``y0`` (the plane of symmetry) and ``skin``.
 """

@@ -19,7 +19,7 @@ trap 'term=yes; pass_on TERM' TERM
 
 launch() {
     local launcher signal code=75
-    # One task of an array has the id of the whole array, by which all of its tasks would be requeued.
+    # One task of an array has the id of the whole array, which would requeue all of its tasks.
     job=$SLURM_JOB_ID
     [ -z "${SLURM_ARRAY_TASK_ID:-}" ] || job=${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID
     saved=$PWD/.hpcinv-$job.saved idle=$PWD/.hpcinv-$job.idle
@@ -48,13 +48,13 @@ warn_of_lead() {
     IFS=: read -r hours minutes seconds <<<"$limit"
     [ -n "$lead" ] && [ -n "$seconds" ] || return 0
     limit=$((86400 * days + 3600 * 10#$hours + 60 * 10#$minutes + 10#$seconds))
-    [ "$limit" -gt "$lead" ] || echo "job $job: warning: its time limit of $limit s is not above the $lead s before it" \
-        "at which it is told to save (--signal=B:USR1@$lead): give it more time, or a smaller lead" >&2
+    [ "$limit" -gt "$lead" ] || echo "job $job: warning: its time limit of $limit s is not above the $lead s that are" \
+        "kept for saving (--signal=B:USR1@$lead): give it more time, or a smaller lead" >&2
 }
 
 await_launched() {
     local code=127 now
-    # A signal interrupts `wait`, and its exit code then looks like that of a command which a signal has ended. So wait
+    # A signal interrupts `wait`, and its exit code then looks as if a signal had ended the command. So wait
     # until no signal came meanwhile; 127 says that there is nothing left to wait for.
     while :; do
         signalled=''

@@ -88,17 +88,17 @@ class AccuracyRecord:
     ending: Ending
     seconds: float
 
-    def lines(self) -> list[Line]:
-        """Return a line of the certificate for each demand."""
-        return [self._line(name, demand) for name, demand in self.demands.items()]
+    def lines(self, units: Mapping[str, str], symbols: Mapping[str, str]) -> list[Line]:
+        """Return a line of the certificate for each demand; arguments as of `AccuracyStep.described`."""
+        return [self._line(name, demand, units.get(name, ""), symbols) for name, demand in self.demands.items()]
 
-    def _line(self, name: str, demand: float) -> Line:
+    def _line(self, name: str, demand: float, unit: str, symbols: Mapping[str, str]) -> Line:
         met = self.bounds[name] <= demand
-        rule = f"fail above {demand:g}, which accuracy.{name} demands"
+        rule = f"fail above {as_shown(demand, unit, symbols)}, which accuracy.{name} demands"
         note = "" if met else f"{self.ending.text}: {self.ending.advice}"
         row = self.rows[self.chosen]
         note = "; ".join(text for text in ((note + row.left_out).removeprefix(", "), row.limit) if text)
-        return Line(f"error of {name}", self.bounds[name], "", rule, Verdict.PASS if met else Verdict.FAIL, note)
+        return Line(f"error of {name}", self.bounds[name], unit, rule, Verdict.PASS if met else Verdict.FAIL, note)
 
     def as_data(self) -> dict[str, Any]:
         data = asdict(self)

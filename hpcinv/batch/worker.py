@@ -166,7 +166,7 @@ def _given_up(claim: Claim) -> tuple[str, str] | None:
         status = f"the process that ran it was killed {claim.died + claim.lost} times"
         return (
             status,
-            "It, or a case that ran at the same time, may have run out of memory: use more memory or a coarser mesh.",
+            "It or another case may have run out of memory: use more memory or a coarser mesh.",
         )
     return None
 

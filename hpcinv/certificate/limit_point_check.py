@@ -32,7 +32,7 @@ def _removal_line(line: Line, start: str) -> Line:
     rule = f"the determinant of the tangent must keep its sign from state '{start}' to this one"
     if line.verdict is not Verdict.WARN:
         return replace(line, rule=rule)
-    note = f"the forces that held the body in state '{start}' were taken away: its loads may have no limit point"
+    note = f"forces that held the body in state '{start}' were removed, which may end the path too"
     return replace(line, rule=rule, verdict=Verdict.UNDECIDED, note=note)
 
 
@@ -50,8 +50,8 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
         if passed := _earlier_passes([s.load for s in solution.solves if s.outcome.accepted]):
             times = "once" if passed == 1 else f"{passed} times"
             note = (
-                f"{turned} limit {'point' if turned == 1 else 'points'} of the load; the path reaches the full load"
-                f" {times} before, where other shapes carry it"
+                f"the path passes {turned} limit {'point' if turned == 1 else 'points'}; it reaches the full load"
+                f" {times} before"
             )
         return Line(LIMIT_POINTS, float(turned), "", rule, Verdict.WARN, note)
     branches = [s for s in solution.solves if s.bifurcation is not None]

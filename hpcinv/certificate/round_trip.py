@@ -1,4 +1,4 @@
-"""Round trip: the solve back from the body that was found.
+"""Round trip: the solve back from the computed body.
 
 Near the known displacement the solve back needs no factors of its own. Forward, its tangent is the one by which
 stability is judged, and its factors, or multigrid instead, give the corrections. In the inverse direction they do so

@@ -1,4 +1,4 @@
-"""Checks of the body that was found: cells, planes of symmetry, self-overlap."""
+"""Checks of the computed body: cells, planes of symmetry, self-overlap."""
 
 from __future__ import annotations
 

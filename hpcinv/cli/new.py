@@ -199,8 +199,8 @@ def _check(options: argparse.Namespace) -> None:
         raise JobError(f"--{name}: a shell is a surface of quadrilaterals; put such a mesh into the example")
     if options.surface is not None and options.kind in _WALLS:
         raise JobError(
-            f"--surface: of the wall of {_article(options.kind)}, it does not distinguish the cavity from the outside;"
-            " give an --image, or put a mesh with named surfaces into the example"
+            f"--surface: does not distinguish cavity and outside of {_article(options.kind)};"
+            " give an --image, or a mesh with named surfaces"
         )
     if options.image is None and options.label:
         raise JobError("--label: is for an image, and there is no --image")

@@ -58,7 +58,7 @@ def _submit(options: argparse.Namespace) -> int:
     limit, lead = _seconds(options.time), LEAD if options.lead is None else options.lead
     if limit is not None and limit <= lead:
         raise SubmitError(
-            f"--time {options.time}: is not above the {lead} s before it at which the sweep is asked to save (--lead)",
+            f"--time {options.time}: is not above the {lead} s that are kept for saving (--lead)",
             "It would be stopped before it can save anything: give it more time, or a smaller --lead.",
         )
     plan = load_sweep(options.sweep)

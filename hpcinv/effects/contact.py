@@ -98,7 +98,7 @@ class Contact(Effect):
     def faults(self, first: Direction) -> Faults:
         if first == "inverse" and self.is_augmented:
             text = (
-                "nothing determines the contact pressure on a given deformed body, whose gap is 0 wherever it touches:"
+                "the contact pressure on a given deformed body is not determined, since its gap is 0;"
                 " give the 'stiffness' of an elastic layer, or a known 'pressure'"
             )
             yield (), text

@@ -127,8 +127,7 @@ def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Can
     if law.model_validate(law.example).families:
         isotropic = [n for n, kind in laws().items() if not kind.model_validate(kind.example).families]
         raise JobError(
-            f"{place}: this law has fibres, whose direction in the specimens these tests do not state; "
-            f"isotropic laws are {', '.join(isotropic)}"
+            f"{place}: has fibres, whose direction these tests do not state; take one of {', '.join(isotropic)}"
         )
     is_whole = len(given) > 1
     data = _repeat_terms(given if is_whole else law.example, law, terms, place)

@@ -63,14 +63,13 @@ class CheckedFit:
             if r.not_elliptic_at is not None:
                 messages.append(
                     f"{self.label} is not strongly elliptic {_place(r)}: {r.mode.name}, {r.mode.measure}"
-                    f" {r.not_elliptic_at:.4g} (checked from {r.low:.4g} to {r.high:.4g}): the strain may jump across"
-                    " surfaces in a body that is so deformed, and results depend on the mesh"
+                    f" {r.not_elliptic_at:.4g} (checked from {r.low:.4g} to {r.high:.4g}): results depend on the mesh"
                 )
         fit = self.fit
         if fit.deviations_known and fit.scatter > _POOR:
             messages.append(
-                f"{self.label} does not describe the tests within their standard deviations: residuals are"
-                f" {fit.scatter:.3g} of them, so that the parameters' deviations are too small"
+                f"{self.label} misses the tests by {fit.scatter:.3g} of their standard deviations, so that the"
+                " parameters' deviations are too small"
             )
         for p, value in zip(fit.candidate.parameters, fit.values, strict=True):
             for bound in (p.lower, p.upper):

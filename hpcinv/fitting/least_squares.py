@@ -122,7 +122,7 @@ def fit(candidate: Candidate, tests: Sequence[Test]) -> Fit:
     solutions = [solution for start in starts if (solution := problem.solved(start, first)) is not None]
     if not solutions:
         raise FitError(
-            f"{candidate.label}: no values were found for which the law is defined at all points of the tests; leave "
+            f"{candidate.label}: no values were found for which the law is defined at all points; leave "
             "out large strains (--largest-stretch), or choose another law"
         )
     if len(starts) == 1:
@@ -153,8 +153,8 @@ class _LeastSquares:
         label = self._candidate.label
         if n <= k:
             raise FitError(
-                f"{label}: has {k} parameters, which {n} points of the tests cannot determine with their standard "
-                "deviations; choose a law with fewer, fix some (--fix), or add tests"
+                f"{label}: {n} points cannot determine {k} parameters and their standard deviations;"
+                " choose a law with fewer, fix some (--fix), or add tests"
             )
         if self._response.is_incompressible and (only := [t.name for t in self._tests if t.mode.is_volumetric]):
             raise FitError(f"{label}: is incompressible, but {only[0]} is a volumetric test; give --compressible")
@@ -253,7 +253,7 @@ class _LeastSquares:
             involved = [names[i] for i in free[-1].involved]
             raise FitError(
                 f"{label}: the tests do not separate {' and '.join(involved)}; fix all but one of them "
-                f"(--fix {involved[-1]}=…), add a test of another mode, or choose a law with fewer parameters"
+                f"(--fix {involved[-1]}=…), or add a test of another mode"
             )
 
     def _admitted(self, values: Floats) -> MaterialLaw:

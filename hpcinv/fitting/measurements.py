@@ -294,8 +294,8 @@ class _Reader:
             return stated
         if self._options.mode is None:
             raise ValueError(
-                f"does not say which test it is: give --mode, or add a line '# mode: uniaxial' or a column 'mode'; "
-                f"modes are {', '.join(MODES)}"
+                f"does not say which test it is; give --mode, a line '# mode: uniaxial' or a column 'mode': "
+                f"{', '.join(MODES)}"
             )
         return mode_named(self._options.mode)
 

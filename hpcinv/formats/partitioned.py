@@ -19,6 +19,6 @@ class Partitioned(MeshFormat):
 
     def untrusted(self) -> str:
         return (
-            f"is read by ADIOS2, which can load libraries that a file names, and is {REFUSED}; ask for a mesh in "
-            "one file (.msh, .vtu), as 'hpcinv mesh gather' makes it"
+            f"can make ADIOS2 load libraries, and is {REFUSED}; ask for one file (.msh, .vtu),"
+            " as 'hpcinv mesh gather' makes it"
         )

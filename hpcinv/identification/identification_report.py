@@ -131,14 +131,14 @@ def warnings(estimate: ParameterEstimate) -> list[str]:
     ]
     if estimate.sampled is not None and estimate.sampled.acceptance < _ROUGH:
         texts.append(
-            f"only {100 * estimate.sampled.acceptance:.0f} % of the surrogate's proposals were accepted: the posterior"
-            " has few different samples; raise --posterior"
+            f"only {100 * estimate.sampled.acceptance:.0f} % of the surrogate's proposals were accepted;"
+            " raise --posterior"
         )
     probability = estimate.probability
     if probability is not None and probability < _UNLIKELY:
         texts.append(
-            "the observations differ from the model by more than their standard deviations: these, or the model, are"
-            " wrong, and the deviations of the parameters are too small"
+            "the observations differ from the model by more than their standard deviations:"
+            " check these and the model; the parameters' deviations are too small"
         )
     return texts
 

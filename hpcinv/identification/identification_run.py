@@ -60,8 +60,8 @@ class IdentificationCost:
         kept = f" ({self.kept} of them made before)" if self.kept else ""
         return (
             f"{self.evaluations} evaluations of all states{kept} took {self.seconds:.3g} s, as long as"
-            f" {self.seconds / self.unit:.3g} solves of the first state ({self.unit:.3g} s each);"
-            f" {self.factorizations[0]} factorizations; such a solve takes {self.factorizations[1]} of them"
+            f" {self.seconds / self.unit:.3g} solves of the first state ({self.unit:.3g} s,"
+            f" {self.factorizations[1]} factorizations); {self.factorizations[0]} factorizations"
         )
 
 
@@ -180,8 +180,7 @@ def _open(directory: Path, job: Job, content: str, *, overwrite: bool) -> None:
             if not overwrite and (directory / _FIGURES).exists():
                 raise OutputError(
                     f"{directory}: holds the identification of another job, or of this one before it was changed",
-                    "Choose another directory with --output, or give --overwrite. Evaluations of the same states are"
-                    " used again in either case, if they are there.",
+                    "Choose another directory with --output, or give --overwrite, which keeps evaluations.",
                 )
             replace(origin, json.dumps(data).encode())
 

@@ -274,7 +274,7 @@ class ExpectedShape(MeshFile):
     labels: ListOf[Annotated[int, Field(strict=True)]] = ()
     """numbers of the body's voxels in an image; by default all but 0"""
     align: bool = False
-    """whether the body that was found is moved rigidly to a surface or image before it is compared"""
+    """whether the computed body is moved rigidly to a surface or image before it is compared"""
 
     formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES + SURFACES
     sources: ClassVar[Mapping[str, tuple[str, ...]]] = {"file": (), "image": (), "surface": ("unit",)}

@@ -78,8 +78,8 @@ class Formula(IsochoricLaw):
             )
         if stretches := sorted(name for name in energy.names - parameters.keys() if _STRETCH.fullmatch(name)):
             raise ValueError(
-                f"'{stretches[0]}' is a principal stretch, which is not an invariant of formulas: take 'law: ogden' for"
-                f" sums of their powers, or an energy of {', '.join(ISOTROPIC)}"
+                f"'{stretches[0]}' is a principal stretch, which formulas do not have; take 'law: ogden', or an energy"
+                f" of {', '.join(ISOTROPIC)}"
             )
         known: dict[str, Dimension | None] = {name: p.dimension for name, p in parameters.items()}
         known |= {name: _NUMBER for name in (*ISOTROPIC, *energy.names) if families_in(name) is not None}

@@ -88,7 +88,7 @@ def require_at_most(path: Path, cells: float, limit: int) -> None:
     if cells > limit:
         raise MeshError(
             f"{path}: about {rounded(cells)} cells expected, more than mesh.maximum_cells allows ({limit:,})",
-            "Is the cell size in the same unit as the geometry? If so many cells are meant, raise mesh.maximum_cells.",
+            "Check the unit of the cell size. If so many cells are meant, raise mesh.maximum_cells.",
         )
 
 

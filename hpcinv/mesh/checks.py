@@ -74,8 +74,8 @@ def _duplicate_nodes(source: MeshSource) -> MeshProblems:
         first = int(np.flatnonzero(same)[0])
         pair = sorted(source.node_tags[order[first : first + 2]].tolist())
         yield (
-            f"{same.sum()} nodes coincide with another (first: nodes {pair[0]} and {pair[1]}); the body is cut there",
-            "Join the parts: gmsh's fragment on the volumes, or model.mesh.removeDuplicateNodes() on the mesh.",
+            f"{same.sum()} nodes coincide with another (first: {pair[0]} and {pair[1]}); the body is cut there",
+            "Join the parts (gmsh: occ.fragment on the volumes, or model.mesh.removeDuplicateNodes()).",
         )
 
 
@@ -85,7 +85,7 @@ def _overlaps(source: MeshSource, table: FacetTable) -> MeshProblems:
         cells = np.flatnonzero(crowded[table.cell_facets].any(axis=1))
         yield (
             f"{crowded.sum()} facets have more than two cells ({_first_of(source.cell_tags[cells], 'cell')})",
-            "Remove duplicate or overlapping cells, such as cells of a volume that was saved in two physical groups.",
+            "Remove duplicate cells, such as those that two physical groups of one volume have saved.",
         )
 
 
@@ -103,8 +103,7 @@ def _bad_cells(source: MeshSource) -> MeshProblems:
     if inverted.any():
         yield (
             f"{inverted.sum()} cells are inverted, with det J < 0 ({_first_of(source.cell_tags[inverted], 'cell')})",
-            "Refine the mesh where it is curved (gmsh: model.mesh.optimize('HighOrder')), or reverse the cells whose"
-            " node numbering is opposite to the others' (gmsh: model.mesh.reverseElements).",
+            "Refine where the mesh is curved, or reverse the cells (gmsh: model.mesh.reverseElements).",
         )
 
 

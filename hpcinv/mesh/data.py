@@ -66,8 +66,9 @@ def _find(body: Body, name: str) -> DataArray:
     there = ", ".join(f"{a.name} ({a.place}, {a.values.shape[1]})" for a in data.values())
     raise MeshError(
         f"{body.source.path}: no data array '{name}'.{did_you_mean(name, data, list_all=False)}",
-        (f"The mesh has, with place and number of components: {there}." if data else "The mesh has none.")
-        + " A data array of a .vtu, .xdmf or .msh file has 1, 3 or 9 numbers for each node or for each solid cell.",
+        f"The mesh has, with place and number of components: {there}."
+        if data
+        else "The mesh has none; arrays have 1, 3 or 9 numbers for each node or each solid cell.",
     )
 
 
@@ -78,7 +79,7 @@ def _check(body: Body, array: DataArray, rows: Rows) -> None:
     if count := sum(number for _, number in faults):
         first = next(tag for some, _ in faults for tag in some)
         raise MeshError(
-            f"{body.source.path}: data array '{array.name}' is missing or not finite on {count} of {rows.total}"
+            f"{body.source.path}: data '{array.name}' is missing or not finite on {count} of {rows.total}"
             f" {array.place} (first: {array.place.removesuffix('s')} {first})",
             f"Give the array a finite value on all {array.place} of the body.",
         )

@@ -59,8 +59,8 @@ def _facets_of(source: MeshSource, file: Path, where: str, unit: float, used: In
         first = corners[np.flatnonzero(wrong)[0]].mean(axis=0)
         place = ", ".join(f"{x:g}" for x in first)
         raise MeshError(
-            f"{file}: {wrong.sum():,} of {len(wrong):,} triangles of {where} are not facets of the mesh"
-            f" (first: near ({place}) m; their vertices are up to {distance[triangles][wrong].max():.3g} m from nodes)",
-            "Give the surfaces that were saved with this mesh, in its unit.",
+            f"{file}: {wrong.sum():,} of {len(wrong):,} triangles of {where} are not facets of the mesh,"
+            f" as near ({place}) m",
+            f"Give surfaces of this mesh, in its unit; these are {distance[triangles][wrong].max():.3g} m from nodes.",
         )
     return rows

@@ -93,8 +93,7 @@ def _by_nodes(
             groups.append(Group(name, 3, max(named[0], 0), cells))
         if name in labels.names and not len(cells) and not len(facets):
             raise MeshError(
-                f"{source.path}: mesh.labels.names.{name}: no cell and no boundary facet has a value of it at all"
-                f" vertices",
+                f"{source.path}: mesh.labels.names.{name}: is not at all vertices of any cell or boundary facet",
                 "Give all vertices of a facet or cell the value.",
             )
     return add_facets(dataclasses.replace(source, groups=distinct_tags(groups)), sides)

@@ -247,7 +247,7 @@ def _oriented(surface: MeshSource) -> Ints:
         nodes = surface.node_tags[vertices[np.flatnonzero(sharing > 2)[0]]]
         raise MeshError(
             f"{path}: {(sharing > 2).sum()} edges belong to more than two cells (first: nodes {nodes[0]}, {nodes[1]})",
-            "Junctions of shells are not possible: the director of a shell has one direction. Mesh a solid instead.",
+            "A shell cannot have junctions, since its director has one direction. Mesh a solid instead.",
         )
     pairs = np.argsort(place, kind="stable").reshape(-1)
     first_of = np.concatenate([[0], np.cumsum(sharing)[:-1]])[sharing == 2]

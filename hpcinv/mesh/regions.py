@@ -103,8 +103,7 @@ def build_regions(
         low, high = (", ".join(f"{v:g}" for v in corner) for corner in extent(mesh.comm, points))
         raise MeshError(
             "\n".join(f"{source.path}: {p}" for p in problems),
-            f"The mesh extends from ({low}) to ({high}) m;"
-            " a condition must be true at all vertices of a facet or a cell.",
+            f"The mesh extends from ({low}) to ({high}) m; a condition must hold at all vertices of a facet.",
         )
     return regions
 
@@ -165,7 +164,7 @@ def find(regions: Mapping[str, Region], name: str, source: MeshSource) -> Region
     raise MeshError(
         f"{source.path}: no region '{name}'{hint}",
         f"The regions are: {', '.join(sorted(regions))}.{no_groups}{labels}"
-        f" Name surfaces and volumes in the mesh (physical groups), or in the job: regions: {{{name}: 'x < 1e-6 m'}}",
+        f" Or define it in the job: regions: {{{name}: 'x < 1e-6 m'}}",
     )
 
 

@@ -409,14 +409,14 @@ class _OneContact:
         if not self.depends_on_state:
             if self.totals()[3] == 0.0:
                 raise MeshError(
-                    f"{self.where}: no pressure acts on '{self.effect.region}' of the given body: its gap to the"
-                    f" obstacle is at least {-self._largest(-gap, -np.inf) * self._body.length_scale:.3g} m",
+                    f"{self.where}: '{self.effect.region}' of the given body touches nothing: the gap is at least"
+                    f" {-self._largest(-gap, -np.inf) * self._body.length_scale:.3g} m",
                     "Check place, travel and unit of the obstacle, or give a stand_off or a pressure.",
                 )
         elif self.effect.is_augmented and (depth := self._largest(-gap)) > _OVERLAP * self._body.length:
             raise MeshError(
-                f"{self.where}: the obstacle overlaps '{self.effect.region}' of the undeformed body by"
-                f" {depth * self._body.length_scale:.3g} m before anything is loaded",
+                f"{self.where}: the obstacle overlaps '{self.effect.region}' of the unloaded body by"
+                f" {depth * self._body.length_scale:.3g} m",
                 "Move it back and let it 'travel' into place, or turn its normal; check its unit.",
             )
 

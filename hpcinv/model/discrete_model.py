@@ -213,9 +213,8 @@ def _quadrature(job: Job, source: MeshSource) -> int:
     if given is not None and given < least:
         cells = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}[kind]
         raise JobError(
-            f"{job.path or UNNAMED}: discretisation.quadrature: must be at least {least} on {cells} with displacements"
-            f" of degree {displacement}, not {given}: with fewer points, cells have spurious motions without energy,"
-            " which make the tangent singular or nearly so; raise it, or leave it out"
+            f"{job.path or UNNAMED}: discretisation.quadrature: must be at least {least} on {cells} of degree"
+            f" {displacement}, not {given}, or the tangent is nearly singular; raise it, or leave it out"
         )
     return given or least if source.midsurface is None else LayerDegree(given or least, source.slenderness)
 

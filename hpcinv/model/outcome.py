@@ -10,8 +10,8 @@ class Outcome(enum.Enum):
     ROUND_OFF = "converged as far as rounding errors allow"
     DIVERGED = "Newton's corrections grew"
     INVERTED = "an element would turn inside out (det F ≤ 0)"
-    OUTSIDE_LAW = "the material would be strained beyond what its law is defined for"
-    VOLUME_CHANGED = "the incompressible material would halve or double its volume somewhere"
+    OUTSIDE_LAW = "the strain would leave the range of the material law"
+    VOLUME_CHANGED = "an incompressible element would halve or double its volume"
     TOO_NONLINEAR = "the step is too long for Newton's method"
     NOT_FINITE = "the residual is not finite: a law left its domain, or an element turned inside out"
     ITERATION_LIMIT = "Newton's method took too many iterations"
@@ -22,8 +22,7 @@ class Outcome(enum.Enum):
     LINE_SEARCH = "the line search found no acceptable step"
     FORWARD_FAILED = (
         "a forward problem of the fixed-point method was not solved",
-        "The outcome of that solve is reported before this one. Try 'method: direct', which solves none, or a smaller"
-        " fixed_point.relaxation.",
+        "Try 'method: direct', which needs no forward solves, or a smaller fixed_point.relaxation.",
     )
     FIXED_POINT_LIMIT = (
         "the fixed-point method took too many iterations",
@@ -31,18 +30,16 @@ class Outcome(enum.Enum):
     )
     FIXED_POINT_DIVERGED = (
         "the fixed-point method comes no closer to the given shape",
-        "Try 'method: direct', anderson or aitken, or a smaller fixed_point.relaxation. Is fixed_point.tolerance above"
-        " rounding errors?",
+        "Try 'method: direct', a smaller fixed_point.relaxation, or a larger fixed_point.tolerance.",
     )
     LIMIT_POINT = "the load reaches a limit point here"
     ANOTHER_PATH = "the solution found there does not belong to the path from the unloaded body"
     PASSED_THROUGH = (
         "the surface of the body would pass through an obstacle",
-        "Take smaller steps (solver.minimum_step, solver.steps). Where a thin obstacle fits between the nodes of the"
-        " body's surface, refine the mesh there.",
+        "Take smaller steps (solver.minimum_step, solver.steps), or refine the mesh near a thin obstacle.",
     )
     CONTACT_LIMIT = (
-        "the pressure of a rigid obstacle did not settle: the penetration remains above the tolerated one",
+        "the penetration of a rigid obstacle remains too large",
         "Raise effects[i].penalty tenfold, or effects[i].penetration; refine the mesh where the body touches.",
     )
     STEP_LIMIT = "the path was followed for as many steps as it may"

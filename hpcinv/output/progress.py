@@ -330,7 +330,8 @@ def _cavity(cavity: Mapping[str, Any], symbols: Mapping[str, str]) -> str:
 def _short_report(statistics: Mapping[str, Any], directory: str) -> list[str]:
     """Return the report of a quiet run: lines of the certificate that do not pass, and the outcome."""
     certificate, seconds = statistics["certificate"], statistics["timings"]["total"]
-    open_questions = [line for line in _certificate(certificate)[1:] if line.lstrip().startswith(("warning", "fail"))]
+    certificate_lines = _certificate(certificate, statistics.get("units", {}))[1:]
+    open_questions = [line for line in certificate_lines if line.lstrip().startswith(("warning", "fail"))]
     where = f"; results in {directory}" if directory else ""
     return [*open_questions, f"{statistics['status']}, certificate {certificate['verdict']}, {seconds:.1f} s{where}"]
 
@@ -362,7 +363,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
         lines += (_cavity(cavity, symbols) for cavity in solution.get("cavities", ()))
     if unused := statistics["unused_petsc_options"]:
         lines.append(f"  solver.petsc: nothing asked for {', '.join(unused)}: misspelt, or without effect here")
-    lines += _certificate(statistics["certificate"])
+    lines += _certificate(statistics["certificate"], symbols)
     if (error := shape_error(statistics)) is not None:
         lines.append(f"shape: estimated error {error.text}")
     estimated = statistics["certificate"]["estimate"] or {"quantities": {}, "without_geometry": ""}
@@ -406,12 +407,10 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _certificate(certificate: Mapping[str, Any]) -> list[str]:
+def _certificate(certificate: Mapping[str, Any], symbols: Mapping[str, str]) -> list[str]:
     lines = [f"certificate: {certificate['verdict']}"]
     for line in certificate["lines"]:
-        value_text = (
-            "" if line["value"] is None else f" {_number(line['value'], 3)}{line['unit'] and ' ' + line['unit']}"
-        )
+        value_text = "" if line["value"] is None else f" {as_shown(line['value'], line['unit'], symbols, 3)}"
         note = f" ({line['note']})" if line["note"] else ""
         seconds = f", {line['seconds']:.1f} s" if (line["seconds"] or 0.0) >= _SHOWN else ""
         state = f"{line['state']}: " if "state" in line else ""

@@ -107,8 +107,7 @@ class RunDirectory:
         """
         if job.accuracy and any(self.checkpoints.glob("[0-9]*")):
             raise CheckpointError(
-                f"{job.path or UNNAMED}: accuracy: a search for mesh and degree cannot go on from the checkpoints in "
-                f"{self.checkpoints}, and would remove them",
+                f"{job.path or UNNAMED}: accuracy: would remove the checkpoints in {self.checkpoints}",
                 "Resume without 'accuracy', or start the job with 'run' and another --output.",
             )
 

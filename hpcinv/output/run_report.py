@@ -21,6 +21,7 @@ from hpcinv.pictures.boundary_surface import NAME as BOUNDARY
 from hpcinv.pictures.boundary_surface import write_boundary
 from hpcinv.pictures.interior import NAME as INTERIOR
 from hpcinv.pictures.interior import write_interior
+from hpcinv.quantity.written_units import written_units
 from hpcinv.results.displacement_scale import nominal_sizes
 from hpcinv.results.quantities_of_interest import NOT_FINITE, Value, fault_of
 from hpcinv.results.solution import Solution
@@ -64,7 +65,7 @@ class RunReport(Observer):
         """Write and print the summary of a converged run, with all lines of its certificate."""
         lines = [*result.certificate.lines, *_not_finite(result)]
         if self.record is not None:
-            lines += self.record.lines()
+            lines += self.record.lines(getattr(result.quantities, "units", {}), written_units(self.job.data))
         if result.surface_spread is not None:
             lines += result.surface_spread.lines()
         if self.job.output.unit_warnings and not self.totals.warnings:  # warn of a body that hardly moves

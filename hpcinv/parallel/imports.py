@@ -23,8 +23,7 @@ def imports_explained() -> Iterator[None]:
             raise
         raise SystemPartMissing(
             f"{name} cannot be imported: {error}",
-            f"Is {sys.executable} the Python that hpcinv was installed for? docs/start/installing.md says how it is "
-            "installed with all packages that it needs.",
+            f"Install hpcinv in {sys.executable}, or use its own Python (docs/start/installing.md).",
         ) from error
 
 

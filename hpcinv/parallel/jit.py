@@ -114,8 +114,7 @@ def refuse_foreign(what: str, directory: Path) -> None:
         raise OutputError(
             f"{what} {directory}: {f'{where} above it' if where != directory else 'it'} {why}, "
             "and its files are executed",
-            f"Remove write permission of others (chmod go-w {where}), name another directory by HPCINV_KERNELS, or, "
-            f"if these users are trusted, set {_TRUST}=1.",
+            f"Type 'chmod go-w {where}', name another HPCINV_KERNELS, or trust these users: {_TRUST}=1.",
         )
 
 

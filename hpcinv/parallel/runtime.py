@@ -86,13 +86,12 @@ def _explain_compilation(text: str) -> None:
     if shutil.which(compiler) is None:
         raise SystemPartMissing(
             f"no C compiler '{compiler}' on {os.uname().nodename}, which kernels need that were not compiled before",
-            "Compile them where there is one, such as a login node: 'hpcinv compile JOB --cache DIR', and run with "
-            f"HPCINV_KERNELS=DIR. Or i{install}",
+            f"Elsewhere 'hpcinv compile JOB --cache DIR', then set HPCINV_KERNELS=DIR. Or i{install}",
         )
     if unwritten := re.search(r"(kernels cannot be written|the compiler cannot write) to .*", text):
         raise SystemPartMissing(
             unwritten[0],
-            "Make room there, or name other directories: HPCINV_KERNELS for kernels, TMPDIR for the compiler's files.",
+            "Make room there, or name others by HPCINV_KERNELS (kernels) and TMPDIR (the compiler's files).",
         )
     if failed := re.search(r"the C compiler .* could not compile a kernel.*", text, re.DOTALL):
         raise SystemPartMissing(failed[0], f"I{install}")

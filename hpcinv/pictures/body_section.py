@@ -21,7 +21,7 @@ class Shape:
         points: of the boundary, (n, 3) m.
         result: whose values it shows.
         number: of that result.
-        is_mesh: whether it is the mesh of that result, not the body that was found.
+        is_mesh: whether it is the mesh of that result, not the computed body.
     """
 
     title: str

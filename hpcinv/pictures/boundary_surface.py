@@ -31,11 +31,11 @@ class BoundaryResult:
         state: name of the state of the body; empty in a job without states.
         direction: of the solve.
         mesh: the points on the mesh of the solve, (n, 3) m.
-        others: the points of the body that was found, (n, 3) m.
+        others: the points of the computed body, (n, 3) m.
         stress: mean Cauchy stress of the cell behind each triangle, (m, 9) Pa, row by row.
         J: mean volume ratio there, (m,).
         stretches: principal stretches in the middle of that cell, largest first, (m, 3).
-        crossing: triangles of facets where the body that was found passes through itself, (m,); looked for only if the
+        crossing: triangles of facets where the computed body passes through itself, (m,); looked for only if the
             certificate says that it does.
         fibres: by family, unit directions in that cell of the loaded body, (m, 3).
     """

@@ -35,7 +35,7 @@ def boundary_of(
             are left out.
         estimate: of the first solution.
         families: fibres of the job.
-        overlapping: states in which the body that was found passes through itself, by the certificate.
+        overlapping: states in which the computed body passes through itself, by the certificate.
     """
     solutions = [*solutions[:1], *(solution for solution in solutions[1:] if solution.state)]
     regions = {name: region for name, region in body.regions.items() if region.origin != "built in"}

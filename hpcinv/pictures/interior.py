@@ -27,7 +27,7 @@ class InteriorResult:
     """One solution within the body.
 
     Attributes:
-        mesh, others: the points on the mesh of the solve and of the body that was found, (n, 3) m.
+        mesh, others: the points on the mesh of the solve and of the computed body, (n, 3) m.
         stress: mean Cauchy stress of the cell that each tetrahedron is of, (m, 6) Pa: xx, yy, zz, xy, yz, xz.
         J: mean volume ratio there, (m,).
         stretches: principal stretches in the middle of that cell, largest first, (m, 3).

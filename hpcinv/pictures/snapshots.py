@@ -24,7 +24,7 @@ class Snapshot:
         load: load factor.
         residual: position residual of a fixed-point method, m; NaN with other methods.
         points: rows of the boundary's points that are kept, (n,).
-        displacement: of these from the mesh of the solve to the body that was found, (n, 3) m, to 1/65535 of its range.
+        displacement: of these from the mesh of the solve to the computed body, (n, 3) m, to 1/65535 of its range.
     """
 
     solution: int

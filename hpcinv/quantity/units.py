@@ -166,8 +166,8 @@ def _parse(text: str) -> tuple[Fraction, Dimension]:
         raise ValueError(f"'{text}' is not a number, with or without a unit")
     if match[2] in TEMPERATURES and TEMPERATURES[match[2]][1]:
         raise ValueError(
-            f"'{text}' is an absolute temperature, which is not valid here; write a temperature difference in K (1 °C "
-            "is 1 K), or 'temperature' and 'reference_temperature' of thermal-expansion"
+            f"'{text}' is an absolute temperature; write a difference in K (1 °C is 1 K), or 'temperature' and"
+            " 'reference_temperature' of thermal-expansion"
         )
     factor, dimension = parse_unit(match[2])
     return Fraction(match[1]) * factor, dimension

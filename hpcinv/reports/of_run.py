@@ -114,8 +114,8 @@ def _strained(boundary: Boundary | None) -> str:
     x, y, z = last.mesh[boundary.triangles[row]].mean(axis=0)
     largest, smallest = last.stretches[row, 0], last.stretches[row, 2]
     return (
-        f"There, the boundary is strained most near ({x:.4g}, {y:.4g}, {z:.4g}) m of the mesh: principal stretches from"
-        f" {smallest:.3g} to {largest:.3g}, J = {last.J[row]:.3g}."
+        f"Its boundary is strained most near ({x:.4g}, {y:.4g}, {z:.4g}) m: stretches {smallest:.3g} to"
+        f" {largest:.3g}, J = {last.J[row]:.3g}."
     )
 
 

@@ -42,7 +42,9 @@ def _environment() -> Environment:
     )
     environment.globals["static"] = _static
     environment.filters["number"] = number
-    environment.filters["shown_in"] = lambda value, unit, summary: as_shown(value, unit, summary.get("units") or {})
+    environment.filters["shown_in"] = lambda value, unit, summary, digits=6: as_shown(
+        value, unit, summary.get("units") or {}, digits
+    )
     environment.filters["megabytes"] = lambda size: f"{size / 1e6:,.0f} MB"
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "ensure_ascii": False, "separators": (",", ":")}
     return environment

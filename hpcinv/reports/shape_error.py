@@ -15,10 +15,8 @@ CAUSES: Mapping[str, str] = {
 
 REMEDIES: Mapping[str, str] = {
     "mesh": "Refine the mesh, or demand an accuracy, for a better shape.",
-    "surface": "A finer mesh is not worth its time: only a better surface, such as from smaller voxels, makes the shape"
-    " better.",
-    "round trip": "A finer mesh is not the remedy: the return solve may lead to another state, as the line on stability"
-    " says.",
+    "surface": "Take a better surface, such as from smaller voxels; a finer mesh does not help.",
+    "round trip": "Read the line on stability: the return solve may lead to another state.",
 }
 
 

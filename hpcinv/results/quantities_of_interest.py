@@ -35,10 +35,7 @@ type Value = float | list[float]
 NOT_FINITE = "look for divisions by zero, and roots and logarithms of negative values"
 """What to do about a formula without a finite value."""
 
-_INSIDE = (
-    "Integrals over facets, and stress, energy or volume ratio on them, are evaluated on the boundary only: name a"
-    " region of the boundary, or one that has cells."
-)
+_INSIDE = "Integrals and stress are evaluated on boundary facets or in cells: name a region that has such."
 
 
 def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:

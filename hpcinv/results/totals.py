@@ -83,7 +83,7 @@ class Totals:
             return self
         text = (
             f"the largest displacement is {largest_displacement / size:.1g} of the body's size:"
-            " are loads, moduli and mesh.unit in the units that are meant?"
+            " check units of loads, moduli and mesh"
         )
         return replace(self, warnings=(*self.warnings, text))
 
@@ -124,9 +124,8 @@ def _vanishing(load: float) -> Iterator[str]:
     """Yield a warning if there are loads whose norm is not known, or 0: checks take them for none."""
     if 0.0 < load < _LEAST_LOAD:
         yield (
-            f"the loads are {load:.0e} of the body's shear modulus times its length squared, too little for"
-            " floating-point numbers: they may count as none; are loads, moduli and mesh.unit in the units that are"
-            " meant?"
+            f"the loads are {load:.0e} of the shear modulus times length squared, as little as rounding errors:"
+            " check units of loads, moduli and mesh"
         )
 
 
@@ -144,8 +143,8 @@ def _warnings(
         yield f"effects give the body masses of {readable(min(masses), 'kg')} to {readable(max(masses), 'kg')}"
     if pressure is not None and pressure > SELF_WEIGHT * stiffest:
         yield (
-            f"a column as high as the body weighs {readable(pressure, 'Pa')}, which is {pressure / stiffest:.2g} times"
-            " Young's modulus of the stiffest part: are mesh.unit, density and moduli in the units that are meant?"
+            f"a column as high as the body weighs {readable(pressure, 'Pa')}, {pressure / stiffest:.2g} times the"
+            " largest Young's modulus: check units of mesh, density and moduli"
         )
 
 

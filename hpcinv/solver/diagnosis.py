@@ -12,65 +12,56 @@ class Diagnosis(enum.Enum):
     """Reasons why the full load was not reached, with message and advice; those named as an `Outcome` explain it."""
 
     LIMIT_POINT = (
-        "the load reaches a maximum here (limit point): no solution near by carries more",
-        "Check the load, the stiffness and their units, then lower the load. To follow the path beyond two limit"
-        " points, use 'solver: {strategy: arc-length, limit_points: 2}'.",
+        "the load reaches its maximum on this path (limit point)",
+        "Check load, stiffness and units; lower the load, or take {strategy: arc-length, limit_points: 2}.",
     )
     LEAST_LOAD = (
-        "the load reaches a minimum here (limit point): no solution near by carries less",
+        "the load reaches its minimum on this path (limit point)",
         "The path falls and rises again here. 'limit_points: 0' finds the solution before both limit points.",
     )
     BEYOND_FULL_LOAD = (
         "beyond the first solution at full load, no other was reached",
-        "'limit_points: 0' finds the first solution. For another one use a finer or curved mesh, a smaller"
-        " solver.initial_step, or a law that does not soften.",
+        "Take 'limit_points: 0' for the first solution, or a finer mesh or smaller steps for another one.",
     )
     NO_UNDEFORMED_SHAPE = (
-        "no undeformed shape was found beyond this load: an element of it would turn inside out, or an incompressible"
-        " material halve or double its volume",
-        "Check the load, the material and their units. If a finer mesh stops at nearly the same load factor, this"
-        " material does not have the given shape under the full load.",
+        "elements of the undeformed shape would invert or collapse",
+        "Check load, material and units. If a finer mesh stops here too, no such undeformed shape exists.",
     )
     INVERTED = (
         "an element would turn inside out (det F ≤ 0)",
         "Refine poor elements where the body is squeezed or bends most, or lower the load.",
     )
     VOLUME_CHANGED = (
-        "the incompressible material would halve or double its volume somewhere",
+        "an incompressible element would halve or double its volume",
         "Refine the mesh there; if that does not help, the load cannot be carried.",
     )
     LOSS_OF_STABILITY = (
-        "the body lost its stability on the way (the tangent's determinant changed its sign)",
-        "It would buckle or snap: lower the load, or hold the body as it is held in reality. A small imperfection of"
-        " its shape lets sideways buckling be followed.",
+        "the body lost its stability (the determinant changed its sign)",
+        "Lower the load, or hold the body better. A small imperfection lets buckling be followed.",
     )
     BRANCHING = (
-        "the path of undeformed shapes branches (the tangent's determinant changed its sign)",
+        "undeformed shapes branch (the determinant changed its sign)",
         "Beyond this load the undeformed shape is not unique. Lower the load.",
     )
     OUTSIDE_LAW = (
-        "the material would be strained beyond what its law is defined for",
+        "the strain would leave the range of the material law",
         "Check its limit (such as jm of gent) and the load, or take a law without one.",
     )
     ILL_POSED = (
         "the tangent is singular, even in the unloaded body",
-        "Hold the body against every rigid motion, and leave an incompressible one some free surface. Else check"
-        " solver.petsc.",
+        "Hold the body against rigid motions, leave an incompressible one free surface, check solver.petsc.",
     )
     LINEAR_SOLVER = (
         "the linear solver failed: the tangent is singular",
-        "The body may be at a critical load, or held too little there. An iterative solver may need a better"
-        " preconditioner.",
+        "Lower the load, hold the body better, or choose 'solver: {linear: direct}'.",
     )
     KRYLOV_LIMIT = (
-        "the iterative linear solver did not converge, and the direct one is not allowed or has too little memory",
-        "Leave out 'solver: {linear: iterative}', hold the body more firmly, improve poor elements, or take more"
-        " memory.",
+        "the iterative linear solver failed; the direct one is excluded",
+        "Leave out 'solver: {linear: iterative}', take more memory, or improve poor elements.",
     )
     NO_MEMORY = (
-        "there is not enough memory for the factors of the tangent, or for the workspace that MUMPS needs",
-        "Take more memory or nodes, a coarser mesh, or 'solver: {linear: iterative}'. Else lower mat_mumps_icntl_14"
-        " in solver.petsc.",
+        "there is not enough memory for the factors of the tangent",
+        "Take more memory or nodes, a coarser mesh, or 'solver: {linear: iterative}'.",
     )
     MEMORY_LIMIT = (
         Outcome.MEMORY_LIMIT.text,
@@ -86,16 +77,15 @@ class Diagnosis(enum.Enum):
     )
     NOT_FINITE = (
         "the residual is not finite: a stress or a load overflows",
-        "Check the units of loads and material, and the formulas of the job; try a smaller solver.minimum_step.",
+        "Check units of loads and material, and formulas; try a smaller solver.minimum_step.",
     )
     NOT_CONVERGED = (
         "Newton's method does not converge, however small the step",
         "Try a smaller solver.minimum_step, and a finer mesh where the body deforms most.",
     )
     ARC_LENGTH_CUT_SHORT = (
-        "Newton's method does not converge, and arc-length continuation took too many factorizations",
-        "Start with 'solver: {strategy: arc-length}', which shows whether the load has a limit point. Else refine the"
-        " mesh where the body deforms most.",
+        "Newton's method fails; arc length took too many factorizations",
+        "Look for a limit point by 'solver: {strategy: arc-length}', or refine where the body deforms most.",
     )
     PASSED_THROUGH = (Outcome.PASSED_THROUGH.text, Outcome.PASSED_THROUGH.advice)
     CONTACT_LIMIT = (Outcome.CONTACT_LIMIT.text, Outcome.CONTACT_LIMIT.advice)

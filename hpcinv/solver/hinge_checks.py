@@ -95,8 +95,7 @@ def check_hinges(body: Body, supports: Supports, space: fem.FunctionSpace, syste
         more = f"; and {len(faults) - len(first)} more of its parts" if len(faults) > len(first) else ""
         raise MeshError(
             f"{body.source.path}: {text}{more}",
-            "Join the parts by facets of cells (a fillet, an overlap, or voxels between them), give each part supports"
-            " that hold it by itself, or leave the part out of the mesh.",
+            "Join the parts by facets (a fillet, an overlap, voxels), support each, or leave the part out.",
         )
 
 

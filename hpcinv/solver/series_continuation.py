@@ -359,6 +359,6 @@ class SeriesContinuation:
 def _memory_line(taylor: TaylorResidual) -> str:
     """Return the line on orders that are left out for lack of memory."""
     return (
-        f"power series of {taylor.orders} orders instead of {_ORDERS}: each takes {taylor.order_bytes / 1e6:.3g} MB,"
-        " and there is no more memory for them"
+        f"power series of {taylor.orders} orders instead of {_ORDERS}, for lack of memory:"
+        f" each takes {taylor.order_bytes / 1e6:.3g} MB"
     )

@@ -71,9 +71,8 @@ def _contradiction(job: Job, first: Prescribed, second: Prescribed, values: Iter
     ]
     axis = AXES[first.axis]
     return MeshError(
-        f"{first.field} and {second.field}: '{first.region}' and '{second.region}' share nodes, where they prescribe"
-        f" different displacements along {axis}: {said[0]} and {said[1]} at ({point}) m",
-        f"Prescribe the same in both, leave {axis} free in one of them, or let their regions share no node.",
+        f"{first.field} and {second.field}: {said[0]} and {said[1]} along {axis} on a node at ({point}) m",
+        f"Prescribe the same in both, leave {axis} free in one, or separate their regions.",
     )
 
 
@@ -115,8 +114,7 @@ def check_held(body: Body, supports: Supports, system: System | None = None) -> 
         apart = "" if count == 1 else f" The mesh has {count} parts that share no node: hold each, or join them."
         raise MeshError(
             f"supports: leave {'; '.join(faults[:_MOST_DESCRIBED])}{more}",
-            "Fix further components, or some on further regions; one facet fixed in x, y and z holds a body, and so do"
-            f" springs (effect: elastic-foundation) in all directions.{apart}",
+            f"Fix more components or regions: one facet in x, y and z holds a body, and so do springs.{apart}",
         )
 
 
@@ -252,8 +250,7 @@ def check_not_enclosed(job: Job, body: Body) -> None:
     if not free.all():
         what = "an incompressible body" if count == 1 else f"a part of an incompressible body (of {count} parts)"
         raise MeshError(
-            f"supports: prescribe the motion of the whole surface of {what}, whose volume cannot change: its"
-            " pressure is known up to a constant only",
+            f"supports: hold the whole surface of {what}: its pressure is not determined",
             "Leave a part of the surface free, or give the law a bulk modulus.",
         )
 

@@ -74,8 +74,8 @@ class Accuracy:
         if not count:
             return ""
         return (
-            f"Effectivities of {self.name} do not judge the estimate in {count} of {len(rows)} runs: their meshes"
-            " differ in geometry, and only the true error includes that."
+            f"Effectivities of {self.name} do not judge the estimate in {count} of {len(rows)} runs,"
+            " whose meshes differ in geometry."
         )
 
     def front(self) -> str:

@@ -41,8 +41,8 @@ def not_refined(rows: Sequence[StudyRow]) -> Iterator[str]:
         if any(coarse >= fine for coarse, fine in pairwise(counts)):
             shown = ", ".join(f"{count:,.0f}" for count in counts)
             yield (
-                f"warning: the meshes of series '{series}' do not become finer from run to run ({shown} cells);"
-                " order them from coarse to fine, or take sizes that differ more"
+                f"warning: meshes of series '{series}' do not become finer ({shown} cells);"
+                " order them from coarse to fine"
             )
 
 

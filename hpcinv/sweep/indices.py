@@ -65,7 +65,7 @@ def sample_axis(plan: SweepPlan) -> Axis:
     remedy = "; put all uncertain parameters on one sample (random, latin_hypercube, sobol)"
     problems = [
         f"{plan.path}: axes[{i}]: {'has' if axis.kind == 'branches' else 'is a'} {axis.kind}, whose points have no"
-        " probability; give it one point in a sweep of its own with the same store, where finished cases count"
+        " probability; give it one point in another sweep with the same store"
         for i, axis in enumerate(axes)
         if axis.kind not in SAMPLES and (axis.points > 1 or axis.kind == "branches")
     ]
@@ -88,8 +88,8 @@ def finished_sample(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Conve
     axis = sample_axis(plan)
     if left := sum(case.key not in records for case in plan.cases):
         raise JobError(
-            f"{plan.path}: {left} of {len(plan.cases)} cases are not finished, and the finished ones are not a random"
-            " choice; finish them by 'sweep run', or take the first N with '--first N'"
+            f"{plan.path}: {left} of {len(plan.cases)} cases are not finished;"
+            " finish them by 'sweep run', or take the first N with '--first N'"
         )
     converged = tuple(case for case in plan.cases if records[case.key].converged)
     failed = {case.number: records[case.key].status for case in plan.cases if not records[case.key].converged}
@@ -213,8 +213,8 @@ def advice(indices: Indices, parameters: int) -> str:
     """Return what to do about a surrogate that is not good enough."""
     needed = cases_needed(parameters, indices.degree + 1)
     return (
-        f"its indices would not be reliable below Q² {GOOD}; degree {indices.degree + 1} needs at least {needed} cases;"
-        " if more cases do not help, the quantity jumps, or does not depend on these parameters"
+        f"its indices are not reliable below Q² {GOOD}; more cases help unless the quantity jumps"
+        f" (degree {indices.degree + 1} needs {needed})"
     )
 
 

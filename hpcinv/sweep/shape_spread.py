@@ -134,9 +134,8 @@ def _positions(sample: ConvergedSample, ledger: Ledger) -> tuple[MeshSource, Flo
     files_by_case = {case.number: kept_file(ledger.directory(case.key), name) for case in sample.cases}
     if missing := [number for number, path in files_by_case.items() if path is None]:
         raise JobError(
-            f"{plan.path}: {len(missing)} of {len(files_by_case)} converged cases have kept no shape ({name}), the"
-            f" first of them case {missing[0]}; add 'set: {{output: {{mesh: [vtu]}}}}' and another 'store', since"
-            " finished cases of this one are not solved again, and run the sweep"
+            f"{plan.path}: {len(missing)} of {len(files_by_case)} cases have kept no {name} (first: case"
+            f" {missing[0]}); run it with 'set: {{output: {{mesh: [vtu]}}}}' and another 'store'"
         )
     import pyvista  # takes a second to import
 
@@ -149,9 +148,8 @@ def _positions(sample: ConvergedSample, ledger: Ledger) -> tuple[MeshSource, Flo
         grid = pyvista.read(path)
         if len(grid.points) != len(source.points) or not np.array_equal(grid.cells, cells):
             raise JobError(
-                f"{plan.path}: the meshes of case {number} and case {first} differ in more than the positions of"
-                " their nodes, so that there is no standard deviation at a node; take parameters of the mesh out"
-                " of the sample"
+                f"{plan.path}: cases {number} and {first} have different meshes, so that nodes have no standard"
+                " deviation; take parameters of the mesh out of the sample"
             )
         positions[row] = grid.points
     unit = source.unit or 1.0

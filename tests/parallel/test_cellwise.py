@@ -18,7 +18,7 @@ from hpcinv.parallel.runtime import MPI
 
 
 @pytest.mark.parallel([1, 2])
-def test_means_are_those_of_the_volume_and_ranges_those_of_the_points(comm: MPI.Intracomm, meshes: Path) -> None:
+def test_means_are_over_the_volume_and_ranges_over_points(comm: MPI.Intracomm, meshes: Path) -> None:
     body = build_body(spec(meshes / "box.py", parameters={"lx": 2.0, "nx": 3, "ny": 2, "nz": 2}), {}, comm)
     x = ufl.SpatialCoordinate(body.mesh) * body.length_scale
     v = corners(body)

@@ -156,7 +156,7 @@ def test_all_damaged_is_an_error_that_names_each(three: Checkpoints) -> None:
     assert str(raised.value).count(DAMAGED) == 3
 
 
-def test_no_checkpoint_is_no_error(tmp_path: Path) -> None:
+def test_a_missing_checkpoint_is_not_an_error(tmp_path: Path) -> None:
     assert Checkpoints(tmp_path / "none", MPI.COMM_SELF, PROBLEM, keep=2).latest() is None
 
 
@@ -174,7 +174,7 @@ def test_one_of_another_format_is_refused_by_name(three: Checkpoints) -> None:
 
 
 @pytest.mark.parametrize("version", [_FORMAT, 99])
-def test_one_of_a_newer_version_is_no_damaged_one_and_is_kept(version: int, three: Checkpoints) -> None:
+def test_a_checkpoint_of_a_newer_version_is_kept(version: int, three: Checkpoints) -> None:
     """It is whole, though an entry of a solve is not known here."""
     path = newest(three)
     state = json.loads((path / "state.json").read_text()) | {"format": version}

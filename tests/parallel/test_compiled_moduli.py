@@ -63,7 +63,7 @@ def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Equations:
     [MIXED, TWO_REGIONS, CUBES, CUBIC, ONE_CELL],
     ids=["mixed", "regions", "hexahedra", "cubic", "one cell"],
 )
-def test_products_are_those_of_the_matrix(data: dict[str, Any], comm: MPI.Intracomm) -> None:
+def test_products_agree_with_the_matrix(data: dict[str, Any], comm: MPI.Intracomm) -> None:
     """To digits of single precision, in the rows of unknowns that are free."""
     model = model_of(data, comm)
     scene, unknowns = model.scene(model.job.directions[0]), model.unknowns

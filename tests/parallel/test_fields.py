@@ -80,7 +80,7 @@ def check(directory: Path, source: MeshSource, field: Field, *, is_linear: bool,
 
 
 @pytest.mark.parallel([1, 2])
-def test_fields_read_back_from_files_are_those_of_the_solution(
+def test_fields_read_back_from_files_agree_with_the_solution(
     comm: MPI.Intracomm, meshes: Path, run_directory: Path
 ) -> None:
     beam, box = ("pdms_beam.py", {"size": "4 mm"}), ("box.py", {"lx": "30 mm", "nx": 3, "hexahedra": True})

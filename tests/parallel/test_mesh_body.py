@@ -38,7 +38,7 @@ def build(gmsh, *, size=0.5):
 
 
 @pytest.mark.parallel([1, 2, 3])
-def test_each_rank_owns_what_metis_said_in_equal_parts(
+def test_each_rank_owns_its_equal_part_by_metis(
     comm: MPI.Intracomm, meshes: Path, record_property: Callable[[str, object], None]
 ) -> None:
     cases = (

@@ -190,7 +190,7 @@ def test_tags_in_the_grid_of_an_xdmf_mesh_are_integers_and_what_else_is_there_is
     }
 
 
-def test_views_of_a_generator_are_no_data(tmp_path: Path, meshes: Path) -> None:
+def test_views_of_a_generator_are_not_data(tmp_path: Path, meshes: Path) -> None:
     # As a script has them that lets a field of sizes guide the mesh.
     view = "    gmsh.view.addListData(gmsh.view.add('h'), 'SP', 1, [0.0] * 4)\n"
     generator = tmp_path / "sizes.py"

@@ -218,7 +218,7 @@ def test_a_checkpoint_of_two_ranks_is_read_by_one_and_three(
 
 
 @pytest.mark.parallel(3)
-def test_parts_that_share_no_node_are_told_apart_on_any_ranks(comm: MPI.Intracomm, run_directory: Path) -> None:
+def test_parts_without_shared_nodes_are_distinguished_on_any_ranks(comm: MPI.Intracomm, run_directory: Path) -> None:
     """Seven rows of tetrahedra, each joined to the next at single nodes, from 1 to 7 of them."""
     nodes, elements, row_of = [], [], []
     for row in range(7):

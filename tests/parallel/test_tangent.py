@@ -51,7 +51,7 @@ CUBIC: dict[str, Any] = MIXED | {
 
 @pytest.mark.parallel([1, 2, 3])
 @pytest.mark.parametrize("case", [MIXED, DISPLACEMENT, CUBIC], ids=["mixed", "displacement", "cubic"])
-def test_matrix_is_that_of_the_derivative(case: dict[str, Any], comm: MPI.Intracomm) -> None:
+def test_matrix_agrees_with_the_derivative(case: dict[str, Any], comm: MPI.Intracomm) -> None:
     given = job(**case)
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
     model = Equations(given, body, Timings())
@@ -94,7 +94,7 @@ def test_matrix_is_that_of_the_derivative(case: dict[str, Any], comm: MPI.Intrac
 
 
 @pytest.mark.parallel([2])
-def test_unknowns_of_a_node_that_are_apart_on_one_rank_are_no_matrix_to_fill(
+def test_scattered_unknowns_of_a_node_are_not_filled_directly(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given = job(**MIXED)

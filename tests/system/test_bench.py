@@ -103,9 +103,7 @@ def test_a_further_state_costs_what_it_adds(tmp_path: Path, benchmark_script: An
     cube = bodies(Played({}, tmp_path))["cube"](100)  # type: ignore[arg-type]
     result = script.states(played, {"a": lambda size: cube}, [7_000], 3)
     assert result.rows[2] == ("a", "50000", "5", "3", "33.00", "15.00", "18.00")
-    text = (
-        "a further state takes 2.20 s, 1.00 s of them its solve; a job of its own would take 13.20 s beside its solve"
-    )
+    text = "a further state takes 2.20 s, 1.00 s of them its solve; a job of its own would take 13.20 s and its solve"
     assert result.notes == [f"a, 50000 unknowns: {text}"]
     job = script.states_job(bodies(Played({}, tmp_path))["rod"](100), 3)  # type: ignore[arg-type]
     planned = [(solve.job.state, solve.direction) for solve in parse(job, tmp_path / "job.yaml").plan]

@@ -117,7 +117,7 @@ def test_a_reader_that_goes_away_ends_the_command_quietly(command: str) -> None:
     assert (process.returncode, errors) == (141, b"")
 
 
-def test_output_that_cannot_be_written_or_is_closed_is_no_traceback() -> None:
+def test_unwritable_or_closed_output_causes_no_traceback() -> None:
     with Path("/dev/full").open("wb") as full, start("schema", stdout=full) as process:
         _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
@@ -127,7 +127,7 @@ def test_output_that_cannot_be_written_or_is_closed_is_no_traceback() -> None:
     assert (process.returncode, errors) == (0, b"")
 
 
-def test_names_that_are_no_text_are_reported(tmp_path: Path) -> None:
+def test_names_that_are_not_text_are_reported(tmp_path: Path) -> None:
     name = os.fsencode(tmp_path) + b"/\xff.yaml"
     with open(name, "w") as file:  # noqa: PTH123
         file.write(JOB)

@@ -33,14 +33,14 @@ def test_a_shape_goes_back_with_the_unit_of_the_job_and_with_no_other(tmp_path: 
         path = tmp_path / "there" / name
         assert read_source(spec(path, unit="mm"), path).points.max() == pytest.approx(0.08, rel=0.1)
         for unit in ({}, {"unit": "cm"}):
-            with pytest.raises(MeshError, match=rf"{name}: the file states that its coordinates are in mm") as caught:
+            with pytest.raises(MeshError, match=rf"{name}: states that it is in mm") as caught:
                 read_source(spec(path, **unit), path)
             assert "Write 'unit: mm'" in caught.value.advice
     mesh = {"file": str(tmp_path / "there" / "shape.vtu"), "unit": "cm"}
     job = write_job(tmp_path / "wrong.yaml", JOB, mesh=mesh, analysis="forward")
     wrong = hpcinv(1, "run", job, "--output", "wrong", cwd=tmp_path)
     assert wrong.returncode == 2
-    assert "shape.vtu: the file states that its coordinates are in mm" in wrong.stderr
+    assert "shape.vtu: states that it is in mm" in wrong.stderr
     assert "Write 'unit: mm'" in wrong.stderr
     assert not (tmp_path / "wrong").exists()
     mesh = {"file": str(tmp_path / "there" / "shape.msh"), "unit": "mm"}

@@ -55,9 +55,7 @@ def test_the_message_names_the_option_and_the_next_job_is_free_of_it(solver: dic
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize("package", ["mumps", "petsc", "superlu", "superlu_dist"])
 @pytest.mark.parametrize("analysis", ["forward", "inverse"], ids=["LDL", "LU"])
-def test_the_package_that_factorizes_is_that_of_the_job_or_refused(
-    package: str, ranks: int, analysis: str, tmp_path: Path
-) -> None:
+def test_the_jobs_package_factorizes_or_is_refused(package: str, ranks: int, analysis: str, tmp_path: Path) -> None:
     """Symmetric tangents were factorized by MUMPS whatever the job named; which packages there are depends on PETSc."""
     option = f"pc_factor_mat_solver_type: {package}"
     petsc = {"pc_factor_mat_solver_type": package, "ksp_view": None}

@@ -88,7 +88,7 @@ def project(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_file_beside_the_job_serves_all_ranks_and_a_resume(project: Path, expected: float) -> None:
+def test_a_file_next_to_the_job_serves_all_ranks_and_a_resume(project: Path, expected: float) -> None:
     place = project / "elsewhere"
     done = hpcinv(2, "run", "../jobs/gel.yaml", "--output", "run", cwd=place)
     assert done.returncode == 0, done.stderr

@@ -91,7 +91,7 @@ def rank(number: int) -> Any:
     return SimpleNamespace(rank=number, size=2)
 
 
-def test_rank_0_tells_each_step_in_a_line_and_the_error_last() -> None:
+def test_rank_0_prints_each_step_in_a_line_and_the_error_last() -> None:
     silent, stream = io.StringIO(), io.StringIO()
     for comm, to in ((rank(1), silent), (rank(0), stream)):
         with Progress(comm, to) as progress:
@@ -112,7 +112,7 @@ def test_rank_0_tells_each_step_in_a_line_and_the_error_last() -> None:
     assert lines[at + 1 : at + 4] == [
         "  pass: residual 1.23e-09, 1.3 s",
         "  not checked: overlap (switched off)",
-        "  warning: sag 0.5 m (much)",
+        "  warning: sag 500 mm (much)",
     ]
     at = lines.index("roundness: 1.5e-06 (standard deviation 1e-06)")
     assert lines[at - 1 : at + 4] == [
@@ -128,7 +128,7 @@ def test_rank_0_tells_each_step_in_a_line_and_the_error_last() -> None:
     assert not any("\x1b" in line for line in lines)
 
 
-def test_without_a_stream_nothing_is_said(capfd: pytest.CaptureFixture[str]) -> None:
+def test_without_a_stream_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
     with Progress(rank(0), None) as progress:
         progress.note("a note")
         tell(progress)
@@ -217,7 +217,7 @@ def test_a_quiet_run_says_warnings_and_how_it_ended_and_a_verbose_one_every_iter
     for level, expected in (
         (
             Level.QUIET,
-            ["warning: look at this", "  warning: sag 0.5 m (much)", "converged, certificate warning, 12.3 s"],
+            ["warning: look at this", "  warning: sag 500 mm (much)", "converged, certificate warning, 12.3 s"],
         ),
         (Level.VERBOSE, ["    iteration: correction 0.5 of 2, residual 0.001, new tangent"]),
     ):
@@ -269,7 +269,7 @@ def test_a_log_that_cannot_be_written_does_not_end_the_run(tmp_path: Path) -> No
     ]
 
 
-def test_a_run_under_mpirun_tells_its_phases_and_logs_them(tmp_path: Path) -> None:
+def test_a_run_under_mpirun_prints_and_logs_its_phases(tmp_path: Path) -> None:
     job = write_job(tmp_path / "job.yaml", BLOCK, output={"fields": False, "mesh": ["msh"]})
     done = hpcinv(2, "run", job, "--output", "run", "-v", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -171,7 +171,7 @@ def test_the_cut_moves(page: Page) -> None:
     assert shown[0] < 0.6 * shown[1]
 
 
-def test_colours_are_those_of_the_values(page: Page) -> None:
+def test_colours_agree_with_the_values(page: Page) -> None:
     colour_ends, factor = {}, 2 - 1 / 36 - 1 / 36  # the middles of the first and the last triangles are a third inside
     for name in ("von-mises", "pressure", "principal-stress-1", "principal-stress-2", "principal-stress-3", "sxy", "J"):
         page.set("colour", name)
@@ -243,7 +243,7 @@ def test_paper_has_the_still_picture(page: Page) -> None:
     page.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
 
 
-def test_the_theme_is_that_of_the_system(page: Page) -> None:
+def test_the_theme_agrees_with_the_system(page: Page) -> None:
     page.set("theme", "auto")
     ground = "return getComputedStyle(document.body).backgroundColor"
     themes = []

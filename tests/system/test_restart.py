@@ -201,7 +201,7 @@ def test_a_signal_in_the_second_direction_keeps_the_first(
     assert_history_goes_on(run, position, done.stdout)
 
 
-def test_a_signal_before_the_first_step_leaves_a_run_that_begins_anew(place: Path, whole: Path) -> None:
+def test_a_signal_before_the_first_step_leaves_a_run_that_begins_again(place: Path, whole: Path) -> None:
     with Started(2, "run", "forward.yaml", "--output", "early", cwd=place) as started:
         started.wait_for("forward:")
         started.send(signal.SIGTERM, started.ranks())
@@ -227,7 +227,7 @@ def test_ctrl_c_ends_all_ranks_at_once_and_what_was_saved_can_be_resumed(place: 
     assert steps_behind(state(newest(place / "ctrl-c"))) >= 1
 
 
-def test_a_finished_run_is_said_to_be_finished(whole: Path, place: Path) -> None:
+def test_a_finished_run_is_reported_as_finished(whole: Path, place: Path) -> None:
     before = (whole / "summary.json").read_bytes()
     done = hpcinv(1, "resume", "whole", cwd=place)
     assert done.returncode == 0, done.stderr
@@ -464,7 +464,7 @@ def test_killed_between_states_and_within_one_it_goes_on(after: str, ranks: int,
     assert_same_states(run, states)
 
 
-def test_a_signal_in_a_state_tells_which(states: Path, tmp_path: Path) -> None:
+def test_a_signal_in_a_state_names_the_state(states: Path, tmp_path: Path) -> None:
     with Started(2, "run", states.parent / "states.yaml", "--output", "stopped", cwd=tmp_path) as started:
         started.wait_for("state turned")
         started.send(signal.SIGTERM, started.ranks())

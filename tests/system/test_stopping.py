@@ -231,7 +231,7 @@ def test_a_signal_at_any_moment_of_the_start_ends_with_its_code(
 @pytest.mark.parametrize(
     ("where", "ranks"), [("generator", 1), ("generator", 2), ("plugin", 2), ("generator in a thread", 1)]
 )
-def test_exit_code_0_from_code_of_a_job_is_no_success(where: str, ranks: int, tmp_path: Path) -> None:
+def test_exit_code_0_from_code_of_a_job_does_not_count(where: str, ranks: int, tmp_path: Path) -> None:
     (tmp_path / "ends.py").write_text(
         {
             "generator": "import os\n\ndef build(gmsh):\n    os._exit(0)\n",
@@ -262,7 +262,7 @@ def test_exit_code_0_from_code_of_a_job_is_no_success(where: str, ranks: int, tm
         ("import sys\nsys.exit(0)\n", "cannot be imported: SystemExit: 0 (line 2)"),
     ],
 )
-def test_a_plugin_that_ends_the_process_is_no_success_of_validate(
+def test_a_plugin_that_ends_the_process_fails_validate(
     program: list[str], plugin: str, message: str, tmp_path: Path
 ) -> None:
     (tmp_path / "ends.py").write_text(plugin)
@@ -273,7 +273,7 @@ def test_a_plugin_that_ends_the_process_is_no_success_of_validate(
     assert "Traceback" not in ended.stderr
 
 
-def test_a_plugin_that_replaces_the_process_is_no_success_of_a_run(tmp_path: Path) -> None:
+def test_a_plugin_that_replaces_the_process_fails_the_run(tmp_path: Path) -> None:
     (tmp_path / "ends.py").write_text("import os\nos.execl('/bin/true', 'true')\n")
     ended = hpcinv(1, "run", write_job(tmp_path / "job.yaml", CUBE, plugins=["ends.py"]), cwd=tmp_path)
     assert ended.returncode == 1

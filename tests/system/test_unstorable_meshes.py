@@ -45,7 +45,7 @@ def test_regions_that_are_marked_by_1_are_kept_in_all_formats(names: tuple[str, 
         assert len({group.tag for group in mesh_read.groups}) == 2
 
 
-def test_tags_that_gmsh_refuses_are_numbered_anew(tmp_path: Path) -> None:
+def test_tags_that_gmsh_refuses_are_numbered_again(tmp_path: Path) -> None:
     source = two_regions(tmp_path / "two.vtu")
     source = type(source)(**{**vars(source), "node_tags": np.zeros(12, dtype=np.int64)})
     save_msh(tmp_path / "two.msh", source, source.points)

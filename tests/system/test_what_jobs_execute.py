@@ -80,7 +80,7 @@ def test_the_command_line_executes_no_mesh(marker: Path, tmp_path: Path) -> None
     assert not marker.exists()
 
 
-def test_options_that_lie_beside_a_mesh_are_not_executed(mesh: Path, marker: Path) -> None:
+def test_options_that_lie_next_to_a_mesh_are_not_executed(mesh: Path, marker: Path) -> None:
     """gmsh reads NAME.msh.opt, a script, after NAME.msh."""
     mesh.with_name("box.msh.opt").write_bytes(scripts(marker)["script"])
     assert len(FILES[".msh"](mesh).cells) == 6
@@ -251,7 +251,7 @@ def test_checkpoints_from_elsewhere_are_not_read(tmp_path: Path, capsys: pytest.
 
 
 @pytest.mark.parametrize("command", ["validate", "explain", "compile", "mesh partition", "sweep plan", "study"])
-def test_every_command_that_reads_a_job_can_be_told(command: str, elsewhere: Path, marker: Path) -> None:
+def test_every_command_that_reads_a_job_takes_untrusted(command: str, elsewhere: Path, marker: Path) -> None:
     job = job_with(elsewhere, marker, {"plugins": ["plugin.py"]})
     file, more = job, list[str]()
     if command == "sweep plan":
@@ -273,7 +273,7 @@ def test_a_mesh_from_elsewhere_can_be_cut_into_parts(elsewhere: Path, tmp_path: 
     assert done.returncode == 0, done.stderr
     assert_fails("is a program", *arguments, str(elsewhere / "generator.py"), str(tmp_path / "b.bp"), "--parts", "1")
     gathered = ("mesh", "gather", "--untrusted", str(tmp_path / "parts.bp"), str(tmp_path / "box.msh"))
-    assert_fails("is read by ADIOS2", *gathered)
+    assert_fails("can make ADIOS2 load libraries", *gathered)
 
 
 def test_paths_stay_in_the_directory_of_an_untrusted_file(elsewhere: Path, marker: Path, tmp_path: Path) -> None:
@@ -325,7 +325,7 @@ def test_files_that_libraries_read_in_the_working_directory_are_refused(
     assert not capsys.readouterr().err
 
 
-def test_python_modules_beside_an_untrusted_file_are_not_found(
+def test_python_modules_next_to_an_untrusted_file_are_not_found(
     elsewhere: Path, marker: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job = job_with(elsewhere, marker, {})

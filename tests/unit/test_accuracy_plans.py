@@ -199,7 +199,7 @@ def test_other_meshes_bound_a_misleading_estimate(order: float, sizes: Sequence[
     assert error <= last.bounds["q"] <= 5 * error
 
 
-def test_one_mesh_cannot_tell_of_its_shape() -> None:
+def test_one_mesh_does_not_determine_its_rate() -> None:
     trials = findings(lambda h: 1e-6, [1.0])
     assert judged(trials, None)[0].excess == pytest.approx(2 * 1e-6 / 1e-3)
     assert math.isinf(judged(trials, 2.0)[0].excess)
@@ -212,10 +212,11 @@ def test_errors_of_vectors_are_lengths() -> None:
 
 
 @pytest.mark.parametrize("left_out", ["", ", the error of the geometry is not included"])
-def test_the_certificate_tells_which_demand_is_not_met(left_out: str) -> None:
+def test_the_certificate_names_the_demand_that_is_not_met(left_out: str) -> None:
     step = AccuracyStep("as it is", 48, 2, 375, {}, {}, {}, None, left_out, 3, 1.0)
     record = AccuracyRecord({"a": 1.0, "b": 1.0}, [step], 0, {"a": 0.5, "b": math.inf}, Ending.LIMIT, 1.0)
-    met, missed = record.lines()
+    met, missed = record.lines({"a": "m"}, {"m": "mm"})
+    assert (met.value, met.unit, met.rule) == (0.5, "m", "fail above 1000 mm, which accuracy.a demands")
     assert (met.verdict, met.note) == (Verdict.PASS, left_out.removeprefix(", "))
     assert missed.verdict is Verdict.FAIL
     assert "not met" in missed.note

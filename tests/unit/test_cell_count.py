@@ -81,7 +81,7 @@ def test_cells_are_counted_beforehand_to_a_factor_of_two(tmp_path: Path, text: s
         ("thick_sphere.py", {}, 4),  # gmsh's own kernel knows no volume, and the box around this one is twice as large
     ],
 )
-def test_generators_of_the_project_are_foretold(
+def test_cell_counts_of_the_projects_generators_are_predicted(
     meshes: Path, file: str, parameters: dict[str, Any], factor: float
 ) -> None:
     before, made = expected(meshes / file, **parameters)

@@ -77,7 +77,7 @@ def test_a_body_that_was_moved_is_moved_back() -> None:
     assert (left.rotation, left.translation) == (0, 0)
 
 
-def test_a_mesh_beside_a_surface(meshes: Path, tmp_path: Path) -> None:
+def test_a_mesh_next_to_a_surface(meshes: Path, tmp_path: Path) -> None:
     pyvista.Cube(center=(0.5, 0.5, 0.5)).triangulate().save(tmp_path / "cube.stl")
     comparison = compare(surface_in(meshes / "box.py", 1.0).surface, surface_in(tmp_path / "cube.stl", 1.0).surface)
     assert comparison.first.largest < 1e-7
@@ -125,7 +125,7 @@ def written(path: Path, direction: tuple[float, ...] = (1, 0, 0, 0, 1, 0, 0, 0, 
 @pytest.mark.parametrize(
     "direction", [(1, 0, 0, 0, 1, 0, 0, 0, 1), (-1, 0, 0, 0, 0, 1, 0, 1, 0), (0, 1, 0, 1, 0, 0, 0, 0, 1)]
 )
-def test_an_image_beside_a_surface(direction: tuple[float, ...], tmp_path: Path) -> None:
+def test_an_image_next_to_a_surface(direction: tuple[float, ...], tmp_path: Path) -> None:
     """Volume, place and distances of a ball, also with axes that are turned and mirrored."""
     image = surface_in(written(tmp_path / "ball.nii.gz", direction), None)
     comparison = compare(image.surface, surface_in(ball(tmp_path / "ball.stl", centre=(50, 0, 0)), 1e-3).surface)

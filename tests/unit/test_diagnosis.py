@@ -94,7 +94,7 @@ HOPELESS = {
 
 
 @pytest.mark.parametrize("case", HOPELESS)
-def test_reasons_are_told_apart(case: str, comm: MPI.Intracomm) -> None:
+def test_reasons_are_distinguished(case: str, comm: MPI.Intracomm) -> None:
     make, reason = HOPELESS[case]
     hopeless = make()
     solves = tried(hopeless, comm)
@@ -121,13 +121,11 @@ def path(*loads: float, turning: tuple[float, ...] = (), end: Outcome) -> list[S
         (path(0.9, 3.4, end=Outcome.STEP_LIMIT), Diagnosis.STEP_LIMIT),
     ],
 )
-def test_a_path_that_passed_full_load_is_told_from_one_that_never_reached_it(
-    solves: list[Solve], expected: Diagnosis
-) -> None:
+def test_a_path_beyond_full_load_differs_from_one_below_it(solves: list[Solve], expected: Diagnosis) -> None:
     assert diagnose("inverse", solves) is expected
 
 
-def test_a_singular_tangent_of_the_unloaded_body_is_told_from_a_later_one() -> None:
+def test_a_singular_tangent_of_the_unloaded_body_differs_from_a_later_one() -> None:
     singular = Solve(0.5, Outcome.LINEAR_SOLVER, (), 1)
     assert diagnose("forward", [singular]) is Diagnosis.ILL_POSED
     assert diagnose("forward", [Solve(0.2, Outcome.CONVERGED, (), 1, (1,)), singular]) is Diagnosis.LINEAR_SOLVER

@@ -201,7 +201,7 @@ def test_features_without_a_counterpart_are_named(tmp_path: Path) -> None:
     from benchmarks.published.febio.conversion import Unsupported, convert
     from hpcinv.cards.card import UnknownLaw
 
-    with pytest.raises(Unsupported, match=r"not those of whole facets \(edge\)"):
+    with pytest.raises(Unsupported, match=r"do not fill facets \(edge\)"):
         convert(read(tmp_path / "bar.feb", BAR.replace('node_set="left"', 'node_set="edge"')), "bar")
     with pytest.raises(UnknownLaw, match="law isotropic Hencky"):
         convert(read(tmp_path / "bar.feb", BAR.replace('"neo-Hookean"', '"isotropic Hencky"')), "bar")

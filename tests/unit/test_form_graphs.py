@@ -16,7 +16,7 @@ class Numberer(ValueNumberer):  # type: ignore[misc]  # without types
         return self.V_symbols[next(i for i, v in self.G.nodes.items() if v["expression"] == expr)]
 
 
-def test_symbols_are_those_of_a_search_through_all_expressions() -> None:
+def test_symbols_agree_with_a_search_through_all_expressions() -> None:
     mesh = ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))
     H = ufl.Constant(mesh, (3, 3))
     F = ufl.Identity(3) + H

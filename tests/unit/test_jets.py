@@ -244,7 +244,7 @@ def test_kinks_are_where_they_belong(text: str, change: float) -> None:
         ("2 + 3", float("inf")),
     ],
 )
-def test_the_order_of_a_remainder_tells_whether_it_has_a_kink(text: str, order: float) -> None:
+def test_the_order_of_a_remainder_shows_whether_it_has_a_kink(text: str, order: float) -> None:
     strains = Strains(FLOATS, {"t": 1e-3})
     y = Jet(strains, ZERO, {"t": Coefficient.literal(2.0)}, 0.0, 2)
     assert Expression(text).apply({"y": y}, JET_FUNCTIONS, strains.number).order == order
@@ -271,7 +271,7 @@ def test_a_parameter_that_happens_to_be_a_whole_number_is_none_for_good() -> Non
     assert not (Coefficient.parameter(2.0, 2.0) * two).is_literal
 
 
-def test_a_formula_tells_what_must_stay_positive() -> None:
+def test_a_formula_names_what_must_stay_positive() -> None:
     deformation = PrincipalStretches(0.3, -0.3, 0.0)
     I1_bar = 1 + 2 * math.cosh(0.6)
 

@@ -466,7 +466,7 @@ def test_the_fingerprint_ignores_how_the_same_physics_is_written_and_solved(load
     assert difference(fingerprint(load()), fingerprint(load(edit))) == []
 
 
-def test_the_fingerprint_is_json_and_tells_other_physics(load: Loader) -> None:
+def test_the_fingerprint_is_json_and_differs_for_other_physics(load: Loader) -> None:
     def edit(job: dict[str, Any]) -> None:
         job["material"].update(c1=99999, d1="incompressible")
         job["effects"][0]["density_in"] = "reference"

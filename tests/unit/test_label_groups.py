@@ -162,7 +162,7 @@ def test_values_in_nodes_are_boundary_facets_and_cells(directory: Path) -> None:
     counted = {name: (regions[name].facet_count, regions[name].cell_count) for name in ("left", "ends", "first")}
     assert counted == {"left": (1, 0), "ends": (2, 0), "first": (5, 1)}
     assert "wall-3" not in regions  # no facet of the boundary has only nodes in the middle of the bar
-    with pytest.raises(MeshError, match=r"names\.middle: no cell and no boundary facet has a value of it"):
+    with pytest.raises(MeshError, match=r"names\.middle: is not at all vertices of any cell or boundary facet"):
         counts(job(directory, {"array": "wall", "names": {"middle": 3}}))
 
 

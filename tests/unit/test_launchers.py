@@ -50,7 +50,7 @@ def test_a_home_that_is_a_directory_is_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("home", [None, "", "relative", "/dev/null"])
-def test_another_one_is_replaced_by_that_of_the_user(home: str | None, tmp_path: Path) -> None:
+def test_a_users_value_replaces_another(home: str | None, tmp_path: Path) -> None:
     variables = {} if home is None else {"HOME": home}
     provide_home(variables)
     assert variables["HOME"] == pwd.getpwuid(os.geteuid()).pw_dir

@@ -232,7 +232,7 @@ def assert_close(computed: State, expected: State, what: str, tolerance: float =
 
 
 @of_every_law
-def test_energy_and_stress_are_those_of_the_formula(name: str) -> None:
+def test_energy_and_stress_agree_with_the_formula(name: str) -> None:
     law, reference = compiled(name), Reference(EXAMPLES[name])
     errors = []
     for what, F in DEFORMATIONS.items():
@@ -256,7 +256,7 @@ def test_stress_keeps_its_digits_at_small_strain(name: str) -> None:
 
 
 @of_every_law
-def test_taylor_coefficients_of_stress_are_those_of_the_energy(name: str) -> None:
+def test_taylor_coefficients_of_stress_agree_with_the_energy(name: str) -> None:
     """``P : D`` where strain and parameters are polynomials: from a moderate strain, and from none."""
     law, reference, mesh = EXAMPLES[name], Reference(EXAMPLES[name]), create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
     par, symbol = parameters(law, mesh), fem.Constant(mesh, np.zeros((3, 3)))
@@ -300,7 +300,7 @@ def test_taylor_coefficients_of_stress_are_those_of_the_energy(name: str) -> Non
 
 
 @of_every_law
-def test_every_volumetric_energy_is_that_of_its_formula(name: str) -> None:
+def test_every_volumetric_energy_agrees_with_its_formula(name: str) -> None:
     law = compiled(name)
     for number, choice in enumerate(law.choices[1:], start=1):
         reference = Reference(choice)
@@ -313,7 +313,7 @@ def test_every_volumetric_energy_is_that_of_its_formula(name: str) -> None:
 
 
 @of_every_law
-def test_stress_in_material_tests_is_that_of_the_solver(name: str) -> None:
+def test_stress_in_material_tests_agrees_with_the_solver(name: str) -> None:
     """Principal stresses and their slopes, as 'hpcinv fit' evaluates them."""
     law = compiled(name)
     if law.law.families:

@@ -47,7 +47,7 @@ def read(tmp_path: Path, text: str) -> dict[str, Any]:
         ("=", "="),
     ],
 )
-def test_scalars_are_those_of_yaml_1_2(tmp_path: Path, text: str, value: object) -> None:
+def test_scalars_agree_with_yaml_1_2(tmp_path: Path, text: str, value: object) -> None:
     result = read(tmp_path, f"key: {text}")["key"]
     assert result == value
     assert type(result) is type(value)
@@ -164,7 +164,7 @@ def test_invalid_yaml_tags_and_aliases_are_refused_with_their_line(tmp_path: Pat
     assert f"{tmp_path}/job.yaml:2: {message}" in str(caught.value)
 
 
-def test_an_alias_stands_for_what_its_anchor_has(tmp_path: Path) -> None:
+def test_an_alias_has_the_value_of_its_anchor(tmp_path: Path) -> None:
     document = read(tmp_path, "a: &one [1, &two {b: 2}]\nc: *two\nd: [*one, *one]\ne: &f text\ng: *f")
     assert document == {"a": [1, {"b": 2}], "c": {"b": 2}, "d": [[1, {"b": 2}]] * 2, "e": "text", "g": "text"}
 

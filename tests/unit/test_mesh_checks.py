@@ -47,7 +47,7 @@ BAD_MESHES = {
         ((11, 1, 1, tuple(range(1, 11))),),
     ),
     "double node": Bad(
-        r"1 nodes coincide with another \(first: nodes 1 and 6\)",
+        r"1 nodes coincide with another \(first: 1 and 6\)",
         (*TWO, TWO[0]),
         (FIRST, SECOND, (4, 1, 1, (2, 3, 6, 5))),
     ),

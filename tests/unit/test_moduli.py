@@ -88,7 +88,7 @@ def test_an_incompressible_material(name: str, pair: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("name", ISOTROPIC)
 @pytest.mark.parametrize("modulus", ["young", "poisson"])
-def test_rates_are_those_of_the_parameters(name: str, modulus: str) -> None:
+def test_rates_agree_with_the_parameters(name: str, modulus: str) -> None:
     """Against central differences of what a job with other moduli is read as."""
     law = ISOTROPIC[name]
     given = {"young": YOUNG, "poisson": POISSON}
@@ -112,7 +112,7 @@ def test_rates_are_those_of_the_parameters(name: str, modulus: str) -> None:
             assert rate == pytest.approx((b - a) / (2 * step), rel=1e-6, abs=1e-6)
 
 
-def test_a_formula_takes_poissons_ratio_in_place_of_its_bulk_modulus() -> None:
+def test_a_formula_takes_poissons_ratio_instead_of_its_bulk_modulus() -> None:
     data = {"law": "formula", "energy": "mu/2*(I1_bar - 3)", "parameters": {"mu": "10 kPa"}}
     law = laws()["formula"].model_validate(data | {"poisson": POISSON})
     assert young_and_poisson(*moduli(law))[1] == pytest.approx(POISSON, rel=1e-9)

@@ -471,7 +471,7 @@ def test_a_file_that_is_cut_is_refused_by_its_own_process(suffix: str, tmp_path:
     assert "Error:" not in refused.value.message
 
 
-def test_what_a_format_cannot_hold_is_said(tmp_path: Path) -> None:
+def test_what_a_format_cannot_hold_is_reported(tmp_path: Path) -> None:
     source = box(False, 2)
     for suffix, message in ((".mesh", "curved cells are not possible"), (".cdb", "the name 'a b' is not possible")):
         renamed = MeshSource(**(vars(source) | {"groups": (Group("a b", 3, 1, np.arange(2)),)}))

@@ -68,7 +68,7 @@ def test_scaled_jacobians_are_those_known() -> None:
 
 
 @pytest.mark.parametrize("kind", ["tetrahedron", "hexahedron"])
-def test_curvature_is_that_of_a_middle_moved_along_its_edge(kind: str) -> None:
+def test_curvature_agrees_with_a_middle_moved_along_its_edge(kind: str) -> None:
     """With the middle nodes of all edges along x moved by δ, ``∂x/∂ξ = 1 + 4 δ (1 - 2ξ)`` on these edges."""
     straight: np.ndarray = scalar_element(kind, 2).points
     middle = straight[:, 0] == 0.5

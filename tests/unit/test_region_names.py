@@ -116,7 +116,7 @@ def test_region_names_are_reported_only_where_certain(tmp_path: Path) -> None:
     hpcinv.load(write(tmp_path, "a.vtu"))
 
 
-def test_names_of_points_and_curves_are_no_regions(tmp_path: Path) -> None:
+def test_names_of_points_and_curves_are_not_regions(tmp_path: Path) -> None:
     elements = [(4, 1, 1, (1, 2, 3, 4)), (1, 2, 1, (1, 2))]
     write_msh22(tmp_path / "a.msh", TETRAHEDRON, elements, [(3, 1, "body"), (1, 2, "edge")])
     plain = {"material": JOB["material"]["block"] | {"mu": 1}, "effects": [], "quantities": []}
@@ -193,7 +193,7 @@ def test_a_change_of_temperature_or_both_temperatures(
     ("changes", "message"),
     [
         (expansion(temperature_change="400 °C"), "effects[0].temperature_change: '400 °C' is an absolute temperature"),
-        (expansion(temperature_change="40 degC"), "write a temperature difference in K"),
+        (expansion(temperature_change="40 degC"), "write a difference in K"),
         (expansion(temperature="400 °C"), "effects[0].reference_temperature: is needed with 'temperature'"),
         (
             expansion(reference_temperature="20 °C"),
@@ -209,7 +209,7 @@ def test_a_change_of_temperature_or_both_temperatures(
         (expansion(temperature=-1, reference_temperature="20 °C"), "must be a temperature in K, 0 or more"),
         (
             {"material": {"law": "neo-hookean", "mu": "20 °C", "lam": 1}},
-            "material.mu: '20 °C' is an absolute temperature, which is not valid here",
+            "material.mu: '20 °C' is an absolute temperature; write a difference",
         ),
         (
             {"effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": "-1 kg/m^3"}]},

@@ -269,6 +269,6 @@ def test_charts_show_each_iteration_and_leave_out_what_has_no_place() -> None:
         ({"of": "2*share", "on": "top", "reduce": "mean"}, False),
     ],
 )
-def test_means_of_nodes_are_told_from_means_over_a_body(quantity: dict[str, Any], of_nodes: bool) -> None:
+def test_means_of_nodes_and_means_over_a_body_are_distinguished(quantity: dict[str, Any], of_nodes: bool) -> None:
     let = {"height": "Z - z", "share": "height*slope", "slope": "J**2"}
     assert is_of_nodes(quantity, let) == of_nodes

@@ -40,12 +40,12 @@ def summary(mesh: float | None, surface: float | None, gap: float, verdict: str 
             1e-12,
             "surface",
             "uncertain by 642 µm (16 % of the displacement)",
-            "finer mesh is not worth",
+            "a better surface",
         ),
         (642e-6, 40.9e-6, 1e-12, "mesh", "within 642 µm (16 % of the displacement)", "Refine the mesh"),
         (642e-6, None, 1e-12, "mesh", "within 642 µm", "Refine the mesh"),
-        (40.9e-6, None, 1e-3, "round trip", "misses the given body by 1 mm", "is not the remedy"),
-        (None, 642e-6, 1e-12, "surface", "uncertain by 642 µm", "finer mesh is not worth"),
+        (40.9e-6, None, 1e-3, "round trip", "misses the given body by 1 mm", "the line on stability"),
+        (None, 642e-6, 1e-12, "surface", "uncertain by 642 µm", "a better surface"),
     ],
 )
 def test_the_headline_is_the_largest_error_with_its_cause(
@@ -70,8 +70,8 @@ def test_the_headline_is_the_largest_error_with_its_cause(
 def test_a_good_shape_from_coarse_voxels_is_not_to_be_refined() -> None:
     report = words(summary(40.9e-6, 642e-6, 0.0, "pass"), overlapping=False)
     assert report.next[0].startswith("Use the shape")
-    assert "finer mesh is not worth its time" in report.next[1]
+    assert "a finer mesh does not help" in report.next[1]
 
 
-def test_without_any_estimate_there_is_no_headline() -> None:
+def test_without_any_estimate_there_is_not_a_headline() -> None:
     assert shape_error(summary(None, None, 0.0)) is None

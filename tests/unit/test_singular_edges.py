@@ -38,7 +38,7 @@ NU_3, NU_5 = 1.8, 1.0  # 3 - 4ν
         (180, FREE, FREE, NU_3, SMOOTH),
     ],
 )
-def test_exponents_are_those_of_williams(
+def test_exponents_agree_with_williams(
     degrees: float, first: Hold, second: Hold, kappa: float, exponent: float
 ) -> None:
     for pair in ((first, second), (second, first)):

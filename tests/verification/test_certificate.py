@@ -193,7 +193,7 @@ def test_rounded_factors_do_not_change_the_sign_of_a_small_eigenvalue(
 
 
 @pytest.mark.parallel([1, 2, 3])
-def test_factors_of_a_forward_solve_tell_its_inertia(comm: MPI.Intracomm) -> None:
+def test_factors_of_a_forward_solve_give_its_inertia(comm: MPI.Intracomm) -> None:
     """Of a block that is squeezed to half its height, and may then bulge to either side."""
     column_job = job(
         analysis="forward",
@@ -299,7 +299,7 @@ def test_a_column_beyond_its_euler_load_is_unstable(
     assert result.certificate.verdict is (Verdict.FAIL if unstable else Verdict.PASS)
 
 
-def test_balance_is_that_of_the_forces(comm: MPI.Intracomm) -> None:
+def test_forces_balance(comm: MPI.Intracomm) -> None:
     column_job = column(4)
     model = Equations(
         column_job, build_body(column_job.mesh, column_job.regions, comm, resolve=column_job.resolve), Timings()
@@ -362,7 +362,7 @@ def test_fixed_points_are_equilibria_on_straight_cells_too(geometry_degree: int,
     assert residual.verdict is Verdict.PASS
 
 
-def test_a_body_that_hangs_beside_its_rest_does_not_fail(comm: MPI.Intracomm) -> None:
+def test_a_body_that_hangs_next_to_its_rest_does_not_fail(comm: MPI.Intracomm) -> None:
     """The support may be a plane of symmetry or a rest that ends there: nothing in the job says which."""
     block = job(
         mesh=box((2, 2, 2)),
@@ -482,7 +482,7 @@ def test_levels(certificate: Any, checked: set[str], not_checked: set[str], comm
     assert result.certificate.verdict is (Verdict.SKIPPED if certificate == "off" else Verdict.PASS)
 
 
-def test_without_a_load_nothing_is_said_of_a_surface_whose_error_is_not_known(comm: MPI.Intracomm) -> None:
+def test_without_a_load_unknown_surface_errors_are_not_mentioned(comm: MPI.Intracomm) -> None:
     unloaded = column(2).model_copy(update={"effects": ()})
     error_line = line(hpcinv.run(unloaded, comm), DISCRETISATION)
     assert (error_line.value, error_line.verdict) == (0.0, Verdict.PASS)
@@ -547,7 +547,7 @@ def test_load_rises_along_power_series(strategies: list[str], signs: tuple[int, 
 
 
 @pytest.mark.parallel([2])
-def test_seconds_of_the_lines_are_those_of_the_certificate(comm: MPI.Intracomm) -> None:
+def test_seconds_of_the_lines_add_up_to_the_certificate(comm: MPI.Intracomm) -> None:
     result = hpcinv.run(column(2, certificate={}), comm)
     seconds = [entry.seconds for entry in result.certificate.lines]
     assert comm.allgather(seconds) == [seconds] * comm.size

@@ -76,7 +76,7 @@ def in_tube(x: np.ndarray, inside: float, outside: float, power: int = 1) -> np.
 
 
 @pytest.mark.parallel([1, 2, 3])
-def test_helices_in_a_tube_are_those_of_the_closed_form(comm: MPI.Intracomm) -> None:
+def test_helices_in_a_tube_agree_with_the_closed_form(comm: MPI.Intracomm) -> None:
     errors = []
     for divisions in (2, 4):
         given = with_rule(tube(divisions), TUBE | {"helix": ["60 deg", "-60 deg"]}, "z0")

@@ -223,7 +223,7 @@ def test_a_tube_with_two_families_widens_as_its_quadrature_says(tube: Tube, comm
 
 
 @pytest.mark.release
-def test_the_arterial_ring_has_the_undeformed_radii_that_its_header_tells(comm: MPI.Intracomm) -> None:
+def test_the_arterial_ring_has_the_undeformed_radii_of_its_header(comm: MPI.Intracomm) -> None:
     file = Path(__file__).parents[2] / "jobs" / "arterial-ring.yaml"
     ring = Tube("inverse", "current", 1.5e-3, 1.8e-3, 100 * 133.322387415, dispersion=0.0, angle=20.0)
     radii = {"inner-radius": float(ring.other(ring.inner)), "outer-radius": float(ring.other(ring.outer))}
@@ -287,7 +287,7 @@ def write_with_directions(path: Path, meshes: Path) -> None:
 
 
 @pytest.mark.parallel([1, 2])
-def test_directions_at_nodes_are_those_of_their_formula(comm: MPI.Intracomm, run_directory: Path, meshes: Path) -> None:
+def test_directions_at_nodes_agree_with_their_formula(comm: MPI.Intracomm, run_directory: Path, meshes: Path) -> None:
     file = run_directory / "grain.vtu"
     on_root(comm, lambda: write_with_directions(file, meshes))
 

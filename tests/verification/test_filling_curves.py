@@ -81,7 +81,7 @@ def test_one_factor_of_two_stiffnesses_from_a_filling_curve(comm: MPI.Intracomm,
     assert estimated.sampled is not None
     assert estimated.sampled.acceptance > 0.9
     assert abs(estimated.sampled.samples.mean() - estimated.values[0]) < 1.2 * estimated.deviations[0]
-    # The band of the unloaded volume is that of the closed form at the samples' stiffnesses.
+    # The band of the unloaded volume agrees with the closed form at the samples' stiffnesses.
     (curve,) = identified.curves
     closed = [
         math.pi / 6 * root(lambda radius, c1=c1: pressure(radius, 1.0) * c1 / TRUE["c1"] - GIVEN, 0.7, 0.999) ** 3  # type: ignore[misc]

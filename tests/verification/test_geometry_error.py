@@ -183,7 +183,7 @@ def test_flat_faces_have_no_error_and_files_none_that_is_known(tmp_path: Path, c
     assert finer.source.degree == 2
 
 
-def test_a_generator_without_cad_tells_nothing(tmp_path: Path, comm: MPI.Intracomm) -> None:
+def test_a_generator_without_cad_gives_no_finer_geometry(tmp_path: Path, comm: MPI.Intracomm) -> None:
     (tmp_path / "ball.py").write_text(
         "def build(gmsh):\n"
         "    gmsh.model.occ.addSphere(0, 0, 0, 1)\n"
@@ -204,7 +204,7 @@ def made(name: str, degree: int, **parameters: object) -> MeshSource:
     return read_source(spec(path, geometry_degree=degree, parameters=parameters), path)
 
 
-def test_other_cells_tell_nothing_unless_faces_are_flat() -> None:
+def test_other_cells_give_no_finer_geometry_unless_faces_are_flat() -> None:
     sphere = made("thick_sphere", 1)
     assert surface_geometry(refine(sphere).source).unknown == OTHER_CELLS
     assert surface_geometry(dataclasses.replace(sphere, points=1.1 * sphere.points)).unknown == OTHER_CELLS
@@ -234,7 +234,7 @@ def test_nodes_lie_on_the_surface_of_the_model(
     assert gaps[curved].max() < 1e-7 * size  # of edges on a plane too: edges of the model lie on both
 
 
-def test_facets_of_a_part_of_the_surface_tell_nothing() -> None:
+def test_facets_of_a_part_of_the_surface_give_no_finer_geometry() -> None:
     """As where a generator has removed some: those that are left may be flat."""
     block = made("box", 1)
     surface = block.surface
@@ -270,9 +270,9 @@ def test_printed_error_names_what_it_leaves_out(tmp_path: Path) -> None:
     path = write_job(tmp_path / "job.yaml", of_a_file(tmp_path))
     ended = hpcinv(2, "run", path, "--output", tmp_path / "out", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert re.search(r"inner: \S+ \(estimated error \S+, without the error of the geometry\)", ended.stdout)
+    assert re.search(r"inner: \S+ \S+ \(estimated error \S+ \S+, without the error of the geometry\)", ended.stdout)
     assert re.search(
-        r"discretisation error .* m, without the error of the geometry: nothing is known of the true surface",
+        r"discretisation error .*m, without the error of the geometry: the true surface is not known",
         ended.stdout,
     )
     estimate = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]["estimate"]

@@ -49,7 +49,7 @@ def test_a_sunk_body_is_lifted_by_the_weight_of_the_fluid_that_it_displaces(
 
 
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
-def test_a_wall_wet_to_the_half_bears_a_triangle_of_pressure(direction: str) -> None:
+def test_a_half_wet_wall_carries_a_triangle_of_pressure(direction: str) -> None:
     """Force ``rho g h²/2`` per width, ``h/3`` above the ground: nothing pulls above the level."""
     dam = job(
         mesh=box((1, 1, 2)),

@@ -90,7 +90,7 @@ def effectivity(result: Result, exact: Mapping[str, float]) -> tuple[float, floa
     return error, estimated / (exact[name] - result.quantities[name])
 
 
-def test_the_closed_form_has_the_radii_known_for_it() -> None:
+def test_the_closed_form_has_published_radii() -> None:
     closed_radii = radii()
     assert [closed_radii["A"], closed_radii["B"]] == pytest.approx([A, B], abs=1e-10)
 
@@ -153,7 +153,7 @@ def test_layers_of_one_material_that_grow_differently(effect: dict[str, Any], co
 
 @pytest.mark.parallel(2)
 @CELLS
-def test_ranks_agree_and_the_way_back_closes(hexahedra: bool, comm: MPI.Intracomm) -> None:
+def test_ranks_agree_and_the_return_solve_closes(hexahedra: bool, comm: MPI.Intracomm) -> None:
     """Also for pressures that another rank owns, since only that has cells of the layer there."""
     pressures: list[list[float]] = []
     for some in (comm, MPI.COMM_SELF):

@@ -86,7 +86,7 @@ def test_dynamic_relaxation_is_aitkens_delta_squared_process() -> None:
     assert points[2][0] == pytest.approx(x0 - (x1 - x0) ** 2 / (x2 - 2 * x1 + x0), rel=1e-13)
 
 
-def test_dynamic_relaxation_is_that_of_irons_and_tuck_and_of_rausch() -> None:
+def test_dynamic_relaxation_follows_irons_and_tuck_and_rausch() -> None:
     """Both as printed: μ = 1 - ω of the one, β = ω of the other."""
     relaxation = 0.6
     X, mu, before = np.array([1.0, -1.0, 2.0]), 1 - relaxation, None

@@ -102,7 +102,7 @@ def test_answer_is_the_same_with_fewer_factorizations(analysis: str, comm: MPI.I
 
 
 @pytest.mark.parametrize(("displacement", "formulation"), [(1, "displacement"), (2, "mixed"), (3, "displacement")])
-def test_prescribed_displacements_are_those_of_the_given_mesh(
+def test_prescribed_displacements_agree_with_the_given_mesh(
     displacement: int, formulation: str, comm: MPI.Intracomm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A nonlinear field, which differs between the nodes of both meshes, of a body without pressures too."""

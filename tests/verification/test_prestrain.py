@@ -408,7 +408,7 @@ def test_a_ring_that_was_closed_has_its_residual_stress(comm: MPI.Intracomm) -> 
 
 
 @pytest.mark.release
-def test_the_artery_of_the_example_has_the_radii_that_its_header_tells(comm: MPI.Intracomm) -> None:
+def test_the_artery_of_the_example_has_the_radii_of_its_header(comm: MPI.Intracomm) -> None:
     """With fibres, which lie along ``F_e⁻¹ a`` in the open sector: ``I4 = 1/(cos² β/λ_θ² + sin² β/λ_z²)``."""
     file = ROOT / "jobs" / "opening-angle.yaml"
     example = hpcinv.load(file)

@@ -141,7 +141,7 @@ def test_a_node_of_two_supports_belongs_to_both_sums(comm: MPI.Intracomm) -> Non
     assert quantities["x1"][0] == pytest.approx(P[0, 0], rel=1e-9)
 
 
-def test_a_run_tells_reactions_and_what_is_not_known_of_them(tmp_path: Path) -> None:
+def test_a_run_prints_reactions_and_what_is_unknown(tmp_path: Path) -> None:
     quantities = [{"name": "top", "of": "uz", "at": [0.5, 0.5, 1]}, *REACTIONS]
     changes = {
         "quantities": quantities,

@@ -85,7 +85,7 @@ def test_a_thin_bar_of_tetrahedra(direction: str, comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.parametrize("direction", DIRECTIONS)
-def test_a_slow_bar_is_that_of_linear_elasticity(direction: str, comm: MPI.Intracomm) -> None:
+def test_a_slow_bar_agrees_with_linear_elasticity(direction: str, comm: MPI.Intracomm) -> None:
     """``u = rho ω²/M (L² X/2 - X³/6)``, ``M = lam + 2 mu``, which quadratic elements have exactly at their ends."""
     spin, M = 1e-6, LAM + 2 * MU
 

@@ -127,7 +127,7 @@ def test_a_column_that_stands_and_hangs_has_one_mass(comm: MPI.Intracomm) -> Non
     assert result.quantities["rest-hanging"] == pytest.approx(undeformed, rel=1e-6)
 
 
-def test_the_error_of_a_further_state_has_that_of_the_rest_shape_in_it(comm: MPI.Intracomm) -> None:
+def test_the_error_of_a_further_state_includes_the_rest_shape(comm: MPI.Intracomm) -> None:
     """Half of the error of the hanging column's length comes from the rest shape."""
     weight = {"density": 1000, "density_in": "current"}
     result = hpcinv.run(
@@ -324,7 +324,7 @@ def test_a_state_that_buckles_while_it_is_released_is_not_decided_to_have_a_limi
         lines = {line.name: line for line in result.certificate.lines if line.state == "free"}
         assert lines["stability: unstable directions"].verdict.value == "pass"
         assert lines["limit points of the path"].verdict.value == verdict
-    assert "state 'held' were taken away" in lines["limit points of the path"].note
+    assert "state 'held' were removed" in lines["limit points of the path"].note
 
 
 BLOCK: dict[str, Any] = {

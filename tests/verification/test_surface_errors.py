@@ -148,7 +148,7 @@ def test_samples_have_the_covariance_that_is_asked_for(comm: MPI.Intracomm) -> N
     assert not samples[:, inside].any()
 
 
-def test_the_certificate_tells_it(comm: MPI.Intracomm) -> None:
+def test_the_certificate_reports_surface_errors(comm: MPI.Intracomm) -> None:
     known = block(mesh={**box((2, 2, 2)), "surface_error": {"sd": "1 cm", "correlation": 100, "samples": 400}})
     result = hpcinv.run(known, comm)
     lines = [line for line in result.certificate.lines if line.name == SPREAD]

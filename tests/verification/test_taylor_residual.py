@@ -111,7 +111,7 @@ def test_series_of_the_residual_converges_with_its_order(
     assert errors(0.02)[-1] < 1e-13
 
 
-def test_coefficients_at_a_point_are_those_of_mpmath(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_coefficients_at_a_point_agree_with_mpmath(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the stress, the volume equation and all loads, at the first point of each integral."""
     model = model_of("inverse", "mixed", ANALYTIC, comm)
     deform(model.unknowns)

@@ -48,7 +48,7 @@ def radii(direction: str, divisions: int, hexahedra: bool, comm: MPI.Intracomm) 
     return [quantities["inner"], quantities["outer"]]
 
 
-def test_the_closed_form_has_the_radii_known_for_it() -> None:
+def test_the_closed_form_has_published_radii() -> None:
     assert [round(A, 7), round(B, 7)] == [0.8286610, 1.3916461]
 
 

@@ -52,7 +52,7 @@ def errors(c2: float, divisions: int, hexahedra: bool, comm: MPI.Intracomm) -> l
     return [quantities["inner"] / A - 1, quantities["outer"] / outer_radius(A) - 1]
 
 
-def test_the_closed_form_has_the_radii_known_for_it() -> None:
+def test_the_closed_form_has_published_radii() -> None:
     A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
     assert [round(A, 7), round(outer_radius(A), 7)] == [0.9254360, 1.4686181]
 

@@ -79,7 +79,7 @@ def test_a_compressible_material_may_change_its_volume(comm: MPI.Intracomm) -> N
     assert unaccounted(sheared(nearly(0.3), 2, 0.5), comm) is None
 
 
-def test_growth_is_no_elastic_change_of_volume(comm: MPI.Intracomm) -> None:
+def test_growth_does_not_count_as_elastic_change_of_volume(comm: MPI.Intracomm) -> None:
     """A free cube that doubles its volume is free of stress."""
     grown = job(
         analysis="forward",

@@ -1,4 +1,4 @@
-"""CalculiX next to us, on equal meshes: ``python -m benchmarks.published.calculix.beside``.
+"""CalculiX and hpcinv on equal meshes: ``python -m benchmarks.published.calculix.beside``.
 
 Each body is loaded by both. Then our inverse analysis takes the body that CalculiX has loaded, and must give the mesh
 back. Its file has 7 digits, the bound of both differences. C3D4, C3D8 and C3D10 are our linear and quadratic cells with

@@ -177,7 +177,7 @@ class _Mesh:
         if set().union(*keys) != wanted:
             keys = facets
         if not wanted or set().union(*keys) != wanted:
-            raise Unsupported(f"a condition on nodes that are not those of whole facets ({name})")
+            raise Unsupported(f"a condition on nodes that do not fill facets ({name})")
         self.regions[name] = frozenset(keys)
 
     def add_surface(self, load: Condition) -> None:

@@ -82,10 +82,9 @@ def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit
     voxel_volume = np.count_nonzero(mask) * voxel**3
     if abs(voxel_volume / volume - 1) > _SAME + 2 * voxel * surface.area / volume * 0.05:
         raise MeshError(
-            f"{path}: the triangles enclose {readable(volume * unit**3, 'm^3')}, but the points inside are"
-            f" {readable(voxel_volume * unit**3, 'm^3')}: the surface cuts itself, or the body is thin for"
-            " these cells",
-            "Repair the surface (Blender, MeshLab), or make mesh.size smaller.",
+            f"{path}: the triangles enclose {readable(volume * unit**3, 'm^3')}, but points inside fill"
+            f" {readable(voxel_volume * unit**3, 'm^3')}",
+            "Mend the surface where it cuts itself (Blender, MeshLab), or make mesh.size smaller.",
         )
     return (mask > 0).reshape(grid.dimensions, order="F")
 
@@ -125,8 +124,7 @@ def read_closed(path: Path) -> pyvista.PolyData:
     else:
         coordinates = ", ".join(f"{x:.6g}" for x in place)
         raise MeshError(
-            f"{path}: the surface is open: {count} edges have one triangle, or an odd number, such as that at"
-            f" ({coordinates}) in the coordinates of the file",
+            f"{path}: the surface is open: {count} edges have an odd number of triangles, first at ({coordinates})",
             "Close its holes (Blender, MeshLab).",
         )
     pairs = edges[np.repeat(shared == 2, shared)].reshape(-1, 2) // 3  # triangles that share a manifold edge

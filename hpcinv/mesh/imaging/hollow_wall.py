@@ -58,7 +58,7 @@ def hollow_wall_mesh(
         place = ", ".join(f"{c:.3g}" for c in meeting.mean(axis=0))
         report(f"'{inner}' and '{outer}' touch near ({place}) m")
     raise MeshError(
-        f"{path}: the wall has a hole, or no thickness, near ({place}) m, where '{inner}' and '{outer}' touch",
+        f"{path}: the wall has a hole, or no thickness, near ({place}) m: '{inner}' touches '{outer}'",
         "Close the wall in the segmentation, or take smaller cells (--size).",
     )
 
@@ -115,7 +115,7 @@ def opening_error(path: Path, count: int, needed: str) -> MeshError:
     """Return the error of a cavity with another number of openings than is needed."""
     are = "opening" if count == 1 else "openings"
     return MeshError(
-        f"{path}: the cavity has {count} {are}, where it touches the outside or the image's border, but {needed}",
+        f"{path}: the cavity has {count} {are} at the outside or the border, but {needed}",
         "Let the label of the cavity end where the wall does, and nowhere else.",
     )
 

@@ -321,8 +321,8 @@ def _tell_volumes(
     for name, volume, error in zip(image.names, volumes, errors, strict=True):
         if abs(error) > _WRONG:
             raise MeshError(
-                f"{image.path}: the mesh of '{name}' has {error:+.1%} of its volume, {readable(volume, 'm^3')}:"
-                " walls are too thin for these cells",
+                f"{image.path}: walls are too thin for these cells: '{name}' has {error:+.1%} of its volume,"
+                f" {readable(volume, 'm^3')}",
                 "Make mesh.size smaller; walls of less than two voxels need a finer image.",
             )
         note = " (walls are thin for these cells)" if abs(error) > _RIGHT else ""

@@ -49,8 +49,8 @@ def report_sizes(source: MeshSource, sizes: WallSizes, report: Callable[[str], N
     )
     if (share := sizes.share_too_thin) > _NOTED:
         report(
-            f"{share:.0%} of the surface is at walls that are too thin for two cells of {readable(sizes.floor, 'm')}:"
-            " cells are flat there; a larger mesh.grade or a smaller mesh.size makes them smaller"
+            f"{share:.0%} of the surface is at walls too thin for two cells of {readable(sizes.floor, 'm')};"
+            " take a larger mesh.grade or a smaller mesh.size"
         )
 
 

@@ -35,8 +35,8 @@ def check_extent(path: Path, extent: Floats, size: float, *, fits: bool) -> None
         )
     if not fits:
         raise MeshError(
-            f"{path}: the body of {extents} is too large for cells of {readable(size, 'm')}:"
-            f" a box around it has {np.prod(extent / size):.2g} of them",
+            f"{path}: the body of {extents} is too large for cells of {readable(size, 'm')}"
+            f" ({np.prod(extent / size):.2g} in a box)",
             "Make mesh.size larger. Is mesh.unit right?",
         )
 
@@ -102,7 +102,7 @@ def represented_volumes(
             share = float(sizes[lost].sum() / sizes[1:].sum())
             if share > _ISLANDS:
                 raise MeshError(
-                    f"{image.path}: {share:.0%} of the label '{name}' is in parts that are too small for the cells"
+                    f"{image.path}: {share:.0%} of the label '{name}' is in parts too small for the cells"
                     f" ({lost.sum()} of {count})",
                     "Make mesh.size smaller, or give those parts to the label around them.",
                 )
@@ -126,7 +126,7 @@ def _remove_islands(image: LabelImage, report: Callable[[str], None]) -> LabelIm
         share = 1 - np.count_nonzero(voxels == label) / np.count_nonzero(image.voxels == label)
         if share > _ISLANDS:
             raise MeshError(
-                f"{image.path}: {share:.0%} of the label '{name}' is in islands, {small.sum()} in all, each below"
+                f"{image.path}: {share:.0%} of the label '{name}' is in {small.sum()} islands, each below"
                 f" {_ISLAND:.0%} of the body",
                 "Remove them from the segmentation, or fill the gaps between them.",
             )

@@ -50,9 +50,8 @@ def surroundings(points: Floats, facets: Ints, pairs: Ints, image: LabelImage, f
             there = sorted((label for label in masks if shares[label]), key=lambda label: -shares[label])
             alternatives = ", ".join(f"{label} (at {shares[label]:.0%} of its surface)" for label in there)
             raise MeshError(
-                f"{image.path}: the neighbour '{name}' is nowhere next to the body (within {readable(reach, 'm')});"
-                f" labels next to it: {alternatives or 'none'}",
-                "Is its number right?",
+                f"{image.path}: the neighbour '{name}' is nowhere within {readable(reach, 'm')} of the body",
+                f"Check its number; labels next to the body: {alternatives or 'none'}.",
             )
         names[surface[neighbours == i]] = name
     return names

@@ -118,10 +118,8 @@ def extract_surface(gmsh: Any, path: Path) -> tuple[MeshSource, ...]:
     degrees = {_SURFACE_CELLS.get(name, ("", 0))[1] for name in names}
     if degrees not in ({1}, {2}):
         raise MeshError(
-            f"{path}: cells of a shell must be triangles or quadrilaterals, all of degree 1 or all of degree 2, and are"
-            f" {' and '.join(names) or 'none'}",
-            "Mesh the surface alone (gmsh: model.mesh.generate(2)), then model.mesh.setOrder(2) with"
-            " Mesh.SecondOrderIncomplete = 0.",
+            f"{path}: a shell needs triangles or quadrilaterals of one degree, not {' and '.join(names) or 'none'}",
+            "Mesh the surface alone by gmsh's model.mesh.generate(2), with Mesh.SecondOrderIncomplete = 0.",
         )
     parts = []
     for kind, degree in map(_SURFACE_CELLS.__getitem__, names):
@@ -158,8 +156,7 @@ def _solid(gmsh: Any, path: Path) -> tuple[str, int]:
     if not types:
         raise MeshError(
             f"{path}: no solid cells",
-            "Mesh the volume, not only its surface, with tetrahedra or hexahedra (gmsh: model.mesh.generate(3));"
-            " a surface is a shell in a job with 'mesh: {shell: {thickness: …}}'.",
+            "Mesh the volume (gmsh: model.mesh.generate(3)), or make it a shell: 'mesh: {shell: {thickness: …}}'.",
         )
     kinds = {gmsh_name: kind for kind, gmsh_name in GMSH_NAMES.items()}
     name, _, _, size, *_ = types[0]

@@ -45,9 +45,6 @@ def check_unit(path: Path, stated: float | None, unit: float) -> None:
         file_symbol, given = length_symbol(stated), length_symbol(unit)
         default = ", which is the default" if unit == 1.0 else ""
         raise MeshError(
-            f"{path}: the file states that its coordinates are in {file_symbol}, but the unit given for it is {given}"
-            f"{default}",
-            f"Write 'unit: {file_symbol}' next to the file's name (mesh.unit, expected_shape.unit, or --unit). If the"
-            " coordinates were scaled since, remove the statement: in .msh the section $Comments, in .vtu the field"
-            " array.",
+            f"{path}: states that it is in {file_symbol}, but the unit given for it is {given}{default}",
+            f"Write 'unit: {file_symbol}', or remove its statement ($Comments in .msh, field array in .vtu).",
         )

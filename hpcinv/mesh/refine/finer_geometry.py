@@ -33,7 +33,7 @@ SAME = (
     1e-6  # distance of nodes, relative to the cell size, up to which they count as the same (rounding of the generator)
 )
 ROUNDING = 1e-14  # distance from the surface, relative to the body, up to which a node stays where it is
-NO_CAD = "nothing is known of the true surface but this mesh"
+NO_CAD = "the true surface is not known"
 EDGE = 0.0025  # smallest ratio of eigenvalues of the sum of n⊗n at an edge: about 0.1 rad between normals
 # Share of its least determinant that each cell of this degree must keep. Cubic displacements cannot turn cells of
 # degree 4 without strain, which matters where these differ much from cells of degree 2.

@@ -96,8 +96,7 @@ def check_flat(rims: Sequence[Rim], path: Path) -> None:
             where, distance = place_of(rim.middle), readable(rim.off, "m")
             raise MeshError(
                 f"{path}: the end of the lumen near {where} is not flat: it is up to {distance} from a plane",
-                "Cut it by a plane: mesh: {ends: {NAME: {at: [x, y, z], normal: [nx, ny, nz]}}}, with a normal out of"
-                " the vessel.",
+                "Cut it by a plane: 'mesh: {ends: {NAME: {at: [x, y, z], normal: [nx, ny, nz]}}}'.",
             )
 
 

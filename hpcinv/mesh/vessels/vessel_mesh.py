@@ -117,8 +117,7 @@ def _vessel(path: Path, spec: MeshSpec, report: Callable[[str], None]) -> tuple[
     if not rims:
         raise MeshError(
             f"{path}: the lumen has no flat end",
-            "Cut it by planes: mesh: {ends: {NAME: {at: [x, y, z], normal: [nx, ny, nz]}}}, with normals out of the"
-            " vessel.",
+            "Cut it by planes: 'mesh: {ends: {NAME: {at: [x, y, z], normal: [nx, ny, nz]}}}'.",
         )
     check_flat(rims, path)
     names = names_of(rims, {name: np.array(end.at) for name, end in spec.ends.items()}, path)

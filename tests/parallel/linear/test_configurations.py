@@ -73,7 +73,7 @@ def test_a_slender_body_that_turns_far_is_solved_iteratively(analysis: str, comm
 
 
 @pytest.mark.parallel([1, 2])
-def test_a_chosen_solver_that_fails_gives_way_and_the_summary_says_so(
+def test_a_chosen_solver_that_fails_is_replaced_and_the_summary_says_so(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(hpcinv.solver.linear.selection, "_WORTH", 0.0)  # multigrid is chosen

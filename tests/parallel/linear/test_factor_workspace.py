@@ -69,7 +69,7 @@ def test_a_limit_of_the_job_is_named(comm: MPI.Intracomm) -> None:
     assert solve["outcome"] == "MEMORY_LIMIT"
 
 
-def test_a_solver_that_was_chosen_gives_way_to_multigrid(comm: MPI.Intracomm) -> None:
+def test_a_chosen_solver_falls_back_to_multigrid(comm: MPI.Intracomm) -> None:
     used = shelf(comm, petsc=LIMIT).solutions[0].linear
     assert used is not None
     assert used.configuration == "iterative"

@@ -69,7 +69,7 @@ def test_a_job_that_cannot_save_before_its_time_limit_ends_after_two_requeues(ba
     assert (facts["JobState"], facts["ExitCode"], facts["Restarts"]) == ("FAILED", "75:0", "2"), batch.outputs()
     assert "has saved its state" not in batch.outputs()
     assert f"job {job}: not requeued any more: three times in a row" in batch.outputs()
-    assert "is not above the 120 s before it" in batch.outputs()  # of the script: sbatch was given another one
+    assert "is not above the 120 s that are kept" in batch.outputs()  # of the script: sbatch was given another one
 
 
 @pytest.mark.release

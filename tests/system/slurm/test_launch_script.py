@@ -100,7 +100,7 @@ def test_a_signal_in_the_moment_of_the_launch_is_passed_on(tmp_path: Path) -> No
     assert (tmp_path / "asked").read_text().strip() == "requeue 17"
 
 
-def test_a_run_that_saves_nothing_is_requeued_twice_in_a_row_at_most(
+def test_a_run_that_saves_nothing_is_requeued_at_most_twice_in_a_row(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     def stopped(number: int, **variables: str) -> str:
@@ -134,7 +134,7 @@ def test_a_time_limit_within_the_lead_is_reported_before_the_run(limit: str, is_
     environment = os.environ | {"PATH": path, "HPCINV_LAUNCHER": "env", "SLURM_JOB_ID": "17", "LIMIT": limit}
     done = subprocess.run(["bash", batch], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=20)
     assert (done.returncode, done.stdout) == (0, "begins\n")
-    text = "job 17: warning: its time limit of 120 s is not above the 120 s before it at which it is told to save"
+    text = "job 17: warning: its time limit of 120 s is not above the 120 s that are kept for saving"
     assert done.stderr.startswith(text) if is_told else not done.stderr
 
 

@@ -114,10 +114,10 @@ def test_missing_slurm_is_reported(sweep: Path, tmp_path: Path) -> None:
         (["--ntasks", 3, "--ranks-per-case", 0], "--ranks-per-case 0"),
         (
             ["--ntasks", 1, "--time", "2"],
-            "--time 2: is not above the 120 s before it at which the sweep is asked to save",
+            "--time 2: is not above the 120 s that are kept for saving",
         ),
-        (["--ntasks", 1, "--time", "1:00", "--lead", 60], "--time 1:00: is not above the 60 s before it"),
-        (["--ntasks", 1, "--time", "0-1", "--lead", 3600], "--time 0-1: is not above the 3600 s before it"),
+        (["--ntasks", 1, "--time", "1:00", "--lead", 60], "--time 1:00: is not above the 60 s that are kept"),
+        (["--ntasks", 1, "--time", "0-1", "--lead", 3600], "--time 0-1: is not above the 3600 s that are kept"),
     ],
 )
 def test_impossible_requests_are_refused(words: list[object], told: str, sweep: Path) -> None:

@@ -135,7 +135,7 @@ def test_multigrid_of_degree_1_costs_what_was_measured() -> None:
         assert forecast.multigrid_time(set_ups, iterations) == pytest.approx(seconds, rel=0.2)
 
 
-def test_slow_multigrid_gives_way_after_a_fifth_of_the_time_of_factorizations(comm: MPI.Intracomm) -> None:
+def test_slow_multigrid_stops_after_a_fifth_of_the_time_of_factorizations(comm: MPI.Intracomm) -> None:
     chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)
     chooser.forecast, chooser.room = Forecast(300_000, 2, Shape(cut=6_000, aspect=1.0)), 1e12
     forecast, choice = chooser.forecast, chooser.choose(Solver())

@@ -11,7 +11,7 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.solver.linear.factorization import Direct
 
 
-def test_entries_that_are_not_numbers_are_no_lack_of_memory() -> None:
+def test_entries_that_are_not_numbers_are_not_reported_as_lack_of_memory() -> None:
     """MUMPS reports a workspace that is too small. Multigrid, which was tried then, ended the run."""
     size = 2000
     columns = np.arange(size)[:, None] + np.arange(-1, 2)
@@ -45,7 +45,7 @@ def test_entries_that_are_not_numbers_are_no_lack_of_memory() -> None:
         (-10, Outcome.LINEAR_SOLVER),  # singular
     ],
 )
-def test_codes_of_mumps_are_told_apart(code: int, failure: Outcome, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_codes_of_mumps_are_distinguished(code: int, failure: Outcome, monkeypatch: pytest.MonkeyPatch) -> None:
     """Only a lack of workspace or buffers is worth a repetition, as long as there is memory for it."""
     identity = PETSc.Mat().createAIJ([100, 100], nnz=1)
     identity.setDiagonal(identity.createVecLeft())

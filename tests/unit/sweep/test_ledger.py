@@ -100,7 +100,7 @@ def test_a_case_given_back_goes_on_with_what_was_saved(ledger: Ledger) -> None:
     assert ledger.commit(second, DONE)
 
 
-def test_only_a_failed_case_is_tried_again_and_anew(ledger: Ledger, store: Path) -> None:
+def test_only_a_failed_case_is_tried_again(ledger: Ledger, store: Path) -> None:
     assert not ledger.retry(KEY)
     first = ledger.claim(KEY)
     assert first is not None
@@ -272,7 +272,7 @@ def test_a_whole_record_that_cannot_be_read_is_of_another_version_and_is_kept(
 @pytest.mark.parametrize(
     "damaged", [b"", b'{"holder": {"token": "x"', b'{"holder": {"token": "x"}}', b"[1]", WRONG_TYPE]
 )
-def test_a_damaged_claim_counts_for_the_lease(
+def test_a_damaged_claim_lasts_as_long_as_the_lease(
     ledger: Ledger, store: Path, clock: Callable[[float], None], damaged: bytes
 ) -> None:
     ledger.claim(KEY)
@@ -288,7 +288,7 @@ def test_a_damaged_claim_counts_for_the_lease(
     assert claim.died == 1
 
 
-def test_partial_files_are_no_files_and_go_with_the_record(ledger: Ledger, store: Path) -> None:
+def test_partial_files_are_ignored_and_removed_with_the_record(ledger: Ledger, store: Path) -> None:
     directory = store / "ledger" / "ab"
     directory.mkdir()
     for name in ("record-1.json", "claim-1-7.json", "reopened-4.json", "released-1-1"):
@@ -417,7 +417,7 @@ def test_a_zombie_is_dead() -> None:
         assert processes.start_of(process.pid) == ""
 
 
-def test_slurm_tells_who_we_are() -> None:
+def test_slurm_names_the_job() -> None:
     slurm = {"SLURM_CLUSTER_NAME": "c", "SLURM_JOB_ID": "7", "SLURM_RESTART_COUNT": "2"}
     me = Identity.current(slurm)
     assert (me.job, me.restart) == ("c/7", 2)
@@ -530,7 +530,7 @@ def test_a_store_below_a_file_is_reported(tmp_path: Path) -> None:
         pass
 
 
-def test_a_directory_with_other_things_is_no_store(tmp_path: Path) -> None:
+def test_a_directory_with_other_things_is_not_a_store(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").touch()
     with pytest.raises(OutputError, match="holds files that are not of a store"):
         open_store(tmp_path)
@@ -567,7 +567,7 @@ def test_without_hard_links_it_works_all_the_same(ledger: Ledger, store: Path, m
     assert not atomic.create(file, b"2")
     assert not atomic.publish(file, b"3")
     assert file.read_bytes() == b"1"
-    test_only_a_failed_case_is_tried_again_and_anew(ledger, store)
+    test_only_a_failed_case_is_tried_again(ledger, store)
     assert files(store) == {"record-1.json", "reopened-2.json", "record-2.json"}
 
 
@@ -593,9 +593,7 @@ def test_without_hard_links_a_claim_that_cannot_be_written_leaves_nothing(
     assert not any(tmp_path.iterdir())
 
 
-def test_a_link_that_was_made_though_it_is_told_otherwise_is_ours(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_link_that_was_made_despite_an_error_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As NFS does when the server's answer is lost and the request repeated."""
     link = os.link
 

@@ -154,7 +154,7 @@ class Schedule:
 
 
 @pytest.mark.parametrize("deaths", [0.0, 0.01])
-def test_in_whatever_order_processes_take_turns(tmp_path: Path, deaths: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_order_of_processes_does_not_matter(tmp_path: Path, deaths: float, monkeypatch: pytest.MonkeyPatch) -> None:
     rounds = 0
     for seed in range(100):
         schedule = Schedule(tmp_path / str(seed), seed, monkeypatch)

@@ -49,7 +49,7 @@ def test_few_neighbours_give_the_nearest() -> None:
     assert Neighbours().guess(np.zeros(2)) is None
 
 
-def test_neighbours_that_lie_on_a_line_do_not_tell_of_what_is_beside_it() -> None:
+def test_neighbours_on_a_line_predict_nothing_off_the_line() -> None:
     line = np.stack([np.linspace(0, 1, 12), np.zeros(12)], axis=1)
     guess, key = known(line, quadratic).guess(np.array([0.5, 0.8])) or pytest.fail("nothing is known")
     assert np.array_equal(guess.displacement, quadratic(line[int(key)]))

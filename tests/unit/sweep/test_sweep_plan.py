@@ -280,7 +280,7 @@ def test_only_summaries_are_written_unless_more_is_asked_for(tmp_path: Path) -> 
     assert output(set={"output": {"mesh": ["vtu"]}}) == (False, ("vtu",))
 
 
-def test_the_store_is_beside_the_sweep_or_where_the_command_runs(tmp_path: Path) -> None:
+def test_the_store_is_next_to_the_sweep_or_in_the_working_directory(tmp_path: Path) -> None:
     assert plan(tmp_path, {"grid": {MU: [1e4]}}).store == Path("results/store")
     assert plan(tmp_path, {"grid": {MU: [1e4]}}, store="../all").store == tmp_path / "../all"
 

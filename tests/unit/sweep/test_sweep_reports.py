@@ -115,7 +115,7 @@ def test_statistics_of_each_branch_leave_out_what_failed(
 # Outlook
 
 
-def test_the_outlook_tells_cases_sizes_and_time(tmp_path: Path, commit: Callable[[Case, CaseRecord], None]) -> None:
+def test_the_outlook_prints_cases_sizes_and_time(tmp_path: Path, commit: Callable[[Case, CaseRecord], None]) -> None:
     """Quadratic displacements on n × n × n cubes of 6 tetrahedra have 3 (2n + 1)³ unknowns."""
     sizes = {f"mesh.parameters.n{axis}": [1, 2] for axis in "xyz"}
     sweep_plan = plan(tmp_path, {"zip": sizes}, {"grid": {MU: ["10 kPa", 1e4, 2e4]}})
@@ -355,7 +355,7 @@ def test_samples_are_points_over_two_parameters(tmp_path: Path) -> None:
     assert f">{NO_EQUILIBRIUM} (16)<" in files["svg"].decode()
 
 
-def test_a_diagram_tells_which_cases_it_leaves_out(
+def test_a_diagram_names_the_cases_that_it_leaves_out(
     tmp_path: Path, commit: Callable[[Case, CaseRecord], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Laws have different parameters: over one of them, cases of other laws have no place."""
@@ -422,7 +422,7 @@ def test_impossible_diagrams_are_reported(quantity: str, over: list[str], expect
     assert expected in problem
 
 
-def test_without_results_there_is_no_diagram(tmp_path: Path) -> None:
+def test_without_results_there_is_not_a_diagram(tmp_path: Path) -> None:
     sweep_plan = plan(tmp_path, {"grid": {MU: [1e4]}})
     with pytest.raises(JobError, match=r"no case with material\.mu is finished"):
         plot(sweep_plan, {}, "seconds", [MU])

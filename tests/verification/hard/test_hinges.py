@@ -133,7 +133,7 @@ def test_held_hinges_are_accepted(source: MeshSource, held: dict[str, str], comm
     model(comm, source, held)
 
 
-def test_a_curved_edge_is_no_hinge_of_displacements_of_degree_1(comm: MPI.Intracomm) -> None:
+def test_a_curved_edge_is_not_a_hinge_of_displacements_of_degree_1(comm: MPI.Intracomm) -> None:
     """Its vertices are on a straight line, but its cells cannot turn about that line."""
     model(comm, bent(voxels(EDGE, divisions=1)), {"left": "xyz"}, discretisation={"displacement": 1})
     told = refusal(comm, voxels(EDGE, divisions=1), {"left": "xyz"}, discretisation={"displacement": 1})
@@ -189,7 +189,7 @@ def test_hinges_of_very_many_parts_are_found(comm: MPI.Intracomm) -> None:
     assert told.endswith("; and 61 more of its parts")
 
 
-def test_the_command_line_tells_it_once_before_the_solve(tmp_path: Path) -> None:
+def test_the_command_line_reports_it_once_before_the_solve(tmp_path: Path) -> None:
     source = voxels(EDGE)
     SAVERS[".vtu"](tmp_path / "doors.vtu", source, source.points / 1e-3)
     changes = {
