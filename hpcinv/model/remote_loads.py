@@ -117,8 +117,9 @@ class RemoteFace:
         vector = rotation_vector(turn)
         angle = float(np.linalg.norm(vector))
         axis = vector / angle if angle else np.array([0.0, 0.0, 1.0])
-        axis, about, move = ((float(x), float(y), float(z)) for x, y, z in (axis, about * length, move * length))
-        return Motion.model_construct(rotate=angle, axis=axis, about=about, move=move)
+        return Motion.model_construct(
+            rotate=angle, axis=_triple(axis), about=_triple(about * length), move=_triple(move * length)
+        )
 
     def sum(self, vectors: Floats) -> Floats:
         """Return the sum of vectors (n, …) at the owned nodes over all ranks; collective."""
@@ -140,3 +141,8 @@ class RemoteFace:
         left, _, right = np.linalg.svd(covariance)
         left[:, 2] *= np.linalg.det(left @ right)
         return left @ right, (before, after)
+
+
+def _triple(vector: Floats) -> tuple[float, float, float]:
+    x, y, z = (float(component) for component in vector)
+    return x, y, z
