@@ -44,7 +44,7 @@ def in_written_units(
 
 
 def as_written(value: Any, unit: str, symbols: Mapping[str, str]) -> Any:
-    """Return a number in an SI unit in that of a job, to 15 digits; texts, flags and unknown values as they are."""
+    """Return an SI number in the unit of a job, to 15 digits; texts, flags and unknown values as they are."""
     if unit not in symbols or isinstance(value, bool) or not isinstance(value, int | float):
         return value
     return float(f"{value / parse_unit(symbols[unit])[0]:.15g}")

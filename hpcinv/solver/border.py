@@ -46,7 +46,7 @@ class Border(ABC):
 
     @abstractmethod
     def linearise(self, load: float) -> Floats:
-        """Return ``∂C/∂q`` (count, count) at the present state, from which `slopes` are until the next call."""
+        """Return ``∂C/∂q`` (count, count) at the present state; `slopes` are from there until the next call."""
 
     @abstractmethod
     def slopes(self, direction: PETSc.Vec) -> Floats:
