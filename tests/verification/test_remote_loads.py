@@ -33,8 +33,8 @@ def bar(remote: dict[str, Any], **changes: Any) -> Any:
     return job(**(settings | changes))
 
 
-@pytest.mark.parallel([1, 2])
-def test_tension_and_bending_of_a_straight_bar(comm: MPI.Intracomm) -> None:
+def test_tension_and_bending_of_a_straight_bar() -> None:
+    comm = MPI.COMM_SELF
     force, moment = 0.3 * MU * AREA, 1e-6 * MU * INERTIA
     pulled = run(bar({"force": [force, 0, 0]}, material=STRAIGHT, analysis="round_trip", first="forward"), comm)
     stretch = root(lambda s: MU * AREA * (s - 1 / s) - force, 1.0, 2.0)
