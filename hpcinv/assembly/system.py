@@ -192,6 +192,17 @@ class System:
         self.rhs.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return np.array(self.rhs.array)
 
+    def force_rates(self, direction: PETSc.Vec) -> npt.NDArray[np.float64]:
+        """Return derivatives of `forces` along a direction of the state, at the present state and load; collective."""
+        direction.copy(self._step.x.petsc_vec)
+        self._step.x.scatter_forward()
+        with self.timings("residual"):
+            with self.rhs.localForm() as local:
+                local.set(0.0)
+            fem_petsc.assemble_vector(self.rhs, self._step_form)
+            self.rhs.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        return np.array(self.rhs.array)
+
     def tangent(self, *terms: Any) -> None:
         """Assemble K at the present state and load into ``matrix``, with the sum of some `term`."""
         with self.timings("tangent"):

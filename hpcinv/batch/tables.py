@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 
 from hpcinv.job.job import Job
+from hpcinv.quantity.units import parse_unit
 
 type Columns = dict[str, list[Any]]
 
@@ -25,6 +26,28 @@ def as_csv(columns: Columns, units: Mapping[str, str]) -> str:
     for values in zip(*columns.values(), strict=True):
         writer.writerow([_entry(value) for value in values])
     return text.getvalue()
+
+
+def in_written_units(
+    columns: Columns, units: Mapping[str, str], symbols: Mapping[str, str]
+) -> tuple[Columns, dict[str, str]]:
+    """Return columns in the units in which a job is written, and the units.
+
+    Args:
+        symbols: of these units by SI unit.
+    """
+    written = {column: symbols.get(unit, unit) for column, unit in units.items()}
+    return {
+        column: [as_written(value, units.get(column, ""), symbols) for value in values]
+        for column, values in columns.items()
+    }, written
+
+
+def as_written(value: Any, unit: str, symbols: Mapping[str, str]) -> Any:
+    """Return an SI number in the unit of a job, to 15 digits; texts, flags and unknown values as they are."""
+    if unit not in symbols or isinstance(value, bool) or not isinstance(value, int | float):
+        return value
+    return float(f"{value / parse_unit(symbols[unit])[0]:.15g}")
 
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 
-from hpcinv.certificate.cavity_check import cavities, judged_at_given_pressure, no_limit_points
 from hpcinv.certificate.check import Certificate, Line, Verdict, skipped, upper_bound_line
 from hpcinv.certificate.contact_check import contacts, penalties
 from hpcinv.certificate.discretisation_error import LINEAR, Correction, Estimate, estimate, finer_forecast
@@ -20,6 +19,12 @@ from hpcinv.certificate.shape import cells, self_overlap
 from hpcinv.certificate.shell_check import faces
 from hpcinv.certificate.stability_check import stability
 from hpcinv.certificate.two_level import MANY
+from hpcinv.certificate.unknown_loads_check import (
+    judged_with_given_numbers,
+    no_limit_points,
+    stable_motions,
+    unknown_loads,
+)
 from hpcinv.certificate.volume import volume
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.units import readable
@@ -76,8 +81,9 @@ def certify(
 
     def discretisation() -> Iterable[Line]:
         nonlocal estimated
-        if solution.cavities:
-            yield skipped(DISCRETISATION, "is not estimated where the pressure of a cavity is unknown")
+        if has_unknowns:
+            what = "the pressure of a cavity" if solution.cavities else "the motion under a remote load"
+            yield skipped(DISCRETISATION, f"is not estimated where {what} is unknown")
             return
         if any(support.hinge for support in solution.job.supports):
             yield skipped(DISCRETISATION, "is not estimated with a hinge, whose line has no nodes in the finer spaces")
@@ -92,17 +98,18 @@ def certify(
         else:
             checked = iter([closure_error(equations, solution, solutions[1].u)])
         largest = max(uncertain, 0.0 if estimated is None or not isfinite(estimated.shape) else estimated.shape)
-        checked = judged_at_given_pressure(checked) if solution.cavities and len(solutions) == 1 else checked
+        checked = judged_with_given_numbers(checked) if has_unknowns and len(solutions) == 1 else checked
         return (_way_back(line, displacement_scale(equations, solution).length, largest) for line in checked)
 
     def stable_state() -> Iterable[Line]:
         checked = stability(equations, forward, observer)
-        return judged_at_given_pressure(checked) if solution.cavities else checked
+        return judged_with_given_numbers(checked) if has_unknowns else checked
 
     def path() -> Iterable[Line]:
-        return no_limit_points() if solution.cavities else limit_points(equations, solution, stable)
+        return no_limit_points(solution) if has_unknowns else limit_points(equations, solution, stable)
 
     forward = ForwardFactors(equations, solution)
+    has_unknowns = bool(solution.cavities or solution.remote_loads)
     is_checked = solution.job.certificate.level != "off"
     with equations.timings.as_one("certificate"):
         with freeing(forward.destroy, equations.free_multigrid):
@@ -110,8 +117,8 @@ def certify(
                 check("equilibrium", lambda: equilibrium_residual(equations, solution))
                 if solution.contacts:
                     check("contact", lambda: contacts(equations, solution))
-                if solution.cavities:
-                    check("cavities", lambda: cavities(solution))
+                if has_unknowns:
+                    check("unknown loads", lambda: unknown_loads(solution))
                 check("volume", lambda: volume(equations, solution))
                 if solution.job.mesh.shell is not None:
                     check("faces", lambda: faces(equations, solution))
@@ -121,6 +128,8 @@ def certify(
             check("overlap", lambda: self_overlap(equations, solution))
             check("round trip", way_back)
             (stable,) = check("stability", stable_state)
+            if solution.remote_loads and is_checked and solution.job.certificate.stability:
+                check("remote loads", lambda: stable_motions(equations, forward))
             if (
                 is_checked
                 and solution.job.certificate.stability

@@ -15,6 +15,7 @@ from hpcinv.files.untrusted import add_option
 from hpcinv.quantity.units import readable
 
 if TYPE_CHECKING:
+    from hpcinv.mesh.source import MeshSource
     from hpcinv.workshop.mould import Split
     from hpcinv.workshop.solid import Solid
 
@@ -48,6 +49,11 @@ def add_export(commands: Any) -> None:
         help="largest distance of the triangles from curved cells (default: so small that the volume is right to 1e-5)",
     )
     export.add_argument(
+        "--refit",
+        metavar="DISTANCE",
+        help=".step of a job with mesh.cad: refit the faces of that file up to this distance, such as '0.05 mm'",
+    )
+    export.add_argument(
         "--mould",
         type=Path,
         metavar="FILE",
@@ -67,6 +73,7 @@ def _export(options: argparse.Namespace) -> int:
     tolerance = None if options.tolerance is None else length("--tolerance", options.tolerance)
     if not (options.scale > 0 and math.isfinite(options.scale)):
         raise OutputError(f"--scale {options.scale:g}: must be above 0")
+    refit = _refit_distance(options)
     plane = _plane(options, unit)
     check_one_process("export")
 
@@ -88,13 +95,43 @@ def _export(options: argparse.Namespace) -> int:
     part = solid_of(source, cells, tolerance and tolerance / options.scale).scaled(factor)
     moulds = mould(part, wall, split) if halves else []
     ratio = part.volume * unit**3 / body
-    _describe(options.to, part, unit, f"; of the body {readable(body, 'm^3')}, ratio {ratio:.6f}")
-    write(options.to, part, options.unit)
+    if refit is None or not _write_refitted(options, source, refit, body):
+        _describe(options.to, part, unit, f"; of the body {readable(body, 'm^3')}, ratio {ratio:.6f}")
+        write(options.to, part, options.unit)
     for path, solid in zip(halves, moulds, strict=True):
         _describe(path, solid, unit)
         write(path, solid, options.unit)
     _warn(options, part, split)
     return 0
+
+
+def _refit_distance(options: argparse.Namespace) -> float | None:
+    """Return the distance (m) of refitted faces."""
+    if options.refit is None:
+        return None
+    if options.to.suffix != ".step" or options.region is not None:
+        raise OutputError("--refit: is for whole bodies in .step files", "Write --to NAME.step, without --region.")
+    return length("--refit", options.refit)
+
+
+def _write_refitted(options: argparse.Namespace, source: MeshSource, distance: float, volume: float) -> bool:
+    """Write the refitted faces of the job's CAD file; warn and return False if that is not possible."""
+    from hpcinv.files.atomic import write_output
+    from hpcinv.workshop.cad_refit import NotRefitted, movement, refit
+    from hpcinv.workshop.run_shapes import read_cad
+
+    path, spec, given = read_cad(options.run)
+    try:
+        move = movement(given, source, spec.metres, options.scale, distance * 1e3)
+        step = refit(path, move, distance * 1e3, volume * 1e9)
+    except NotRefitted as fault:
+        print(f"warning: {options.to}: faceted, since the faces are not refitted: {fault}", file=sys.stderr)
+        return False
+    write_output(options.to, step.content, "Is the directory writable, and space left?")
+    body = f"volume {readable(step.volume * 1e-9, 'm^3')}, ratio {step.volume * 1e-9 / volume:.6f}"
+    deviation = f"{readable(step.deviation * 1e-3, 'm')} from the shape at most, at {step.points:,} points"
+    print(f"{options.to}: {step.faces} refitted faces, one solid, {deviation}; {body}")
+    return True
 
 
 def _describe(path: Path, solid: Solid, unit: float, more: str = "") -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import ipaddress
-import secrets
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,13 +37,14 @@ def _serve(options: argparse.Namespace) -> int:
     with launched(options.ranks) as (comm, stop):
         from hpcinv.job.job import load
         from hpcinv.parallel.runtime import on_root
+        from hpcinv.serving.http_server import new_token
         from hpcinv.serving.service import serve
 
         def ready(address: str, model: JobModel, first: Linearisation) -> None:
             print(describe(address, model, first), flush=True)
 
         job = on_root(comm, lambda: load(options.job))
-        token = "" if is_loopback(options.host) else secrets.token_urlsafe(24)
+        token = "" if is_loopback(options.host) else new_token()
         solves = serve(job, comm, host=options.host, port=options.port, token=token, stop=stop, ready=ready)
         if comm.rank == 0:
             print(f"stopped after {solves} requests", flush=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,7 @@ def add_show(commands: Any) -> None:
         examples=(
             "hpcinv show jobs/thick-sphere.yaml\n"
             "hpcinv show --html jobs/thick-sphere.yaml\n"
+            "hpcinv show --edit jobs/thick-sphere.yaml\n"
             "hpcinv show body.msh --unit mm\n"
             "hpcinv show results/thick-sphere --colour von-mises"
         ),
@@ -44,6 +46,10 @@ def add_show(commands: Any) -> None:
     command.add_argument(
         "--html", action="store_true", help="of a job or mesh: a page to turn, cut, measure and click (NAME.html)"
     )
+    command.add_argument(
+        "--edit", action="store_true", help="of a job: serve that page to this machine, and write what is added into it"
+    )
+    command.add_argument("--port", type=int, default=0, help="port of --edit (default: any free one)")
     command.set_defaults(command=show)
 
 
@@ -73,6 +79,8 @@ def show(options: argparse.Namespace) -> int:
     suffix = "html" if is_page else "png"
     path = options.output or Path(f"{given.resolve().stem}{kind}.{suffix}")  # a job, its mesh and its run have one name
 
+    if getattr(options, "edit", False):
+        return _edit(given, options.port)
     if is_page:
         _check_page(given, path, is_run=is_run)
     else:
@@ -161,14 +169,36 @@ def _body_picture(path: Path, unit: str | None) -> Picture:
     return draw_job(job, boundary) if job else draw_mesh(path.name, boundary)
 
 
-def _page(path: Path, unit: str | None) -> bytes:
+def _edit(path: Path, port: int) -> int:
+    """Serve the page of a job until the process is asked to stop."""
+    if path.suffix not in JOBS:
+        raise OutputError(f"{path}: --edit is for jobs, into which it writes", f"To look: hpcinv show --html {path}")
+    check_one_process("show")
+
+    from hpcinv.parallel.signals import StopRequest
+    from hpcinv.serving.http_server import new_token
+    from hpcinv.serving.job_editor import SAVE, JobEditor
+
+    stop = StopRequest()
+    editor = JobEditor(path, _page(path, None, SAVE), port, new_token())
+    stop.install()
+    print(f"{path} is edited at {editor.address}\nstop with Ctrl-C", flush=True)
+    try:
+        while not stop():
+            time.sleep(0.1)
+    finally:
+        editor.close()
+    return 0
+
+
+def _page(path: Path, unit: str | None, save: str = "") -> bytes:
     job, body = _job_and_body(path, unit)
 
     from hpcinv.reports.of_job import job_page, length_unit_of
 
     text = path.read_text("utf-8") if job else ""
     symbol = unit or length_unit_of(job, job.mesh.file if job else path.name)
-    return job_page(path.stem, body, job, text, symbol)
+    return job_page(path.stem, body, job, text, symbol, save)
 
 
 def _job_and_body(path: Path, unit: str | None) -> tuple[Job | None, Body]:

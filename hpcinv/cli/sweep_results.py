@@ -83,13 +83,13 @@ def _table(options: argparse.Namespace) -> int:
     ledger = plan.ledger
     records = _read(plan, ledger)
 
-    from hpcinv.batch.tables import as_csv
-    from hpcinv.sweep.table import as_hdf5, columns, units
+    from hpcinv.batch.tables import as_csv, in_written_units
+    from hpcinv.sweep.table import as_hdf5, columns, symbols, units
 
     if options.output is not None and options.output.suffix == ".h5":
         _write(options.output, as_hdf5(plan, records, provenance(plan, ledger)))
         return 0
-    text = as_csv(columns(plan, records), units(plan, records))
+    text = as_csv(*in_written_units(columns(plan, records), units(plan, records), symbols(plan)))
     if options.output is None:
         sys.stdout.write(text)
     else:

@@ -7,6 +7,7 @@ from pydantic import Field, ValidationInfo
 
 from hpcinv.effects.effect import Effect
 from hpcinv.effects.pressure import Pressure
+from hpcinv.job.remote_load import unsuited_to_unknown_loads
 from hpcinv.job.sections import STRESS, QuantityOfInterest
 from hpcinv.job.states import StateSpec
 from hpcinv.quantity.quantity import Length, Quantity
@@ -111,21 +112,7 @@ def unsuited_controls(job: Any) -> Faults:
             known = "loaded" if is_inverse else "undeformed"
             yield ("cavities", name, other), f"is known: the mesh is the {known} body. Give '{key}'"
     yield from _pressed_twice(job.effects[: job.own_effect_count], controlled.values())
-    refused = {
-        "load_cases": bool(job.load_cases),
-        "method": job.method != "direct",
-        "solver.strategy": job.solver.strategy != "adaptive",
-        "solver.continuation": job.solver.continuation == "series",
-        "solver.nested_iteration": job.solver.nested_iteration == "on",
-        "sensitivities": bool(job.sensitivities),
-        "identify": job.identify is not None,
-        "accuracy": bool(job.accuracy),
-        "mesh.surface_error": job.mesh.surface_error is not None,
-    }
-    text = f"is not possible with the unknown pressure of cavity '{names[0]}': give a pressure"
-    yield from ((tuple(where.split(".")), text) for where, is_refused in refused.items() if is_refused)
-    if any(effect.functions(1) for holder in (job, *job.states) for effect in holder.effects):
-        yield ("effects",), f"have a contact that is solved by iteration, and cavity '{names[0]}' an unknown pressure"
+    yield from unsuited_to_unknown_loads(job, f"the unknown pressure of cavity '{names[0]}': give a pressure")
 
 
 def _pressed_twice(effects: Sequence[Effect], cavities: Iterable[Cavity]) -> Faults:

@@ -34,7 +34,8 @@ from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, 
 from hpcinv.job.preamble import read_preamble
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.region_rules import EXCEPT, RegionRule, RegionUnion
-from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest, Support, directory_of
+from hpcinv.job.remote_load import RemoteLoad, unsuited_remote_loads
+from hpcinv.job.sections import REGION_NAMES, ExpectedShape, Motion, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
@@ -284,6 +285,18 @@ class Job(Spec):
         return {name: cavity for name, cavity in self.cavities.items() if cavity.is_controlled}
 
     @property
+    def remote_loads(self) -> dict[int, RemoteLoad]:
+        """The remote loads by the numbers of their supports."""
+        return {number: spec.remote for number, spec in enumerate(self.supports) if spec.remote is not None}
+
+    def with_motions(self, motions: Mapping[int, Motion]) -> Job:
+        """Return the job with rigid motions instead of the remote loads of these supports."""
+        supports = list(self.supports)
+        for number, motion in motions.items():
+            supports[number] = supports[number].model_copy(update={"motion": motion, "remote": None})
+        return self.model_copy(update={"supports": tuple(supports)})
+
+    @property
     def own_effect_count(self) -> int:
         """Number of the effects of the file; the effects of unknown pressures of cavities follow them."""
         return len(self.effects) - sum(len(cavity.pressures) for cavity in self.cavities.values())
@@ -372,8 +385,8 @@ class Job(Spec):
             return "needs 'strategy: adaptive': other strategies are chosen for the path that they take"
         if self.method != "direct" and first.direction == "inverse":
             return "needs 'method: direct'"
-        if first.job.controlled_cavities:
-            return "is not possible with cavities of unknown pressure"
+        if first.job.controlled_cavities or first.job.remote_loads:
+            return "is not possible with cavities of unknown pressure, and with remote loads"
         if self.accuracy:
             return "cannot be combined with 'accuracy', whose search begins with the solution on the mesh before"
         if first.direction == "forward" and any(effect.functions(1) for effect in first.job.effects):
@@ -499,6 +512,7 @@ class Job(Spec):
         yield from rules.contradicting_meshes(self.mesh, self.output, self.expected_shape)
         yield from unsuited_shell(self)
         yield from unsuited_controls(self)
+        yield from unsuited_remote_loads(self)
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
         yield from rules.below(("quantities",), unknown_cavities(self.quantities, self.cavities, self.states))

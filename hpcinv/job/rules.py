@@ -81,7 +81,8 @@ def unsuited_effects(
 
 def unsuited_supports(supports: Sequence[Support], effects: Sequence[Effect], cases: Collection[str]) -> Faults:
     """Faults of supports that leave the body free, refer to unknown load cases, or repeat each other."""
-    free = set(AXES).difference(*(s.held for s in supports), *(e.holds for e in effects))
+    holding = [support for support in supports if support.remote is None]
+    free = set(AXES).difference(*(s.held for s in holding), *(e.holds for e in effects))
     if free and not any(s.slides for s in supports):  # which axes a normal holds is known on the mesh only
         yield (), f"leave the body free to move along {' and '.join(sorted(free))}: hold it there in some region"
         return

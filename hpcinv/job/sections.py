@@ -26,6 +26,7 @@ from hpcinv.formats import FORMATS as MESHES
 from hpcinv.formats import mesh_fault
 from hpcinv.job.lumen import INNER, OR_OPEN, OUTER, WALL, End, WallThickness, also_open
 from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_generator, read_parameters
+from hpcinv.job.remote_load import RemoteLoad
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number, replace_scalar
 from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Quantity, Size
@@ -588,12 +589,13 @@ class Motion(Spec):
 
 
 class Support(Spec):
-    """Prescribed displacement on a region: zero for the components in ``fix``, by formulas, or a rigid motion.
+    """Prescribed displacement on a region: zero for the components in ``fix``, by formulas, or a rigid motion, which is
+    given or follows from a force and a moment.
 
     ``fix: [normal]`` lets a region slide: no motion along the normal of the given mesh, at each node.
     """
 
-    alternatives: ClassVar[tuple[str, ...]] = ("fix", "displacement", "motion")
+    alternatives: ClassVar[tuple[str, ...]] = ("fix", "displacement", "motion", "remote")
 
     region: str
     """physical group of the mesh, a name from 'regions', or 'boundary' for the whole of it"""
@@ -605,6 +607,8 @@ class Support(Spec):
     """three formulas of x, y, z in the given mesh, with null for a free component"""
     motion: Motion | None = None
     """rigid motion of the region from the unloaded to the loaded body, in all three components"""
+    remote: RemoteLoad | None = Field(default=None, exclude_if=lambda remote: remote is None)
+    """force and moment on the region, which moves as a rigid body"""
     constants: Mapping[str, AnyQuantity] = {}
     """values of further names in the formulas"""
     case: Name | None = None
@@ -619,8 +623,8 @@ class Support(Spec):
 
     @property
     def held(self) -> frozenset[AxisName]:
-        """The components that the support prescribes."""
-        if self.motion is not None:
+        """The components that the support determines."""
+        if self.motion is not None or self.remote is not None:
             return frozenset(AXES)
         if self.displacement is None:
             return frozenset(axis for axis in AXES if axis in (self.fix or ()))
@@ -645,8 +649,8 @@ class Support(Spec):
         return self.model_copy(update={"constants": replace_scalar(self.constants, place[1:], number)})
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
-        if [self.fix, self.displacement, self.motion].count(None) != 2:
-            parts = "'fix' (fixed components), 'displacement' (three formulas) and 'motion' (a rigid motion)"
+        if [self.fix, self.displacement, self.motion, self.remote].count(None) != 3:
+            parts = "'fix' (components), 'displacement' (formulas), 'motion' (rigid) and 'remote' (force and moment)"
             yield (), f"needs exactly one of {parts}"
         elif not self.components:
             yield (), "prescribes no component; remove it or name some of x, y, z, normal"

@@ -1,7 +1,7 @@
 """Solution methods: the direct method, and for inverse problems fixed-point methods with forward solves."""
 
 from hpcinv.effects import Direction
-from hpcinv.methods.cavity_method import CavityMethod
+from hpcinv.methods.bordered_method import BorderedMethod
 from hpcinv.methods.direct_method import DirectMethod
 from hpcinv.methods.fixed_point import FixedPointMethod
 from hpcinv.methods.method import Method, Start
@@ -18,8 +18,8 @@ _FAILURES = 4
 
 def method_for(equations: Equations, direction: Direction, observer: Observer = SILENT) -> Method:
     """Return the method of the equations' job; forward problems are always solved directly."""
-    if equations.job.controlled_cavities:
-        return CavityMethod(equations, direction, observer)
+    if equations.job.controlled_cavities or equations.job.remote_loads:
+        return BorderedMethod(equations, direction, observer)
     if direction == "forward" or equations.job.method == "direct":
         return DirectMethod(equations, direction, observer)
     return FixedPointMethod(equations, observer)
@@ -55,13 +55,16 @@ def solve_direction(equations: Equations, direction: Direction, start: Start, ob
             observer.failing(lines)
         if ends:
             break
-    cavities = method.cavities() if isinstance(method, CavityMethod) and method.reached else ()
+    bordered = method if isinstance(method, BorderedMethod) and method.reached else None
+    cavities, remote_loads = ((), ()) if bordered is None else (bordered.cavities(), bordered.remote_loads())
     equilibrium = method.equilibrium
     # If nothing was solved, PETSc has used no options.
     unused = tuple(equilibrium.linear.options.unused()) if start.load != 1.0 else None
     equations.release(equilibrium)
     used = equilibrium.linear.used
-    solved = SolvedDirection(direction, tuple(solves), method.reached, used, stopped, can_restart, unused, cavities)
+    solved = SolvedDirection(
+        direction, tuple(solves), method.reached, used, stopped, can_restart, unused, cavities, remote_loads
+    )
     observer.ended(solved)
     return solved
 

@@ -16,6 +16,7 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
 from hpcinv.model.nodal_normals import nodal_normals
 from hpcinv.model.parameters import load_factor
+from hpcinv.model.remote_loads import RemoteFace
 from hpcinv.model.sliding import Slide, Sliding
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
@@ -77,6 +78,7 @@ class Supports:
         conditions: Dirichlet conditions of components along axes.
         prescribed: these components, support by support.
         slides: nodes that are held along their normals, support by support.
+        remote_faces: regions that move rigidly under remote loads, by the number of the support.
         sliding: the constraints of ``slides``; ``None`` without any.
     """
 
@@ -86,6 +88,8 @@ class Supports:
         self.prescribe_motion = False
         self._path: list[npt.NDArray[np.float64]] | None = None  # displacements at the beginning of a path
         self.slides: list[Slide] = []
+        self.remote_faces: dict[int, RemoteFace] = {}
+        self._found: frozenset[int] = frozenset()  # numbers of supports whose motion is an unknown
         self._first_gap: Floats | float = 0.0  # distance of slides' nodes from them at the beginning of a path
         self._gap: Floats | float = 0.0  # now
         self._unknowns = unknowns
@@ -94,6 +98,10 @@ class Supports:
             place = f"{job.place('supports')}[{number}]"
             with naming_field(f"{place}.region"):
                 facets = body.facets(spec.region)
+            if spec.remote is not None:
+                space = unknowns.displacement_space
+                nodes = fem.locate_dofs_topological(space, body.mesh.topology.dim - 1, facets)
+                self.remote_faces[number] = RemoteFace(spec.region, space, nodes, unknowns)
             if spec.slides:
                 self.slides.append(_slide(spec, place, body, unknowns))
             for axis, name in enumerate(AXES):
@@ -108,7 +116,7 @@ class Supports:
                 now = fem.Function(scalar)
                 full = np.zeros_like(now.x.array)
                 self.conditions.append(fem.dirichletbc(now, dofs, part))
-                field = f"{place}.{'fix' if spec.fix else 'displacement' if spec.displacement else 'motion'}"
+                field = f"{place}.{next(key for key in Support.alternatives if getattr(spec, key))}"
                 self.prescribed.append(
                     Prescribed(field, number, spec.region, axis, job.case_of(spec), dofs[0], dofs[1], full, now)
                 )
@@ -116,7 +124,21 @@ class Supports:
         fixed[self._dofs] = True
         slides = job.supports and any(spec.slides for spec in job.supports)
         self.sliding = Sliding(self.slides, unknowns, fixed) if slides else None
+        self._check_remote_faces(job)
         self.update_parameters(job)
+
+    def _check_remote_faces(self, job: Job) -> None:
+        """Refuse remote loads on nodes that other supports hold; collective."""
+        for number, face in self.remote_faces.items():
+            held = [entry.dofs for entry in self.prescribed if entry.support != number]
+            if self.sliding is not None:
+                held.append(self.sliding.dofs.ravel())
+            shares = bool(np.isin(face.dofs, np.concatenate(held)).any()) if held else False
+            if self._comm.allreduce(shares, op=MPI.LOR):
+                raise MeshError(
+                    f"{job.place('supports')}[{number}].remote: other supports hold nodes of '{face.region}'",
+                    "Let the regions share no node.",
+                )
 
     @property
     def _dofs(self) -> npt.NDArray[np.int32]:
@@ -124,8 +146,21 @@ class Supports:
 
     @property
     def holders(self) -> list[Prescribed | Slide]:
-        """All that holds the body, component by component."""
-        return [*self.prescribed, *self.slides]
+        """All that holds the body, component by component; regions under remote loads do not."""
+        return [*(entry for entry in self.prescribed if entry.support not in self._found), *self.slides]
+
+    def move_region(self, number: int, displacement: Callable[[Floats], Floats]) -> None:
+        """Prescribe displacements (n, 3) of points of the present mesh (scaled) by one support at any load."""
+        for entry in self.prescribed:
+            if entry.support == number:
+                entry.full[entry.nodes] = displacement(entry.points)[:, entry.axis]
+
+    def prescribe_on(self, number: int, displacement: Callable[[Floats], Floats]) -> None:
+        """Prescribe displacements (n, 3) by one support, and none by the others, until `scale` is called."""
+        for entry in self.prescribed:
+            entry.now.x.array[:] = 0.0
+            if entry.support == number:
+                entry.now.x.array[entry.nodes] = displacement(entry.points)[:, entry.axis]
 
     def update_parameters(self, job: Job) -> None:
         """Set the displacements of a job with supports on the same regions, on the mesh at its given coordinates.
@@ -133,9 +168,12 @@ class Supports:
         Raises:
             MeshError: on all ranks, if a formula has no finite value somewhere.
         """
+        self._found = frozenset(job.remote_loads)
         for entry in self.prescribed:
             spec = job.supports[entry.support]
-            if spec.motion is not None:
+            if spec.remote is not None:
+                entry.full[:] = 0.0
+            elif spec.motion is not None:
                 motion = RigidMotion(spec.motion.rotate, spec.motion.axis, spec.motion.about, spec.motion.move)
                 moved = motion.displacement(entry.points * self._length, job.directions[0])
                 entry.full[entry.nodes] = moved[:, entry.axis] / self._length
@@ -196,7 +234,8 @@ class Supports:
         self._gap = (1 - load) * self._first_gap
         for number, entry in enumerate(self.prescribed):
             if self._path is None:
-                entry.now.x.array[:] = load_factor(load, entry.case, self._case_count) * entry.full
+                share = 1.0 if entry.support in self._found else load_factor(load, entry.case, self._case_count)
+                entry.now.x.array[:] = share * entry.full
             else:
                 entry.now.x.array[entry.nodes] = (1 - load) * self._path[number] + load * entry.full[entry.nodes]
 
@@ -280,7 +319,7 @@ class Supports:
     def end_path(self) -> None:
         """Let the displacements lead from the unloaded body again; collective."""
         self._path, self._first_gap, self._gap = None, 0.0, 0.0
-        moves = any(bool(entry.full.any()) for entry in self.prescribed)
+        moves = any(bool(entry.full.any()) or entry.support in self._found for entry in self.prescribed)
         self.prescribe_motion = self._comm.allreduce(moves, op=MPI.LOR)
 
 

@@ -327,6 +327,14 @@ def _cavity(cavity: Mapping[str, Any], symbols: Mapping[str, str]) -> str:
     return f"  cavity '{cavity['name']}': pressure {pressure}, volume {volume}, unloaded {unloaded}"
 
 
+def _remote_load(load: Mapping[str, Any], symbols: Mapping[str, str]) -> str:
+    motion = load["motion"]
+    moved = as_shown(motion["move"], "m", symbols)
+    axis = ", ".join(_number(c) for c in motion["axis"])
+    turned = f"turned by {math.degrees(motion['rotate']):.5g}° about ({axis})"
+    return f"  remote load on '{load['region']}': moved by {moved}, {turned}"
+
+
 def _short_report(statistics: Mapping[str, Any], directory: str) -> list[str]:
     """Return the report of a quiet run: lines of the certificate that do not pass, and the outcome."""
     certificate, seconds = statistics["certificate"], statistics["timings"]["total"]
@@ -361,6 +369,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
         )
         lines += (_contact(contact, symbols) for contact in solution["contacts"])
         lines += (_cavity(cavity, symbols) for cavity in solution.get("cavities", ()))
+        lines += (_remote_load(load, symbols) for load in solution.get("remote_loads", ()))
     if unused := statistics["unused_petsc_options"]:
         lines.append(f"  solver.petsc: nothing asked for {', '.join(unused)}: misspelt, or without effect here")
     lines += _certificate(statistics["certificate"], symbols)

@@ -134,6 +134,7 @@ def _solution(solution: Solution, displacement: int) -> dict[str, Any]:
         "strain_energy": solution.strain_energy,
         "contacts": [contact.as_data() for contact in solution.contacts],
         **({"cavities": [cavity.as_data() for cavity in solution.cavities]} if solution.cavities else {}),
+        **({"remote_loads": [load.as_data() for load in solution.remote_loads]} if solution.remote_loads else {}),
         "solves": [asdict(s) | {"outcome": s.outcome.name} for s in solution.solves],
     }
 

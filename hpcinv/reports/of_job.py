@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import yaml
 
-from hpcinv.errors import OutputError
 from hpcinv.job.job import Job
 from hpcinv.job.sections import IMAGES
 from hpcinv.mesh import Body
@@ -21,6 +18,7 @@ from hpcinv.pictures.interior_gathering import interior_of
 from hpcinv.quantity.arrays import Floats, Ints
 from hpcinv.quantity.units import parse_quantity, readable
 from hpcinv.quantity.written_units import written_units
+from hpcinv.reports.job_text import place_of_entries
 from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.page import render
 from hpcinv.reports.symbols import symbols
@@ -29,45 +27,13 @@ from hpcinv.reports.viewer_scene import axes_of, packed_interior, regions_of, sh
 _AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}  # order of the vertices around a facet
 
 
-@dataclass(frozen=True)
-class JobText:
-    """Where regions are written into the text of a job.
-
-    Attributes:
-        before, after: the text around that place.
-        indent: before each region.
-        style: flow if the section is in braces, else block.
-    """
-
-    before: str
-    after: str
-    indent: str
-    style: str
-
-
-def place_of_regions(text: str) -> JobText:
-    """Return where the text of a job takes further regions: first in its section, else at its end."""
-    root = yaml.compose(text) if text.strip() else None
-    if root is not None and (not isinstance(root, yaml.MappingNode) or root.flow_style):
-        raise OutputError("the job is written in braces, into which no regions can be written")
-    section = next((value for key, value in root.value if key.value == "regions"), None) if root else None
-    if not isinstance(section, yaml.MappingNode):
-        head = text if not text or text.endswith("\n") else f"{text}\n"
-        return JobText(f"{head}regions:\n", "", "  ", "block")
-    if section.flow_style:
-        at = section.start_mark.index + 1
-        return JobText(text[:at], text[at:], "", "flow")
-    first = section.value[0][0].start_mark
-    at = first.index - first.column
-    return JobText(text[:at], text[at:], " " * first.column, "block")
-
-
-def job_page(name: str, body: Body, job: Job | None, text: str, symbol: str) -> bytes:
+def job_page(name: str, body: Body, job: Job | None, text: str, symbol: str, save: str = "") -> bytes:
     """Return the page of a job, or of a mesh without one.
 
     Args:
         text: of the job as it is written; empty without one.
         symbol: of the unit of lengths.
+        save: address that takes what is added; without one, the page offers the text as a file.
     """
     arrays = PackedArrays()
     boundary = boundary_of(body)
@@ -78,8 +44,9 @@ def job_page(name: str, body: Body, job: Job | None, text: str, symbol: str) -> 
     size = parse_quantity(f"1 {symbol}")[0]
     page["unit"] = [size, symbol]
     page["units"] = shown_units({"units": written_units(job.data)}) if job else {}
-    place = place_of_regions(text)
-    page["job"] = vars(place) | {"file": f"{name}.yaml" if job else "regions.yaml"}
+    place = place_of_entries(text)
+    page["job"] = vars(place) | {"file": f"{name}.yaml" if job else "regions.yaml", "save": save}
+    page["quantities"] = [quantity.name for quantity in job.quantities] if job else []
     page["arrays"] = arrays.specs
     sides = " × ".join(f"{side / size:.4g}" for side in np.ptp(boundary.points, axis=0))
     cells = f"{body.mesh.topology.index_map(3).size_global:,}"
@@ -91,6 +58,7 @@ def job_page(name: str, body: Body, job: Job | None, text: str, symbol: str) -> 
         size=f"{sides} {symbol}",
         facts=f"{cells} {body.source.kind} cells, {readable(_volume(boundary), 'm^3')} inside its surface",
         has_job=job is not None,
+        is_editor=bool(save),
     )
 
 

@@ -1,5 +1,6 @@
 """What a run has found, how sure that is, and what to do next, in plain words."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,7 @@ MEANINGS: Mapping[str, str] = {
     "largest volume ratio": "Strongest swelling of the material anywhere.",
     "volume ratio not explained": "Volume change of nearly incompressible material that its pressure does not cause.",
     "equation of cavity": "How well the given volume or gas of a cavity is met by the pressure that was found.",
+    "balance of the remote load": "How well force and moment on a rigid region are balanced by the computed motion.",
     "discretisation error": "Estimated distance of the nodes from their places on an infinitely fine mesh.",
     "worst cell": "Quality of the worst element of the computed body; near zero it is flat or folded.",
     "depth beyond the plane": "How far the body reaches through a support that may be its plane of symmetry.",
@@ -35,6 +37,7 @@ LINE_REMEDIES: Mapping[str, str] = {
     "largest volume ratio": "Check load and moduli, or refine the mesh where J is large ('hpcinv show --colour J').",
     "volume ratio not explained": "Use smaller cells, or 'discretisation: {displacement: 3}'.",
     "equation of cavity": "Lower solver.tolerance.",
+    "balance of the remote load": "Lower solver.tolerance.",
     "discretisation error": "Use smaller cells, 'geometry_degree: 2' on a curved body, or demand an accuracy.",
     "worst cell": "Refine the mesh at this place; 'mesh: {geometry_degree: 2}' writes curved cells.",
     "depth beyond the plane": "If this is a plane of symmetry, check load and stiffness.",
@@ -129,6 +132,8 @@ def _found(summary: Mapping[str, Any]) -> str:
     moves = f"its largest displacement is {readable(first['largest_displacement'], 'm')}"
     for cavity in first.get("cavities", ()):
         moves += f", and the pressure of cavity '{cavity['name']}' is {readable(cavity['pressure'], 'Pa')}"
+    for load in first.get("remote_loads", ()):
+        moves += f", and '{load['region']}' turns by {math.degrees(load['motion']['rotate']):.4g}°"
     if states := summary.get("states"):
         others = [name for name, state in states.items() if not state["given"]]
         given = next(name for name, state in states.items() if state["given"])

@@ -11,6 +11,7 @@ from hpcinv.methods.method import Guess
 from hpcinv.methods.nested_iteration import CoarseSolve
 from hpcinv.model.cavities import CavityReport
 from hpcinv.model.contacts import ContactReport
+from hpcinv.model.remote_loads import RemoteReport
 from hpcinv.model.scene import Scene
 from hpcinv.model.state import State
 from hpcinv.parallel.runtime import MPI
@@ -32,6 +33,7 @@ class Solution(State):
         solves: every solve of the method, failed ones included.
         contacts: contacts of the job, in its order.
         cavities: cavities of unknown pressure; `job` has the pressures that were found as given ones.
+        remote_loads: regions under remote loads; `job` has the motions that were found as given ones.
         start: name of the state at which the load path began; empty if that was the unloaded body.
         coarse: report of the solve on coarser cells before it, ``None`` without one.
     """
@@ -46,6 +48,7 @@ class Solution(State):
     linear: Used | None = None
     contacts: tuple[ContactReport, ...] = ()
     cavities: tuple[CavityReport, ...] = ()
+    remote_loads: tuple[RemoteReport, ...] = ()
     prestrain_stress: Function | None = None
     start: str = ""
     coarse: CoarseSolve | None = None

@@ -92,6 +92,9 @@ def _solution(
     if solved.cavities:
         pressures = {cavity.name: cavity.pressure for cavity in solved.cavities}
         solution = replace(solution, job=step.job.with_pressures(pressures), cavities=solved.cavities)
+    if solved.remote_loads:
+        motions = {load.support: load.motion for load in solved.remote_loads}
+        solution = replace(solution, job=solution.job.with_motions(motions), remote_loads=solved.remote_loads)
     return replace(solution, start=start_state, coarse=coarse)
 
 

@@ -5,21 +5,16 @@ Source: Seelinger et al., "UM-Bridge: Uncertainty quantification and modeling br
 
 import json
 import queue
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import numpy as np
 
-from hpcinv.errors import OutputError
 from hpcinv.job.settings import LEVELS
+from hpcinv.serving.http_server import LONGEST, HttpServer, Reply
 from hpcinv.serving.job_model import Linearisation
 
-LONGEST = 1_000_000
-"""bytes of a request; longer ones are refused"""
-_DISCARDED = 20 * LONGEST  # bytes of a longer request that are read before it is refused; more take longer
 _FEATURES = {"Evaluate": True, "Gradient": True, "ApplyJacobian": True, "ApplyHessian": False}
 _ANSWERED = {"Evaluate": "", "Gradient": "sens", "ApplyJacobian": "vec"}  # requests that need a solve, and their vector
 
@@ -95,56 +90,12 @@ class Server:
     def __init__(self, name: str, inputs: int, outputs: int, host: str, port: int, token: str) -> None:
         self.name, self.inputs, self.outputs, self.token = name, inputs, outputs, token
         self._requests: queue.Queue[Request] = queue.Queue()
-        model = self
-
-        class Handler(BaseHTTPRequestHandler):
-            protocol_version = "HTTP/1.1"
-
-            def do_GET(self) -> None:
-                self._reply(lambda _: model.respond(self.path, {}))
-
-            def do_POST(self) -> None:
-                self._reply(lambda body: model.respond(self.path, _mapping(body)))
-
-            def log_message(self, *_: object) -> None:
-                """Print nothing for each request."""
-
-            def _reply(self, answer: Callable[[bytes], dict[str, Any]]) -> None:
-                code = 200
-                try:
-                    length = int(self.headers.get("Content-Length") or 0)
-                    if not 0 <= length <= LONGEST:
-                        self.close_connection = True
-                        for _ in range(0, min(length, _DISCARDED), LONGEST):  # else the client sees a reset, no answer
-                            self.rfile.read(min(length, LONGEST))
-                            length -= LONGEST
-                        raise Refusal("InvalidInput", f"a request may have {LONGEST} bytes")
-                    content = answer(self.rfile.read(length))
-                except (Refusal, ValueError) as exc:
-                    kind = exc.kind if isinstance(exc, Refusal) else "InvalidInput"
-                    content, code = error(kind, str(exc)), 404 if kind == "NotFound" else 400
-                else:
-                    code = 500 if "error" in content else 200
-                data = json.dumps(content).encode()
-                self.send_response(code)
-                self.send_header("Content-Type", "application/json")
-                self.send_header("Content-Length", str(len(data)))
-                self.end_headers()
-                self.wfile.write(data)
-
-        try:
-            self._server = ThreadingHTTPServer((host, port), Handler)
-        except OSError as exc:
-            raise OutputError(f"--host {host} --port {port}: cannot be used: {exc.strerror or exc}") from exc
-        self._server.daemon_threads = True
-        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+        self._server = HttpServer(host, port, self._reply)
 
     @property
     def address(self) -> str:
         """URL that a client is given."""
-        host, port = self._server.server_address[:2]
-        shown = f"[{host!s}]" if ":" in str(host) else str(host)
-        return f"http://{shown}:{port}" + (f"/{self.token}" if self.token else "")
+        return f"{self._server.address}/{self.token}".rstrip("/")
 
     def next(self, stop: Callable[[], bool]) -> Request | None:
         """Return the next request that needs a solve; ``None`` when the process is asked to stop."""
@@ -157,10 +108,22 @@ class Server:
 
     def close(self) -> None:
         """Stop listening, and answer the requests that wait."""
-        self._server.shutdown()
-        self._server.server_close()
+        self._server.close()
         while not self._requests.empty():
             self._requests.get().answers.put(error("ModelError", "the server was stopped"))
+
+    def _reply(self, method: str, path: str, body: bytes | None) -> Reply:
+        """Return the answer to a request over HTTP."""
+        code = 200
+        try:
+            if body is None:
+                raise Refusal("InvalidInput", f"a request may have {LONGEST} bytes")
+            content = self.respond(path, _mapping(body) if method == "POST" else {})
+        except Refusal as refusal:
+            content, code = error(refusal.kind, str(refusal)), 404 if refusal.kind == "NotFound" else 400
+        else:
+            code = 500 if "error" in content else 200
+        return Reply(code, json.dumps(content).encode())
 
     def respond(self, path: str, body: Mapping[str, Any]) -> dict[str, Any]:
         """Return the answer to a request; one for a solve waits for it.

@@ -8,6 +8,7 @@ import numpy as np
 
 from hpcinv.effects import Direction
 from hpcinv.model.cavities import CavityReport
+from hpcinv.model.remote_loads import RemoteReport
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.newton import NewtonIteration, Solve
@@ -44,6 +45,7 @@ class SolvedDirection:
         can_restart: whether there is a state from which a run can be resumed.
         unused_options: PETSc options of the job that PETSc did not use; ``None`` if nothing had to be solved.
         cavities: cavities of unknown pressure, in the state that was reached.
+        remote_loads: regions under remote loads, in that state.
     """
 
     direction: Direction
@@ -54,6 +56,7 @@ class SolvedDirection:
     can_restart: bool
     unused_options: tuple[str, ...] | None
     cavities: tuple[CavityReport, ...] = ()
+    remote_loads: tuple[RemoteReport, ...] = ()
 
 
 class Observer:

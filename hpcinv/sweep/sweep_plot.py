@@ -9,13 +9,13 @@ from typing import Any
 from hpcinv.batch.diagram_drawing import Scale, Series, draw_lines, draw_maps, draw_outcomes
 from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.specification import text_of
-from hpcinv.batch.tables import Columns
+from hpcinv.batch.tables import Columns, in_written_units
 from hpcinv.errors import JobError
 from hpcinv.pictures.figures import as_files, new_figure
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.sweep.parameter_columns import log_uniform, sampled
 from hpcinv.sweep.sweep_plan import SweepPlan
-from hpcinv.sweep.table import TEXT, columns, parameter_name, parameter_names, units
+from hpcinv.sweep.table import TEXT, columns, parameter_name, parameter_names, symbols, units
 
 FAILURES = "failures"
 """name of the map of outcomes, instead of a quantity"""
@@ -37,7 +37,7 @@ def plot(
     Raises:
         JobError: there is no such column, or it has no values yet.
     """
-    table, known_units = columns(plan, records), units(plan, records)
+    table, known_units = in_written_units(columns(plan, records), units(plan, records), symbols(plan))
     _check(plan, table, quantity, axes)
     finished = [i for i, status in enumerate(table["status"]) if status != "open"]
     rows = [i for i in finished if all(table[name][i] not in (None, "") for name in axes)]

@@ -8,7 +8,8 @@ import h5py
 import numpy as np
 
 from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.tables import Columns, fill, unit_of
+from hpcinv.batch.tables import Columns, fill, in_written_units, unit_of
+from hpcinv.quantity.written_units import written_units
 from hpcinv.sweep.parameter_columns import parameter_columns, parameter_units
 from hpcinv.sweep.sweep_plan import SweepPlan
 
@@ -161,13 +162,20 @@ def _parts(name: str, value: Any, suffix: str = "") -> dict[str, float | None]:
 QUANTILES = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "maximum": 1.0}
 
 
+def symbols(plan: SweepPlan) -> dict[str, str]:
+    """Return the units in which the job of a sweep is written, by SI unit."""
+    return written_units(plan.job(plan.cases[0]).data)
+
+
 def statistics(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
-    """Return a row for each quantity of interest and each combination of branches, over the converged cases; SI.
+    """Return a row for each quantity of interest and each combination of branches, over the converged cases.
+
+    Values are in the units of the job.
 
     ``sd`` is the population's, estimated with ``n - 1``; ``sd of mean`` is ``sd/√n``, as for independent draws.
     """
-    table, quantities = columns(plan, records), quantity_columns(plan, records)
-    names, unit = plan.sweep.branches, units(plan, records)
+    quantities, names = quantity_columns(plan, records), plan.sweep.branches
+    table, unit = in_written_units(columns(plan, records), units(plan, records), symbols(plan))
     labels = list(zip(*(table[name] for name in names), strict=True)) or [()] * len(plan.cases)
     columns_by_name: Columns = {
         name: [] for name in (*names, "quantity", "unit", "cases", "mean", "sd", "sd of mean", *QUANTILES)

@@ -6,7 +6,7 @@ from typing import Any
 from hpcinv.errors import OutputError
 from hpcinv.files.names import is_file
 from hpcinv.formats import FORMATS
-from hpcinv.job.sections import Shell
+from hpcinv.job.sections import MeshSpec, Shell
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.midsurface import thicken
@@ -44,6 +44,19 @@ def read_shape(run: Path, shape: str) -> MeshSource:
         )
     computed = UNDEFORMED if summary["solutions"][0]["direction"] == "inverse" else DEFORMED
     return _found(run, "shape") if shape == computed else _given(run, shape)
+
+
+def read_cad(run: Path) -> tuple[Path, MeshSpec, MeshSource]:
+    """Return the CAD file of a run's job, its section, and its mesh in m.
+
+    Raises:
+        OutputError: the job has none.
+    """
+    job = RunDirectory(run).job(None)
+    if not job.mesh.is_cad:
+        raise OutputError(f"{run}: its job has no CAD file (mesh.cad), whose faces could be refitted")
+    path = job.resolve(job.mesh.file)
+    return path, job.mesh, read_source(job.mesh, path)
 
 
 def _given(run: Path, shape: str) -> MeshSource:

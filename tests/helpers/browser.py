@@ -20,7 +20,11 @@ needs_browser = pytest.mark.skipif(
 _FLAGS = (
     *("--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic"),
     *("--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"),
-    *("--host-resolver-rules=MAP * ~NOTFOUND", "--force-prefers-reduced-motion", "--disable-dev-shm-usage"),
+    *(
+        "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
+        "--force-prefers-reduced-motion",
+        "--disable-dev-shm-usage",
+    ),
 )
 
 
@@ -109,8 +113,8 @@ class Page:
 
 
 @contextmanager
-def opened(path: Path, profile: Path, *more_flags: str) -> Iterator[Page]:
-    """Open a file by its ``file://`` address."""
+def opened(path: Path | str, profile: Path, *more_flags: str) -> Iterator[Page]:
+    """Open a file by its ``file://`` address, or an address of this machine."""
     from selenium import webdriver
     from selenium.webdriver.chrome.service import Service
 
@@ -122,7 +126,7 @@ def opened(path: Path, profile: Path, *more_flags: str) -> Iterator[Page]:
     driver = webdriver.Chrome(options=options, service=Service(str(DRIVER)))
     try:
         driver.execute_cdp_cmd("Network.enable", {})
-        driver.get(path.resolve().as_uri())
+        driver.get(path if isinstance(path, str) else path.resolve().as_uri())
         page = Page(driver)
         for _ in range(200):
             root = "const root = document.documentElement;"

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import re
+import signal
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +14,8 @@ import numpy as np
 import pytest
 import yaml
 from helpers.browser import Page, needs_browser, opened
+from helpers.command_line import Started
+from selenium.webdriver.support.ui import WebDriverWait
 
 from hpcinv.__main__ import main
 from hpcinv.job.job import load
@@ -135,8 +141,8 @@ def test_regions_loads_and_the_section_are_seen(page: Page) -> None:
     page.at_width(0)
 
 
-def test_regions_are_written_where_a_job_has_them() -> None:
-    from hpcinv.reports.of_job import place_of_regions
+def test_entries_are_written_where_a_job_has_them() -> None:
+    from hpcinv.reports.job_text import place_of_entries
 
     for text, style in (
         ("mesh: {file: a.msh}\nregions:\n    top: 'z > 1'\nmaterial: {}\n", "block"),
@@ -145,9 +151,59 @@ def test_regions_are_written_where_a_job_has_them() -> None:
         ("mesh: {file: a.msh}", "block"),
         ("", "block"),
     ):
-        place = place_of_regions(text)
+        place = place_of_entries(text)
         assert place.style == style
-        new = f"{place.indent}new: 'z < 0'\n" if style == "block" else "new: 'z < 0'" + ", " * ("top" in place.after)
-        content = yaml.safe_load(place.before + new + place.after)
+        content = yaml.safe_load(place.with_entries(["new: 'z < 0'"]))
         old = yaml.safe_load(text) or {}
         assert content == {**old, "regions": {"new": "z < 0", **(old.get("regions") or {})}}
+
+
+def test_the_page_writes_into_the_job(tmp_path: Path) -> None:
+    job = tmp_path / "tube.yaml"
+    job.write_text(TUBE)
+    with Started(1, "show", "--edit", job, cwd=tmp_path) as server:
+        server.wait_for("stop with Ctrl-C")
+        (address,) = re.findall(r"edited at (http://127\.0\.0\.1:\d+/\S{32,}/)", server.text)
+        with opened(address, tmp_path / "profile") as page:
+            page.run("document.querySelector('[data-view=x]').click()")
+            for tool, name in (("face", "mantle"), ("point", "belly")):
+                page.set("tool", tool)
+                page.click_canvas(3, 2)
+                page.set("name", name)
+                page.run("document.getElementById('add').click()")
+            assert page.text("#save") == "Write into tube.yaml"
+            page.run("document.getElementById('save').click()")
+            WebDriverWait(page.driver, 20).until(lambda _: page.text("#written"))
+            assert page.text("#written") == "written into tube.yaml"
+            page.set("name", "belly")
+            assert page.run("return document.getElementById('add').disabled")  # the name is taken
+            assert page.complaints() == []
+        written = job.read_text()
+        assert [line for line in TUBE.splitlines() if line not in written.splitlines()] == TUBE.splitlines()[6:7]
+        content = load(job)
+        assert body_of(written, tmp_path / "copy.yaml").regions["mantle"].facet_count == 4 * LAYER
+        assert [quantity.name for quantity in content.quantities] == ["belly", "top"]
+
+        def post(path: str, *entries: tuple[str, str]) -> tuple[int, str]:
+            request = urllib.request.Request(path, json.dumps({"entries": entries}).encode())
+            try:
+                with urllib.request.urlopen(request, timeout=20) as reply:
+                    return reply.status, json.load(reply)["message"]
+            except urllib.error.HTTPError as error:
+                return error.code, json.load(error)["message"]
+
+        for section, entry, text in (
+            ("regions", "low: z < 1 mm", "there is a region 'low'"),
+            ("regions", "deep: z < 1 s", "regions.deep"),
+            ("regions", "a: z < 1 mm}\nmaterial: {}", "must be one line"),
+            ("regions", "a: 'x > 0', b: {", "regions: a: "),
+            ("material", "wall: {}", "must be one line of regions or quantities"),
+            ("quantities", "{name: top, of: ux, at: [0, 0, 0]}", "quantities"),
+            ("quantities", "{name: odd, of: ux, at: [0, 0]}", "quantities[0].at"),
+        ):
+            code, message = post(f"{address}save", (section, entry))
+            assert (code, text in message) == (400, True), message
+        assert post(address.replace(address[-10:], "x" * 10), ("regions", "a: z > 0"))[0] == 404
+        assert job.read_text() == written
+        server.send(signal.SIGTERM, server.ranks())
+        assert server.exit_code() == 0, server.text

@@ -26,6 +26,8 @@ from hpcinv.mesh.io import isolated
 from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel import jit
 from hpcinv.parallel.runtime import MPI
+from hpcinv.workshop.cad_refit import NotRefitted, movement, refit
+from hpcinv.workshop.solid import volume_of
 
 MODELS = {
     "box": "o.addBox(0, 0, 0, 20, 10, 10)",
@@ -34,6 +36,7 @@ MODELS = {
     "overlap": "o.addBox(0, 0, 0, 10, 10, 10); o.addBox(9, 2, 2, 10, 6, 6)",
     "gap": "o.addBox(0, 0, 0, 10, 10, 10); o.addBox(10.005, 2, 2, 10, 6, 6)",
     "sheet": "o.addRectangle(0, 0, 0, 10, 10)",
+    "plate": "o.cut([(3, o.addBox(0, 0, 0, 20, 10, 4))], [(3, o.addCylinder(10, 5, -1, 0, 0, 6, 2))])",
 }
 
 
@@ -239,3 +242,26 @@ def test_colours_are_regions(cad: Callable[[str], Path], tmp_path: Path) -> None
     assert volume(dataclasses.replace(source, cells=source.cells[first])) == pytest.approx(1e-6, rel=1e-9)
     green = source.points[source.facets[groups["colour-00ff00"].members]]
     assert np.abs(green[..., 0]).max() < 1e-12
+
+
+def test_faces_are_refitted_to_a_moved_shape(cad: Callable[[str], Path], tmp_path: Path) -> None:
+    """A plate with a hole is bent and twisted: planes, a cylinder with a seam, and edges without curves on planes."""
+    path = cad("plate.step")
+    given = read(path, size="2 mm", geometry_degree=2)
+    x, y, z = given.points.T
+    found = dataclasses.replace(given, points=np.column_stack([x, y + 8 * x**2, z * (1 + 10 * x)]))
+    volume = volume_of(found, None) * 1e9
+    move = movement(given, found, 1e-3, 1.0, 1e-2)
+    step = refit(path, move, 1e-2, volume)
+    assert move.error < 1e-3  # a quadratic map is a spline
+    assert 0 < step.deviation < 1e-2
+    assert step.faces == 7
+    assert step.volume == pytest.approx(volume, rel=1e-4)
+    (tmp_path / "bent.step").write_bytes(step.content)
+    again = read(tmp_path / "bent.step", size="2 mm", geometry_degree=2)
+    assert volume_of(again, None) * 1e9 == pytest.approx(volume, rel=1e-3)
+    assert np.ptp(again.points, axis=0) == pytest.approx(np.ptp(found.points, axis=0), rel=1e-3)
+    with pytest.raises(NotRefitted, match="no smooth map is nearer than 1 mm"):
+        refit(path, dataclasses.replace(move, error=1.0), 1e-2, volume)
+    with pytest.raises(NotRefitted, match="it has 2 solids"):
+        refit(cad("two.step"), move, 1e-2, volume)

@@ -156,6 +156,15 @@ def test_values_may_be_in_several_regions_but_materials_not(directory: Path) -> 
     assert [len(cells) for cells in law_cells(body, given.laws)] == [1, 5]
 
 
+def test_cells_without_a_group_have_the_law_elsewhere(directory: Path) -> None:
+    labels = {"array": "material", "names": {"plaque": 2, "wall": 7}}  # two cells have the value 1
+    given = job(directory, labels, material={"plaque": MATERIAL, "elsewhere": MATERIAL})
+    body = build_body(given.mesh, given.regions, MPI.COMM_SELF, resolve=given.resolve)
+    assert [len(cells) for cells in law_cells(body, given.laws)] == [1, 5]
+    with pytest.raises(MeshError, match=r"material: 2 cells are in none of its regions \(plaque, wall\)"):
+        law_cells(body, job(directory, labels, material={"plaque": MATERIAL, "wall": MATERIAL}).laws)
+
+
 def test_values_in_nodes_are_boundary_facets_and_cells(directory: Path) -> None:
     given = job(directory, {"array": "wall", "names": {"left": 0, "ends": [0, 6], "first": [0, 1]}})
     regions = build_body(given.mesh, given.regions, MPI.COMM_SELF, resolve=given.resolve).regions

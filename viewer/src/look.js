@@ -32,7 +32,7 @@ export class Look extends Stage {
       owners: Uint32Array.from(values(interior.owners)),
     };
     this.regions = new Regions(body.regions.names, body.regions.masks.map(values), body.regions.inner.map(values));
-    this.added = []; // [name, rule]
+    this.added = []; // [section, name, rule]
     this.chosen = new Set();
     this.marks = [];
     this.prepareStage();
@@ -162,15 +162,22 @@ export class Look extends Stage {
       return [head, value];
     }));
     const name = element("name").value.trim() || "part";
-    element("line").textContent = this.rule ? `regions: {${name}: ${this.rule.text}}` : `at: [${this.#point(place)}]`;
-    const fault = !NAME.test(name) ? "Names have letters, digits, _ and -." : this.#isTaken(name) ? `There is a region '${name}'.`
+    const isPoint = !this.rule && element("tool").value === "point" && Boolean(this.body.job.save);
+    this.at = `at: [${this.#point(place)}]`;
+    element("line").textContent = this.rule ? `regions: {${name}: ${this.rule.text}}` : this.at;
+    const fault = !NAME.test(name) ? "Names have letters, digits, _ and -."
+      : this.#isTaken(name) ? `There is a ${this.rule ? "region" : "quantity"} '${name}'.`
       : this.rule?.facets.length === 0 ? "No facet has all its vertices there: choose a larger one." : "";
-    element("name-note").textContent = this.rule ? fault : "";
-    element("add").disabled = !this.rule || Boolean(fault);
+    element("name-note").textContent = this.rule || isPoint ? fault : "";
+    element("add").disabled = !(this.rule || isPoint) || Boolean(fault);
     element("copy").disabled = false;
   }
 
-  #isTaken(name) { return name === "boundary" || this.body.regions.taken.includes(name) || this.added.some(([other]) => other === name); }
+  #isTaken(name) {
+    const section = this.rule ? "regions" : "quantities";
+    const taken = this.rule ? ["boundary", ...this.body.regions.taken] : this.body.quantities;
+    return taken.includes(name) || this.added.some(([other, text]) => other === section && text === name);
+  }
 
   #measure(place) {
     if (!this.begin) { this.begin = place; this.#mark([place]); element("line").textContent = ""; element("reading").textContent = "Click the other end."; return; }
@@ -198,14 +205,15 @@ export class Look extends Stage {
   }
 
   #add() {
-    this.added.push([element("name").value.trim() || "part", this.rule.text]);
+    const name = element("name").value.trim() || "part";
+    this.added.push(this.rule ? ["regions", name, this.rule.text] : ["quantities", name, `{of: displacement, ${this.at}}`]);
     element("name").value = "";
     this.#showAdded();
     this.#describe();
   }
 
   #showAdded() {
-    element("added").replaceChildren(...this.added.map(([name, rule], i) => {
+    element("added").replaceChildren(...this.added.map(([, name, rule], i) => {
       const item = document.createElement("li"), remove = document.createElement("button");
       remove.type = "button";
       remove.textContent = "×";
@@ -221,7 +229,7 @@ export class Look extends Stage {
   // The text of the job with the regions that were added.
   job() {
     const { before, after, indent, style } = this.body.job;
-    const entries = this.added.map(([name, rule]) => `${name}: ${rule}`);
+    const entries = this.added.filter(([section]) => section === "regions").map(([, name, rule]) => `${name}: ${rule}`);
     if (!entries.length) return "";
     if (style === "flow") return `${before}${entries.join(", ")}${after.trimStart().startsWith("}") ? "" : ", "}${after}`;
     return before + entries.map((entry) => `${indent}${entry}\n`).join("") + after;
@@ -233,7 +241,28 @@ export class Look extends Stage {
     window.getSelection().selectAllChildren(element("line"));
   }
 
+  // Sends what was added to the server of this page, which writes it into the job.
+  async #write() {
+    const entries = this.added.map(([section, name, rule]) => [section, section === "regions" ? `${name}: ${rule}` : `{name: ${name}, ${rule.slice(1)}`]);
+    element("save").disabled = true;
+    let message = "The server does not answer: is 'hpcinv show --edit' still running?", written = false;
+    try {
+      const answer = await fetch(this.body.job.save, { method: "POST", body: JSON.stringify({ entries }) });
+      written = answer.ok;
+      message = (await answer.json()).message;
+    } catch { /* the message says it */ }
+    if (written) {
+      for (const [section, name] of this.added) (section === "regions" ? this.body.regions.taken : this.body.quantities).push(name);
+      this.added = [];
+      this.#showAdded();
+      this.#describe();
+    }
+    element("save").disabled = !this.added.length;
+    element("written").textContent = message;
+  }
+
   #save() {
+    if (this.body.job.save) { this.#write(); return; }
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([this.job()], { type: "text/yaml" }));
     link.download = this.body.job.file;

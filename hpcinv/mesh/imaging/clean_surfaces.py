@@ -1,9 +1,5 @@
 """Tetrahedra between smooth surfaces of labels: much faster than by coarsening a lattice, where surfaces are clean."""
 
-import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -12,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.sparse import coo_array
 
+from hpcinv.files.muted import muted_output
 from hpcinv.mesh.cells import sub_entities
 from hpcinv.mesh.imaging.label_boundary import Memberships, limit_steps, two_label_nodes
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of
@@ -163,7 +160,7 @@ def _filled(points: Floats, facets: Ints, shell: Ints, pairs: Ints) -> Lattice:
         }
         for name, value in options.items():
             gmsh.option.setNumber(name, value)
-        with _muted_output():  # HXT prints where surfaces cross
+        with muted_output():  # HXT prints where surfaces cross
             gmsh.model.mesh.generate(3)
         numbers, coordinates, _ = gmsh.model.mesh.getNodes()
         place = np.zeros(int(numbers.max()) + 1, dtype=np.int64)
@@ -180,17 +177,3 @@ def _filled(points: Floats, facets: Ints, shell: Ints, pairs: Ints) -> Lattice:
     if filled.volumes().min() <= 0:
         raise ValueError("inverted cells")
     return filled
-
-
-@contextmanager
-def _muted_output() -> Iterator[None]:
-    """Context that discards the standard output of this process, also of libraries in C."""
-    sys.stdout.flush()
-    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
-        os.close(nowhere)

@@ -436,7 +436,7 @@ def test_without_results_there_is_not_a_diagram(tmp_path: Path) -> None:
 def test_the_commands_write_what_they_are_asked_for(
     tmp_path: Path, commit: Callable[[Case, CaseRecord], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    sweep_plan = plan(tmp_path, {"grid": {MU: [1e4, 2e4]}})
+    sweep_plan = plan(tmp_path, {"grid": {MU: ["10.1 kPa", "20 kPa"]}})
     for case, value in zip(sweep_plan.cases, (0.5, 0.75), strict=True):
         commit(case, good(quantities={"top": value}))
     assert results(sweep_plan, ledger_of(sweep_plan.store)).keys() == {case.key for case in sweep_plan.cases}
@@ -444,7 +444,9 @@ def test_the_commands_write_what_they_are_asked_for(
     assert main(["sweep", "status", sweep]) == 0
     assert "2 of 2 cases finished" in capsys.readouterr().out
     assert main(["sweep", "table", sweep]) == 0
-    assert [row["top [m]"] for row in csv.DictReader(io.StringIO(capsys.readouterr().out))] == ["0.5", "0.75"]
+    rows = [*csv.DictReader(io.StringIO(capsys.readouterr().out))]
+    assert [row["top [m]"] for row in rows] == ["0.5", "0.75"]
+    assert [row[f"{MU} [kPa]"] for row in rows] == ["10.1", "20.0"]  # as the job writes it
     for name in ("deep/table.csv", "deep/table.h5"):
         assert main(["sweep", "table", sweep, "--output", str(tmp_path / name)]) == 0
         assert (tmp_path / name).stat().st_size > 0

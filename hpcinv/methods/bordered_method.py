@@ -1,4 +1,4 @@
-"""Load path of bodies with cavities whose pressures are unknown: given volumes, or amounts of gas."""
+"""Load path of bodies with unknown pressures of cavities, or with remote loads, whose motions are unknown."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -6,29 +6,39 @@ from functools import partial
 from hpcinv.effects import Direction
 from hpcinv.methods.method import UNLOADED, Method, Start
 from hpcinv.model.cavities import CavityReport, cavity_equations, reports_of
-from hpcinv.solver.cavity_newton import CavityNewton
+from hpcinv.model.remote_loads import RemoteReport
+from hpcinv.solver.bordered_newton import BorderedNewton
+from hpcinv.solver.cavity_border import CavityBorder
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.load_stepping import AdaptiveSteps, target_of
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT, Observer
+from hpcinv.solver.remote_border import RemoteBorder
 
 
-class CavityMethod(Method):
+class BorderedMethod(Method):
     """Steps in the load factor, which leads from the volumes of the mesh to the given ones, with all loads."""
 
     def __init__(self, equations: Equations, direction: Direction, observer: Observer = SILENT) -> None:
-        scene = equations.scene(direction)
+        scene, job = equations.scene(direction), equations.job
         self.equilibrium = equations.equilibrium(scene, observer)
-        self._tolerance = equations.job.solver.tolerance
-        solver = equations.job.solver
-        self._steps = AdaptiveSteps(solver.initial_step, solver.minimum_step)
-        self._cavities = cavity_equations(equations.job, equations.body, scene, equations.scales)
+        self._tolerance = job.solver.tolerance
+        self._steps = AdaptiveSteps(job.solver.initial_step, job.solver.minimum_step)
+        self._cavities = cavity_equations(job, equations.body, scene, equations.scales)
+        system = self.equilibrium.system
+        self._pressures = [CavityBorder(system, self._cavities)] if self._cavities else []
+        self._motions = [RemoteBorder(system, *item, equations.scales) for item in job.remote_loads.items()]
 
     def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
         self.reached = load = start.load
-        newton = CavityNewton(self.equilibrium, self._cavities)
+        names = ["cavities"] * bool(self._pressures) + ["remote loads"] * bool(self._motions)
+        newton = BorderedNewton(self.equilibrium, [*self._motions, *self._pressures], " and ".join(names))
         if load > 0.0:
-            newton.recover_pressures(load)
+            for motion in self._motions:
+                motion.recover()
+                motion.put(load)
+            for pressures in self._pressures:
+                pressures.recover(load)
         step, forward = self._steps.start(), self.equilibrium.system.scene.kinematics.direction == "forward"
         shortened = partial(self._steps.shortened, forward=forward)
         try:
@@ -45,10 +55,16 @@ class CavityMethod(Method):
                     return
         finally:
             newton.destroy()
+            for pressures in self._pressures:
+                pressures.destroy()
 
     def cavities(self) -> tuple[CavityReport, ...]:
         """Return the pressures and volumes of the present state; collective."""
         return reports_of(self._cavities, self.reached)
+
+    def remote_loads(self) -> tuple[RemoteReport, ...]:
+        """Return the motions of regions under remote loads in the present state; collective."""
+        return tuple(motion.report(self.reached) for motion in self._motions)
 
     def can_restart_after(self, solve: Solve) -> bool:
         return solve.outcome.accepted

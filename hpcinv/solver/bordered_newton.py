@@ -1,16 +1,17 @@
-"""Newton's method for equilibrium together with the equations of cavities whose pressures are unknown.
+"""Newton's method for equilibrium together with equations for unknown numbers of its loads or supports.
 
-The equilibrium ``R(x, q) = 0`` is linear in the pressures q, and each of them has one more equation ``C(x, q) = 0``.
-Bordering solves the linearised system with the factors of ``K = ∂R/∂x`` alone: with ``K d = R`` and ``K g = ∂R/∂q`` the
-corrections are
+The equilibrium ``R(x, q) = 0`` has more unknowns q, such as pressures of cavities, and as many more equations
+``C(x, q) = 0``. Bordering solves the linearised system with the factors of ``K = ∂R/∂x`` alone: with ``K d = R`` and
+``K g = ∂R/∂q`` the corrections are
 
     Δx = -d - g Δq,      (B g - ∂C/∂q) Δq = C - B d,      B = ∂C/∂x.
 
 The first correction is in proportion to the step in the load factor. It predicts rotations and strains, and the
 step is shortened without another factorization. A quadratic extrapolation of the path saves no factorizations.
 
-It needs one back-substitution more for each cavity, with direct and iterative solvers and on any number of ranks. At a
-limit point of the pressure K is singular, while the whole system is not; steps do not end there but by chance.
+It needs one back-substitution more for each number, with direct and iterative solvers and on any number of ranks. At a
+limit point of the pressure of a cavity K is singular, while the whole system is not; steps do not end there but by
+chance.
 
 Source: Keller, *Lectures on Numerical Methods in Bifurcation Problems*, 1987 (bordering).
 """
@@ -18,33 +19,31 @@ Source: Keller, *Lectures on Numerical Methods in Bifurcation Problems*, 1987 (b
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from petsc4py import PETSc
 
 from hpcinv.mesh.source import Floats
-from hpcinv.model.cavities import CavityEquation
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.petsc_vectors import dot, norm
+from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.solver.border import Border
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Solve
 from hpcinv.solver.predictor import Increment
 
 type Shortened = Callable[[float, Increment], float]
 
-STRATEGY = "cavities"
-"""Strategy of the solves with unknown pressures of cavities."""
 
-
-class CavityNewton:
-    """Newton's method for a system and the equations of its cavities; the state and their pressures are the iterate.
+class BorderedNewton:
+    """Newton's method for a system and the equations of its borders; the state and their numbers are the iterate.
 
     Args:
-        cavities: equations of the cavities of unknown pressure.
+        strategy: name of the solves in reports.
     """
 
-    def __init__(self, equilibrium: Equilibrium, cavities: Sequence[CavityEquation]) -> None:
-        self.equilibrium, self.cavities = equilibrium, cavities
+    def __init__(self, equilibrium: Equilibrium, borders: Sequence[Border], strategy: str = "") -> None:
+        self.equilibrium, self.borders, self._strategy = equilibrium, borders, strategy
         position = equilibrium.system.position
-        self._r, self._r_pressed, self._d = (position() for _ in range(3))
-        self._columns, self._rows = [position() for _ in cavities], [position() for _ in cavities]
+        self._r, self._r_column, self._d = (position() for _ in range(3))
+        self._columns = [[position() for _ in range(border.count)] for border in borders]
 
     def solve(
         self, load: float, tolerance: float, *, start: float = 0.0, shortened: Shortened = lambda step, _: step
@@ -58,8 +57,8 @@ class CavityNewton:
                 first correction. The solve ends at the load factor after that step.
         """
         system, linear = self.equilibrium.system, self.equilibrium.linear
-        origin, pressures = system.position(), self.pressures
-        self._set(load, pressures)
+        origin, numbers = system.position(), [border.kept_numbers() for border in self.borders]
+        self._set(load)
         monitor = NewtonMonitor(
             tolerance,
             self.equilibrium.limit,
@@ -73,34 +72,22 @@ class CavityNewton:
             outcome = system.fault() or system.fault_of_solution() or outcome
         if not outcome.accepted:
             system.set_state(origin)
-            self._set(load, pressures)
+            for border, kept in zip(self.borders, numbers, strict=True):
+                border.restore(kept)
+            self._set(load)
         origin.destroy()
         iterations = linear.take_iterations()
         history = tuple(monitor.history)
-        return Solve(load, outcome, history, factorizations, strategy=STRATEGY, linear_iterations=iterations)
-
-    @property
-    def pressures(self) -> Floats:
-        """The unknown pressures, scaled."""
-        return np.array([cavity.pressure for cavity in self.cavities])
-
-    def recover_pressures(self, load: float) -> None:
-        """Set the pressures that balance the present state, an equilibrium at this load factor, such as a checkpoint.
-
-        The state has them implicitly, since R is linear in them.
-        """
-        self._set(load, np.zeros(len(self.cavities)))
-        self._columns_of_pressures(load)
-        columns = self._columns
-        gram = np.array([[dot(a, b) for b in columns] for a in columns])
-        self._set(load, np.linalg.solve(gram, np.array([-dot(a, self._r) for a in columns])))
+        return Solve(load, outcome, history, factorizations, strategy=self._strategy, linear_iterations=iterations)
 
     def _iterate(
         self, start: float, load: float, monitor: NewtonMonitor, shortened: Shortened
     ) -> tuple[Outcome, int, float]:
         """Correct the iterate until the monitor judges it; return its outcome, factorizations and load factor."""
-        system, linear, count = self.equilibrium.system, self.equilibrium.linear, len(self.cavities)
-        bordered, factorizations, fault = np.zeros((count, count)), 0, None
+        system, linear, borders = self.equilibrium.system, self.equilibrium.linear, self.borders
+        columns = [column for group in self._columns for column in group]
+        ends = np.cumsum([border.count for border in borders])[:-1]
+        bordered, factorizations, fault = np.zeros((len(columns), len(columns))), 0, None
         x = system.position()
         system.residual(self._r)
         outcome: Outcome | None = None if np.isfinite(norm(self._r)) else Outcome.NOT_FINITE
@@ -108,28 +95,24 @@ class CavityNewton:
             if self.equilibrium.interrupted():
                 outcome = Outcome.INTERRUPTED
                 break
-            values = [cavity.evaluate(load) for cavity in self.cavities]
             fresh = monitor.needs_new_tangent
             if fresh:
                 factorizations += 1
                 if not self._linearise(load):
                     outcome = linear.failure
                     break
-                for row, cavity, (_, by_volume, _) in zip(self._rows, self.cavities, values, strict=True):
-                    cavity.slope(row)
-                    row.scale(by_volume)
-                bordered = np.array([[dot(row, column) for column in self._columns] for row in self._rows])
-                bordered -= np.diag([by_pressure for *_, by_pressure in values])
+                by_numbers = _block_diagonal([border.linearise(load) for border in borders])
+                bordered = np.stack([self._slopes(column) for column in columns], axis=1) - by_numbers
+            values = np.concatenate([border.equations(load) for border in borders])
             if not linear.solve(self._r, self._d):
                 outcome = linear.failure
                 break
-            wanted = [value - dot(row, self._d) for (value, *_), row in zip(values, self._rows, strict=True)]
             try:
-                change = np.linalg.solve(bordered, wanted)
-            except np.linalg.LinAlgError:  # the pressure moves no volume
+                change: Floats = np.asarray(np.linalg.solve(bordered, values - self._slopes(self._d)), dtype=np.float64)
+            except np.linalg.LinAlgError:  # such as a pressure that moves no volume
                 outcome = Outcome.LINEAR_SOLVER
                 break
-            for column, dq in zip(self._columns, change, strict=True):
+            for column, dq in zip(columns, change, strict=True):
                 self._d.axpy(float(dq), column)
             if fresh:
                 increment = self.equilibrium.predictor.increments(self._d)
@@ -145,7 +128,9 @@ class CavityNewton:
             share, fault = system.admissible_share(x, self._d)
             x.axpy(-share, self._d)
             system.set_state(x)
-            self._set(load, self.pressures + share * change)
+            for border, part in zip(borders, np.split(share * change, ends), strict=True):
+                border.change(part)
+            self._set(load)
             system.residual(self._r)
             iteration = NewtonIteration(size, norm(x), norm(self._r), fresh)
             self.equilibrium.observer.iteration(iteration)
@@ -155,35 +140,47 @@ class CavityNewton:
             outcome = fault or outcome
         return outcome, factorizations, load
 
+    def condensed_tangent(self, load: float) -> Floats | None:
+        """Return ``dC/dq`` along states of equilibrium, at the present one; ``None`` if K cannot be factorized."""
+        by_numbers = _block_diagonal([border.linearise(load) for border in self.borders])
+        if not self._linearise(load):
+            return None
+        return by_numbers - np.stack([self._slopes(g) for group in self._columns for g in group], axis=1)
+
     def _linearise(self, load: float) -> bool:
         """Factorize K and solve for the columns ``g``; leave R of the iterate in ``_r``."""
         system, linear = self.equilibrium.system, self.equilibrium.linear
-        self._columns_of_pressures(load)
+        system.residual(self._r)
+        for border, columns in zip(self.borders, self._columns, strict=True):
+            border.set_columns(columns, self._r, load)
         system.tangent()
-        for column in self._columns:
-            column.copy(self._r_pressed)
-            if not linear.solve(self._r_pressed, column):
+        for column in (column for group in self._columns for column in group):
+            column.copy(self._r_column)
+            if not linear.solve(self._r_column, column):
                 return False
         return True
 
-    def _columns_of_pressures(self, load: float) -> None:
-        """Set ``_r`` to R, and the columns to ∂R/∂q: differences of unit pressures are exact."""
-        system, pressures = self.equilibrium.system, self.pressures
-        system.residual(self._r)
-        for number, column in enumerate(self._columns):
-            pressed = pressures.copy()
-            pressed[number] += 1.0
-            self._set(load, pressed)
-            system.residual(column)
-            column.axpy(-1.0, self._r)
-        self._set(load, pressures)
+    def _slopes(self, direction: PETSc.Vec) -> Floats:
+        """Return ``B`` times a direction."""
+        return np.concatenate([border.slopes(direction) for border in self.borders])
 
-    def _set(self, load: float, pressures: Floats) -> None:
+    def _set(self, load: float) -> None:
         self.equilibrium.system.set_load(load)
-        for cavity, pressure in zip(self.cavities, pressures, strict=True):
-            cavity.set_pressure(float(pressure), load)
+        for border in self.borders:
+            border.put(load)
 
     def destroy(self) -> None:
         """Free PETSc objects."""
-        for vector in (self._r, self._r_pressed, self._d, *self._columns, *self._rows):
+        for vector in (self._r, self._r_column, self._d, *(column for group in self._columns for column in group)):
             vector.destroy()
+
+
+def _block_diagonal(blocks: Sequence[Floats]) -> Floats:
+    """Return a matrix with square blocks on its diagonal."""
+    size, start = sum(len(block) for block in blocks), 0
+    matrix = np.zeros((size, size))
+    for block in blocks:
+        end = start + len(block)
+        matrix[start:end, start:end] = block
+        start = end
+    return matrix

@@ -1,0 +1,53 @@
+"""Interface of unknown numbers of loads or supports, with as many equations for them."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+from petsc4py import PETSc
+
+from hpcinv.mesh.source import Floats
+
+
+class Border(ABC):
+    """Unknown numbers q on which the equilibrium ``R(x, q) = 0`` depends, and equations ``C(x, q) = 0`` for them.
+
+    Methods are collective.
+
+    Attributes:
+        count: number of unknowns, and of equations.
+    """
+
+    count: int
+
+    @abstractmethod
+    def put(self, load: float) -> None:
+        """Put the present numbers into the system, whose load factor is ``load``."""
+
+    @abstractmethod
+    def kept_numbers(self) -> Any:
+        """Return the present numbers for `restore`."""
+
+    @abstractmethod
+    def restore(self, numbers: Any) -> None:
+        """Take numbers that `kept_numbers` returned; they are not put into the system."""
+
+    @abstractmethod
+    def change(self, change: Floats) -> None:
+        """Change the numbers by ``Δq``; they are not put into the system."""
+
+    @abstractmethod
+    def equations(self, load: float) -> Floats:
+        """Return C at the present state."""
+
+    @abstractmethod
+    def set_columns(self, columns: Sequence[PETSc.Vec], r: PETSc.Vec, load: float) -> None:
+        """Set the columns to ``∂R/∂q`` at the present state, where R is ``r``."""
+
+    @abstractmethod
+    def linearise(self, load: float) -> Floats:
+        """Return ``∂C/∂q`` (count, count) at the present state; `slopes` are from there until the next call."""
+
+    @abstractmethod
+    def slopes(self, direction: PETSc.Vec) -> Floats:
+        """Return the derivatives ``∂C/∂x`` along a direction."""

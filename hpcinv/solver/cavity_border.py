@@ -1,0 +1,80 @@
+"""Pressures of cavities as unknown numbers: the equilibrium is linear in them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from petsc4py import PETSc
+
+from hpcinv.assembly.system import System
+from hpcinv.mesh.source import Floats
+from hpcinv.model.cavities import CavityEquation
+from hpcinv.parallel.petsc_vectors import dot
+from hpcinv.solver.border import Border
+
+
+class CavityBorder(Border):
+    """The pressures of all cavities of unknown pressure, with their equations."""
+
+    def __init__(self, system: System, cavities: Sequence[CavityEquation]) -> None:
+        self._system, self._cavities, self.count = system, cavities, len(cavities)
+        self._rows = [system.position() for _ in cavities]
+
+    def put(self, load: float) -> None:
+        for cavity in self._cavities:
+            cavity.set_pressure(cavity.pressure, load)
+
+    def kept_numbers(self) -> Floats:
+        return np.array([cavity.pressure for cavity in self._cavities])
+
+    def restore(self, numbers: Floats) -> None:
+        for cavity, pressure in zip(self._cavities, numbers, strict=True):
+            cavity.pressure = float(pressure)
+
+    def change(self, change: Floats) -> None:
+        self.restore(self.kept_numbers() + change)
+
+    def equations(self, load: float) -> Floats:
+        return np.array([cavity.evaluate(load)[0] for cavity in self._cavities])
+
+    def set_columns(self, columns: Sequence[PETSc.Vec], r: PETSc.Vec, load: float) -> None:
+        # Differences of unit pressures are exact.
+        for column, cavity in zip(columns, self._cavities, strict=True):
+            pressure = cavity.pressure
+            cavity.set_pressure(pressure + 1.0, load)
+            self._system.residual(column)
+            column.axpy(-1.0, r)
+            cavity.set_pressure(pressure, load)
+
+    def linearise(self, load: float) -> Floats:
+        by_pressure = []
+        for row, cavity in zip(self._rows, self._cavities, strict=True):
+            _, by_volume, slope = cavity.evaluate(load)
+            by_pressure.append(slope)
+            cavity.slope(row)
+            row.scale(by_volume)
+        return np.diag(by_pressure)
+
+    def slopes(self, direction: PETSc.Vec) -> Floats:
+        return np.array([dot(row, direction) for row in self._rows])
+
+    def recover(self, load: float) -> None:
+        """Set the pressures that balance the present state, an equilibrium at this load factor, such as a checkpoint.
+
+        The state has them implicitly.
+        """
+        system = self._system
+        self.restore(np.zeros(self.count))
+        self.put(load)
+        r, columns = system.position(), [system.position() for _ in self._cavities]
+        system.residual(r)
+        self.set_columns(columns, r, load)
+        gram = np.array([[dot(a, b) for b in columns] for a in columns])
+        self.restore(np.linalg.solve(gram, np.array([-dot(a, r) for a in columns])))
+        self.put(load)
+        for vector in (r, *columns):
+            vector.destroy()
+
+    def destroy(self) -> None:
+        """Free PETSc objects."""
+        for row in self._rows:
+            row.destroy()

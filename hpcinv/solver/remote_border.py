@@ -1,0 +1,98 @@
+"""Motion of a region under a remote load as six unknown numbers, with the balance of force and moment.
+
+With the nodal forces ``r`` that hold the region, and arms ``a`` from the reference point to its nodes in the loaded
+body, the equations are
+
+    Σ r = λ f,      Σ a × r = λ m.
+
+That is the principle of virtual work for rigid virtual motions of the loaded region: the force works on the
+displacement of the reference point, the moment on the spin.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from petsc4py import PETSc
+
+from hpcinv.assembly.system import System
+from hpcinv.job.remote_load import RemoteLoad
+from hpcinv.mesh.source import Floats
+from hpcinv.model.remote_loads import RemoteReport
+from hpcinv.quantity.nondimensional import Scales
+from hpcinv.solver.border import Border
+
+
+class RemoteBorder(Border):
+    """Motion of one region under a remote load, on the mesh as it lies; collective.
+
+    Args:
+        number: of the support in the job, which has this load or the motion that it causes.
+    """
+
+    count = 6
+
+    def __init__(self, system: System, number: int, spec: RemoteLoad, scales: Scales) -> None:
+        self._system, self._number, self._spec, self._length = system, number, spec, scales.length
+        self._sign = system.scene.kinematics.sign
+        unit = scales.stress * scales.length**2
+        self._load = np.concatenate([np.array(spec.force) / unit, np.array(spec.moment) / (unit * scales.length)])
+        self._face = system.supports.remote_faces[number]
+        self._face.begin(np.array(spec.about) / scales.length)
+
+    def put(self, load: float) -> None:
+        supports = self._system.supports
+        supports.move_region(self._number, partial(self._face.displacement, sign=self._sign))
+        supports.scale(load)
+
+    def kept_numbers(self) -> tuple[Floats, Floats]:
+        return self._face.turn, self._face.move
+
+    def restore(self, numbers: tuple[Floats, Floats]) -> None:
+        self._face.turn, self._face.move = numbers
+
+    def change(self, change: Floats) -> None:
+        self._face.change(change)
+
+    def recover(self) -> None:
+        """Set the motion that the region has in the present state, such as a checkpoint."""
+        self._face.recover(self._system.state.x.array[self._face.dofs], self._sign)
+
+    def equations(self, load: float) -> Floats:
+        return self._wrench(self._nodal_forces(load)) - load * self._load
+
+    def set_columns(self, columns: Sequence[PETSc.Vec], r: PETSc.Vec, load: float) -> None:
+        supports = self._system.supports
+        for column, unit in zip(columns, np.eye(6), strict=True):
+            supports.prescribe_on(self._number, partial(self._face.rate, sign=self._sign, change=unit))
+            self._system.lift(column)
+            column.scale(-1.0)
+        supports.scale(load)
+
+    def linearise(self, load: float) -> Floats:
+        by_numbers = np.zeros((6, 6))
+        if self._sign > 0:  # the loaded body turns
+            forces, arms = self._nodal_forces(load), self._face.arms(1)
+            for k, spin in enumerate(np.eye(3)):
+                by_numbers[3:, 3 + k] = self._face.sum(np.cross(np.cross(spin, arms), forces))
+        return by_numbers
+
+    def slopes(self, direction: PETSc.Vec) -> Floats:
+        return self._wrench(self._system.force_rates(direction)[self._face.dofs])
+
+    def report(self, load: float) -> RemoteReport:
+        """Return the report of the present state."""
+        forces, arms = self._nodal_forces(load), self._face.arms(self._sign)
+        missing = self._wrench(forces) - load * self._load
+        sizes = [float(self._face.sum(np.linalg.norm(v, axis=1))) for v in (forces, np.cross(arms, forces))]
+        parts = zip(np.split(missing, 2), sizes, strict=True)
+        residual = max(float(np.linalg.norm(part)) / size if size else 0.0 for part, size in parts)
+        motion = self._face.motion(self._sign, self._length)
+        return RemoteReport(self._face.region, self._number, self._spec, motion, residual)
+
+    def _nodal_forces(self, load: float) -> Floats:
+        return np.asarray(self._system.forces(load)[self._face.dofs])
+
+    def _wrench(self, forces: Floats) -> Floats:
+        """Return force and moment of nodal forces (n, 3) on the region."""
+        return self._face.sum(np.concatenate([forces, np.cross(self._face.arms(self._sign), forces)], axis=1))
