@@ -176,6 +176,18 @@ class LinearSolver:
         return reason >= 0 and bool(np.isfinite(norm(x)))
 
     @property
+    def has_factors(self) -> bool:
+        """True if there are factors by MUMPS, of this tangent or an earlier one."""
+        return (
+            self.configuration.name == "direct" and max(self._factorized, self._released) >= 0 and is_mumps(self.ksp.pc)
+        )
+
+    def apply_factors(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve with the present factors as they are, without Krylov iterations."""
+        with self.options.blamed():
+            self.ksp.pc.apply(b, x)
+
+    @property
     def must_renew(self) -> bool:
         """True if the last solution must be repeated with new factors, earlier ones being no longer good."""
         return self.configuration.must_renew(self.ksp)
@@ -211,17 +223,6 @@ class LinearSolver:
         self._replace(
             self.choice.other, f"the {self.configuration.name} solver {what}: {self.choice.other} from there on"
         )
-        return True
-
-    def use_double_precision(self) -> bool:
-        """Discard factors in single precision, unless they have blocks of low rank; return whether there were any.
-
-        Solves to 1e-10 take several iterations with them. In double precision, the largest bodies' factors take longer.
-        """
-        if not self._is_rounded or self.configuration.name != "direct" or self.choice.low_rank:
-            return False
-        self._is_rounded = False
-        self._replace("direct", "factors in double precision for a power series")
         return True
 
     def _replace(self, name: str, reason: str) -> None:

@@ -132,8 +132,7 @@ class Chooser:
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         chosen = self._choose(solver)
         low_rank = self.forecast.operations >= LOW_RANK
-        # With single precision, each of a series' many solves to 1e-10 takes several iterations.
-        single = low_rank if solver.continuation == "series" else self.forecast.operations >= SINGLE
+        single = self.forecast.operations >= SINGLE
         precision = str(solver.petsc.get("pc_precision", "single" if single else "double"))
         low_rank = bool(solver.petsc.get("mat_mumps_icntl_35", low_rank))
         krylov = self.forecast.krylov
