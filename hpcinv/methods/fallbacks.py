@@ -41,6 +41,8 @@ _FARTHEST = 300.0, 0.3
 """Ratio of the first correction to the prediction, with the same factors, above which `auto` takes a series: on small
 and on large bodies. Newton's method keeps the factors up to 0.3, and fails from about 400 on."""
 
+_SIDES = {"first": 0, "positive": 1, "negative": -1}
+
 type Solves = Generator[Solve, None, None]
 
 
@@ -121,7 +123,7 @@ def _series(problem: Problem, steps: AdaptiveSteps, load: float, failed: Solve |
     """
     solver = problem.equations.job.solver
     try:
-        path = SeriesContinuation(problem.equilibrium)
+        path = SeriesContinuation(problem.equilibrium, _SIDES[solver.branch])
     except NotAnalytic as reason:
         if failed is None:
             problem.observer.failing([f"load steps instead of a power series: {reason}"])

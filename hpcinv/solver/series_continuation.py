@@ -17,6 +17,7 @@ from hpcinv.assembly.scalar_graph import NotAnalytic
 from hpcinv.assembly.taylor_residual import TaylorResidual
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.solver.branch_switching import Bifurcation, bifurcation_of, switched
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.load_stepping import AdaptiveSteps, target_of
 from hpcinv.solver.newton import Solve
@@ -27,7 +28,8 @@ STRATEGY = "power series"
 
 _ORDERS = 20
 """Orders of an expansion. Fewer have a shorter range on slender bodies; more cost more than they reach farther."""
-_FEWEST = 4  # orders of an expansion; from there on, each second order may be its last
+_FEWEST = 8
+"""Orders of an expansion; from there on, each second order may be its last. Fewer do not show bifurcations."""
 _ENOUGH = 1e-5
 """Error of a series at the full load at which its orders end. Newton's method corrects it with one factorization; of a
 larger one, slender bodies take two. A smaller one takes orders that cost more than they save."""
@@ -54,18 +56,21 @@ _CHECKS = 8  # states along a range that are checked for inverted elements
 class SeriesContinuation:
     """The path of a scene by power series; methods are collective.
 
+    Args:
+        side: side of the other path to follow at the first bifurcation, 1 or -1 (`branch_switching`); 0 to stay.
+
     Raises:
         NotAnalytic: on all ranks, if the residual has no Taylor series, or the path does not begin unloaded.
     """
 
-    def __init__(self, equilibrium: Equilibrium) -> None:
+    def __init__(self, equilibrium: Equilibrium, side: int = 0) -> None:
         system = equilibrium.system
         if system.is_on_path:
             raise NotAnalytic("the path begins with another state")
         self._equilibrium, self._system, self._linear = equilibrium, system, equilibrium.linear
         with system.timings("compile"):
             self._taylor = TaylorResidual(system.scene)
-        self._scale, self._contraction = np.inf, 1.0
+        self._scale, self._contraction, self._side = np.inf, 1.0, side
 
     def follow(
         self, steps: AdaptiveSteps, tolerance: float, load: float, *, spent: int = 0, are_near: bool = False
@@ -96,8 +101,8 @@ class SeriesContinuation:
                 return
             for solve in self._corrected(series, origin, goal, kept, tolerance, steps.path_tolerance):
                 are_near = solve.factorizations > 0
-                solve = self._branched(replace(solve, factorizations=solve.factorizations + spent), series, mark)
-                yield replace(solve, strategy=STRATEGY)
+                solve = self._branched(solve, series, origin, mark, steps.cases)
+                yield replace(solve, factorizations=solve.factorizations + spent, strategy=STRATEGY)
                 spent = 0
             origin.destroy()
             if not solve.outcome.accepted:
@@ -147,26 +152,40 @@ class SeriesContinuation:
                 return
             a *= _SHORTER
 
-    def _branched(self, solve: Solve, series: PowerSeries, mark: int) -> Solve:
+    def _branched(self, solve: Solve, series: PowerSeries, origin: PETSc.Vec, mark: int, cases: int) -> Solve:
         """Return a solve with the bifurcation before it, if the series has one and the inertia of the tangent changes.
+
+        If the other path is to be followed, it is the solve that begins there.
 
         Args:
             mark: mark of the inertia at the beginning of the series.
         """
-        found = series.bifurcation()
-        if found is None or not solve.outcome.accepted or not series.load < found[1] < solve.load:
+        unknowns, comm = self._system.scene.unknowns, self._system.comm
+        found = bifurcation_of(series, unknowns.owned_displacement_dofs, comm)
+        if found is None or not solve.outcome.accepted or not series.load < found.load < solve.load:
             return solve
-        spent = self._linear.factorizations
+        spent = self._linear.factorizations - solve.factorizations
         self._system.linearise(solve.load)
         self._linear.factorize()
-        solve = replace(solve, factorizations=solve.factorizations + self._linear.factorizations - spent)
-        if self._linear.inertia_mark() == mark:
-            return solve
-        nodes = series.states[-1][self._system.scene.unknowns.owned_displacement_dofs].reshape(-1, 3)
-        sizes = np.linalg.norm(nodes, axis=1)
-        largest = nodes[sizes.argmax()] if len(nodes) else np.zeros(3)
-        mode = max(self._system.comm.allgather(tuple(largest.tolist())), key=lambda v: float(np.linalg.norm(v)))
-        return replace(solve, bifurcation=found[1], mode=tuple((mode / (np.linalg.norm(mode) or 1.0)).tolist()))
+        if self._linear.inertia_mark() != mark:
+            solve = replace(solve, bifurcation=found.load, mode=found.displacement)
+            if self._side:
+                solve = self._switched(solve, series, origin, found, cases)
+        return replace(solve, factorizations=self._linear.factorizations - spent)
+
+    def _switched(self, solve: Solve, series: PowerSeries, origin: PETSc.Vec, found: Bifurcation, cases: int) -> Solve:
+        """Return the solve that begins the other path, or the given one on the first path."""
+        side, self._side, first = self._side, 0, self._system.position()
+        corrected = switched(self._equilibrium, series, origin, found, side, tolerance=_PATH_TOLERANCE, cases=cases)
+        if corrected is None:
+            self._system.set_load(solve.load)
+            self._system.set_state(first)
+            line = f"the other path at load {found.load:.6g} is not followed: the load falls along it"
+            self._equilibrium.observer.failing([line])
+        else:
+            solve = replace(corrected.solve, bifurcation=found.load, mode=found.displacement)
+        first.destroy()
+        return solve
 
     def _end_at_limit(
         self, series: PowerSeries, origin: PETSc.Vec, a: float, end: float, path_tolerance: float, *, is_pade: bool
