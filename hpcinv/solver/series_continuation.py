@@ -296,7 +296,10 @@ class SeriesContinuation:
             if not np.isfinite(norm(b)):
                 return Outcome.NOT_FINITE
             is_refined = is_refined and self._refine(b, x)
-            return None if is_refined or linear.solve(b, x) else linear.failure
+            if is_refined:
+                return None
+            linear.become_exact()
+            return None if linear.solve(b, x) else linear.failure
 
         def put(k: int, values: Reals, load_rate: float) -> None:
             step.x.petsc_vec.array[:] = values

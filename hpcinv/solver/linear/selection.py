@@ -132,7 +132,11 @@ class Chooser:
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         chosen = self._choose(solver)
         low_rank = self.forecast.operations >= LOW_RANK
-        single = self.forecast.operations >= SINGLE
+        # Single precision does not suffice for the series of thin bodies, and a series takes two factorizations only.
+        # Slender ones are solved by nested iteration, or by steps, which take more.
+        series = "series" if self._is_slender else "auto"
+        is_series_likely = solver.strategy == "adaptive" and solver.continuation in ("series", series)
+        single = low_rank if is_series_likely else self.forecast.operations >= SINGLE
         precision = str(solver.petsc.get("pc_precision", "single" if single else "double"))
         low_rank = bool(solver.petsc.get("mat_mumps_icntl_35", low_rank))
         krylov = self.forecast.krylov
