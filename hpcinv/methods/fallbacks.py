@@ -37,9 +37,9 @@ EFFORT = {"bulk-modulus": 150, "arc-length": 80, "load steps": 100, "line-search
 
 _LARGE = 10_000
 """Unknowns of a large body. Below, a series saves less than the time to compile its code for the first time."""
-_FARTHEST = 300.0, 0.1
+_FARTHEST = 300.0, 0.3
 """Ratio of the first correction to the prediction, with the same factors, above which `auto` takes a series: on small
-and on large bodies. Above 0.1, Newton's method makes new factors, and above about 400 it fails."""
+and on large bodies. Above 0.3, Newton's method makes new factors, and above about 400 it fails."""
 
 _SIDES = {"first": 0, "positive": 1, "negative": -1}
 

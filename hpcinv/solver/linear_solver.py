@@ -46,7 +46,7 @@ class LinearSolver:
         self.fallback: str | None = None
         self.factorizations, self.failure = 0, Outcome.LINEAR_SOLVER
         self._iterations, self._has_changed = 0, False
-        self._is_rounded = choice.precision == "single"
+        self._is_refined = choice.is_refined
         self._factorized = -1  # number of the tangent that was factorized last
         self._released = -1  # the same before its factors were released, as long as they exist
         with system.timings("set-up"):
@@ -60,11 +60,12 @@ class LinearSolver:
         if name == "iterative":
             configuration = Iterative(self.system.scene)
             configuration.test.most = self.choice.most
-        elif self._is_rounded:
+        elif self._is_refined:
             choice = self.choice
             configuration = Refined(
                 self.system.scene.unknowns,
                 low_rank=choice.low_rank,
+                precision=choice.precision,
                 minimum_fill=choice.minimum_fill,
                 nearly_symmetric=choice.nearly_symmetric,
             )
@@ -129,8 +130,8 @@ class LinearSolver:
 
     def become_exact(self) -> bool:
         """Change to factors in double precision, unless they are too large; return whether one application solves."""
-        if self._is_rounded and self.configuration.name == "direct" and not self.choice.low_rank:
-            self._is_rounded, kept_fallback = False, self.fallback
+        if self._is_refined and self.configuration.name == "direct" and not self.choice.low_rank:
+            self._is_refined, kept_fallback = False, self.fallback
             self._replace("direct", "")
             self.fallback = kept_fallback
         return self.configuration.exact
@@ -209,9 +210,11 @@ class LinearSolver:
 
     def fall_back(self) -> bool:
         """Change to another configuration after a failure; return whether there is one that may help."""
-        if self._is_rounded and self.configuration.name == "direct":
-            self._is_rounded = False
-            self._replace("direct", "factors in single precision did not suffice: double precision from there on")
+        if self._is_refined and self.configuration.name == "direct":
+            self._is_refined = False
+            kinds = {"single": "in single precision", "double": "of earlier tangents"}
+            text = f"factors {kinds[self.choice.precision]} did not suffice: double precision from there on"
+            self._replace("direct", text)
             return True
         if self._has_changed or self.choice.other is None:
             return False
