@@ -17,6 +17,7 @@ from hpcinv.assembly.scalar_graph import NotAnalytic
 from hpcinv.assembly.taylor_residual import TaylorResidual
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.solver.branch_switching import STRATEGY as SWITCHED
 from hpcinv.solver.branch_switching import Bifurcation, bifurcation_of, switched
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.load_stepping import AdaptiveSteps, target_of
@@ -102,12 +103,15 @@ class SeriesContinuation:
             for solve in self._corrected(series, origin, goal, kept, tolerance, steps.path_tolerance):
                 are_near = solve.factorizations > 0
                 solve = self._branched(solve, series, origin, mark, steps.cases)
-                yield replace(solve, factorizations=solve.factorizations + spent, strategy=STRATEGY)
+                strategy = SWITCHED if solve.strategy == SWITCHED else STRATEGY
+                yield replace(solve, factorizations=solve.factorizations + spent, strategy=strategy)
                 spent = 0
             origin.destroy()
             if not solve.outcome.accepted:
                 return
             load, is_exact = solve.load, False
+        if self._side:
+            equilibrium.observer.failing(["no other path branches off before the full load"])
 
     def expand(self, goal: float, wanted: float, *, are_near: bool) -> PowerSeries | Outcome:
         """Return the series at the present state, an equilibrium at load factor 0, or the reason why there is none.
@@ -183,7 +187,7 @@ class SeriesContinuation:
             line = f"the other path at load {found.load:.6g} is not followed: the load falls along it"
             self._equilibrium.observer.failing([line])
         else:
-            solve = replace(corrected.solve, bifurcation=found.load, mode=found.displacement)
+            solve = replace(corrected.solve, strategy=SWITCHED, bifurcation=found.load, mode=found.displacement)
         first.destroy()
         return solve
 

@@ -204,6 +204,7 @@ def test_buckled_column_is_the_elastica(branch: str, side: int, comm: MPI.Intrac
     sway, expected = side * u[np.abs(u).argmax()], 2 * np.sqrt(m) / ellipk(m)
     print(f"sway {sway:.5f}, elastica {expected:.5f}, {factorizations(solution)} factorizations")
     assert sway == pytest.approx(expected, rel=2e-3)  # shear, and half of a thickness of 1/50
+    assert solution.solves[0].strategy == "branch switching"
     assert solution.solves[0].bifurcation == pytest.approx(1 / 300, rel=1e-3)
 
 
