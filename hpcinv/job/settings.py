@@ -85,7 +85,7 @@ class Solver(Spec):
     """adaptive finds the largest steps that converge, fixed takes equal steps, arc-length passes limit points"""
     continuation: Literal["auto", "series", "steps"] = "auto"
     """path to the full load (strategy: adaptive): power series of many orders, or steps; auto takes a series where a
-    step fails, or is expected to; all take steps where the equations have no power series, as with contact"""
+    step fails, or a large body would take several tangents; all take steps where there is no series, as with contact"""
     branch: Annotated[Literal["first", "positive", "negative"], Field(exclude_if=lambda branch: branch == "first")] = (
         "first"
     )
