@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 from hpcinv.assembly import taylor_residual
+from hpcinv.methods import fallbacks
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.observer import SILENT
@@ -74,15 +75,18 @@ BENT: dict[str, Any] = {
 }
 
 
-def test_auto_takes_a_series_only_where_a_step_would_fail(comm: MPI.Intracomm) -> None:
+def test_auto_takes_a_series_where_steps_would_fail_or_take_several_tangents(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
     auto, steps = (solved(comm, continuation, analysis="forward", **BENT) for continuation in ("auto", "steps"))
     (solve,) = auto.solves
     assert (solve.strategy, solve.factorizations) == ("power series", 2)
     assert factorizations(steps) > 2
     states = [result.model.unknowns.geometry_values(result.model.unknowns.displacement()) for result in (auto, steps)]
     assert np.abs(states[0] - states[1]).max() < 1e-9 * np.abs(states[1]).max()
-    (back,) = solved(comm, "auto", **PATHS["inverse"]).solves
-    assert back.strategy == "load steps"
+    for unknowns, strategy in ((10_000, "load steps"), (0, "power series")):
+        monkeypatch.setattr(fallbacks, "_LARGE", unknowns)
+        assert {solve.strategy for solve in solved(comm, "auto", **PATHS["inverse"]).solves} == {strategy}
 
 
 @pytest.mark.parametrize("analysis", ["forward", "inverse"])
@@ -189,6 +193,7 @@ def test_bifurcation_is_eulers_load_with_its_mode(comm: MPI.Intracomm) -> None:
     assert abs(solve.mode[1]) > 0.999
 
 
+@pytest.mark.everyday("positive")
 @pytest.mark.parametrize(("branch", "side"), [("positive", 1), ("negative", -1)])
 def test_buckled_column_is_the_elastica(branch: str, side: int, comm: MPI.Intracomm) -> None:
     """At 300 times Euler's strain: turned by 0.6 rad, and shortened by bending and by the axial force."""
