@@ -36,7 +36,8 @@ from hpcinv.solver.series_continuation import SeriesContinuation
 EFFORT = {"bulk-modulus": 150, "arc-length": 80, "load steps": 100, "line-search": 50, "anderson": 100}
 
 _LARGE = 10_000
-"""Unknowns of a large body. Below, a series saves less than the time to compile its code for the first time."""
+"""Unknowns of a large body. Below, a series saves less than the time to compile its code for the first time. With
+factors in single precision, as of slender bodies, load steps take factors again, and a series often takes new ones."""
 _FARTHEST = 300.0, 0.3
 """Ratio of the first correction to the prediction, with the same factors, above which `auto` takes a series: on small
 and on large bodies. Above 0.3, Newton's method makes new factors, and above about 400 it fails."""
@@ -68,7 +69,8 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
     series, farthest = None, math.inf
     if isinstance(steps, AdaptiveSteps) and solver.continuation == "auto":
         series = _automatic_series(problem, steps)
-        farthest = _FARTHEST[problem.equations.unknowns.size >= _LARGE] if series is not None else math.inf
+        is_large = problem.equations.unknowns.size >= _LARGE and problem.equilibrium.linear.choice.precision == "double"
+        farthest = _FARTHEST[is_large] if series is not None else math.inf
     if isinstance(steps, AdaptiveSteps) and solver.continuation == "series":
         for last in _series(problem, steps, load):
             load = last.load if last.outcome.accepted else load

@@ -83,7 +83,10 @@ def coarse_of(result: Result) -> nested_iteration.CoarseSolve:
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_answer_is_the_same_with_fewer_factorizations(analysis: str, comm: MPI.Intracomm) -> None:
-    alone, nested = (hpcinv.run(beam("2 mm", analysis, nested_iteration=choice), comm) for choice in ("off", "on"))
+    alone, nested = (
+        hpcinv.run(beam("2 mm", analysis, nested_iteration=choice, continuation="steps"), comm)
+        for choice in ("off", "on")
+    )
     solution, coarse = nested.solutions[0], coarse_of(nested)
     print(
         f"{analysis}: {alone.solutions[0].factorizations} factorizations, after a solve on {coarse.unknowns} unknowns"
