@@ -141,7 +141,7 @@ def test_prescribed_displacements_are_those_of_the_given_mesh(
     for entry in prescribed:
         assert np.abs(state[entry.dofs] - entry.full[entry.nodes]).max(initial=0.0) < 1e-15
     assert strategies(nested) == [NESTED]
-    assert strategies(alone) == ["load steps"]
+    assert NESTED not in strategies(alone)
     assert np.abs(nested.shape - alone.shape).max(initial=0.0) < 1e-10
 
 
@@ -175,7 +175,7 @@ def test_a_mesh_with_inverted_cells_is_not_used(comm: MPI.Intracomm) -> None:
     result = hpcinv.run(beam("3 mm", nested_iteration="on"), comm)
     assert "cells are inverted" in coarse_of(result).unused
     assert coarse_of(result).unknowns == 0
-    assert strategies(result) == ["load steps"]
+    assert NESTED not in strategies(result)
 
 
 @pytest.mark.parametrize(
