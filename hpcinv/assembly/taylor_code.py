@@ -9,8 +9,8 @@ With ``x(a) = Σ xₖ aᵏ`` of the unknowns, the coefficients of each node foll
 ``y' = g u'``       ``k yₖ = Σⱼ j uⱼ gₖ₋ⱼ``,  j = 1 … k (elementary functions)
 ==================  ====================================================
 
-Coefficients of what enters such sums are kept, so that one order costs in proportion to its number, and all orders the
-square. The code computes four points at a time, one in each lane of the processor's vector instructions.
+All orders are computed anew for each one, four points at a time, one in each lane of the processor's vector
+instructions. Their coefficients stay in the cache: memory for coefficients of all points would take longer to use.
 
 Source: Griewank & Walther, *Evaluating Derivatives*, 2008, ch. 13, doi:10.1137/1.9780898717761.
 """
@@ -29,8 +29,8 @@ LANES = 4
 _HEAD = """#include <math.h>
 #include <stdint.h>
 
-enum { LANES = %(lanes)d, LEAVES = %(leaves)d, INPUTS = %(inputs)d, KEPT = %(kept)d, SUMS = %(sums)d,
-       CHOICES = %(choices)d, OUTPUTS = %(outputs)d };
+enum { LANES = %(lanes)d, LEAVES = %(leaves)d, INPUTS = %(inputs)d, KEPT = %(kept)d, CHOICES = %(choices)d,
+       OUTPUTS = %(outputs)d };
 typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
 typedef int64_t masks __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
 
@@ -45,60 +45,39 @@ static lanes raised(lanes x, lanes n) {
   for (int i = 0; i < LANES; i++) x[i] = pow(x[i], n[i]);
   return x;
 }
-/* Sums without the coefficients of order k are kept: these are set anew once the unknowns are known. */
-static __attribute__((noinline)) void quotient(lanes *y, const lanes *v, int step, const lanes *kept, lanes *inner,
-                                               int k, int anew) {
-  if (anew) {
-    lanes sum = {0};
-    for (int j = 1; j < k; j++) sum += v[j * step] * kept[(k - j) * KEPT];
-    *inner = sum;
-  }
-  *y = (*y - *inner - v[k * step] * kept[0]) / v[0];
-}
-static __attribute__((noinline)) void power(lanes *y, const lanes *u, int step, const lanes *kept, const lanes *n,
-                                            lanes *inner, int k, int anew) {
-  if (anew) {
-    lanes sum = {0};
-    for (int j = 1; j < k; j++) sum += (*n * (double)j - (double)(k - j)) * u[j * step] * kept[(k - j) * KEPT];
-    *inner = sum;
-  }
-  *y = (*inner + *n * (double)k * u[k * step] * kept[0]) / (u[0] * (double)k);
-}
-static __attribute__((noinline)) void integral(lanes *y, const lanes *u, int step, const lanes *g, int steps,
-                                               lanes *inner, int k, int anew) {
-  if (anew) {
-    lanes sum = {0};
-    for (int j = 1; j < k; j++) sum += (double)j * u[j * step] * g[(k - j) * steps];
-    *inner = sum;
-  }
-  *y = (*inner + (double)k * u[k * step] * g[0]) / (double)k;
-}
-/* Fetch what order k needs of the next block: without it, a sweep waits for memory. */
-static void fetch(const lanes *kept, int k) {
-  for (int n = 0; n <= k * KEPT; n += 2) __builtin_prefetch(kept + n, 1);
-}
+/* Return the sum of f[j] u[j] v[k - j], j = first … k. Two sums, since each addition waits for the one before. */
+#define SUM(factor, first)                                                                                          \\
+  lanes even = {0}, odd = {0};                                                                                      \\
+  int j = first;                                                                                                    \\
+  for (; j < k; j += 2) {                                                                                           \\
+    even += factor(j) u[j] * v[k - j];                                                                              \\
+    odd += factor(j + 1) u[j + 1] * v[k - j - 1];                                                                   \\
+  }                                                                                                                 \\
+  if (j == k) even += factor(k) u[k] * v[0];                                                                        \\
+  return even + odd
+#define ONE(j)
+#define NUMBER(j) (double)(j) *
+#define POWER(j) (n * (double)(j) - (double)(k - (j))) *
+static __attribute__((noinline)) lanes product(const lanes *u, const lanes *v, int k) { SUM(ONE, 0); }
+static __attribute__((noinline)) lanes quotient(const lanes *u, const lanes *v, int k) { SUM(ONE, 1); }
+static __attribute__((noinline)) lanes integral(const lanes *u, const lanes *v, int k) { SUM(NUMBER, 1); }
+static __attribute__((noinline)) lanes power(const lanes *u, const lanes *v, lanes n, int k) { SUM(POWER, 1); }
 """
 
 _SWEEP = """
-/* Compute the coefficients first … last of the outputs; the last ones are returned. If first is not 0, it is
-   the last order of the call before, whose unknowns have been set since.
+/* Compute the coefficients up to an order of the outputs; the last ones are returned.
 
    blocks   number of blocks of LANES points
    stored   number of coefficients for which there is room
-   stride   blocks of kept coefficients: 1, or 0 if all blocks use the same room; then first must be 0
-   leaves   (blocks, stored, LEAVES, LANES)
+   leaves   (blocks, LEAVES, stored, LANES)
    inputs   (blocks, INPUTS, LANES)
-   kept     (blocks, stored KEPT + SUMS, LANES);  choices  (blocks, CHOICES, LANES)
+   kept     (KEPT, stored, LANES) and choices (CHOICES, LANES): room that all blocks use
    outputs  (blocks, OUTPUTS, LANES) */
-void sweep(int64_t blocks, int stored, int first, int last, int stride, const lanes *leaves, const lanes *inputs,
-           lanes *kept, masks *choices, lanes *outputs) {
-  const int room = KEPT * stored + SUMS;
-  for (; blocks--; leaves += LEAVES * stored, inputs += INPUTS, kept += stride * room, choices += stride * CHOICES,
-                   outputs += OUTPUTS) {
-    if (blocks && stride) fetch(kept + room, last);
-    for (int k = first; k <= last; k++)
-      if (k) further(k, !first || k > first, stored, leaves, inputs, kept, choices, outputs);
-      else values(stored, leaves, inputs, kept, choices, outputs);
+void sweep(int64_t blocks, int stored, int order, const lanes *leaves, const lanes *inputs, lanes *kept,
+           masks *choices, lanes *outputs) {
+  for (; blocks--; leaves += LEAVES * stored, inputs += INPUTS, outputs += OUTPUTS) {
+    values(stored, leaves, inputs, kept, choices, outputs);
+    for (int k = 1; k <= order; k++) further(k, stored, leaves, inputs, kept, choices, outputs);
   }
 }
 """
@@ -111,7 +90,6 @@ class TaylorCode:
 
     text: str
     kept: int
-    sums: int
     choices: int
 
 
@@ -123,7 +101,6 @@ def taylor_code(graph: ScalarGraph, leaves: int, outputs: Sequence[Node]) -> Tay
         "leaves": leaves,
         "inputs": len(graph.inputs),
         "kept": len(writer.kept),
-        "sums": len(writer.sums),
         "choices": len(writer.choices),
         "outputs": len(outputs),
     }
@@ -131,10 +108,10 @@ def taylor_code(graph: ScalarGraph, leaves: int, outputs: Sequence[Node]) -> Tay
         f"static void {head}{_ARGUMENTS}) {{\n{body}\n}}\n"
         for head, body in (
             ("values(", "\n".join(writer.values())),
-            ("further(int k, int anew, ", "\n".join(writer.further())),
+            ("further(int k, ", "\n".join(writer.further())),
         )
     ]
-    return TaylorCode(_HEAD % sizes + "".join(bodies) + _SWEEP, len(writer.kept), len(writer.sums), len(writer.choices))
+    return TaylorCode(_HEAD % sizes + "".join(bodies) + _SWEEP, len(writer.kept), len(writer.choices))
 
 
 @dataclass(frozen=True)
@@ -150,7 +127,6 @@ class _Writer:
 
     Attributes:
         kept: places of the nodes whose coefficients are kept.
-        sums: places of the nodes that are sums over coefficients of lower order.
         choices: places of the nodes that choose their higher coefficients too.
     """
 
@@ -160,7 +136,6 @@ class _Writer:
         self._convolutions, self._absorbed = self._collected()
         kept = sorted({node for node in self._nodes for node in self._summed(node)})
         self.kept = {node: place for place, node in enumerate(n for n in kept if graph.operations[n][0] != "leaf")}
-        self.sums = {node: place for place, node in enumerate(n for n in self._nodes if self._summed(n))}
         choosing = [
             node for node in self._nodes if graph.operations[node][0] == "choose" and graph.operations[node][-1]
         ]
@@ -242,42 +217,22 @@ class _Writer:
         signs = [self._graph.operations[a] == ("number", -1.0) for a in arguments] if operation == "multiply" else []
         return arguments[signs.index(False)] if any(signs) else None
 
-    def _convolution(self, node: Node) -> Iterator[str]:
-        """Yield a coefficient of a sum of products."""
+    def _convolution(self, node: Node) -> str:
+        """Return a coefficient of a sum of products."""
         parts = self._convolutions[node]
-        inner = f"kept[KEPT * stored + {self.sums[node]}]"
-        below, ends = "", ""
-        for sign, a, b in parts.products:
-            below += f" {sign} {self._at(a, 'j')} * {self._at(b, 'k - j')}"
-            if a == b:
-                ends += f" {sign} 2 * {self._at(a, '0')} * {self._at(a, 'k')}"
-            else:
-                ends += (
-                    f" {sign} {self._at(a, '0')} * {self._at(b, 'k')} {sign} {self._at(a, 'k')} * {self._at(b, '0')}"
-                )
-        others = " ".join(f"{sign} v{other}" for sign, other in parts.others)
-        yield f"  if (anew) {{\n    lanes sum = {{0}};\n    for (int j = 1; j < k; j++) sum += {below};"
-        yield f"    {inner} = sum;\n  }}\n  lanes v{node} = {inner}{ends} {others};"
+        products = (f"{sign} product({self._series(a)}, {self._series(b)}, k)" for sign, a, b in parts.products)
+        return " ".join([*products, *(f"{sign} v{other}" for sign, other in parts.others)])
 
     def _series(self, node: Node) -> str:
-        """Return the first coefficient of a node and the distance between two of them, as arguments."""
+        """Return the place of the coefficients of a node."""
         operation = self._graph.operations[node]
         if operation[0] == "leaf":
-            return f"leaves + {operation[1]}, LEAVES"
-        return f"kept + {self.kept[node]}, KEPT"
-
-    def _at(self, node: Node, k: str) -> str:
-        operation = self._graph.operations[node]
-        if operation[0] == "leaf":
-            return f"leaves[({k}) * LEAVES + {operation[1]}]"
-        return f"kept[({k}) * KEPT + {self.kept[node]}]"
-
-    def _inner(self, node: Node) -> str:
-        return f"kept + KEPT * stored + {self.sums[node]}, k, anew"
+            return f"leaves + {operation[1]} * stored"
+        return f"kept + {self.kept[node]} * stored"
 
     def _keep(self, node: Node, k: str) -> Iterator[str]:
         if node in self.kept:
-            yield f"  {self._at(node, k)} = v{node};"
+            yield f"  ({self._series(node)})[{k}] = v{node};"
 
     def _return(self, constant: str = "") -> Iterator[str]:
         for place, node in enumerate(self._outputs):
@@ -286,7 +241,7 @@ class _Writer:
     def _value(self, node: Node) -> str:
         match self._graph.operations[node]:
             case ("leaf", number):
-                return f"leaves[{number}]"
+                return f"leaves[{number} * stored]"
             case ("input", number):
                 return f"inputs[{number}]"
             case ("number", value):
@@ -314,25 +269,23 @@ class _Writer:
         into = f"  lanes v{node}"
         match self._graph.operations[node]:
             case ("leaf", number):
-                yield f"{into} = leaves[k * LEAVES + {number}];"
+                yield f"{into} = leaves[{number} * stored + k];"
             case _ if node in self._convolutions:
-                yield from self._convolution(node)
+                yield f"{into} = {self._convolution(node)};"
             case ("add", a, b):
                 yield f"{into} = {' + '.join(f'v{x}' for x in (a, b) if varies[x])};"
             case ("multiply", a, b):
                 yield f"{into} = v{a} * v{b};"
             case ("divide", a, b) if varies[b]:
-                start = f"v{a}" if varies[a] else "(lanes){0}"
-                yield f"{into} = {start};"
-                yield f"  quotient(&v{node}, {self._series(b)}, kept + {self.kept[node]}, {self._inner(node)});"
+                sums = f"quotient({self._series(b)}, {self._series(node)}, k)"
+                yield f"{into} = ({f'v{a}' if varies[a] else ''} - {sums}) / ({self._series(b)})[0];"
             case ("divide", a, b):
                 yield f"{into} = v{a} / v{b};"
             case ("power", a, n):
-                yield f"{into};"
-                yield f"  power(&v{node}, {self._series(a)}, kept + {self.kept[node]}, &v{n}, {self._inner(node)});"
+                sums = f"power({self._series(a)}, {self._series(node)}, v{n}, k)"
+                yield f"{into} = {sums} / (({self._series(a)})[0] * (double)k);"
             case ("integral", _, x, derivative) if varies[derivative]:
-                yield f"{into};"
-                yield f"  integral(&v{node}, {self._series(x)}, {self._series(derivative)}, {self._inner(node)});"
+                yield f"{into} = integral({self._series(x)}, {self._series(derivative)}, k) / (double)k;"
             case ("choose", _, _, *branches, divides):
                 series, closed = (f"v{n}" if varies[n] else "(lanes){0}" for n in branches)
                 mask = f"choices[{self.choices.get(node)}]"

@@ -48,13 +48,7 @@ from hpcinv.parallel.jit import (
 )
 from hpcinv.parallel.runtime import MPI
 
-_SHARE = 0.25
-"""Share of the available memory for kept coefficients. With more of them, coefficients are computed again for each
-order, which makes the cost of all orders cubic; a larger share may leave too little memory for the factors."""
-_RECOMPUTED = 12
-"""Orders up to which nothing is kept. To compute all 12 takes 1.6 times as long then, but no memory, which takes longer
-than the arithmetic where it is used for the first time (up to 2 s a GB on a virtual machine). More would be slower."""
-_UNKNOWNS_SHARE = 0.4
+_SHARE = 0.4
 """Share of the available memory for coefficients of the unknowns, at nodes and at quadrature points. With more of them,
 there are fewer orders, whose range is shorter; a larger share may leave too little memory for the factors."""
 _LEAST = 8
@@ -70,7 +64,7 @@ class TaylorResidual:
 
     Attributes:
         orders: number of orders for which there is memory; set by `begin`.
-        order_bytes: memory that each of them takes on all ranks, without coefficients of operations.
+        order_bytes: memory that each of them takes on all ranks.
 
     Raises:
         NotAnalytic: on all ranks, if the residual has no Taylor series; the message names the reason.
@@ -81,7 +75,6 @@ class TaylorResidual:
         self.orders, self.order_bytes = 0, 0.0
         self._rates: list[float] = []
         self._parts: list[_Part] = []
-        self._stored = 0
         try:
             integrals = [*_volume(scene), *_surface(scene)]
             plans, inputs = _plans(integrals, scene, jit_options)
@@ -101,18 +94,14 @@ class TaylorResidual:
             load: the present load factor.
         """
         comm = self._unknowns.mesh.comm
-        free = available(comm)
         vectors = _VECTORS * 8.0 * self._unknowns.state.x.petsc_vec.local_size
         self.order_bytes = comm.allreduce(vectors + sum(part.order_bytes for part in self._parts))
-        self.orders = min(orders, max(math.floor(_UNKNOWNS_SHARE * free / self.order_bytes), _LEAST))
-        self._stored = self.orders + 1
-        needed = comm.allreduce(sum(part.kept_bytes(self._stored) for part in self._parts))
-        are_kept = needed <= _SHARE * (free - self.orders * self.order_bytes)
+        self.orders = min(orders, max(math.floor(_SHARE * available(comm) / self.order_bytes), _LEAST))
         self._parameters.set_load(load)
         self._rates = self._parameters.path_rates(load)
         loads = [float(self._parameters.constant.value[i]) for i in self._parameters.path_entries]
         for part in self._parts:
-            part.begin(self._stored, are_kept=are_kept)
+            part.begin(self.orders + 1)
             part.put(0, self._unknowns.state.x.array, loads)
 
     def put(self, k: int, x: npt.NDArray[np.float64] | None, load: float) -> None:
@@ -213,7 +202,7 @@ class _Plan:
         leaves: slots of the unknowns on which the duals depend.
         cases: load cases on whose factors they depend, or numbers among the entries that change along the path.
         text: C code (`taylor_code`).
-        kept, sums, choices: sizes of its arrays.
+        kept, choices: sizes of its arrays.
         input_count: number of inputs.
         file, symbol: of the kernel that evaluates the inputs at quadrature points; empty if there are none.
         functions, constants: those it takes, by their numbers in the residual.
@@ -224,7 +213,6 @@ class _Plan:
     cases: tuple[int, ...] = ()
     text: str = ""
     kept: int = 0
-    sums: int = 0
     choices: int = 0
     input_count: int = 0
     file: str = ""
@@ -307,9 +295,7 @@ def _derived(
         count += size
     scalars = Scalars(graph, leaves)
     code = taylor_code(graph, count, [node for dual in outputs.values() for node in scalars.of(dual)])
-    plan = _Plan(
-        tuple(outputs), tuple(used), tuple(loads), code.text, code.kept, code.sums, code.choices, len(graph.inputs)
-    )
+    plan = _Plan(tuple(outputs), tuple(used), tuple(loads), code.text, code.kept, code.choices, len(graph.inputs))
     if not graph.inputs:
         return plan, None
     is_surface = integral.domains[0].normal is not None
@@ -341,7 +327,7 @@ class _Kernel:
         self.outputs = sum(math.prod(slot.shape) for slot in plan.outputs)
         self.library = compile_library(comm, plan.text)
         doubles, masks = array_type(np.float64), array_type(np.int64)
-        self.library.sweep.argtypes = [ctypes.c_int64, *4 * [ctypes.c_int], *3 * [doubles], masks, doubles]
+        self.library.sweep.argtypes = [ctypes.c_int64, *2 * [ctypes.c_int], *3 * [doubles], masks, doubles]
 
 
 def _in_order(values: Floats, points: Floats) -> Floats:
@@ -362,23 +348,16 @@ class _Part:
         self._tables = [tabulated(element, domain.points) for element in unknowns.scalar_elements]
         self._count = len(domain.cells) * len(domain.points)
         self._blocks = -(-self._count // LANES)
-        self._kept: Floats = np.empty(0)
 
     @property
     def order_bytes(self) -> float:
         """Memory of the coefficients of the unknowns at quadrature points, for one order."""
         return 8.0 * LANES * self._blocks * self._kernel.leaves
 
-    def kept_bytes(self, stored: int) -> float:
-        return 8.0 * LANES * self._blocks * self._coefficients(stored)
-
-    def _coefficients(self, stored: int) -> int:
-        return self._kernel.plan.kept * stored + self._kernel.plan.sums
-
-    def begin(self, stored: int, *, are_kept: bool) -> None:
-        """Evaluate inputs and the geometry of the cells, and make room for coefficients."""
+    def begin(self, stored: int) -> None:
+        """Evaluate inputs and the geometry of the cells, and make room for coefficients of the unknowns."""
         kernel, domain = self._kernel, self._domain
-        self._stored, self._are_kept = stored, are_kept
+        self._stored = stored
         kind, degree = kind_and_degree(self._mesh)
         nodes = self._mesh.geometry.x[self._mesh.geometry.dofmaps[0][domain.cells]]
         to_mesh = jacobians(kind, degree, nodes, domain.points)
@@ -387,9 +366,9 @@ class _Part:
         if domain.normal is not None:  # Nanson's formula
             volumes = volumes * np.linalg.norm(domain.normal @ self._to_cell, axis=-1)
         self._weights = (domain.weights * volumes)[..., None]
-        self._choices = np.empty((self._blocks if are_kept else 1, kernel.plan.choices, LANES), dtype=np.int64)
-        self._block = np.empty((1, self._coefficients(stored), LANES))
-        self._leaves = np.zeros((self._blocks, stored, kernel.leaves, LANES))
+        self._kept = np.empty((kernel.plan.kept, stored, LANES))
+        self._choices = np.empty((kernel.plan.choices, LANES), dtype=np.int64)
+        self._leaves = np.zeros((self._blocks, kernel.leaves, stored, LANES))
         self._results = np.empty((self._blocks, kernel.outputs, LANES))
         self._inputs = np.zeros((self._blocks, kernel.plan.input_count, LANES))
         if kernel.inputs is not None and self._count:
@@ -405,29 +384,19 @@ class _Part:
         for slot in plan.leaves:
             size = math.prod(slot.shape)
             values: Any = 0.0 if x is None else self._in_lanes(self._at_points(slot, x))
-            self._leaves[:, k, at : at + size] = values
+            self._leaves[:, at : at + size, k] = values
             at += size
         for case in plan.cases:
-            self._leaves[:, k, at] = loads[case]
+            self._leaves[:, at, k] = loads[case]
             at += 1
 
     def sweep(self, k: int) -> Floats:
         """Return the ``k``-th coefficients of the duals times weights, (cells, points, components of all slots)."""
-        is_kept = self._are_kept and k > _RECOMPUTED
-        first = k - 1 if is_kept and k > _RECOMPUTED + 1 else 0
-        arrays = self._leaves, self._inputs, self._room() if is_kept else self._block, self._choices, self._results
-        self._kernel.library.sweep(self._blocks, self._stored, first, k, int(is_kept), *arrays)
+        arrays = self._leaves, self._inputs, self._kept, self._choices, self._results
+        self._kernel.library.sweep(self._blocks, self._stored, k, *arrays)
         points = self._results.transpose(0, 2, 1).reshape(-1, self._kernel.outputs)[: self._count]
         duals: Floats = points.reshape(*self._to_cell.shape[:2], self._kernel.outputs) * self._weights
         return duals
-
-    def _room(self) -> Floats:
-        """Return the memory for the coefficients of all points, which later expansions use again."""
-        shape = self._blocks, self._coefficients(self._stored), LANES
-        if self._kept.shape != shape:
-            self._kept = np.empty(0)  # free the memory before
-            self._kept = np.empty(shape)
-        return self._kept
 
     def add(self, duals: Floats, b: npt.NDArray[np.float64]) -> None:
         """Add the integrals of duals times test functions to ``b``, at the local unknowns."""

@@ -9,6 +9,7 @@ from itertools import pairwise
 from hpcinv.certificate.check import Line, Verdict, skipped
 from hpcinv.methods.method import NESTED
 from hpcinv.results.solution import Solution
+from hpcinv.solver.branch_switching import STRATEGY as SWITCHED
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.series_continuation import STRATEGY as SERIES
 
@@ -57,7 +58,9 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
     branches = [s for s in solution.solves if s.bifurcation is not None]
     if branches:
         mode = ", ".join(f"{component:.2g}" for component in branches[0].mode)
-        note = f"other paths branch off at load factor {branches[0].bifurcation:.6g}, with displacements along ({mode})"
+        along = f"at load factor {branches[0].bifurcation:.6g}, with displacements along ({mode})"
+        is_other = branches[0].strategy == SWITCHED
+        note = f"the path {'leaves the first one' if is_other else 'passes others, which branch off'} {along}"
         return Line(LIMIT_POINTS, float(len(branches)), "", rule, Verdict.WARN, note)
     if not any(s.factorizations or s.signs for s in solution.solves):
         return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "nothing moves the body")

@@ -85,7 +85,12 @@ class Solver(Spec):
     """adaptive finds the largest steps that converge, fixed takes equal steps, arc-length passes limit points"""
     continuation: Literal["auto", "series", "steps"] = "auto"
     """path to the full load (strategy: adaptive): power series of many orders, or steps; auto takes a series where a
-    step fails, or is expected to; all take steps where the equations have no power series, as with contact"""
+    step fails, or a large body would take several tangents; all take steps where there is no series, as with contact"""
+    branch: Annotated[Literal["first", "positive", "negative"], Field(exclude_if=lambda branch: branch == "first")] = (
+        "first"
+    )
+    """path to follow at the first bifurcation (continuation: series): the present one, or the other one along the
+    direction that the certificate prints (positive) or against it (negative)"""
     steps: Annotated[int, Field(ge=1)] = 10
     """number of equal steps (strategy: fixed)"""
     initial_step: Annotated[float, Field(gt=0, le=1)] = 1.0
@@ -135,6 +140,8 @@ class Solver(Spec):
             if key in self.model_fields_set and self.strategy not in uses:
                 text = f"is not valid with 'strategy: {self.strategy}'"
                 yield (key,), f"{text}; remove it, or choose 'strategy: {uses[0]}'"
+        if self.branch != "first" and self.continuation != "series":
+            yield ("branch",), "is not valid without 'continuation: series', which finds the other path; add that"
         if self.minimum_step > self.initial_step:
             yield ("minimum_step",), f"must not exceed initial_step, which is {self.initial_step:g}"
 

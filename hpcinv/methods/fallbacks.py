@@ -14,6 +14,7 @@ steps. No fallback is tried where none can help: at a limit point of the load, w
 where the discrete equations have a solution that no body can have.
 """
 
+import math
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -33,6 +34,15 @@ from hpcinv.solver.observer import Observer
 from hpcinv.solver.series_continuation import SeriesContinuation
 
 EFFORT = {"bulk-modulus": 150, "arc-length": 80, "load steps": 100, "line-search": 50, "anderson": 100}
+
+_LARGE = 10_000
+"""Unknowns of a large body. Below, a series saves less than the time to compile its code for the first time. With
+factors in single precision, as of slender bodies, load steps take factors again, and a series often takes new ones."""
+_FARTHEST = 300.0, 0.3
+"""Ratio of the first correction to the prediction, with the same factors, above which `auto` takes a series: on small
+and on large bodies. Above 0.3, Newton's method makes new factors, and above about 400 it fails."""
+
+_SIDES = {"first": 0, "positive": 1, "negative": -1}
 
 type Solves = Generator[Solve, None, None]
 
@@ -56,9 +66,11 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
     """
     solver, last = problem.equations.job.solver, None
     stop_early = "arc-length" in solver.rescue
-    series: Series | None = None
+    series, farthest = None, math.inf
     if isinstance(steps, AdaptiveSteps) and solver.continuation == "auto":
         series = _automatic_series(problem, steps)
+        is_large = problem.equations.unknowns.size >= _LARGE and problem.equilibrium.linear.choice.precision == "double"
+        farthest = _FARTHEST[is_large] if series is not None else math.inf
     if isinstance(steps, AdaptiveSteps) and solver.continuation == "series":
         for last in _series(problem, steps, load):
             load = last.load if last.outcome.accepted else load
@@ -66,7 +78,14 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
         if load == 1.0 or (last is not None and last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
             return
     path = follow(
-        problem.equilibrium, steps, solver.tolerance, load=load, passed=passed, stop_early=stop_early, series=series
+        problem.equilibrium,
+        steps,
+        solver.tolerance,
+        load=load,
+        passed=passed,
+        stop_early=stop_early,
+        series=series,
+        farthest=farthest,
     )
     for last in path:
         load = last.load if last.outcome.accepted else load
@@ -104,18 +123,17 @@ def _series(problem: Problem, steps: AdaptiveSteps, load: float, failed: Solve |
     Args:
         failed: solve after which `auto` takes the series; if it was not tried, its factors are used, and counted.
     """
-    solver, linear = problem.equations.job.solver, problem.equilibrium.linear
+    solver = problem.equations.job.solver
     try:
-        path = SeriesContinuation(problem.equilibrium)
+        path = SeriesContinuation(problem.equilibrium, _SIDES[solver.branch])
     except NotAnalytic as reason:
         if failed is None:
             problem.observer.failing([f"load steps instead of a power series: {reason}"])
         return
     is_refused = failed is not None and failed.outcome is Outcome.TOO_NONLINEAR
     spent = failed.factorizations if failed is not None and is_refused else 0
-    is_replaced = failed is not None and "pc_precision" not in solver.petsc and linear.use_double_precision()
     last = None
-    for last in path.follow(steps, solver.tolerance, load, spent=spent, are_near=is_refused and not is_replaced):
+    for last in path.follow(steps, solver.tolerance, load, spent=spent, are_near=is_refused):
         yield last
     if last is not None and not (last.outcome.accepted or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
         problem.observer.failing([f"load steps instead of a power series: {last.outcome.text}"])

@@ -46,7 +46,7 @@ class LinearSolver:
         self.fallback: str | None = None
         self.factorizations, self.failure = 0, Outcome.LINEAR_SOLVER
         self._iterations, self._has_changed = 0, False
-        self._is_rounded = choice.precision == "single"
+        self._is_refined = choice.is_refined
         self._factorized = -1  # number of the tangent that was factorized last
         self._released = -1  # the same before its factors were released, as long as they exist
         with system.timings("set-up"):
@@ -60,11 +60,12 @@ class LinearSolver:
         if name == "iterative":
             configuration = Iterative(self.system.scene)
             configuration.test.most = self.choice.most
-        elif self._is_rounded:
+        elif self._is_refined:
             choice = self.choice
             configuration = Refined(
                 self.system.scene.unknowns,
                 low_rank=choice.low_rank,
+                precision=choice.precision,
                 minimum_fill=choice.minimum_fill,
                 nearly_symmetric=choice.nearly_symmetric,
             )
@@ -129,8 +130,8 @@ class LinearSolver:
 
     def become_exact(self) -> bool:
         """Change to factors in double precision, unless they are too large; return whether one application solves."""
-        if self._is_rounded and self.configuration.name == "direct" and not self.choice.low_rank:
-            self._is_rounded, kept_fallback = False, self.fallback
+        if self._is_refined and self.configuration.name == "direct" and not self.choice.low_rank:
+            self._is_refined, kept_fallback = False, self.fallback
             self._replace("direct", "")
             self.fallback = kept_fallback
         return self.configuration.exact
@@ -176,6 +177,18 @@ class LinearSolver:
         return reason >= 0 and bool(np.isfinite(norm(x)))
 
     @property
+    def has_factors(self) -> bool:
+        """True if there are factors by MUMPS, of this tangent or an earlier one."""
+        return (
+            self.configuration.name == "direct" and max(self._factorized, self._released) >= 0 and is_mumps(self.ksp.pc)
+        )
+
+    def apply_factors(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve with the present factors as they are, without Krylov iterations."""
+        with self.options.blamed():
+            self.ksp.pc.apply(b, x)
+
+    @property
     def must_renew(self) -> bool:
         """True if the last solution must be repeated with new factors, earlier ones being no longer good."""
         return self.configuration.must_renew(self.ksp)
@@ -197,9 +210,11 @@ class LinearSolver:
 
     def fall_back(self) -> bool:
         """Change to another configuration after a failure; return whether there is one that may help."""
-        if self._is_rounded and self.configuration.name == "direct":
-            self._is_rounded = False
-            self._replace("direct", "factors in single precision did not suffice: double precision from there on")
+        if self._is_refined and self.configuration.name == "direct":
+            self._is_refined = False
+            kinds = {"single": "in single precision", "double": "of earlier tangents"}
+            text = f"factors {kinds[self.choice.precision]} did not suffice: double precision from there on"
+            self._replace("direct", text)
             return True
         if self._has_changed or self.choice.other is None:
             return False
@@ -211,17 +226,6 @@ class LinearSolver:
         self._replace(
             self.choice.other, f"the {self.configuration.name} solver {what}: {self.choice.other} from there on"
         )
-        return True
-
-    def use_double_precision(self) -> bool:
-        """Discard factors in single precision, unless they have blocks of low rank; return whether there were any.
-
-        Solves to 1e-10 take several iterations with them. In double precision, the largest bodies' factors take longer.
-        """
-        if not self._is_rounded or self.configuration.name != "direct" or self.choice.low_rank:
-            return False
-        self._is_rounded = False
-        self._replace("direct", "factors in double precision for a power series")
         return True
 
     def _replace(self, name: str, reason: str) -> None:

@@ -29,9 +29,6 @@ class AdaptiveSteps:
 
     farthest = 2.0  # largest predicted rotation (rad) or strain (norm) of a step
     share = 0.75  # of that, the prediction of a shortened step
-    nonlinear = 300.0
-    """Ratio of the first correction to the prediction, with the same factors, above which a series is taken instead.
-    Where it was 430 to 23,000, steps failed; up to 230, Newton's method took fewer seconds than a series."""
 
     def start(self) -> float:
         return self.first / self.cases
@@ -102,6 +99,7 @@ def follow(
     passed: int = 0,
     stop_early: bool = False,
     series: Series | None = None,
+    farthest: float = math.inf,
 ) -> Iterator[Solve]:
     """Yield every solve on the path from ``load``, where the state is in equilibrium, to the full load.
 
@@ -113,6 +111,7 @@ def follow(
         stop_early: stop where a limit point is likely, before the smallest step is reached.
         series: continues adaptive steps where one fails, or is expected to; if that ends early, steps
             follow from where it began.
+        farthest: ratio of the first correction of a step to its prediction, above which that is expected.
     """
     equilibrium.system.begin_unloaded()
     equilibrium.depart(load)
@@ -139,7 +138,6 @@ def follow(
                     predicted = predict(target).including(predicted)
         wanted = tolerance if target == 1.0 else steps.path_tolerance
         tangents = equilibrium.system.tangents
-        farthest = steps.nonlinear if series is not None and isinstance(steps, AdaptiveSteps) else math.inf
         solve = equilibrium.solve(target, wanted, predicted=predicted, farthest=farthest)
         solve, spent = replace(solve, factorizations=solve.factorizations + spent), 0
         is_refused = solve.outcome is Outcome.TOO_NONLINEAR
@@ -162,7 +160,7 @@ def follow(
             if last is not None and (load == 1.0 or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
                 return
             # Steps begin where the series did: they may pass states at which every path near by ends.
-            series, load, state.array[:] = None, begun, accepted
+            series, farthest, load, state.array[:] = None, math.inf, begun, accepted
             if is_refused:  # the step is tried all the same
                 has_tangent = last is None
                 spent = solve.factorizations if has_tangent else 0

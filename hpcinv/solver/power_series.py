@@ -61,13 +61,6 @@ class PowerSeries:
     scale: float
     factors: Reals
 
-    @classmethod
-    def of(cls, states: Reals, loads: Reals, load: float, scale: float, comm: MPI.Intracomm) -> PowerSeries:
-        """Return a series of coefficients; collective."""
-        # The load is counted on one rank.
-        rows = np.column_stack([states / scale, loads if comm.rank == 0 else np.zeros_like(loads)])
-        return cls(states, loads, load, scale, _orthonormal(rows, comm))
-
     def weights(self, a: float, *, pade: bool, orders: int | None = None) -> Reals:
         """Return the factors of all coefficients at ``a``, by polynomials or by Padé approximants of some orders."""
         count = len(self.loads)
@@ -185,18 +178,37 @@ class PowerSeries:
         return self._denominators[orders]
 
 
-def _orthonormal(rows: Reals, comm: MPI.Intracomm) -> Reals:
-    """Return the lower triangular factors of rows in an orthonormal basis of them, each rank having some columns."""
-    count = len(rows)
-    basis, factors = np.zeros_like(rows), np.zeros((count, count))
-    for k, row in enumerate(rows):
+class Coefficients:
+    """Coefficients of a path, order by order, with an orthonormal basis of them; methods are collective.
+
+    Args:
+        orders: largest number of them.
+        size: number of owned unknowns.
+        load, scale: as of `PowerSeries`.
+    """
+
+    def __init__(self, orders: int, size: int, load: float, scale: float, comm: MPI.Intracomm) -> None:
+        self._load, self._scale, self._comm, self._count = load, scale, comm, 0
+        self._states, self._loads = np.empty((orders, size)), np.empty(orders)
+        self._basis, self._factors = np.zeros((orders, size + 1)), np.zeros((orders, orders))
+
+    def add(self, state: Reals, load: float) -> None:
+        """Add the coefficients of the next order."""
+        k, self._count = self._count, self._count + 1
+        self._states[k], self._loads[k] = state, load
+        # The load is counted on one rank.
+        row = np.append(state / self._scale, load if self._comm.rank == 0 else 0.0)
         rest = row.copy()
         for _ in range(2):  # the second time removes what rounding has left
-            shares = comm.allreduce(basis[:k] @ rest)
-            factors[k, :k] += shares
-            rest -= shares @ basis[:k]
-        whole, size = np.sqrt(comm.allreduce(np.array([row @ row, rest @ rest])))
+            shares = self._comm.allreduce(self._basis[:k] @ rest)
+            self._factors[k, :k] += shares
+            rest -= shares @ self._basis[:k]
+        whole, size = np.sqrt(self._comm.allreduce(np.array([row @ row, rest @ rest])))
         if size > _DEPENDENT * whole:  # rounding errors have no direction that is orthogonal to the basis
-            factors[k, k] = size
-            basis[k] = rest / size
-    return factors
+            self._factors[k, k] = size
+            self._basis[k] = rest / size
+
+    def series(self) -> PowerSeries:
+        """Return the series of the orders so far."""
+        n = self._count
+        return PowerSeries(self._states[:n], self._loads[:n], self._load, self._scale, self._factors[:n, :n])

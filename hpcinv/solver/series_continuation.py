@@ -17,27 +17,31 @@ from hpcinv.assembly.scalar_graph import NotAnalytic
 from hpcinv.assembly.taylor_residual import TaylorResidual
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.solver.branch_switching import STRATEGY as SWITCHED
+from hpcinv.solver.branch_switching import Bifurcation, bifurcation_of, switched
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.load_stepping import AdaptiveSteps, target_of
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.power_series import PowerSeries, Reals
+from hpcinv.solver.power_series import Coefficients, PowerSeries, Reals
 from hpcinv.solver.predictor import Increment, Prediction
 
 STRATEGY = "power series"
 
 _ORDERS = 20
 """Orders of an expansion. Fewer have a shorter range on slender bodies; more cost more than they reach farther."""
-_ENDS = (8, 12, 16, _ORDERS)  # orders at which an expansion may end
+_FEWEST = 8
+"""Orders of an expansion; from there on, each second order may be its last. Fewer do not show bifurcations."""
+_ENOUGH = 1e-5
+"""Error of a series at the full load at which its orders end. Newton's method corrects it with one factorization; of a
+larger one, slender bodies take two. A smaller one takes orders that cost more than they save."""
 _ACCURACY = 1e-4
 """Distance of the two last orders at the end of a range, relative to the range. A larger one needs more corrections."""
 _POLISHED = 30.0
 """Error of a series, in tolerances, that the factors at its beginning may correct. They contract slowly where the body
 has moved far: with a larger one, their corrections are often followed by a factorization all the same."""
 _PRECISE = 1e-10  # relative error of coefficients; a larger one shortens the range without a trace
-_REFINEMENTS = 12  # of a coefficient by factors of a near tangent, after which new factors are made
-_SMALL = 1e-8
-"""Error of a series that Newton's method corrects with one factorization. A larger one ends expansions earlier, but
-slender bodies then take two or three."""
+_REFINEMENTS = 12  # of a coefficient by factors of a near tangent, or rounded ones, after which new factors are made
+_SLOW = 0.5  # contraction of refinements from which on they are given up
 _TINY = 1e-100
 """Norm of the rate of the state by the load up to which only the load counts in the parameter: squares of smaller ones
 underflow. With a larger one, the path of such a body would be cut into more ranges."""
@@ -53,18 +57,21 @@ _CHECKS = 8  # states along a range that are checked for inverted elements
 class SeriesContinuation:
     """The path of a scene by power series; methods are collective.
 
+    Args:
+        side: side of the other path to follow at the first bifurcation, 1 or -1 (`branch_switching`); 0 to stay.
+
     Raises:
         NotAnalytic: on all ranks, if the residual has no Taylor series, or the path does not begin unloaded.
     """
 
-    def __init__(self, equilibrium: Equilibrium) -> None:
+    def __init__(self, equilibrium: Equilibrium, side: int = 0) -> None:
         system = equilibrium.system
         if system.is_on_path:
             raise NotAnalytic("the path begins with another state")
         self._equilibrium, self._system, self._linear = equilibrium, system, equilibrium.linear
         with system.timings("compile"):
             self._taylor = TaylorResidual(system.scene)
-        self._scale = np.inf
+        self._scale, self._contraction, self._side = np.inf, 1.0, side
 
     def follow(
         self, steps: AdaptiveSteps, tolerance: float, load: float, *, spent: int = 0, are_near: bool = False
@@ -87,7 +94,7 @@ class SeriesContinuation:
             origin = system.position()
             # Later expansions begin at states that are not exact.
             kept = _POLISHED * tolerance if is_exact else 0.0
-            series = self._expand(load, goal, kept, are_near=are_near)
+            series = self._expand(load, goal, _ENOUGH, are_near=are_near)
             spent = self._linear.factorizations - before
             mark = self._linear.inertia_mark()
             if isinstance(series, Outcome):
@@ -95,21 +102,24 @@ class SeriesContinuation:
                 return
             for solve in self._corrected(series, origin, goal, kept, tolerance, steps.path_tolerance):
                 are_near = solve.factorizations > 0
-                solve = self._branched(replace(solve, factorizations=solve.factorizations + spent), series, mark)
-                yield replace(solve, strategy=STRATEGY)
+                solve = self._branched(solve, series, origin, mark, steps.cases)
+                strategy = SWITCHED if solve.strategy == SWITCHED else STRATEGY
+                yield replace(solve, factorizations=solve.factorizations + spent, strategy=strategy)
                 spent = 0
             origin.destroy()
             if not solve.outcome.accepted:
                 return
             load, is_exact = solve.load, False
+        if self._side:
+            equilibrium.observer.failing(["no other path branches off before the full load"])
 
-    def expand(self, goal: float, kept: float, *, are_near: bool) -> PowerSeries | Outcome:
+    def expand(self, goal: float, wanted: float, *, are_near: bool) -> PowerSeries | Outcome:
         """Return the series at the present state, an equilibrium at load factor 0, or the reason why there is none.
 
         Arguments as of `_expand`.
         """
         self._system.linearise(0.0)
-        return self._expand(0.0, goal, kept, are_near=are_near)
+        return self._expand(0.0, goal, wanted, are_near=are_near)
 
     def _corrected(
         self, series: PowerSeries, origin: PETSc.Vec, goal: float, kept: float, tolerance: float, path_tolerance: float
@@ -146,26 +156,40 @@ class SeriesContinuation:
                 return
             a *= _SHORTER
 
-    def _branched(self, solve: Solve, series: PowerSeries, mark: int) -> Solve:
+    def _branched(self, solve: Solve, series: PowerSeries, origin: PETSc.Vec, mark: int, cases: int) -> Solve:
         """Return a solve with the bifurcation before it, if the series has one and the inertia of the tangent changes.
+
+        If the other path is to be followed, it is the solve that begins there.
 
         Args:
             mark: mark of the inertia at the beginning of the series.
         """
-        found = series.bifurcation()
-        if found is None or not solve.outcome.accepted or not series.load < found[1] < solve.load:
+        unknowns, comm = self._system.scene.unknowns, self._system.comm
+        found = bifurcation_of(series, unknowns.owned_displacement_dofs, comm)
+        if found is None or not solve.outcome.accepted or not series.load < found.load < solve.load:
             return solve
-        spent = self._linear.factorizations
+        spent = self._linear.factorizations - solve.factorizations
         self._system.linearise(solve.load)
         self._linear.factorize()
-        solve = replace(solve, factorizations=solve.factorizations + self._linear.factorizations - spent)
-        if self._linear.inertia_mark() == mark:
-            return solve
-        nodes = series.states[-1][self._system.scene.unknowns.owned_displacement_dofs].reshape(-1, 3)
-        sizes = np.linalg.norm(nodes, axis=1)
-        largest = nodes[sizes.argmax()] if len(nodes) else np.zeros(3)
-        mode = max(self._system.comm.allgather(tuple(largest.tolist())), key=lambda v: float(np.linalg.norm(v)))
-        return replace(solve, bifurcation=found[1], mode=tuple((mode / (np.linalg.norm(mode) or 1.0)).tolist()))
+        if self._linear.inertia_mark() != mark:
+            solve = replace(solve, bifurcation=found.load, mode=found.displacement)
+            if self._side:
+                solve = self._switched(solve, series, origin, found, cases)
+        return replace(solve, factorizations=self._linear.factorizations - spent)
+
+    def _switched(self, solve: Solve, series: PowerSeries, origin: PETSc.Vec, found: Bifurcation, cases: int) -> Solve:
+        """Return the solve that begins the other path, or the given one on the first path."""
+        side, self._side, first = self._side, 0, self._system.position()
+        corrected = switched(self._equilibrium, series, origin, found, side, tolerance=_PATH_TOLERANCE, cases=cases)
+        if corrected is None:
+            self._system.set_load(solve.load)
+            self._system.set_state(first)
+            line = f"the other path at load {found.load:.6g} is not followed: the load falls along it"
+            self._equilibrium.observer.failing([line])
+        else:
+            solve = replace(corrected.solve, strategy=SWITCHED, bifurcation=found.load, mode=found.displacement)
+        first.destroy()
+        return solve
 
     def _end_at_limit(
         self, series: PowerSeries, origin: PETSc.Vec, a: float, end: float, path_tolerance: float, *, is_pade: bool
@@ -241,21 +265,21 @@ class SeriesContinuation:
         self._system.set_state(x)
         x.destroy()
 
-    def _suffices(self, series: PowerSeries, goal: float, kept: float) -> bool:
-        """Return whether a series reaches ``goal``, and more orders are not expected to spare a factorization there."""
+    def _reaches(self, series: PowerSeries, goal: float, error: float) -> bool:
+        """Return whether a series reaches ``goal`` with no more than an error."""
         a, is_pade = series.range(_ACCURACY)
-        if not np.isfinite(a) or series.load_at(series.weights(a, pade=is_pade)) < goal:
-            return not np.isfinite(a)
-        error = series.error(self._parameter_at(series, goal, a, is_pade=is_pade), pade=is_pade)
-        expected = error ** (_ORDERS / len(series.loads))  # of all orders
-        return error <= kept or (error <= _SMALL and expected > kept)
+        if not np.isfinite(a):
+            return True
+        if series.load_at(series.weights(a, pade=is_pade)) < goal:
+            return False
+        return series.error(self._parameter_at(series, goal, a, is_pade=is_pade), pade=is_pade) <= error
 
-    def _expand(self, load: float, goal: float, kept: float, *, are_near: bool) -> PowerSeries | Outcome:
+    def _expand(self, load: float, goal: float, wanted: float, *, are_near: bool) -> PowerSeries | Outcome:
         """Return the series at the present state, or the reason why there is none.
 
         Args:
             goal: load factor to which it may lead.
-            kept: error there that the present factors may correct.
+            wanted: error there at which its orders end.
             are_near: whether the present factors belong to a tangent near the assembled one.
         """
         system, linear, taylor = self._system, self._linear, self._taylor
@@ -264,20 +288,22 @@ class SeriesContinuation:
         b, x = system.rhs, system.rhs.duplicate()
         with system.timings("residual"):
             taylor.begin(_ORDERS, load)
-        # Solves of a coefficient with factors of a near tangent; 0 with factors of the assembled one.
-        refinements = _REFINEMENTS if are_near and linear.configuration.exact else 0
-        if not refinements:
-            linear.factorize(may_keep=are_near)
+        are_near = are_near and linear.has_factors
+        if not are_near:
+            linear.factorize()
+        is_refined = linear.has_factors and (are_near or not linear.configuration.exact)
+        self._contraction = 1.0
 
         def fault() -> Outcome | None:
             """Solve for ``x``; return the reason why that failed."""
-            nonlocal refinements
+            nonlocal is_refined
             if not np.isfinite(norm(b)):
                 return Outcome.NOT_FINITE
-            taken = self._refine(b, x, refinements)
-            # If the first of two solves is precise, the factors belong to the assembled tangent.
-            refinements = 1 if taken == 2 else refinements if taken else 0
-            return None if taken or linear.solve(b, x) else linear.failure
+            is_refined = is_refined and self._refine(b, x)
+            if is_refined:
+                return None
+            linear.become_exact()
+            return None if linear.solve(b, x) else linear.failure
 
         def put(k: int, values: Reals, load_rate: float) -> None:
             step.x.petsc_vec.array[:] = values
@@ -299,8 +325,10 @@ class SeriesContinuation:
         # It shrinks where the body stiffens, and never grows: at a limit point the range would vanish.
         scale = self._scale = min(self._scale, size if size > _TINY else 1.0)
         first = 1 / np.sqrt((size / scale) ** 2 + 1)
-        states, loads = [first * t], [first]
-        put(1, states[0], first)
+        start = first * t
+        coefficients = Coefficients(taylor.orders, len(t), load, scale, comm)
+        coefficients.add(start, first)
+        put(1, start, first)
         slope = (size / scale) ** 2 * first + first
         for k in range(2, taylor.orders + 1):
             with system.timings("residual"):
@@ -310,38 +338,40 @@ class SeriesContinuation:
             if failure := fault():
                 return failure
             w = x.array.copy()
-            load_rate = -float(comm.allreduce(w @ states[0])) / scale**2 / slope
-            states.append(load_rate * t + w)
-            loads.append(load_rate)
-            if k in _ENDS or k == taylor.orders:
-                series = PowerSeries.of(np.array(states), np.array(loads), load, scale, comm)
-                if k == taylor.orders or self._suffices(series, goal, kept):
+            load_rate = -float(comm.allreduce(w @ start)) / scale**2 / slope
+            state = load_rate * t + w
+            coefficients.add(state, load_rate)
+            if (k >= _FEWEST and k % 2 == 0) or k == taylor.orders:
+                series = coefficients.series()
+                if k == taylor.orders or self._reaches(series, goal, wanted):
                     break
-            put(k, states[-1], load_rate)
+            put(k, state, load_rate)
         x.destroy()
         return series
 
-    def _refine(self, b: PETSc.Vec, x: PETSc.Vec, most: int) -> int:
-        """Solve with the assembled tangent by factors of one near it; return the number of solves, 0 if that failed.
+    def _refine(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Solve with the assembled tangent by factors of one near it, or rounded ones; return whether that succeeded.
 
-        Args:
-            most: number of solves; 1 if that is known to suffice, 0 to try none.
+        The contraction in the last solve shows how many refinements a solve takes.
         """
-        r, step, taken = b.copy(), b.duplicate(), 0
+        r, step, last, is_precise = b.copy(), b.duplicate(), 0.0, False
         x.set(0.0)
         with self._system.timings("linear solve"):
-            for number in range(1, most + 1):
-                if not self._linear.back_substitute(r, step):
-                    break
+            for _ in range(_REFINEMENTS):
+                self._linear.apply_factors(r, step)
                 x.axpy(1.0, step)
-                if most == 1 or norm(step) <= _PRECISE * norm(x):
-                    taken = number
+                size = norm(step)
+                self._contraction = size / last if last else self._contraction
+                if not np.isfinite(size) or (last and self._contraction > _SLOW):
+                    break
+                is_precise, last = self._contraction * size <= _PRECISE * norm(x), size
+                if is_precise:
                     break
                 self._system.matrix.mult(x, r)
                 r.aypx(-1.0, b)
         r.destroy()
         step.destroy()
-        return taken
+        return is_precise
 
     def _lift(self, b: PETSc.Vec, load: float) -> None:
         """Set the rows of prescribed unknowns of ``b`` to their rates, and add what these cause in the others."""

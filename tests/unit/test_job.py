@@ -210,6 +210,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
         {"solver": {"strategy": "fixed", "initial_step": 0.1}},
         "solver.initial_step: is not valid with 'strategy: fixed'",
     ),
+    ({"solver": {"branch": "positive"}}, "solver.branch: is not valid without 'continuation: series'"),
     ({"solver": {"initial_step": 1e-4}}, "solver.minimum_step: must not exceed initial_step, which is 0.0001"),
     ({"solver": {"tolerance": "1e-8"}}, "solver.tolerance: must be a number, not '1e-8'"),
     ({"solver": {"maximum_iterations": True}}, "solver.maximum_iterations: must be a whole number, not True"),

@@ -277,7 +277,7 @@ def test_taylor_coefficients_of_stress_agree_with_the_energy(name: str) -> None:
     code = taylor_code(graph, count, outputs)
     sweep = compile_library(MPI.COMM_SELF, code.text).sweep
     doubles, masks = array_type(np.float64), array_type(np.int64)
-    sweep.argtypes = [ctypes.c_int64, *4 * [ctypes.c_int], *3 * [doubles], masks, doubles]
+    sweep.argtypes = [ctypes.c_int64, *2 * [ctypes.c_int], *3 * [doubles], masks, doubles]
     stored, random = ORDER + 1, np.random.default_rng(5)
     numbers = np.array([float(value) for value in reference.parameters.values()])
     varied = numbers * [not parameter.startswith("_") for parameter in reference.parameters]  # not units of formulas
@@ -285,13 +285,13 @@ def test_taylor_coefficients_of_stress_agree_with_the_energy(name: str) -> None:
     paths *= np.array([[0.15], [0.05]])  # coefficients of orders 1 and 2
     D, errors = random.normal(size=(3, 3)), []
     for H0 in (0.4 * paths[0, :9], np.zeros(9)):
-        leaves = np.zeros((1, stored, count, LANES))
-        leaves[0, :3] = np.stack([np.concatenate([H0, numbers]), *paths])[..., None]
-        kept = np.empty((1, code.kept * stored + code.sums, LANES))
-        choices, P = np.empty((1, code.choices, LANES), dtype=np.int64), np.empty((1, 9, LANES))
-        expected = reference.coefficients(leaves[0, :3, :, 0], D, ORDER)
+        leaves, path = np.zeros((1, count, stored, LANES)), np.stack([np.concatenate([H0, numbers]), *paths])
+        leaves[0, :, :3] = path.T[..., None]
+        kept = np.empty((code.kept, stored, LANES))
+        choices, P = np.empty((code.choices, LANES), dtype=np.int64), np.empty((1, 9, LANES))
+        expected = reference.coefficients(path, D, ORDER)
         for order in range(stored):
-            sweep(1, stored, max(order - 1, 0), order, 1, leaves, np.empty((1, 0, LANES)), kept, choices, P)
+            sweep(1, stored, order, leaves, np.empty((1, 0, LANES)), kept, choices, P)
             parts = P[0, :, 0] * D.ravel()
             size = float(np.abs(parts).sum())
             errors.append(abs(float(parts.sum()) - expected[order]) / size if size else abs(expected[order]))

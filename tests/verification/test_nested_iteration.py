@@ -83,7 +83,10 @@ def coarse_of(result: Result) -> nested_iteration.CoarseSolve:
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_answer_is_the_same_with_fewer_factorizations(analysis: str, comm: MPI.Intracomm) -> None:
-    alone, nested = (hpcinv.run(beam("2 mm", analysis, nested_iteration=choice), comm) for choice in ("off", "on"))
+    alone, nested = (
+        hpcinv.run(beam("2 mm", analysis, nested_iteration=choice, continuation="steps"), comm)
+        for choice in ("off", "on")
+    )
     solution, coarse = nested.solutions[0], coarse_of(nested)
     print(
         f"{analysis}: {alone.solutions[0].factorizations} factorizations, after a solve on {coarse.unknowns} unknowns"
@@ -138,7 +141,7 @@ def test_prescribed_displacements_agree_with_the_given_mesh(
     for entry in prescribed:
         assert np.abs(state[entry.dofs] - entry.full[entry.nodes]).max(initial=0.0) < 1e-15
     assert strategies(nested) == [NESTED]
-    assert strategies(alone) == ["load steps"]
+    assert NESTED not in strategies(alone)
     assert np.abs(nested.shape - alone.shape).max(initial=0.0) < 1e-10
 
 
@@ -172,7 +175,7 @@ def test_a_mesh_with_inverted_cells_is_not_used(comm: MPI.Intracomm) -> None:
     result = hpcinv.run(beam("3 mm", nested_iteration="on"), comm)
     assert "cells are inverted" in coarse_of(result).unused
     assert coarse_of(result).unknowns == 0
-    assert strategies(result) == ["load steps"]
+    assert NESTED not in strategies(result)
 
 
 @pytest.mark.parametrize(

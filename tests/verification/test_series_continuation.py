@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from helpers.paths import cube, tried
 from helpers.verification import Solved, box, job
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
 
 from hpcinv.assembly import taylor_residual
+from hpcinv.methods import fallbacks
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT
 
 HELD = {"region": "x0", "fix": ["x", "y", "z"]}
@@ -73,15 +75,18 @@ BENT: dict[str, Any] = {
 }
 
 
-def test_auto_takes_a_series_only_where_a_step_would_fail(comm: MPI.Intracomm) -> None:
+def test_auto_takes_a_series_where_steps_would_fail_or_take_several_tangents(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
     auto, steps = (solved(comm, continuation, analysis="forward", **BENT) for continuation in ("auto", "steps"))
     (solve,) = auto.solves
     assert (solve.strategy, solve.factorizations) == ("power series", 2)
     assert factorizations(steps) > 2
     states = [result.model.unknowns.geometry_values(result.model.unknowns.displacement()) for result in (auto, steps)]
     assert np.abs(states[0] - states[1]).max() < 1e-9 * np.abs(states[1]).max()
-    (back,) = solved(comm, "auto", **PATHS["inverse"]).solves
-    assert back.strategy == "load steps"
+    for unknowns, strategy in ((10_000, "load steps"), (0, "power series")):
+        monkeypatch.setattr(fallbacks, "_LARGE", unknowns)
+        assert {solve.strategy for solve in solved(comm, "auto", **PATHS["inverse"]).solves} == {strategy}
 
 
 @pytest.mark.parametrize("analysis", ["forward", "inverse"])
@@ -151,10 +156,13 @@ def test_path_that_hardly_moves_is_straight(comm: MPI.Intracomm) -> None:
     assert solve.strategy == "power series"
 
 
-def column(comm: MPI.Intracomm, multiple: float) -> list[Solve]:
-    """Solves of a column between sliding plates, shortened by a multiple of Euler's strain; it may bend towards y."""
-    slenderness = 50
-    solution = Solved(
+SLENDERNESS = 50
+EULER = np.pi**2 / 12 / SLENDERNESS**2  # strain
+
+
+def column(comm: MPI.Intracomm, multiple: float, branch: str = "first") -> Solved:
+    """A column between sliding plates, shortened by a multiple of Euler's strain; it may bend towards y."""
+    return Solved(
         job(
             analysis="forward",
             mesh=box((8, 1, 1), hexahedra=True, lx="1 m", ly="2 cm", lz="2 cm"),
@@ -162,29 +170,47 @@ def column(comm: MPI.Intracomm, multiple: float) -> list[Solve]:
             material={"law": "st-venant-kirchhoff", "young": "1 MPa", "poisson": 0},
             supports=[
                 {"region": "x0", "fix": ["x", "y"]},
-                {"region": "x1", "displacement": [f"{-multiple * np.pi**2 / 12 / slenderness**2} m", None, None]},
+                {"region": "x1", "displacement": [f"{-multiple * EULER} m", None, None]},
                 {"region": "z0", "fix": ["z"]},
                 {"region": "z1", "fix": ["z"]},
             ],
             effects=[],
-            solver={"continuation": "series", "linear": "direct"},
+            solver={"continuation": "series", "branch": branch, "linear": "direct"},
         ),
         comm,
     )
-    return list(solution.solves)
 
 
 @pytest.mark.parallel([1, 2])
 def test_bifurcation_is_eulers_load_with_its_mode(comm: MPI.Intracomm) -> None:
     """The straight column is a solution beyond it, too: only rounding errors begin the progression of coefficients."""
-    assert all(solve.bifurcation is None for solve in column(comm, 0.9))
-    (solve,) = (solve for solve in column(comm, 1.2) if solve.bifurcation is not None)
+    assert all(solve.bifurcation is None for solve in column(comm, 0.9).solves)
+    (solve,) = (solve for solve in column(comm, 1.2).solves if solve.bifurcation is not None)
     assert solve.bifurcation is not None
-    euler = np.pi**2 / 12 / 50**2
-    expected = 1 / (1 + euler * 2 * 6 / 5)  # E/(k G) of a rectangle whose Poisson's ratio is 0 (Timoshenko)
+    expected = 1 / (1 + EULER * 2 * 6 / 5)  # E/(k G) of a rectangle whose Poisson's ratio is 0 (Timoshenko)
     print(f"critical load over Euler's: {1.2 * solve.bifurcation:.6f}, with shear {expected:.6f}, mode {solve.mode}")
     assert 1.2 * solve.bifurcation == pytest.approx(expected, abs=1e-3)
     assert abs(solve.mode[1]) > 0.999
+
+
+@pytest.mark.everyday("positive")
+@pytest.mark.parametrize(("branch", "side"), [("positive", 1), ("negative", -1)])
+def test_buckled_column_is_the_elastica(branch: str, side: int, comm: MPI.Intracomm) -> None:
+    """At 300 times Euler's strain: turned by 0.6 rad, and shortened by bending and by the axial force."""
+    strain = 300 * EULER
+    solution = column(comm, 300, branch)
+    u = solution.model.unknowns.displacement().x.array.reshape(-1, 3)[:, 1] * solution.body.length_scale
+
+    def shortened(m: float) -> float:
+        K, E = float(ellipk(m)), float(ellipe(m))  # of a quarter of its wave
+        return 2 * (1 - E / K) + EULER * (2 * K / np.pi) ** 2 * (2 * E / K - 1) - strain
+
+    m = brentq(shortened, 1e-9, 0.9)
+    sway, expected = side * u[np.abs(u).argmax()], 2 * np.sqrt(m) / ellipk(m)
+    print(f"sway {sway:.5f}, elastica {expected:.5f}, {factorizations(solution)} factorizations")
+    assert sway == pytest.approx(expected, rel=2e-3)  # shear, and half of a thickness of 1/50
+    assert solution.solves[0].strategy == "branch switching"
+    assert solution.solves[0].bifurcation == pytest.approx(1 / 300, rel=1e-3)
 
 
 def test_little_memory_makes_fewer_orders(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:

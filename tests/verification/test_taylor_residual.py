@@ -60,9 +60,7 @@ def larger(value: Any) -> Any:
 @pytest.mark.everyday("inverse-mixed")
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize(("direction", "formulation"), KINDS)
-def test_series_of_the_residual_converges_with_its_order(
-    direction: str, formulation: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_series_of_the_residual_converges_with_its_order(direction: str, formulation: str, comm: MPI.Intracomm) -> None:
     """With the load of all effects; forward, in one form, with the first quantity of each and the moduli."""
     model = model_of(direction, formulation, ANALYTIC, comm)
     if (direction, formulation) == KINDS[0]:
@@ -78,20 +76,13 @@ def test_series_of_the_residual_converges_with_its_order(
     along.x.petsc_vec.array[:] = 0.02 * np.random.default_rng(comm.rank).normal(size=len(system.rhs.array))
     along.x.scatter_forward()
 
-    def assembled() -> list[np.ndarray]:
-        taylor.begin(ORDER, load)
-        series = []
-        for order in range(ORDER + 1):
-            if order == 1:
-                taylor.put(1, along.x.array, 0.3)
-            taylor.assemble(order, system.rhs)
-            series.append(system.rhs.array.copy())
-        return series
-
-    coefficients = assembled()
-    monkeypatch.setattr(taylor_residual, "_SHARE", 0.0)  # no memory for coefficients of operations
-    for kept, computed in zip(coefficients, assembled(), strict=True):
-        np.testing.assert_array_equal(computed, kept)
+    taylor.begin(ORDER, load)
+    coefficients = []
+    for order in range(ORDER + 1):
+        if order == 1:
+            taylor.put(1, along.x.array, 0.3)
+        taylor.assemble(order, system.rhs)
+        coefficients.append(system.rhs.array.copy())
 
     def norm(values: np.ndarray) -> float:
         return math.sqrt(comm.allreduce(float(values @ values)))
@@ -129,7 +120,7 @@ def test_coefficients_at_a_point_agree_with_mpmath(comm: MPI.Intracomm, monkeypa
         for order in range(ORDER + 1):
             part.sweep(order)
             coefficients.append(part._results[0, :, 0].copy())
-        expected = exact_coefficients(graph, outputs, part._leaves[0, :2, :, 0], part._inputs[0, :, 0])
+        expected = exact_coefficients(graph, outputs, part._leaves[0, :, :2, 0].T, part._inputs[0, :, 0])
         for order, values in enumerate(coefficients):
             size = max(np.abs(expected[order]).max(), 1e-30 * np.abs(expected).max())  # zeros have rounding errors
             errors.append(np.abs(values - expected[order]).max() / size)

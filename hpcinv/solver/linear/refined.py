@@ -36,9 +36,10 @@ _OPERATION, _ENTRY, _ITERATION, _ROW = 1e-11, 7e-9, 6e-10, 2e-7
 
 
 class Refined(Direct):
-    """Configuration of the direct solver with factors in single precision.
+    """Configuration of the direct solver with factors in single precision, or factors for several tangents.
 
     Args:
+        precision: of the factors, "single" or "double".
         low_rank: whether to compress blocks of the factors.
         unknowns, minimum_fill: as for `Direct`.
         nearly_symmetric: whether nearly symmetric tangents are factorized by L D Lᵀ too.
@@ -52,13 +53,14 @@ class Refined(Direct):
         unknowns: Unknowns | None = None,
         *,
         low_rank: bool,
+        precision: str = "single",
         minimum_fill: bool = False,
         nearly_symmetric: bool = False,
     ) -> None:
         super().__init__(unknowns, minimum_fill=minimum_fill)
         if nearly_symmetric:
             self.asymmetry = _NEARLY
-        self._low_rank, self._has_own_tolerance = low_rank, False
+        self._low_rank, self._precision, self._has_own_tolerance = low_rank, precision, False
 
     @property
     def options(self) -> Mapping[str, OptionValue]:
@@ -67,14 +69,14 @@ class Refined(Direct):
             "ksp_type": "fgmres",
             "ksp_gmres_restart": _MOST,
             "ksp_max_it": _MOST,
-            "pc_precision": "single",
+            **({"pc_precision": "single"} if self._precision == "single" else {}),
             **(_LOW_RANK if self._low_rank else {}),
         }
 
     @property
     def note(self) -> str:
         compressed = ", with blocks of low rank" if self._low_rank else ""
-        return f"factors in single precision{compressed}, refined by FGMRES"
+        return f"factors in {self._precision} precision{compressed}, refined by FGMRES"
 
     def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         super().prepare(ksp, matrix)

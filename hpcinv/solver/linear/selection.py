@@ -40,6 +40,7 @@ class Choice:
         budget: largest number of Krylov iterations in one solve of Newton's method.
         most: largest number of Krylov iterations of one of its corrections.
         precision: of factors, "single" or "double".
+        is_refined: whether FGMRES refines solutions, so that factors of earlier tangents serve too.
         low_rank: whether blocks of factors in single precision are compressed.
         minimum_fill: whether factors are ordered by approximate minimum fill.
         nearly_symmetric: whether factors of nearly symmetric tangents are symmetric. Slender bodies turn so far that
@@ -53,6 +54,7 @@ class Choice:
     budget: int = 2000
     most: float = math.inf
     precision: str = "double"
+    is_refined: bool = False
     low_rank: bool = False
     minimum_fill: bool = False
     nearly_symmetric: bool = False
@@ -132,8 +134,12 @@ class Chooser:
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         chosen = self._choose(solver)
         low_rank = self.forecast.operations >= LOW_RANK
-        # With single precision, each of a series' many solves to 1e-10 takes several iterations.
-        single = low_rank if solver.continuation == "series" else self.forecast.operations >= SINGLE
+        is_refined = self.forecast.operations >= SINGLE
+        # For the series of thin bodies single precision does not suffice, and a series takes two factorizations only.
+        # Slender ones are solved by nested iteration, or by steps, which take more.
+        series = "series" if self._is_slender else "auto"
+        is_series_likely = solver.strategy == "adaptive" and solver.continuation in ("series", series)
+        single = low_rank if is_series_likely else is_refined
         precision = str(solver.petsc.get("pc_precision", "single" if single else "double"))
         low_rank = bool(solver.petsc.get("mat_mumps_icntl_35", low_rank))
         krylov = self.forecast.krylov
@@ -143,6 +149,7 @@ class Chooser:
             most=math.ceil(max(_REVISED * self.forecast.equal_krylov, krylov)) if is_revised else math.inf,
             budget=math.ceil(_PATIENCE * CORRECTIONS * krylov),
             precision=precision,
+            is_refined=precision == "single" or (is_refined and "pc_precision" not in solver.petsc),
             low_rank=low_rank,
             minimum_fill=self._is_slender and self._ranks == 1,  # two ranks make better use of METIS's ordering
             nearly_symmetric=not self._is_slender,

@@ -23,7 +23,7 @@ from hpcinv.solver.linear.refined import Refined
 from hpcinv.solver.linear.selection import Choice
 from hpcinv.solver.linear_solver import LinearSolver
 
-SINGLE = Choice("direct", "", precision="single")
+SINGLE = Choice("direct", "", precision="single", is_refined=True)
 
 
 @pytest.fixture
@@ -33,7 +33,8 @@ def rounded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def solved(comm: MPI.Intracomm, **data: Any) -> tuple[Result, dict[str, Any]]:
-    result = run(job(**data), comm)
+    solver = {"continuation": "steps"} | data.get("solver", {})  # of compact bodies, series take double precision
+    result = run(job(**data | {"solver": solver}), comm)
     linear: dict[str, Any] = result.statistics["solutions"][0]["linear"]
     return result, linear
 
