@@ -41,8 +41,8 @@ from hpcinv.solver.equations import Equations
 STRATEGY = "start of a sweep"
 """Strategy of the solve from it, for reports."""
 _FORMAT = 1
-_TRUNCATION = 1e-5
-"""Singular values of modes that are left out, relative to the largest one. Smaller: more modes, the same accuracy."""
+_TRUNCATION = 0.1
+"""Size of modes that are left out, relative to the errors of cases predicted from all others. Smaller: more modes."""
 _OUTSIDE = 0.1
 """Share of the range of a number by which a job may lie outside. Larger: more starts that fail, and cost a solve."""
 
@@ -68,13 +68,16 @@ class _Field:
     coefficients: Floats
 
     @classmethod
-    def decomposed(cls, snapshots: Floats, owned: int, comm: MPI.Intracomm) -> Self:
+    def decomposed(cls, snapshots: Floats, numbers: Sequence[Sequence[float]], owned: int, comm: MPI.Intracomm) -> Self:
         """Return orthonormal modes of snapshots (cases, local values), the first of which are owned; collective."""
         gram = comm.allreduce(snapshots[:, :owned] @ snapshots[:, :owned].T)
         squares, vectors = np.linalg.eigh(gram)
-        kept = squares > max(_TRUNCATION**2, np.finfo(float).eps) * squares[-1]
-        sizes = np.sqrt(squares[kept])
-        return cls((vectors[:, kept] / sizes).T @ snapshots, vectors[:, kept] * sizes)
+        kept = squares > np.finfo(float).eps * squares[-1]
+        sizes, vectors = np.sqrt(squares[kept]), vectors[:, kept]
+        error = np.median(np.linalg.norm(RadialBasis(numbers, vectors * sizes).errors, axis=1))
+        worth = sizes > _TRUNCATION * error * np.sqrt(len(snapshots))
+        sizes, vectors = sizes[worth], vectors[:, worth]
+        return cls((vectors / sizes).T @ snapshots, vectors * sizes)
 
 
 @dataclass(frozen=True)
@@ -96,16 +99,16 @@ class TaughtStart:
     @classmethod
     def of_snapshots(cls, job: Job, equations: Sequence[Equations], snapshots: Sequence[Snapshot]) -> Self:
         """Return the start by the solutions of cases of a job; collective."""
-        structure = _structure(job, equations[0])
+        structure, numbers = _structure(job, equations[0]), [snapshot.numbers for snapshot in snapshots]
         fields: list[tuple[_Field, _Field | None]] = []
         for step, step_equations in enumerate(equations):
             u, p = step_equations.unloaded().fields
             guesses = [snapshot.guesses[step] for snapshot in snapshots]
             pressures = [guess.pressure for guess in guesses if guess.pressure is not None]
-            pressure = None if p is None else _decomposed(p, pressures)
-            fields.append((_decomposed(u, [guess.displacement for guess in guesses]), pressure))
+            pressure = None if p is None else _decomposed(p, pressures, numbers)
+            fields.append((_decomposed(u, [guess.displacement for guess in guesses], numbers), pressure))
         signs = [[guess.sign for guess in snapshot.guesses] for snapshot in snapshots]
-        return cls(structure, [snapshot.numbers for snapshot in snapshots], signs, fields)
+        return cls(structure, numbers, signs, fields)
 
     @property
     def mode_count(self) -> int:
@@ -222,10 +225,10 @@ def _structure(job: Job, equations: Equations) -> dict[str, str]:
     return on_root(equations.body.mesh.comm, lambda: digests_of_structure(job) | {"cells": cells})
 
 
-def _decomposed(function: Function, values: Sequence[Floats]) -> _Field:
+def _decomposed(function: Function, values: Sequence[Floats], numbers: Sequence[Sequence[float]]) -> _Field:
     dofs = function.function_space.dofmap
     owned = dofs.index_map.size_local * dofs.index_map_bs
-    return _Field.decomposed(np.stack(values), owned, function.function_space.mesh.comm)
+    return _Field.decomposed(np.stack(values), numbers, owned, function.function_space.mesh.comm)
 
 
 def _read(path: Path, function: Function, step: int, coefficients: Floats) -> _Field:
