@@ -69,7 +69,7 @@ class _Field:
 
     @classmethod
     def decomposed(cls, snapshots: Floats, numbers: Sequence[Sequence[float]], owned: int, comm: MPI.Intracomm) -> Self:
-        """Return orthonormal modes of snapshots (cases, local values), the first of which are owned; collective."""
+        """Return orthonormal modes of snapshots (cases, local values); the first ``owned`` values count; collective."""
         gram = comm.allreduce(snapshots[:, :owned] @ snapshots[:, :owned].T)
         squares, vectors = np.linalg.eigh(gram)
         kept = squares > np.finfo(float).eps * squares[-1]
