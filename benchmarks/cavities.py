@@ -96,7 +96,7 @@ def controlled() -> dict[str, tuple[Job, float | None]]:
     far, near = (MU / 2 * (4 / s + s**-4) for s in grown)
     balloon: dict[str, Any] = BELLOWS | {
         "mesh": {"file": "../meshes/thick_sphere.py", "parameters": {"radial": 2, "along": 3, "hexahedra": True}},
-        "material": {"law": "neo-hookean", "mu": MU, "kappa": "incompressible"},
+        "material": {"law": "neo-hookean", "mu": MU, "lam": "incompressible"},
         "supports": [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
     }
     balloon["mesh"] |= {"geometry_degree": 2}

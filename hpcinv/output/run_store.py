@@ -128,7 +128,7 @@ class RunStore:
 
 
 def problem_of(job: Job, body: Body) -> Mapping[str, Any]:
-    """Return the fingerprint of a job on its body, by which checkpoints are told apart; collective."""
+    """Return the fingerprint of a job on its body, which their checkpoints must share; collective."""
     problem = on_root(body.mesh.comm, lambda: fingerprint(job) | {"inputs": dict(body.source.inputs)})
     return problem | {"cells": cells_digest(body), "nodes": nodes_digest(body)}
 
