@@ -136,7 +136,7 @@ def pressed(job: Job, pressure: float) -> Job:
     effects = [
         {"effect": "pressure", "region": region, "pressure": pressure} for region in job.cavities["hole"].regions
     ]
-    return job.with_({"cavities": None, "effects": [*job.data.get("effects", []), *effects]})
+    return job.with_({"cavities": {}, "effects": [*job.data.get("effects", []), *effects]})
 
 
 def closed(name: str, job: Job, closed_form: float | None, repeat: int) -> list[str]:
