@@ -29,7 +29,7 @@ def job(directory: Path, **changes: Any) -> Job:
     return given.with_({"material.mu": "17 kPa", "effects[0].density": 950} | changes)
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2])
 def test_start_of_a_sweep(run_directory: Path, comm: MPI.Intracomm) -> None:
     if comm.rank == 0:
         write_sweep(run_directory, AXES, keep_solutions=True, set={"certificate": "off"})
