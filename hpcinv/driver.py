@@ -15,6 +15,7 @@ from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.run_report import RunReport
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.snapshot_writer import SnapshotWriter
+from hpcinv.output.taught_start import taught_guesses
 from hpcinv.parallel.runtime import MPI, compilation_explained
 from hpcinv.parallel.signals import signals_recorded
 from hpcinv.parallel.timings import Timings
@@ -68,6 +69,7 @@ def run(
             store.lock(job)
         prepared = prepare(job, workspace, progress, timings, stop)
         own.enter_context(signals_recorded())
+        guesses = guesses or taught_guesses(prepared.job, prepared.equations, progress.note)
         outputs = _Outputs(prepared, store, progress, stop, guesses, overwrite=overwrite, resume=resume)
         solved = own.enter_context(outputs.keeping())
         _solve(prepared, outputs, solved)

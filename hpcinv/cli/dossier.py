@@ -1,6 +1,8 @@
 """``hpcinv dossier``: the credibility dossier of a run, and the context file that it asks for."""
 
 import argparse
+import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ def add_dossier(commands: Any) -> None:
         examples="hpcinv dossier results/job --ask context.yaml\nhpcinv dossier results/job --context context.yaml",
         page="how-to/dossier.md",
     )
-    dossier.add_argument("run", type=Path, help="directory of a finished run")
+    dossier.add_argument("run", type=Path, help="directory of a finished run, or of an identification")
     given = dossier.add_mutually_exclusive_group()
     given.add_argument("--context", type=Path, metavar="FILE", help="texts of the applicant (YAML)")
     given.add_argument("--ask", type=Path, metavar="FILE", help="write a context file to be filled, and no dossier")
@@ -33,10 +35,12 @@ def _dossier(options: argparse.Namespace) -> int:
     from hpcinv.reports.page import write_page
 
     check_one_process("dossier")
-    directory: Path = options.run
+    directory, figures = _run_of(options.run)
     summary = RunDirectory(directory).summary() if directory.is_dir() else None
     if summary is None:
-        raise OutputError(f"{directory}: has no summary of a run", "Give the directory that 'run' printed.")
+        raise OutputError(
+            f"{directory}: has no summary of a run", "Give the directory that 'run' or 'identify' printed."
+        )
     if options.ask is not None:
         if options.ask.exists():
             raise OutputError(f"--ask {options.ask}: exists already", "Name another file, or give it as --context.")
@@ -45,6 +49,22 @@ def _dossier(options: argparse.Namespace) -> int:
         return 0
     context = DossierContext() if options.context is None else read_context(options.context)
     page = options.output or directory / NAME
-    write_page(page, dossier_page(directory, summary, context))
+    write_page(page, dossier_page(directory, summary, context, figures))
     print(page)
     return 0
+
+
+def _run_of(directory: Path) -> tuple[Path, Mapping[str, Any] | None]:
+    """Return the directory of a run, and the figures of the identification whose estimate it is, if there are any."""
+    from hpcinv.identification.identification_page import FIGURES
+
+    source = directory / FIGURES
+    if not source.is_file():
+        return directory, None
+    try:
+        return directory / "run", json.loads(source.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise OutputError(
+            f"{source}: cannot be read ({type(error).__name__})",
+            "Run 'hpcinv identify' again: finished evaluations are used again.",
+        ) from None

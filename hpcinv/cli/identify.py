@@ -91,13 +91,7 @@ def _identify(options: argparse.Namespace) -> int:
             lines = describe(identified.estimate)
             for name, sd in identified.shape_deviations.items():
                 lines.append(f"shape{f' {name!r}' if name else ''}: standard deviation up to {sd:.2g} m")
-            for name, deviation in identified.quantity_deviations.items():
-                shown = (
-                    f"{identified.result.quantities[name]:.6g} ± {deviation:.2g}"
-                    if isinstance(deviation, float)
-                    else None
-                )
-                lines.append(f"{name}: {shown or identified.result.quantities[name]}")
+            lines += [f"{name}: {identified.quantity_text(name)}" for name in identified.quantity_deviations]
             lines.append(f"certificate: {verdict.value}")
             lines.append(str(identified.cost))
             print("\n".join(lines))

@@ -12,7 +12,7 @@ from hpcinv.cli.help import add_command
 from hpcinv.cli.options import add_ranks, positive
 from hpcinv.cli.sweep_results import add_results
 from hpcinv.cli.sweep_submit import add_submit
-from hpcinv.errors import Interrupted
+from hpcinv.errors import Interrupted, OutputError
 from hpcinv.files.untrusted import add_option
 from hpcinv.sweep.results import results, series_line, status_of
 from hpcinv.sweep.sweep_batch import open_damaged, sweep_batch
@@ -73,6 +73,13 @@ def add_sweep(commands: Any) -> None:
 
     retry = action("retry", _retry, "Mark cases as open, so that the next start solves them again.", "--failed")
     retry.add_argument("--failed", action="store_true", required=True, help="all cases that have failed")
+
+    teach = action(
+        "teach", _teach, "Learn the start of new jobs (solver.start) from the solutions of the cases.", "--output start"
+    )
+    teach.add_argument("--output", type=Path, metavar="DIR", help="directory (default: results/SWEEP-start)")
+    teach.add_argument("--overwrite", action="store_true", help="replace a start that is there")
+    add_ranks(teach)
 
     add_results(action)
     add_submit(action)
@@ -149,6 +156,27 @@ def _run(options: argparse.Namespace) -> int:
         if interrupted and left:
             raise Interrupted(f"stopped by a signal, {left} cases left", "The same command goes on.")
     return code
+
+
+def _teach(options: argparse.Namespace) -> int:
+    from hpcinv.parallel.launch import launched
+
+    with launched(options.ranks) as (world, _):
+        from hpcinv.parallel.ranks import on_root
+        from hpcinv.sweep.teaching import teach
+
+        plan = on_root(world, lambda: load_sweep(options.sweep))
+        path = options.output or Path("results") / f"{plan.sweep.sweep}-start"
+
+        def check() -> None:
+            if path.exists() and not (options.overwrite and (path / "start.json").is_file()):
+                raise OutputError(f"{path}: exists", "Choose another --output, or replace a start by --overwrite.")
+
+        on_root(world, check)
+        taught = teach(plan, path, world)
+        if world.rank == 0:
+            print("\n".join([*taught.lines(), f"{path}; in a job: 'solver: {{start: {path}}}'"]))
+    return 0
 
 
 def _retry(options: argparse.Namespace) -> int:

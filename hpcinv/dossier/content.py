@@ -24,8 +24,13 @@ from hpcinv.reports.wording import words
 NAME = "dossier.html"
 
 
-def dossier_page(directory: Path, summary: Mapping[str, Any], context: DossierContext) -> bytes:
+def dossier_page(
+    directory: Path, summary: Mapping[str, Any], context: DossierContext, identified: Mapping[str, Any] | None = None
+) -> bytes:
     """Return the page of a finished run.
+
+    Args:
+        identified: figures of the identification whose estimate was run.
 
     Raises:
         OutputError: the run is not finished, its summary lacks something, or a file cannot be read.
@@ -49,7 +54,8 @@ def dossier_page(directory: Path, summary: Mapping[str, Any], context: DossierCo
             summary=summary,
             words=words(summary, overlapping=False),
             properties=inputs,
-            quantities=quantity_rows(summary),
+            quantities=[_with_identified(row, identified) for row in quantity_rows(summary)],
+            identified=identified,
             published=counts,
             factors=list(_factors(summary, context, inputs, counts)),
             limits=[*_limits(summary), *context.limits],
@@ -59,6 +65,14 @@ def dossier_page(directory: Path, summary: Mapping[str, Any], context: DossierCo
             f"{directory}: its summary lacks what a dossier needs ({type(error).__name__}: {error})",
             "Was it written by another version of hpcinv? Run the job again.",
         ) from error
+
+
+def _with_identified(row: dict[str, Any], identified: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the row of a quantity with its standard deviation by identified parameters, and their correlations."""
+    if identified is None or row["name"] not in identified["quantities"]:
+        return row
+    own = (identified["quantities"][row["name"]]["text"].partition("±")[2].strip(), "by the identified parameters")
+    return row | {"deviations": [own, *row["deviations"]]}
 
 
 def properties(summary: Mapping[str, Any]) -> dict[str, Any]:

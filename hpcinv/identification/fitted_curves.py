@@ -57,7 +57,19 @@ class FittedCurve:
     observed: tuple[list[float], list[float]]
 
     def as_data(self) -> dict[str, Any]:
-        return asdict(self)
+        return asdict(self) | {"rows": [self._row(point) for point in self.points]}
+
+    @property
+    def pressure_unit(self) -> tuple[float, str]:
+        """Size (Pa) and symbol of the unit in which pressures are shown."""
+        return (MMHG, "mmHg") if self.kind == "klotz" else (_KILOPASCAL, "kPa")
+
+    def _row(self, point: FittedPoint) -> list[str]:
+        """Return a row of the table: name, pressure, volumes in ml."""
+        unit, name = self.pressure_unit
+        volumes = (point.volume, point.sd, *point.band, point.observed)
+        texts = [f"{volume / _MILLILITRE:.4g} ml" for volume in volumes]
+        return [point.quantity or "given body", f"{point.pressure / unit:.4g} {name}", *texts]
 
 
 def fitted_curves(
@@ -96,8 +108,7 @@ def fitted_curves(
 
 def picture(curve: FittedCurve) -> bytes:
     """Return the picture (PNG) of a curve with its band over the observed one ±2 standard deviations."""
-    is_klotz = curve.kind == "klotz"
-    unit, name = (MMHG, "mmHg") if is_klotz else (_KILOPASCAL, "kPa")
+    is_klotz, (unit, name) = curve.kind == "klotz", curve.pressure_unit
     pressures = np.array([point.pressure for point in curve.points]) / unit
     volumes = np.array([point.volume for point in curve.points]) / _MILLILITRE
     low, high = np.array([point.band for point in curve.points]).T / _MILLILITRE

@@ -69,11 +69,13 @@ class HiddenForces:
         strength: number by which the standard deviations of their priors are multiplied; 0 if none is needed.
         without: χ² of the observations without them.
         numbers: number of observed numbers, which χ² is on average without errors of the model.
+        unused: places of the parameters that stay at their means, if none is needed.
     """
 
     strength: float
     without: float
     numbers: int
+    unused: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -114,11 +116,6 @@ class ParameterEstimate:
         )
 
     @cached_property
-    def data(self) -> Linearised:
-        """The observations by themselves, linearised."""
-        return Linearised(self.jacobian, self.scales, DEPENDENT)
-
-    @cached_property
     def covariance(self) -> Floats:
         """Covariance (k, k), within the combinations that are determined."""
         return self.posterior.covariance()
@@ -136,8 +133,15 @@ class ParameterEstimate:
 
     @property
     def combinations(self) -> list[Combination]:
-        """Combinations of relative changes with independent errors, by the observations alone, best first."""
-        return self.data.combinations
+        """Combinations of relative changes with independent errors, by the observations alone, best first.
+
+        Hidden forces that are not needed are left out: they stay at their means.
+        """
+        unused = self.hidden.unused if self.hidden else ()
+        used = [i for i in range(len(self.values)) if i not in unused]
+        known = Linearised(self.jacobian[:, used], self.scales[used], DEPENDENT).combinations
+        whole = np.eye(len(self.values))[used]
+        return [replace(combination, vector=combination.vector @ whole) for combination in known]
 
     @property
     def chi_squared(self) -> float:
@@ -335,7 +339,8 @@ class _Problem:
                     break
                 self._set_strength(strength)
                 values, converged = self._minimised(values, range(len(values)))
-        return values, converged, HiddenForces(strength, without, numbers)
+        unused = () if strength else tuple(self._forces)
+        return values, converged, HiddenForces(strength, without, numbers, unused)
 
     def _prior(self, i: int) -> tuple[float, float]:
         prior = self._given_priors[i]

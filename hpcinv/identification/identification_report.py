@@ -211,6 +211,11 @@ def sensitivities(estimate: ParameterEstimate) -> dict[str, Any]:
     return section
 
 
+def derivatives(estimate: ParameterEstimate) -> dict[str, Any]:
+    """Return the section of the run at the estimate: without standard deviations, which would not be independent."""
+    return {p.key: {"sd": None, **p.tied_keys} if p.ties else None for p in estimate.parameters}
+
+
 def sections(job: Job, estimate: ParameterEstimate) -> str:
     """Return those sections of the job at the estimate that it changes, and ``sensitivities``, as YAML.
 

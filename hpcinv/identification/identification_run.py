@@ -9,7 +9,7 @@ import dataclasses
 import json
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +25,7 @@ from hpcinv.files.json_data import json_data
 from hpcinv.files.names import check_output
 from hpcinv.identification.fitted_curves import FittedCurve, fitted_curves, picture
 from hpcinv.identification.gauss_newton import ParameterEstimate, Report, estimate
-from hpcinv.identification.identification_report import as_data, changes, sections, sensitivities
+from hpcinv.identification.identification_report import as_data, changes, derivatives, sections
 from hpcinv.identification.job_evaluation import Evaluation, Evaluations, SolveTimer
 from hpcinv.identification.shares import shares_of, teams_of
 from hpcinv.job.job import Job
@@ -33,6 +33,7 @@ from hpcinv.mesh.mesh_files import save_body
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.quantity.written_units import as_shown, written_units
 from hpcinv.solver.workspace import Workspace
 
 _ORIGIN, _FIGURES, _SECTIONS, _RUN = "identification-origin.json", "identification.json", "sections.yaml", "run"
@@ -84,6 +85,17 @@ class Identified:
     shape_deviations: dict[str, float]
     quantity_deviations: dict[str, float | list[float]]
     curves: list[FittedCurve]
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """SI units of the quantities by name."""
+        return getattr(self.result.quantities, "units", {})
+
+    def quantity_text(self, name: str) -> str:
+        """Return a quantity with its standard deviation, in the units of the job."""
+        unit, symbols = self.units.get(name, ""), written_units(self.job.data)
+        value, deviation = self.result.quantities[name], self.quantity_deviations[name]
+        return f"{as_shown(value, unit, symbols)} ± {as_shown(deviation, unit, symbols, 2)}"
 
 
 def identify(
@@ -141,7 +153,7 @@ def identify(
         took, timer = time.perf_counter() - begun, SolveTimer(comm)
         best = job.with_(changes(estimated))
         result = run(
-            best.with_({"sensitivities": sensitivities(estimated)}),
+            best.with_({"sensitivities": derivatives(estimated)}),
             comm,
             workspace=workspace,
             directory=directory and directory / _RUN,
@@ -214,7 +226,12 @@ def _write(directory: Path, identified: Identified, source: MeshSource) -> None:
     figures: dict[str, Any] = as_data(identified.estimate) | {
         "shapes": {name: {"sd": sd} for name, sd in identified.shape_deviations.items()},
         "quantities": {
-            name: {"value": identified.result.quantities[name], "sd": sd}
+            name: {
+                "value": identified.result.quantities[name],
+                "sd": sd,
+                "unit": identified.units.get(name, ""),
+                "text": identified.quantity_text(name),
+            }
             for name, sd in identified.quantity_deviations.items()
         },
         "curves": [curve.as_data() for curve in identified.curves],

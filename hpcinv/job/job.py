@@ -394,6 +394,19 @@ class Job(Spec):
         return ""
 
     @property
+    def _unsuited_to_start(self) -> str:
+        """Reason why the solves cannot begin with a predicted solution; empty if nothing forbids it."""
+        if self.method != "direct":
+            return "needs 'method: direct'"
+        if self.accuracy:
+            return "cannot be combined with 'accuracy', which chooses another mesh"
+        if self.controlled_cavities or any(state.controlled for state in self.states):
+            return "is not possible with cavities of unknown pressure"
+        if any(effect.functions(1) for solve in self.plan for effect in solve.job.effects):
+            return "is not possible with a contact that is solved by iteration"
+        return ""
+
+    @property
     def has_derivatives(self) -> bool:
         """True if solutions have derivatives; with contact with a rigid obstacle they have none."""
         return have_derivatives(self.effects, self.states)
@@ -530,6 +543,8 @@ class Job(Spec):
         yield from rules.below(("accuracy",), demands)
         if self.solver.nested_iteration == "on" and (text := self.unsuited_to_nested_iteration):
             yield ("solver", "nested_iteration"), text
+        if self.solver.start is not None and (text := self._unsuited_to_start):
+            yield ("solver", "start"), text
         given_rest = any(state.given and state.is_rest for state in self.states)
         is_reference = given_rest if self.states else self.directions[0] == "forward"
         mesh, shape = ("reference", "undeformed") if is_reference else ("current", "deformed")

@@ -28,6 +28,20 @@ def reuse_group_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str
     Args:
         digest: SHA-256 of a file; callers with many jobs on the same files can cache it.
     """
+    content = _structure(job, digest) | {"solver": job.solver.model_dump(mode="json", include=_EQUATIONS)}
+    return _hash(content)
+
+
+def digests_of_structure(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[str, str]:
+    """Hash of each section of a job without its numbers and solver: what solutions of jobs must have in common."""
+    return {section: _hash(content) for section, content in _structure(job, digest).items()}
+
+
+def _hash(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
+
+
+def _structure(job: Job, digest: Callable[[Path], str]) -> dict[str, Any]:
     content = (
         fingerprint(job, digest)
         | _skeleton_of_loads(job)
@@ -35,7 +49,6 @@ def reuse_group_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str
             "material": {where: _skeleton(law) for where, law in job.laws.items()},
             "fibres": {where: _skeleton(family) for where, family in job.families.items()},
             "partition": job.mesh.partition,
-            "solver": job.solver.model_dump(mode="json", include=_EQUATIONS),
         }
     )
     if controlled := job.controlled_cavities:
@@ -43,7 +56,7 @@ def reuse_group_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str
     if job.states:
         content["states"] = [_skeleton_of_loads(solve.job) | {"state": solve.job.state} for solve in job.plan]
         content["order"] = [[solve.mesh, solve.start] for solve in job.plan]
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
+    return content
 
 
 def structure_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str:

@@ -16,7 +16,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
-from hpcinv.files.untrusted import applies, option_fault
+from hpcinv.files.untrusted import REFUSED, applies, option_fault
 from hpcinv.formats import SAVED
 from hpcinv.quantity.schema import Faults, ListOf, Spec, raise_if_any, shown
 
@@ -74,6 +74,7 @@ _USES: Mapping[str, tuple[str, ...]] = {
     "rescue": ("adaptive", "arc-length"),
     "limit_points": ("arc-length",),
     "maximum_steps": ("arc-length",),
+    "start": ("adaptive",),
 }
 """Strategies for which an option is valid."""
 
@@ -122,8 +123,18 @@ class Solver(Spec):
     ] = "auto"
     """begin with the solution on cells twice as large, where a generator makes the mesh: auto for large slender bodies,
     on for all; on is refused for mesh files, and has no effect if the generator takes numbers of divisions only"""
+    start: str | None = Field(default=None, exclude_if=lambda start: start is None)
+    """directory by 'hpcinv sweep teach', relative to the job: the solve begins with a solution predicted from the cases
+    of a sweep"""
     petsc: Mapping[str, PetscValue] = {}
     """PETSc options by name, without the dash"""
+
+    @field_validator("start")
+    @classmethod
+    def _is_ours(cls, start: str | None, info: ValidationInfo) -> str | None:
+        if start is not None and applies(info):
+            raise ValueError(f"names a directory of results, which would be read, and is {REFUSED}; remove it")
+        return start
 
     @field_validator("petsc")
     @classmethod

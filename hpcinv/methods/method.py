@@ -1,7 +1,7 @@
 """Interface of the solution methods, and the state from which they start."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from dolfinx.fem import Function
@@ -65,6 +65,12 @@ class Guess:
             return None
         x, sign = equilibrium.system.position(), equilibrium.linear.sign_of_determinant()
         return Prediction(norm(x), Increment(0.0, 0.0), x, is_taken=True, signs=(sign,) if sign else ())
+
+
+def sign_of(solves: Sequence[Solve]) -> int:
+    """Return the sign of the tangent's determinant in accepted solves, 0 if it had both or is not known."""
+    signs = {sign for solve in solves if solve.outcome.accepted for sign in solve.signs}
+    return signs.pop() if len(signs) == 1 else 0
 
 
 @dataclass(frozen=True)

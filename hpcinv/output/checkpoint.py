@@ -125,7 +125,7 @@ class Checkpoints:
                 "problem": self.problem,
             }
             try:
-                state["digest"] = _digest(state, partial / "functions.bp")
+                state["digest"] = functions_digest(state, partial / "functions.bp")
                 replace(partial / "state.json", json.dumps(state, indent=1).encode())
                 partial.replace(self.directory / f"{number:04}")
                 mark_saved()
@@ -179,7 +179,7 @@ class Checkpoints:
                 f"{path}: has format {version}, but this version of hpcinv reads {_FORMAT}",
                 _WITH_ITS_VERSION,
             )
-        if digest != _digest(state, path / "functions.bp"):
+        if digest != functions_digest(state, path / "functions.bp"):
             raise _Damaged("functions.bp or state.json is damaged: the digest does not match")
         try:  # after the digest: what is whole, but not known here, is not damage, after which it would be removed
             problem, functions = state["problem"], tuple(state["functions"])
@@ -277,7 +277,8 @@ def _size(function: Function) -> int:
     return int(topology.index_map(topology.dim).size_global * cell_bytes) + 2**13
 
 
-def _digest(state: Mapping[str, Any], functions: Path) -> str:
+def functions_digest(state: Mapping[str, Any], functions: Path) -> str:
+    """Return a hash of JSON data and of a directory of functions."""
     digest = hashlib.sha256(json.dumps(state, sort_keys=True).encode())
     for file in sorted(p for p in functions.rglob("*") if p.is_file()):
         digest.update(str(file.relative_to(functions)).encode())

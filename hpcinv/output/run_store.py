@@ -1,14 +1,14 @@
 """Store of a run: its directory, locked during the run, and checked before each writing."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from hpcinv.errors import JobError, MeshError
 from hpcinv.files.directory_lock import DirectoryLock
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
-from hpcinv.mesh import write_mesh
+from hpcinv.mesh import Body, write_mesh
 from hpcinv.mesh.data import geometry_node_values
 from hpcinv.mesh.mesh_files import UnstorableMesh
 from hpcinv.output.checkpoint import Checkpoints, Restart, cells_digest, nodes_digest
@@ -83,9 +83,7 @@ class RunStore:
         if (directory := self.directory) is None:
             return None, None
         # Functions are saved cell by cell, so that a generator must make the same cells again, at the same nodes.
-        body = equations.body
-        problem = on_root(self.comm, lambda: fingerprint(job) | {"inputs": dict(body.source.inputs)})
-        problem |= {"cells": cells_digest(body), "nodes": nodes_digest(body)}
+        problem = problem_of(job, equations.body)
         checkpoints = None
         if not job.accuracy:
             checkpoints = Checkpoints(directory.checkpoints, self.comm, problem, job.checkpoint.keep)
@@ -127,6 +125,12 @@ class RunStore:
         if self._lock is not None:
             self._lock.release()
             self._lock = None
+
+
+def problem_of(job: Job, body: Body) -> Mapping[str, Any]:
+    """Return the fingerprint of a job on its body, which their checkpoints must share; collective."""
+    problem = on_root(body.mesh.comm, lambda: fingerprint(job) | {"inputs": dict(body.source.inputs)})
+    return problem | {"cells": cells_digest(body), "nodes": nodes_digest(body)}
 
 
 def _write_shape(

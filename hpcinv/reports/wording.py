@@ -102,7 +102,12 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
         for line in doubts
     ]
     advice = [_NEXT[verdict]]
-    if error is not None and (verdict == "warning" or (verdict == "pass" and error.cause != "mesh")):
+    # Without the mesh's error it is not known which is larger.
+    if (
+        error is not None
+        and (error.cause != "surface" or "mesh" in error.causes)
+        and (verdict == "warning" or (verdict == "pass" and error.cause != "mesh"))
+    ):
         advice.append(REMEDIES[error.cause])
     if overlapping:
         advice.append("The facets where the body passes through itself are red in the picture.")

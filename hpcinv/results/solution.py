@@ -7,7 +7,7 @@ from dolfinx.fem import Function
 
 from hpcinv.effects import Direction
 from hpcinv.mesh.source import Floats
-from hpcinv.methods.method import Guess
+from hpcinv.methods.method import Guess, sign_of
 from hpcinv.methods.nested_iteration import CoarseSolve
 from hpcinv.model.cavities import CavityReport
 from hpcinv.model.contacts import ContactReport
@@ -88,9 +88,8 @@ class Solution(State):
 
     def as_guess(self) -> Guess:
         """Return the solution as the initial guess of a similar problem, with its sign if it had only one."""
-        signs = {sign for solve in self.solves if solve.outcome.accepted for sign in solve.signs}
         pressure = None if self.pressure is None else self.pressure.x.array.copy()
-        return Guess(self.displacement.x.array.copy(), pressure, signs.pop() if len(signs) == 1 else 0)
+        return Guess(self.displacement.x.array.copy(), pressure, sign_of(self.solves))
 
 
 def solution_of(

@@ -49,12 +49,13 @@ class SweepRunner(Runner[SweepTask]):
 
     Args:
         warm_start: whether the initial guess of a case is extrapolated from the solutions of its neighbours.
+        keeps_solutions: whether the last checkpoint of each converged case is kept.
     """
 
     collect_every = 20
 
-    def __init__(self, comm: MPI.Intracomm, *, warm_start: bool) -> None:
-        self.comm, self.warm_start = comm, warm_start
+    def __init__(self, comm: MPI.Intracomm, *, warm_start: bool, keeps_solutions: bool = False) -> None:
+        self.comm, self.warm_start, self.keeps_solutions = comm, warm_start, keeps_solutions
         self.workspace = Workspace(comm)
         self.neighbours: tuple[str, Neighbours] = "", Neighbours()
         self.series: tuple[str, list[ParameterSeries]] = "", []
@@ -152,6 +153,8 @@ class SweepRunner(Runner[SweepTask]):
 
     def remove_run(self, task: SweepTask, record: CaseRecord) -> None:
         directory = task.directory
+        if record.converged and self.keeps_solutions:
+            return
         if record.converged and any(path for kept in _KEPT for path in directory.path.glob(kept)):
             shutil.rmtree(directory.checkpoints, ignore_errors=True)
         else:

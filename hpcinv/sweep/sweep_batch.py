@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from hpcinv.batch.task import Batch
 from hpcinv.sweep.results import RETRY
 from hpcinv.sweep.sweep_plan import SweepPlan
+from hpcinv.sweep.sweep_spec import Sweep
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 def sweep_batch(plan: SweepPlan) -> Batch:
     """Return the cases of a sweep. Queue and runner are imported where they run: supervisors must not load PETSc."""
-    return Batch(plan.store, plan.sweep.limit, RETRY, partial(_queue, plan), partial(_runner, plan.sweep.warm_start))
+    return Batch(plan.store, plan.sweep.limit, RETRY, partial(_queue, plan), partial(_runner, plan.sweep))
 
 
 def open_damaged(plan: SweepPlan) -> int:
@@ -33,7 +34,7 @@ def _queue(plan: SweepPlan, ledger: Ledger, begin: float, _ranks: int) -> Queue:
     return Queue(plan, ledger, begin=begin, patience=1.2 * ledger.lease)
 
 
-def _runner(warm_start: bool, comm: Intracomm) -> SweepRunner:
+def _runner(sweep: Sweep, comm: Intracomm) -> SweepRunner:
     from hpcinv.sweep.runner import SweepRunner
 
-    return SweepRunner(comm, warm_start=warm_start)
+    return SweepRunner(comm, warm_start=sweep.warm_start, keeps_solutions=sweep.keep_solutions)

@@ -19,10 +19,12 @@ from hpcinv.sweep.sweep_spec import Sweep
 
 _STORE = Path("results/store")
 # For thousands of cases summaries are enough, and most cases take less time than a checkpoint.
-_DEFAULTS: Mapping[str, Mapping[str, Any]] = {
+_DEFAULTS: dict[str, Mapping[str, Any]] = {
     "output": {"fields": False, "mesh": [], "summary": ["json"]},
     "checkpoint": {"seconds": 10.0},
 }
+_KEEPING = {"checkpoint": {"seconds": 0.0, "keep": 1}}
+"""The same, where solutions are kept."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ class SweepPlan:
 
     def content(self, case: Case) -> Mapping[str, Any]:
         """Return the content of a job file of the case, with paths relative to the job of the sweep."""
-        return _content(self.data, case.settings)
+        return _content(self.data, case.settings, self.sweep.keep_solutions)
 
 
 def load_sweep(
@@ -126,16 +128,16 @@ def _cases(
     for number, (parameters, given) in enumerate(combined(sweep.axes)):
         settings = {k: v for k, v in defaults.items() if k not in given} | sections_first(given)
         with faults.collected(_title(number, parameters), base):
-            job = parse(_content(data, settings), base, untrusted=untrusted)
+            job = parse(_content(data, settings, sweep.keep_solutions), base, untrusted=untrusted)
             key, reuse_group = content_key(job, digest), reuse_group_of(job, digest)
             home = job.resolve(job.mesh.file).absolute().parent
             yield Case(number, key, reuse_group, numbers_of(job), parameters, settings, home)
 
 
-def _content(data: Mapping[str, Any], settings: Mapping[str, Any]) -> Mapping[str, Any]:
+def _content(data: Mapping[str, Any], settings: Mapping[str, Any], keeps_solutions: bool) -> Mapping[str, Any]:
     """Return the content of a job file with some settings, whose only output by default is the summary."""
     changed = changed_data(data, settings)
-    for section, default in _DEFAULTS.items():
+    for section, default in (_DEFAULTS | _KEEPING if keeps_solutions else _DEFAULTS).items():
         given = changed.get(section, {})
         if isinstance(given, Mapping):
             changed[section] = {**default, **given}

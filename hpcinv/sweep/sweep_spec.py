@@ -28,6 +28,8 @@ class Sweep(Spec):
     """values of all cases, unless an axis sets them"""
     warm_start: bool = True
     """whether a case begins with the solution of the nearest converged one; else with the unloaded body"""
+    keep_solutions: bool = False
+    """whether the solution of each case is kept; 'hpcinv sweep teach' learns the start of new jobs from them"""
     limit: Annotated[float, Quantity("s", above=0.0)] | None = None
     """wall time that a case may take, such as 10 min; one that takes longer has failed. Left out, there is none"""
     axes: ListOf[Axis]

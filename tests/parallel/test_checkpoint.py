@@ -16,7 +16,7 @@ from helpers.solutions import SOLVES
 
 from hpcinv.errors import CheckpointError
 from hpcinv.mesh import Body, build_body
-from hpcinv.output.checkpoint import _FORMAT, Checkpoints, Position, _digest
+from hpcinv.output.checkpoint import _FORMAT, Checkpoints, Position, functions_digest
 from hpcinv.parallel.runtime import MPI
 
 DAMAGED = "functions.bp or state.json is damaged"
@@ -180,7 +180,7 @@ def test_a_checkpoint_of_a_newer_version_is_kept(version: int, three: Checkpoint
     state = json.loads((path / "state.json").read_text()) | {"format": version}
     del state["digest"]
     state["position"]["solves"][0][0]["of a newer version"] = 1
-    state["digest"] = _digest(state, path / "functions.bp")
+    state["digest"] = functions_digest(state, path / "functions.bp")
     (path / "state.json").write_text(json.dumps(state))
     why = "has format 99" if version == 99 else "written by another version of hpcinv"
     with pytest.raises(CheckpointError, match=f"{path}: .*{why}") as refused:

@@ -211,6 +211,13 @@ def test_each_verdict_has_words(verdict: str) -> None:
     assert said.finding.startswith("The certificate fails") == (verdict == "fail")
 
 
+@pytest.mark.parametrize(("estimate", "is_said"), [({"shape": 1e-5}, True), ({"shape": 1e-2}, False), (None, False)])
+def test_mesh_and_surface_are_compared_where_both_errors_are_known(estimate: Any, is_said: bool) -> None:
+    content = summary() | {"surface_errors": {"shape": {"sd": 1e-3}}}
+    content["certificate"] |= {"verdict": "warning", "estimate": estimate and {"quantities": {}} | estimate}
+    assert any("finer mesh is not worth" in text for text in words(content, overlapping=False).next) == is_said
+
+
 def test_lines_of_the_certificate_have_a_meaning() -> None:
     guide = (Path(__file__).parents[2] / "docs" / "how-to" / "certificate.md").read_text()
     names = re.findall(r"^  (?:pass|warning|fail): ([^\d(]+?) [\d(]", guide, flags=re.MULTILINE)

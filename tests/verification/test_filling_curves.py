@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,11 @@ import scipy.integrate
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, ROOT
 
+from hpcinv.dossier.content import dossier_page
+from hpcinv.dossier.context import DossierContext
 from hpcinv.errors import JobError
 from hpcinv.identification.filling_curves import MMHG, KlotzCurve
-from hpcinv.identification.identification_page import write_identification_report
+from hpcinv.identification.identification_page import FIGURES, write_identification_report
 from hpcinv.identification.identification_run import identify
 from hpcinv.job.job import parse
 from hpcinv.mesh.io.vtu import read_vtu
@@ -103,6 +106,13 @@ def test_one_factor_of_two_stiffnesses_from_a_filling_curve(comm: MPI.Intracomm,
     page = write_identification_report(tmp_path / "out", None).read_text()
     assert "data:image/png;base64," in page
     assert "material.c2" in page
+    run = tmp_path / "out" / "run"
+    summary, figures = (json.loads(path.read_text()) for path in (run / "summary.json", run.parent / FIGURES))
+    assert summary["sensitivities"]["quantities"]["V0"]["sd"] is None  # of independent parameters
+    assert figures["quantities"]["V0"]["text"] in page
+    dossier = dossier_page(run, summary, DossierContext(), figures).decode()
+    assert f"{figures['quantities']['V0']['text'].partition('± ')[2]} by the identified parameters" in dossier
+    assert "Identified from observations" in dossier
     # The volumes depend on the pressure over the stiffness only, so that both have the same relative slopes.
     slopes = [float(row[0]) for row in estimated.jacobian]
     step = 1e-4

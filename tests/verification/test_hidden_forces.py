@@ -82,5 +82,6 @@ def test_a_hidden_organ_is_found_and_none_where_there_is_none() -> None:
         _, quiet = found((0.0, 0.0))
         assert quiet.estimate.hidden is not None
         assert quiet.estimate.hidden.strength == 0.0
+        assert quiet.estimate.combinations == []  # no other number is sought
         assert quiet.estimate.values.tolist() == [0.0, 0.0]
         np.testing.assert_allclose(quiet.result.shapes["rest"], plain.shapes["rest"], atol=1e-12)
