@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from hpcinv.parallel.children import ending_with_this
@@ -37,7 +37,12 @@ def certificate_kernels_ahead(prepared: Prepared) -> Iterator[None]:
         yield
         return
     children = list[subprocess.Popen[bytes]]()
-    with at_first_missing_kernel(lambda: children.append(_start(pickle.dumps((job, source, forecast))))):
+
+    def start() -> None:
+        with suppress(OSError):  # a full disk, or too many processes: this process compiles all
+            children.append(_start(pickle.dumps((job, source, forecast))))
+
+    with at_first_missing_kernel(start):
         try:
             yield
         finally:
