@@ -158,9 +158,9 @@ def pressures() -> None:
             matrices: list[PETSc.Mat] = []
             spaces: list[Unknowns] = []
             with pressure(element):
-                result = hpcinv.run(sphere(divisions, hexahedra=hexahedra))
+                result = hpcinv.run(sphere(divisions, hexahedra=hexahedra), progress=False)
                 with tangents(partial(_keep, matrices)), unknowns(spaces.append):
-                    hpcinv.run(sphere(divisions, hexahedra=hexahedra, kappa="1 MPa"))
+                    hpcinv.run(sphere(divisions, hexahedra=hexahedra, kappa="1 MPa"), progress=False)
             indptr, indices, data = matrices[0].getValuesCSR()
             K = sparse.csr_array((data, indices, indptr))
             taken, operations = factorization(K)
@@ -196,7 +196,7 @@ def fewer_points() -> None:
 
         with mock.patch.object(CompiledTangent, "__init__", create):
             try:
-                result = hpcinv.run(sphere(4, hexahedra=hexahedra))
+                result = hpcinv.run(sphere(4, hexahedra=hexahedra), progress=False)
                 iterations = result.statistics["solutions"][0]["newton_iterations"]
                 print(f"  {what} points: {iterations} iterations")
             except SolveError as error:
@@ -209,7 +209,7 @@ def layouts() -> None:
     spaces: list[Unknowns] = []
     job = block(48_000, certificate=WITHOUT_CERTIFICATE, solver={"linear": "direct"})
     with tangents(partial(_keep, matrices)), unknowns(spaces.append):
-        hpcinv.run(parse(dict(job), JOB))
+        hpcinv.run(parse(dict(job), JOB), progress=False)
     rows = PETSc.IS().createGeneral(spaces[0].owned_displacement_dofs.tolist())
     for name, inodes in (("AIJ with inodes", False), ("AIJ", True)):
         PETSc.Options().setValue("mat_no_inode", inodes)

@@ -196,7 +196,7 @@ def measure(job: Job, workspace: Workspace) -> tuple[Result, float]:
     """Return the result, and processor seconds of the run."""
     begun = time.process_time()
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        result = hpcinv.run(job, MPI.COMM_WORLD, workspace=workspace)
+        result = hpcinv.run(job, MPI.COMM_WORLD, workspace=workspace, progress=False)
     return result, time.process_time() - begun
 
 

@@ -67,7 +67,7 @@ def job(scene: Mapping[str, Any], **more: Any) -> Job:
 
 
 def counts(given: Job) -> str:
-    (solution,) = hpcinv.run(given).solutions
+    (solution,) = hpcinv.run(given, progress=False).solutions
     updates = sum(solve.strategy == AUGMENTATION for solve in solution.solves)
     return f"{solution.factorizations:>14}{updates:>9}"
 

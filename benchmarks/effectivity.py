@@ -256,7 +256,7 @@ def cases(bodies: list[str], divisions: list[int], degrees: list[int]) -> Iterat
                         yield f"{name}, {text} | {cells} | {degree} | {n}", data, exact
     if "beam" in bodies and 2 in degrees:
         no_estimate = ESTIMATE | {"estimate": False}
-        exact = {"tip": hpcinv.run(beam("3 mm", 2, no_estimate, 3)).quantities["tip"]}
+        exact = {"tip": hpcinv.run(beam("3 mm", 2, no_estimate, 3), progress=False).quantities["tip"]}
         for geometry, shape in ((1, "straight"), (2, "curved")):
             for size in ("4 mm", "3 mm"):
                 yield f"beam | {shape} tetrahedra | 2 | {size}", beam(size, geometry, ESTIMATE), exact
@@ -272,7 +272,7 @@ def main() -> None:
     print("| body | cells | degree | divisions | quantity | true error | estimated | effectivity |")
     print("|---|---|---|---|---|---|---|---|")
     for name, data, exact in cases(options.bodies, options.divisions, options.displacement):
-        result = hpcinv.run(data)
+        result = hpcinv.run(data, progress=False)
         assert result.estimate is not None
         for quantity, value in exact.items():
             true, estimated = value - result.quantities[quantity], result.estimate.quantities[quantity]

@@ -50,7 +50,7 @@ def main() -> None:
         rule_directions(body, family.rule, "fibres.fibre")
         rule_seconds = comm.allreduce(time.perf_counter() - began, op=MPI.MAX)
         began = time.perf_counter()
-        hpcinv.run(given, comm)
+        hpcinv.run(given, comm, progress=False)
         run_seconds = comm.allreduce(time.perf_counter() - began, op=MPI.MAX)
         if number and comm.rank == 0:
             cells = sum(body.partition.cells)

@@ -40,7 +40,7 @@ def row(path: Path, comm: MPI.Intracomm) -> tuple[str, ...]:
         directory = comm.bcast(Path(temporary)) / "results"
         begin = time.perf_counter()
         try:
-            result = hpcinv.run(hpcinv.load(path), comm, directory=directory)
+            result = hpcinv.run(hpcinv.load(path), comm, directory=directory, progress=False)
         except HpcinvError as error:
             ending = f"exit code {error.exit_code}: {error.message.splitlines()[0].split('supports: ', 1)[-1]}"
         else:

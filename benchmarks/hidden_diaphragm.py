@@ -66,7 +66,9 @@ def main() -> None:
     sd = 1e-3 * parser.parse_args().sd
     comm, nothing, random = MPI.COMM_WORLD, (0.0,) * len(CENTRES), np.random.default_rng(1)
     with Workspace(comm) as workspace, redirect_stdout(io.StringIO()):
-        truth, plain = (hpcinv.run(job(pressures), comm, workspace=workspace) for pressures in (ORGAN, nothing))
+        truth, plain = (
+            hpcinv.run(job(pressures), comm, workspace=workspace, progress=False) for pressures in (ORGAN, nothing)
+        )
         nodes, early = truth.body.given_nodes[::EVERY], truth.shapes["early"][::EVERY]
         seen = early + sd * random.standard_normal(early.shape)
         marks = [{"at": at.tolist(), "observed": place.tolist()} for at, place in zip(nodes, seen, strict=True)]

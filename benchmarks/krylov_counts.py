@@ -1,15 +1,20 @@
 """Krylov iterations to a relative residual of 1e-6 with multigrid, over size, degree, compressibility and ranks.
 
 A cube of 1 m hangs by its weight, inverse. Two systems are solved: the tangent of the unloaded body, and the tangent
-after its correction at full load. "jump" is a lower half whose moduli are 1,000 times the upper half's.
+after its correction at full load. "jump" is a lower half whose moduli are 1,000 times the upper half's; "bulk jump" is
+one whose bulk modulus alone is.
 
-Command: mpirun -n RANKS python benchmarks/krylov_counts.py [--sizes 20000 60000] [--kinds "P2, incompressible" …]
+Command: mpirun -n RANKS python benchmarks/krylov_counts.py [--sizes 20000 60000] [--kinds "P2, incompressible" …], or
+python benchmarks/krylov_counts.py --ranks 1 2 4 8
 """
 
 from __future__ import annotations
 
 import argparse
+import subprocess
+import sys
 import time
+from pathlib import Path
 from typing import Any
 
 from assembly import model_of, say
@@ -20,6 +25,7 @@ from hpcinv.parallel.runtime import MPI
 
 SOFT: dict[str, Any] = {"law": "neo-hookean", "young": "10 kPa"}
 INCOMPRESSIBLE: dict[str, Any] = {"law": "isochoric-neo-hookean", "mu": "3.33 kPa", "kappa": "incompressible"}
+MPIRUN = Path(sys.executable).parent / "mpirun"
 TOLERANCE = 1e-6  # relative residual
 
 
@@ -29,6 +35,13 @@ def jumping(poisson: float) -> dict[str, Any]:
     return {"material": {"lower": stiff, "elsewhere": {**SOFT, "poisson": poisson}}}
 
 
+BULK_JUMP: dict[str, Any] = {
+    "material": {
+        "lower": {"law": "neo-hookean", "mu": "4 kPa", "poisson": 0.49977},  # bulk by shear modulus 2,167
+        "elsewhere": {"law": "neo-hookean", "mu": "4 kPa", "poisson": 0.3},  # 2.167
+    }
+}
+LOCKING: dict[str, Any] = {"discretisation": {"displacement": 1, "formulation": "displacement"}}
 KINDS: dict[str, tuple[int, dict[str, Any]]] = {
     "P1, 0.3": (1, {"material": {**SOFT, "poisson": 0.3}}),
     "P1, 0.3, jump": (1, jumping(0.3)),
@@ -36,6 +49,11 @@ KINDS: dict[str, tuple[int, dict[str, Any]]] = {
     "P2, 0.3, jump": (2, jumping(0.3)),
     "P2, 0.49": (2, {"material": {**SOFT, "poisson": 0.49}}),
     "P2, 0.49, jump": (2, jumping(0.49)),
+    "P1, 0.499": (1, {"material": {**SOFT, "poisson": 0.499}, **LOCKING}),
+    "P2, 0.499": (2, {"material": {**SOFT, "poisson": 0.499}}),
+    "P2, 0.499, jump": (2, jumping(0.499)),
+    "P1, bulk jump": (1, {**BULK_JUMP, **LOCKING}),
+    "P2, bulk jump": (2, BULK_JUMP),
     "P2, incompressible": (2, {"material": INCOMPRESSIBLE}),
 }
 
@@ -70,12 +88,22 @@ def row(name: str, unknowns: int) -> None:
     equilibrium.destroy()
 
 
-if __name__ == "__main__":
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", type=int, nargs="+", default=[20_000, 60_000, 200_000], help="unknowns, about")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
+    parser.add_argument("--ranks", type=int, nargs="+", help="start mpirun with these numbers of ranks in turn")
     options = parser.parse_args()
     say(f"{'kind':22}{'unknowns':>10}{'ranks':>7}{'first':>8}{'second':>8}{'s each':>10}")
-    for kind in options.kinds:
+    for ranks in options.ranks or ():
+        sizes = [str(size) for size in options.sizes]
+        rest = [sys.executable, __file__, "--sizes", *sizes, "--kinds", *options.kinds]
+        done = subprocess.run([MPIRUN, "-n", str(ranks), *rest], stdout=subprocess.PIPE, check=True, text=True)
+        print(*done.stdout.splitlines()[1:], sep="\n", flush=True)
+    for kind in () if options.ranks else options.kinds:
         for size in options.sizes:
             row(kind, size)
+
+
+if __name__ == "__main__":
+    main()

@@ -91,7 +91,7 @@ def row(shape: str, material: str, analysis: str, data: dict[str, Any]) -> None:
 
 def solved(data: dict[str, Any], linear: str) -> Result:
     job = {**data, "solver": {"linear": linear, "rescue": []}, "certificate": WITHOUT_CERTIFICATE}
-    return hpcinv.run(parse(job, JOBS / "benchmark.yaml"), MPI.COMM_WORLD)
+    return hpcinv.run(parse(job, JOBS / "benchmark.yaml"), MPI.COMM_WORLD, progress=False)
 
 
 def say(line: str) -> None:

@@ -209,7 +209,7 @@ def effort(data: Mapping[str, Any], comm: MPI.Intracomm, workspace: Workspace) -
     """Factorizations, iterations, failed solves and all solves, and the displacement; of the first solution."""
     job = parse({"certificate": NO_CERTIFICATE, **data}, Path(__file__))
     try:
-        result: Result = hpcinv.run(job, comm, workspace=workspace)
+        result: Result = hpcinv.run(job, comm, workspace=workspace, progress=False)
     except hpcinv.errors.SolveError as error:
         say(comm, str(error))
         return [0, 0, 0, 0], np.zeros(0)

@@ -170,7 +170,7 @@ def main() -> None:
     print("| body | cells | demand | promised | true error | kept | steps | unknowns |")
     print("|---|---|---|---|---|---|---|---|")
     for body in bodies(parser.parse_args().bodies):
-        result = hpcinv.run(job(**body.data, accuracy={"q": body.demand}))
+        result = hpcinv.run(job(**body.data, accuracy={"q": body.demand}), progress=False)
         record, true = result.accuracy, abs(result.quantities["q"] - body.exact)
         assert record is not None
         bound, row = record.bounds["q"], record.rows[record.chosen]

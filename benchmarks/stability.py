@@ -91,7 +91,7 @@ def cases() -> Iterator[tuple[str, Job]]:
 
 
 def solved(job: Job) -> tuple[Result, Equations, Solution]:
-    result = hpcinv.run(job, MPI.COMM_WORLD)
+    result = hpcinv.run(job, MPI.COMM_WORLD, progress=False)
     model, solution = Equations(job, result.body, Timings()), result.solutions[0]
     model.put(solution.moved_to(solution.reference_nodes))
     return result, model, solution
@@ -170,7 +170,7 @@ def iteration_rows(size: int) -> Iterator[list[str]]:
     certificate = {"level": "off", "stability": True}
     for name, body, analysis in (("block", block_of, "inverse"), ("beam", beam, "forward")):
         data = body(size, analysis=analysis, certificate=certificate, solver={"linear": "iterative"})
-        result = hpcinv.run(hpcinv.load(data), MPI.COMM_WORLD)
+        result = hpcinv.run(hpcinv.load(data), MPI.COMM_WORLD, progress=False)
         (line,) = (line for line in result.certificate.lines if line.name.startswith("stability"))
         phases = result.statistics["timings"]["phases"]
         work = ("newton", "residual", "tangent", "factorization", "linear solve", "admissibility check")

@@ -26,8 +26,8 @@ BODIES = {"beam": beam, "block": block, "sphere": sphere}
 def estimated(job: Any, many: float) -> tuple[float, float]:
     """Return the seconds of the estimate, and its error of the shape (m); kernels are compiled beforehand."""
     two_level.MANY = many
-    hpcinv.run(job)
-    result = hpcinv.run(job)
+    hpcinv.run(job, progress=False)
+    result = hpcinv.run(job, progress=False)
     (line,) = (line for line in result.certificate.lines if line.name.startswith("discretisation error"))
     assert result.estimate is not None
     assert line.seconds is not None

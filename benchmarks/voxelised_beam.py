@@ -115,7 +115,7 @@ def report(name: str, mesh: dict[str, Any]) -> None:
         "certificate": {"level": "off", "surface": True},
     }
     begun = time.perf_counter()
-    result = hpcinv.run(hpcinv.load(job))
+    result = hpcinv.run(hpcinv.load(job), progress=False)
     seconds = time.perf_counter() - begun
     spread = result.surface_spread
     predicted = "" if spread is None else f"{1e3 * spread.deviations()['']:.2f} mm  {spread.seconds:.1f}, {seconds:.1f}"

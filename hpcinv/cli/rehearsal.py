@@ -5,6 +5,8 @@ the mesh. So the functions of a run are called as the run calls them, with a bod
 held by itself. What asks for a kernel in a run does so here, whatever it is.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from hpcinv.assembly.tangent import as_for
@@ -24,10 +26,12 @@ from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.keys import parse_key
 from hpcinv.results.quantities_of_interest import evaluate
 from hpcinv.results.solution import Solution
-from hpcinv.results.steps import StepObserver, carry_out
+from hpcinv.results.steps import StepObserver, StepSolver, carry_out
 from hpcinv.sensitivity.analysis import Sensitivities, sensitivities
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.linear.cost_model import Forecast
 from hpcinv.solver.linear.iterative import Iterative
+from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.observer import SolvedDirection
 from hpcinv.solver.workspace import Workspace
 
@@ -42,16 +46,6 @@ def rehearse(job: Job) -> None:
         MeshError, SystemPartMissing: as a run would.
     """
     source = read_anywhere(job.mesh, job.resolve, MPI.COMM_SELF)
-    with as_for(len(source.cells)):
-        _rehearse(job, source)
-
-
-def _rehearse(job: Job, source: MeshSource) -> None:
-    finer = None
-    if job.certificate.estimate and not source.is_partitioned:
-        finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
-    points = [np.array(q.at) for q in job.quantities if q.at is not None]
-    body = sample_body(source, job.regions, points, finer).raise_degree(job.discretisation.displacement)
     moved = [any(s.moves for s in step.job.supports) or step.start is not None for step in job.plan]
 
     def compile_step(
@@ -65,32 +59,90 @@ def _rehearse(job: Job, source: MeshSource) -> None:
         equations.release(equilibrium)
         return SolvedDirection(step.direction, (), 1.0, equilibrium.linear.used, False, False, None), None
 
-    held = _held(job)
-    with Workspace(MPI.COMM_SELF) as workspace:
+    solver = job.solver if job.solver.linear == "direct" else job.solver.model_copy(update={"linear": "iterative"})
+    most = job.model_copy(update={"solver": solver})  # the linear solver with most kernels
+    _rehearse(most, source, compile_step, _check)
+
+
+def rehearse_certificate(job: Job, source: MeshSource, forecast: Forecast) -> None:
+    """Compile the kernels of a job's certificate on this process.
+
+    Args:
+        source: the mesh of the run.
+        forecast: of its linear solvers, by which the run chooses.
+    """
+
+    def assume_solved(
+        number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver
+    ) -> tuple[SolvedDirection, None]:
+        """Return the body that does not move."""
+        chooser = equations.chooser
+        chooser.forecast = forecast
+        if forecast.degree_forecast(forecast.degree + 1).operations > two_level.MANY:
+            chooser.room = forecast.factors  # else the finer problem would be solved, since the loads are not balanced
+        choice = chooser.choose(equations.job.solver)
+        linear = Used(choice.configuration, choice.why, None)
+        return SolvedDirection(step.direction, (), 1.0, linear, False, False, None), None
+
+    _rehearse(job, source, assume_solved, _certify_after_way_back)
+
+
+def _rehearse(
+    job: Job,
+    source: MeshSource,
+    solve: StepSolver,
+    check: Callable[[Equations, list[Solution]], None],
+) -> None:
+    """Carry out the plan of a job on a sample of its mesh, and check what it yields."""
+    finer = None
+    if job.certificate.estimate and not source.is_partitioned:
+        finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
+    points = [np.array(q.at) for q in job.quantities if q.at is not None]
+    with as_for(len(source.cells)), Workspace(MPI.COMM_SELF) as workspace:
+        body = sample_body(source, job.regions, points, finer).raise_degree(job.discretisation.displacement)
+        held = _held(job)
         all_equations = workspace.equations(held, body, Timings())
         solutions: list[Solution] = []
         slopes: list[Sensitivities] = []
-        steps = carry_out(held.plan, all_equations, StepObserver(), solve=compile_step)
+        steps = carry_out(held.plan, all_equations, StepObserver(), solve=solve)
         for number, (step, equations, solution) in enumerate(zip(held.plan, all_equations, steps, strict=True)):
             solutions.append(solution)
             if (parameters := job.differentiated) and (number == 0 or step.job.state):
                 given = (solutions[0], slopes[0]) if step.mesh is not None else None
                 slopes.append(sensitivities(equations, solution, parameters, given))
         if not job.states:
-            _check(all_equations[0], solutions)
+            check(all_equations[0], solutions)
         known = set[tuple[int, str, bool]]()
         for equations, solution in zip(all_equations, solutions if job.states else (), strict=False):
             equations.put(solution)
             kernels = (id(equations), solution.direction, equations.has_attached)
             if kernels not in known:
                 known.add(kernels)
-                _check(equations, [solution])
+                check(equations, [solution])
+
+
+def _certify(equations: Equations, solutions: list[Solution]) -> None:
+    """Compile what evaluates and checks a solution, or both of an analysis, on a mesh of this size."""
+    certify(equations, solutions, evaluate(solutions[0].job.quantities, equations.body, solutions[0], equations))
+
+
+def _certify_after_way_back(equations: Equations, solutions: list[Solution]) -> None:
+    """Compile the same, first the way back, whose kernels a run needs last."""
+    if solutions[0].job.certificate.round_trip != "off" and len(solutions) == 1:
+        _compile_way_back(equations, solutions[0])
+    _certify(equations, solutions)
+
+
+def _compile_way_back(equations: Equations, solution: Solution) -> None:
+    equilibrium = equations.equilibrium(equations.scene(way_back(solution)))
+    equilibrium.system.compile()
+    equations.release(equilibrium)
 
 
 def _check(equations: Equations, solutions: list[Solution]) -> None:
-    """Compile what evaluates and checks a solution, or both of an analysis."""
+    """Compile what evaluates and checks a solution, or both of an analysis, on meshes of any size."""
     job, solution = solutions[0].job, solutions[0]
-    certify(equations, solutions, evaluate(job.quantities, equations.body, solution, equations))
+    _certify(equations, solutions)
     if job.certificate.estimate:
         finer = finer_equations(equations, solution)
         two_level.correct(equations, solution.direction, finer)  # needed for large bodies
@@ -99,15 +151,12 @@ def _check(equations: Equations, solutions: list[Solution]) -> None:
         second_variation(equations, known_displacement(equations))  # needed where the body is not stable
         Iterative(equations.scene("forward")).pressure_scale()  # needed where factors are not affordable
     if job.certificate.round_trip == "near" and len(solutions) == 1:  # needed where corrections do not settle
-        equilibrium = equations.equilibrium(equations.scene(way_back(solution)))
-        equilibrium.system.compile()
-        equations.release(equilibrium)
+        _compile_way_back(equations, solution)
 
 
 def _held(job: Job) -> Job:
-    """Return the job with supports on all cells, which need no kernels, and the linear solver with most kernels."""
+    """Return the job with supports on all cells, which need no kernels."""
     supports = (Support(region=HELD, fix=("x", "y", "z")),)
     states = tuple(s if s.is_rest else s.model_copy(update={"supports": supports}) for s in job.states)
     keys = {key: entry for key, entry in job.sensitivities.items() if "supports" not in parse_key(key)}
-    solver = job.solver if job.solver.linear == "direct" else job.solver.model_copy(update={"linear": "iterative"})
-    return job.model_copy(update={"supports": supports, "states": states, "sensitivities": keys, "solver": solver})
+    return job.model_copy(update={"supports": supports, "states": states, "sensitivities": keys})

@@ -145,6 +145,7 @@ def _run_in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, 
                 resume=resume,
                 progress=progress,
                 stop_asked=stop,
+                compiles_ahead=True,
             )
     missing = OutputError.exit_code if result.statistics["unwritten"] else 0
     return result.certificate.verdict.exit_code(strict=options.strict) or missing

@@ -20,8 +20,8 @@ import ctypes
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
 from itertools import islice
@@ -146,6 +146,23 @@ JIT_OPTIONS = {"cffi_extra_compile_args": [*FLAGS, *_environment()], "cache_dir"
 
 NOT_FOUND: list[str] = []
 """names of the kernels that this process did not find in the cache, so that it had to compile them or to wait"""
+_AT_FIRST_MISSING = list[Callable[[], None]]()
+
+
+@contextmanager
+def at_first_missing_kernel(action: Callable[[], None]) -> Iterator[None]:
+    """Context in which an action is called once, when this process does not find a kernel."""
+    _AT_FIRST_MISSING.append(action)
+    try:
+        yield
+    finally:
+        _AT_FIRST_MISSING.clear()
+
+
+def _note_missing(name: str) -> None:
+    NOT_FOUND.append(name)
+    while _AT_FIRST_MISSING:
+        _AT_FIRST_MISSING.pop()()
 
 
 def _find(name: str, directory: Path, suffix: str = ".so") -> Path | None:
@@ -199,7 +216,7 @@ def _get_cached_module(name: str, objects: Sequence[str], directory: Path, _time
     """Load a kernel, or return (None, None), so that FFCx compiles it."""
     path = _find(name, Path(directory))
     if path is None:
-        NOT_FOUND.append(name)
+        _note_missing(name)
         return None, None
     return _load(path, objects)
 
@@ -298,7 +315,7 @@ def compile_library(comm: MPI.Intracomm, code: str, directory: Path = DIRECTORY)
 
     def load() -> ctypes.CDLL:
         if _find(name, directory) is None:
-            NOT_FOUND.append(name)
+            _note_missing(name)
             _publish(lambda: code, name, flags, directory)
         if (path := _find(name, directory)) is None:
             raise ModuleNotFoundError(f"{name} was removed from {directory} after its compilation")

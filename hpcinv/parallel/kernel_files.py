@@ -97,7 +97,7 @@ def locked(directory: Path, name: str, patience: float = 600.0) -> Iterator[None
             try:
                 fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
             except (BlockingIOError, PermissionError):  # by POSIX, either means that another process has the lock
-                time.sleep(0.1)
+                time.sleep(0.02)
             except OSError:  # the file system has no locks
                 break
             else:

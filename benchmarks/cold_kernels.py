@@ -1,0 +1,80 @@
+"""What a run with its default certificate takes on an empty cache of kernels, above the same run with all kernels.
+
+"this process" is the processor time of the run and of its compilers: what one processor has to do before the run ends,
+waiting for the second process aside. "second" is the processor time of the process that compiles the certificate's
+kernels. Elapsed times are those of a user only on an otherwise idle machine with two processors.
+
+Command: python benchmarks/cold_kernels.py [JOB …]
+"""
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from hpcinv.output.console import table_console, table_of_numbers
+
+ROOT = Path(__file__).parents[1]
+NAMES = ("single-tetrahedron", "thick-sphere", "sagging-block", "pdms-beam")
+JOBS = [ROOT / "jobs" / f"{name}.yaml" for name in NAMES]
+
+
+def run_here(job: str) -> None:
+    """Run a job in this process; print its seconds as JSON: this process, the second one, and elapsed."""
+    started = time.perf_counter()
+    from hpcinv import kernels_ahead
+    from hpcinv.__main__ import main
+
+    compilers, end = list[float](), kernels_ahead._end
+
+    def recorded(child: subprocess.Popen[bytes]) -> None:
+        compilers.append(processor_time(resource.RUSAGE_CHILDREN))  # without a child that was not waited for
+        end(child)
+
+    kernels_ahead._end = recorded
+    with tempfile.TemporaryDirectory() as directory:
+        main(["run", job, "--output", f"{directory}/run", "--quiet"])
+    elapsed, children = time.perf_counter() - started, processor_time(resource.RUSAGE_CHILDREN)
+    own = processor_time(resource.RUSAGE_SELF) + (compilers[0] if compilers else children)
+    print(json.dumps([own, children - compilers[0] if compilers else 0.0, elapsed]))
+
+
+def processor_time(who: int) -> float:
+    used = resource.getrusage(who)
+    return used.ru_utime + used.ru_stime
+
+
+def seconds(job: Path, kernels: Path) -> list[float]:
+    """Return the seconds of a run with a directory of kernels."""
+    settings = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    settings |= {"HPCINV_KERNELS": str(kernels), "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, __file__, "--here", str(job)]
+    done = subprocess.run(command, env=settings, stdout=subprocess.PIPE, check=True, text=True)
+    found: list[float] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("jobs", type=Path, nargs="*", default=JOBS, help="job files")
+    parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.here:
+        run_here(str(options.jobs[0]))
+        return
+    parts = ("this process", "second", "elapsed")
+    table = table_of_numbers("job", *(f"{part}, s" for part in parts), "kernels there", "more by an empty cache")
+    for job in options.jobs:
+        with tempfile.TemporaryDirectory() as kernels:
+            cold, warm = (seconds(job, Path(kernels)) for _ in range(2))
+        table.add_row(job.stem, *(f"{s:.1f}" for s in cold), f"{warm[0]:.1f}", f"{cold[0] - warm[0]:.1f}")
+    table_console().print(table)
+
+
+if __name__ == "__main__":
+    main()

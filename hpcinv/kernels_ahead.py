@@ -1,0 +1,74 @@
+"""Compilation of the certificate's kernels in a child process, while this one compiles those of the solve, and solves.
+
+Whichever process comes to a kernel first compiles it; the other waits, and loads it. If the child fails, this process
+compiles all kernels itself.
+"""
+
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from hpcinv.parallel.children import ending_with_this
+from hpcinv.parallel.jit import at_first_missing_kernel
+from hpcinv.preparation import Prepared
+
+_PROGRAM = "hpcinv.cli.certificate_kernels"
+_MANY = 100_000  # cells; the solve of more takes far longer than compilation, and the child would copy their mesh
+_PATIENCE = 5.0  # s that the child has to remove its temporary files; then it is killed
+_LAUNCHER = ("PMI", "MPI_LOCAL", "HYD", "OMPI_")  # variables by which the child would take itself for a rank
+
+
+@contextmanager
+def certificate_kernels_ahead(prepared: Prepared) -> Iterator[None]:
+    """Context in which the first kernel that is missing starts the child process, on rank 0; collective.
+
+    There is none if only one processor can be used, for a large mesh, or without a certificate.
+    """
+    job, source, comm = prepared.job, prepared.body.source, prepared.body.mesh.comm
+    forecast = prepared.equations[0].chooser.forecast
+    has_processor = len(os.sched_getaffinity(0)) > 1 if sys.platform == "linux" else True
+    is_small = not source.is_partitioned and len(source.cells) <= _MANY
+    if comm.rank or job.certificate.level == "off" or not (has_processor and is_small):
+        yield
+        return
+    children = list[subprocess.Popen[bytes]]()
+
+    def start() -> None:
+        with suppress(OSError):  # a full disk, or too many processes: this process compiles all
+            children.append(_start(pickle.dumps((job, source, forecast))))
+
+    with at_first_missing_kernel(start):
+        try:
+            yield
+        finally:
+            for child in children:
+                _end(child)
+
+
+def _start(data: bytes) -> subprocess.Popen[bytes]:
+    """Start the child process, which reads ``data``."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(_LAUNCHER)}
+    places = (str(Path(__file__).parents[1]), environment.get("PYTHONPATH"))
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, places))
+    with tempfile.TemporaryFile() as file:
+        file.write(data)
+        file.seek(0)
+        command = ending_with_this([sys.executable, "-P", "-m", _PROGRAM])
+        return subprocess.Popen(
+            command, stdin=file, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment
+        )
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    """End the child process and wait for it."""
+    child.terminate()
+    try:
+        child.wait(_PATIENCE)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()
