@@ -1,4 +1,4 @@
-"""Compilation of the certificate's kernels in a child process, while this one compiles those of the solve, and solves.
+"""Compilation of the certificate's kernels in a child process, while this one compiles the solve's kernels, and solves.
 
 Whichever process comes to a kernel first compiles it; the other waits, and loads it. If the child fails, this process
 compiles all kernels itself.

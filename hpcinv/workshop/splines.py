@@ -86,7 +86,7 @@ def _basis(knots: Floats, parameters: Floats) -> sparse.csr_array:
 
 
 def _row_products(a: sparse.csr_array, b: sparse.csr_array) -> sparse.csr_array:
-    """Return the products of the entries of each row of ``a`` with those of the same row of ``b``."""
+    """Return the products of all entries of ``a`` and ``b`` in the same row."""
     rows = a.shape[0]
     columns = a.indices.reshape(rows, -1, 1) * b.shape[1] + b.indices.reshape(rows, 1, -1)
     values = a.data.reshape(rows, -1, 1) * b.data.reshape(rows, 1, -1)
