@@ -96,7 +96,7 @@ def test_mesh_files_with_and_without_a_unit_line_are_read(meshes: Path, tmp_path
         assert read_source(spec(damaged, unit="cm"), damaged).points.max() == pytest.approx(10.0)
     damaged.write_bytes(stated.replace(section, b""))
     assert read_source(spec(damaged), damaged).points.max() == pytest.approx(1000.0)
-    with pytest.raises(MeshError, match="are in mm, but the unit given for it is m, which is the"):
+    with pytest.raises(MeshError, match="states that it is in mm, but the unit given for it is m, which is the"):
         read_source(spec(path), path)
 
 

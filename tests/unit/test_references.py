@@ -12,7 +12,7 @@ REFERENCE = re.compile(
     r"(?<![\w/.:-])((?:tests|benchmarks|docs|hpcinv|meshes|jobs|slurm)/[\w./-]*\.(?:py|md|ya?ml|sbatch|sh|png|svg|geo|msh))"
 )
 LINK = re.compile(r"\]\((?!https?:)([\w./-]+\.\w+)")
-WRITTEN = re.compile(r"^jobs/(?:job|arm)")  # stand for files of the reader
+WRITTEN = re.compile(r"^jobs/(?:job|arm|sag|sheet)")  # stand for files of the reader
 RECIPE = re.compile(r"^<!-- file: ([\w./-]+) -->$", re.MULTILINE)  # a file that the reader makes
 MADE = re.compile(r"> ([\w./-]+)$", re.MULTILINE)  # by a command of the same document
 

@@ -215,7 +215,7 @@ def test_each_verdict_has_words(verdict: str) -> None:
 def test_mesh_and_surface_are_compared_where_both_errors_are_known(estimate: Any, is_said: bool) -> None:
     content = summary() | {"surface_errors": {"shape": {"sd": 1e-3}}}
     content["certificate"] |= {"verdict": "warning", "estimate": estimate and {"quantities": {}} | estimate}
-    assert any("finer mesh is not worth" in text for text in words(content, overlapping=False).next) == is_said
+    assert any("finer mesh does not help" in text for text in words(content, overlapping=False).next) == is_said
 
 
 def test_lines_of_the_certificate_have_a_meaning() -> None:

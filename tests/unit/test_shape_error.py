@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hpcinv.reports.shape_error import shape_error
+from hpcinv.reports.shape_error import REMEDIES, shape_error
 from hpcinv.reports.wording import words
 
 DISPLACEMENT = 4e-3
@@ -45,11 +45,11 @@ def summary(mesh: float | None, surface: float | None, gap: float, verdict: str 
         (642e-6, 40.9e-6, 1e-12, "mesh", "within 642 µm (16 % of the displacement)", "Refine the mesh"),
         (642e-6, None, 1e-12, "mesh", "within 642 µm", "Refine the mesh"),
         (40.9e-6, None, 1e-3, "round trip", "misses the given body by 1 mm", "the line on stability"),
-        (None, 642e-6, 1e-12, "surface", "uncertain by 642 µm", "a better surface"),
+        (None, 642e-6, 1e-12, "surface", "uncertain by 642 µm", None),  # the mesh's error may be larger
     ],
 )
 def test_the_headline_is_the_largest_error_with_its_cause(
-    mesh: float | None, surface: float | None, gap: float, cause: str, headline: str, advice: str
+    mesh: float | None, surface: float | None, gap: float, cause: str, headline: str, advice: str | None
 ) -> None:
     data = summary(mesh, surface, gap)
     error_sum, report = shape_error(data), words(data, overlapping=False)
@@ -60,7 +60,8 @@ def test_the_headline_is_the_largest_error_with_its_cause(
     )
     first, *others = (text for text in report.sure if "µm" in text or " mm" in text)
     assert headline in first
-    assert any(advice in text for text in report.next)
+    advised = [text for text in report.next if text in REMEDIES.values()]
+    assert not advised if advice is None else any(advice in text for text in advised)
     if cause != "mesh":
         assert not any("Refine the mesh" in text for text in [*report.sure, *report.next])
     assert len(others) == len(error_sum.causes) - 1

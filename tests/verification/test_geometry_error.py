@@ -289,11 +289,11 @@ def test_an_output_has_one_error_of_a_quantity(from_file: bool, tmp_path: Path) 
     ended = hpcinv(1, "run", path, "--output", tmp_path / "out", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    (promised,) = re.findall(r"error of inner (\S+)", ended.stdout)
+    (promised,) = re.findall(r"error of inner (\S+) mm", ended.stdout)
     (printed,) = re.findall(r"^inner: \S+ mm \(error at most (\S+) mm[,)]", ended.stdout, re.MULTILINE)
     steps = re.findall(r"inner ± (\S+)", ended.stdout)
     assert printed == steps[summary["accuracy"]["chosen"]]
-    assert float(printed) == pytest.approx(1e3 * float(promised))
+    assert float(printed) == pytest.approx(float(promised))
     assert ended.stdout.count("without the error of the geometry") >= (2 if from_file else 0)
     assert ("without the error of the geometry" in ended.stdout) == from_file
     if not from_file:

@@ -114,5 +114,5 @@ def test_a_region_by_a_condition_says_that_its_border_moves(comm: MPI.Intracomm)
     result = package.run(stack, comm)
     assert result.accuracy is not None
     print("\n".join(row.described({}, {}) for row in result.accuracy.rows))
-    (line,) = result.accuracy.lines()
+    (line,) = result.accuracy.lines({}, {})
     assert "the border of 'low' is not on the mesh, and moves with its cells" in line.note

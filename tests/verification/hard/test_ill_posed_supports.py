@@ -171,7 +171,7 @@ def test_supports_of_different_load_cases_contradict_each_other_on_the_way(
         "supports": [{"region": "z0", "case": "push", **moved}, {"region": "x1", "case": case, **moved}],
     }
     if refused:
-        assert "0.1 m (push) and 0.1 m (pull) at (1," in refusal(comm, **data)
+        assert "0.1 m (push) and 0.1 m (pull) along x on a node at (1," in refusal(comm, **data)
     else:
         model(comm, **data)
 
