@@ -201,7 +201,7 @@ def test_a_prestrain_that_inverts_somewhere_or_has_no_axes_is_reported_before_th
     assert spanned in prestrained(fibres=["muscle", "other"], stretches=[1.1, 1, 1])
     missing = prestrained(tensor={"data": "F0"})
     assert "box.py: no data array 'F0'" in missing
-    assert "The mesh has none." in missing
+    assert "The mesh has none; " in missing
     unknown = prestrained(tensor={"blok": [1, 1, 1]})
     assert unknown.startswith("effects[0].tensor: ")
     assert "no region 'blok'. Did you mean 'block'?" in unknown
