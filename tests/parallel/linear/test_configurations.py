@@ -92,7 +92,7 @@ def test_a_solver_that_the_job_names_is_not_exchanged(tmp_path: Path) -> None:
     assert done.returncode == 3
     assert "inverse:\n  iterative linear solver: the job asks for it\n" in done.stdout
     assert "from there on" not in done.stdout
-    assert "the iterative linear solver did not converge" in done.stderr
+    assert "the iterative linear solver failed" in done.stderr
     assert "Leave out 'solver: {linear: iterative}'" in done.stderr
 
 
@@ -157,7 +157,7 @@ def test_without_memory_for_another_solver_it_ends_with_a_diagnosis(
     monkeypatch.setattr(hpcinv.solver.linear.selection, "_PATIENCE", 0.02)
     monkeypatch.setattr(hpcinv.solver.linear.selection, "available", lambda comm: 1e5)
     progress = SilentProgress(comm)
-    with pytest.raises(SolveError, match=r"iterative linear solver did not converge, .* too little memory"):
+    with pytest.raises(SolveError, match="the iterative linear solver failed; the direct one is excluded"):
         run(job(**SHELF, material=MATERIALS["incompressible"]), comm, progress=progress)
     (solution,) = progress.statistics["solutions"]
     assert {solve["outcome"] for solve in solution["solves"]} == {"KRYLOV_LIMIT"}
