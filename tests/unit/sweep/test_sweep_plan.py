@@ -389,7 +389,7 @@ def test_durations_in_words(seconds: float, words: str) -> None:
 
 
 def test_the_example_of_the_documentation_is_right(tmp_path: Path) -> None:
-    [example] = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "how-to" / "sweep.md").read_text(), re.DOTALL)
+    example, *_ = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "how-to" / "sweep.md").read_text(), re.DOTALL)
     path = tmp_path / "example.yaml"
     path.write_text(example.replace("job: ", f"job: {ROOT / 'jobs'}/"))
     sweep_plan = load_sweep(path)
