@@ -35,6 +35,7 @@ NOT_OF_EVERY_JOB = {
     "states",
     "solutions[].state",
     "solutions[].cavities",
+    "solutions[].remote_loads",
     "solutions[].coarse",
     "unwritten",
     "quantity_units",  # of named quantities; those above are none of the job's
