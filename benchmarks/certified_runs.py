@@ -2,7 +2,7 @@
 
 Runs take turns, and the medians of elapsed and processor time are printed; kernels are compiled by a run before.
 "ratio" is with by without a certificate. With --theirs, each round also runs the command of another program for the
-same problem; "theirs" is its elapsed time by that of the certified run.
+same problem; "theirs" is its elapsed time over the certified run's.
 
 Command: python benchmarks/certified_runs.py JOB … [--ranks 1 2] [--repeat 3] [--theirs "COMMAND"]
 """

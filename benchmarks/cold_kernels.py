@@ -2,7 +2,7 @@
 
 "this process" is the processor time of the run and of its compilers: what one processor has to do before the run ends,
 waiting for the second process aside. "second" is the processor time of the process that compiles the certificate's
-kernels. Elapsed times are those of a user only on an otherwise idle machine with two processors.
+kernels. Elapsed times are what a user sees only on an otherwise idle machine with two processors.
 
 Command: python benchmarks/cold_kernels.py [JOB …]
 """
