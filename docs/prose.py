@@ -1,14 +1,10 @@
-"""Count oddities of prose in pages, docstrings, comments and messages: ``python docs/prose.py [-v] [path …]``.
-
-It ends with exit code 1 if a directory has more of them than `MOST`.
-"""
+"""Count oddities in prose, comments and messages: ``docs/prose.py [-v] [path …]``; exit code 1 above `MOST`."""
 
 import ast
 import io
 import re
 import sys
 import tokenize
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,15 +13,12 @@ MOST = {"docs": 0, "hpcinv": 2, "benchmarks": 5, "meshes": 0, "tests": 4}
 MOST |= dict.fromkeys(("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md"), 0)
 """allowed oddities; lower these numbers after each clean-up"""
 GENERATED = ("docs/reference/", "docs/notes/", "docs/verification/published.md", "docs/prose.py")
-ODDITIES = {
-    "that of": r"\b(?:that|those) of\b",
-    "is no": r"(?<!there )\b(?:is|are|was|were) no\b(?! longer| more| need)",
-    "of which": r", (?:by|of|from|in|with|for|to|on|at) (?:which|whose|whom)\b",
-    "beside": r"\bbeside\b",
-    "tells": r"\b(?:tells?|told)\b",
-    "in place of": r"\bin place of\b",
-    "two colons": r":\s[^.:;!?\n]*:\s",
-}
+ODDITIES = re.compile(
+    r"\b(?:that|those) of\b|(?<!there )\b(?:is|are|was|were) no\b(?! longer| more| need)|\btells?\b|\btold\b"
+    r"|, (?:by|of|from|in|with|for|to|on|at) (?:which|whose|whom)\b|\bbeside\b|\bin place of\b",
+    re.IGNORECASE,
+)
+TWO_COLONS = re.compile(r":\s[^.:;!?\n]*:\s")  # on pages: docstrings have sections
 MOST_WORDS = 30  # of a sentence on a page; more lets sentences pass that need a second reading
 
 
@@ -38,37 +31,29 @@ def texts(path: Path) -> Iterator[tuple[int, str]]:
         for match in re.finditer(r"^(?![|#>\n]).+(?:\n(?!\s*(?:[-*|#>]|\d+\.) |\n).+)*", source, re.M):
             yield source.count("\n", 0, match.start()) + 1, match.group()
         return
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT:
-            yield token.start[0], token.string
+    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
+    yield from ((token.start[0], token.string) for token in tokens if token.type == tokenize.COMMENT)
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
             yield node.lineno, node.value
 
 
-def oddities(text: str, is_page: bool) -> Iterator[str]:
-    """Yield the kind of each oddity of a text."""
-    text = re.sub(r"`+[^`]*`+|\$[^$]*\$|\]\([^)]*\)", "x", text)
-    for kind, pattern in ODDITIES.items():
-        if is_page or kind != "two colons":  # sections of docstrings, keys of dictionaries
-            yield from [kind] * len(re.findall(pattern, text, re.IGNORECASE))
-    if is_page:
-        yield from ["long sentence" for part in re.split(r"(?<=[.!?:;])\s+", text) if len(part.split()) > MOST_WORDS]
+def oddities(page: Path) -> Iterator[str]:
+    """Yield each oddity of a page or module with its place."""
+    for line, paragraph in texts(page):
+        text = re.sub(r"`+[^`]*`+|\$[^$]*\$|\]\([^)]*\)", "x", paragraph)
+        found = [match.group() for match in ODDITIES.finditer(text)]
+        if page.suffix == ".md":
+            sentences = re.split(r"(?<=[.!?:;])\s+", text)
+            found += TWO_COLONS.findall(text) + [part for part in sentences if len(part.split()) > MOST_WORDS]
+        yield from (f"{page.relative_to(ROOT)}:{line}: {' '.join(words.split())}" for words in found)
 
 
-counts = Counter[tuple[str, str]]()
-for directory in MOST:
-    top = ROOT / directory
-    for page in sorted([top] if top.is_file() else [*top.rglob("*.md"), *top.rglob("*.py")]):
-        name = str(page.relative_to(ROOT))
-        for line, paragraph in [] if name.startswith(GENERATED) else texts(page):
-            for kind in oddities(paragraph, page.suffix == ".md"):
-                counts[directory, kind] += 1
-                if "-v" in sys.argv and name.startswith(tuple(sys.argv[2:]) or ""):
-                    print(f"{name}:{line}: {kind}")
 failed = False
-for directory, most in MOST.items():
-    numbers = {kind: n for (where, kind), n in counts.items() if where == directory}
-    failed |= sum(numbers.values()) > most
-    print(f"{directory}: {sum(numbers.values())} of at most {most} {numbers or ''}")
+for top, most in MOST.items():
+    pages = sorted([*(ROOT / top).rglob("*.md"), *(ROOT / top).rglob("*.py")]) or [ROOT / top]
+    odd = [o for page in pages if not str(page.relative_to(ROOT)).startswith(GENERATED) for o in oddities(page)]
+    shown = [o for o in odd if "-v" in sys.argv and o.startswith(tuple(sys.argv[2:]) or "")]
+    print(*shown, f"{top}: {len(odd)} of at most {most}", sep="\n")
+    failed |= len(odd) > most
 sys.exit(failed)
