@@ -50,6 +50,7 @@ def efforts(result: Result) -> list[tuple[int, int]]:
     return [(len(solve.iterations), solve.factorizations) for solve in result.solutions[0].solves]
 
 
+@pytest.mark.everyday("with factors")
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("factors", [True, False], ids=["with factors", "without factors"])
 def test_a_run_stops_wherever_it_asks_and_goes_on_from_there(
