@@ -27,13 +27,12 @@ _LAUNCHER = ("PMI", "MPI_LOCAL", "HYD", "OMPI_")  # variables by which the child
 def certificate_kernels_ahead(prepared: Prepared) -> Iterator[None]:
     """Context in which the first kernel that is missing starts the child process, on rank 0; collective.
 
-    There is none if only one processor can be used, for a large mesh, or without a certificate.
+    There is none without an idle second processor, for a large mesh, or without a certificate.
     """
     job, source, comm = prepared.job, prepared.body.source, prepared.body.mesh.comm
     forecast = prepared.equations[0].chooser.forecast
-    has_processor = len(os.sched_getaffinity(0)) > 1 if sys.platform == "linux" else True
     is_small = not source.is_partitioned and len(source.cells) <= _MANY
-    if comm.rank or job.certificate.level == "off" or not (has_processor and is_small):
+    if comm.rank or job.certificate.level == "off" or not (is_small and _has_idle_processor()):
         yield
         return
     children = list[subprocess.Popen[bytes]]()
@@ -48,6 +47,14 @@ def certificate_kernels_ahead(prepared: Prepared) -> Iterator[None]:
         finally:
             for child in children:
                 _end(child)
+
+
+def _has_idle_processor() -> bool:
+    """Return whether a second processor can be used, and was idle in the last minute: the child has work of its own."""
+    if sys.platform != "linux":
+        return True
+    processors = len(os.sched_getaffinity(0))
+    return processors > 1 and os.getloadavg()[0] < processors - 0.5
 
 
 def _start(data: bytes) -> subprocess.Popen[bytes]:

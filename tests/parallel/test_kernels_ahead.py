@@ -64,8 +64,9 @@ def test_second_process_compiles_what_the_certificate_needs(loaded: list[str], m
 
 @pytest.mark.parallel([1, 2])
 def test_first_missing_kernel_starts_a_second_process(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
-    """On rank 0, if there is a second processor; it succeeds with what the run has pickled for it."""
+    """On rank 0, if there is an idle second processor; it succeeds with what the run has pickled for it."""
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(comm.size))
+    monkeypatch.setattr(os, "getloadavg", lambda: (1.0, 1.0, 1.0))
     codes, find, missing = list[int](), jit._find, [True]
 
     def end(child: Any) -> None:
@@ -84,3 +85,10 @@ def test_second_process_ends_with_the_run() -> None:
     child = kernels_ahead._start(b"")  # fails at it
     kernels_ahead._end(child)
     assert child.returncode != 0
+
+
+def test_second_process_needs_an_idle_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(2))
+    for load, is_idle in ((0.4, True), (1.2, True), (2.0, False)):
+        monkeypatch.setattr(os, "getloadavg", lambda load=load: (load, 0.0, 0.0))
+        assert kernels_ahead._has_idle_processor() == is_idle
