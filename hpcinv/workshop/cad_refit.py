@@ -33,7 +33,6 @@ _CLOSED = 1e-7  # distance of the ends of a parameter, relative to the size, tha
 _VOLUME = 1e-3
 """difference of the volumes of the solid and of the mesh, relative, beyond which the solid is taken for inside out"""
 
-
 _MAP_SPANS = (4, 8, 12, 16, 24, 32)
 """numbers of spans of the map along the longest side that are tried"""
 _MOST_CONTROLS = 20_000  # of the map; more take minutes to factorize
@@ -85,6 +84,9 @@ def movement(given: MeshSource, found: MeshSource, metres: float, scale: float, 
         given: the mesh of the CAD file, and ``found`` the same mesh in the other body.
         metres: unit of the CAD file.
         scale: factor of the moved lengths.
+
+    Raises:
+        NotRefitted: the meshes differ, or have too few nodes.
     """
     if not np.array_equal(given.cells, found.cells):
         raise NotRefitted("the mesh of the run is not the one that its CAD file gives now")
@@ -104,7 +106,8 @@ def movement(given: MeshSource, found: MeshSource, metres: float, scale: float, 
             best = Movement(spline, error)
         if error <= _SHARE * tolerance:
             break
-    assert best is not None
+    if best is None:
+        raise NotRefitted(f"its mesh has {len(before)} nodes, too few for a smooth map: take smaller cells")
     return best
 
 

@@ -265,3 +265,6 @@ def test_faces_are_refitted_to_a_moved_shape(cad: Callable[[str], Path], tmp_pat
         refit(path, dataclasses.replace(move, error=1.0), 1e-2, volume)
     with pytest.raises(NotRefitted, match="it has 2 solids"):
         refit(cad("two.step"), move, 1e-2, volume)
+    coarse = read(cad("box.step"), size="20 mm")
+    with pytest.raises(NotRefitted, match="too few for a smooth map: take smaller cells"):
+        movement(coarse, coarse, 1e-3, 1.0, 1e-2)
