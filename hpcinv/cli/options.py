@@ -12,6 +12,13 @@ def positive(text: str) -> int:
     return number
 
 
+def port(text: str) -> int:
+    """Return the number of a TCP port; 0 stands for any free one."""
+    if not 0 <= (number := int(text)) <= 65535:
+        raise argparse.ArgumentTypeError("must be 0 to 65535")
+    return number
+
+
 def file_ending(*suffixes: str) -> Callable[[str], Path]:
     """Return the type of files whose names end with one of the suffixes."""
 

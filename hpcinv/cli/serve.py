@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.options import add_ranks
+from hpcinv.cli.options import add_ranks, port
 from hpcinv.files.untrusted import add_option
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def add_serve(commands: Any) -> None:
     )
     serve.add_argument("job", type=Path, help="job file (YAML) with sections 'sensitivities' and 'quantities'")
     serve.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
-    serve.add_argument("--port", type=int, default=4242, help="port to listen on (default: 4242; 0: any free one)")
+    serve.add_argument("--port", type=port, default=4242, help="port to listen on (default: 4242; 0: any free one)")
     add_ranks(serve)
     add_option(serve)
     serve.set_defaults(command=_serve)

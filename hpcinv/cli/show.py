@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import JOBS, check_one_process, image_spec, length, mesh_spec
+from hpcinv.cli.options import port
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
@@ -49,7 +50,7 @@ def add_show(commands: Any) -> None:
     command.add_argument(
         "--edit", action="store_true", help="of a job: serve that page to this machine, and write what is added into it"
     )
-    command.add_argument("--port", type=int, default=0, help="port of --edit (default: any free one)")
+    command.add_argument("--port", type=port, help="port of --edit (default: any free one)")
     command.set_defaults(command=show)
 
 
@@ -80,7 +81,12 @@ def show(options: argparse.Namespace) -> int:
     path = options.output or Path(f"{given.resolve().stem}{kind}.{suffix}")  # a job, its mesh and its run have one name
 
     if getattr(options, "edit", False):
-        return _edit(given, options.port)
+        for name in ("html", "output", "unit", "colour", "section"):
+            if getattr(options, name):
+                raise OutputError(f"{given}: --edit cannot be combined with --{name}")
+        return _edit(given, options.port or 0)
+    if getattr(options, "port", None) is not None:
+        raise OutputError(f"{given}: --port is for --edit")
     if is_page:
         _check_page(given, path, is_run=is_run)
     else:

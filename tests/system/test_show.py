@@ -87,6 +87,10 @@ def test_all_states_of_a_run_are_drawn(tmp_path: Path) -> None:
         (["damaged", "--html"], "damaged: --html is for jobs and meshes"),
         ([MESHES / "box.py", "--html", "--output", "box.png"], "box.png: --html writes HTML files"),
         ([MESHES / "box.py", "--section", "x"], "--section is for results"),
+        (["wrong.yaml", "--edit", "--port", "99999"], "argument --port: must be 0 to 65535"),
+        (["wrong.yaml", "--edit", "--html"], "wrong.yaml: --edit cannot be combined with --html"),
+        (["wrong.yaml", "--port", "8000"], "--port is for --edit"),
+        ([MESHES / "box.py", "--edit"], "box.py: --edit is for jobs"),
         (["older"], "older: its summary does not have what a picture needs"),
     ],
 )
