@@ -20,10 +20,13 @@ import numpy as np
 import hpcinv
 from hpcinv.errors import HpcinvError
 from hpcinv.job.sections import Shell
-from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.midsurface import thicken
-from hpcinv.mesh.source import Floats, Group, MeshSource
+from hpcinv.mesh.source import Floats
+
+sys.path[:0] = [str(Path(__file__).parents[1] / "tests")]
+
+from helpers.sheets import sheet  # noqa: E402
 
 ERROR = 0.01
 DIVISIONS = (2, 4, 8, 16, 32)
@@ -93,39 +96,11 @@ SCENES = {
 }
 
 
-def surface_of(scene: Scene, n: int, path: Path) -> MeshSource:
-    """Return a surface of n cells along the first axis."""
-    rows = max(n // scene.wide, 1)
-    columns, lines = 2 * n + 1, 2 * rows + 1
-    t, s = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 1, lines), np.linspace(0, 1, columns), indexing="ij"))
-    steps = np.rint(2 * scalar_element("quadrilateral", 2).points).astype(np.int64)
-    first = np.array([2 * j * columns + 2 * i for j in range(rows) for i in range(n)])
-    cells = first[:, None] + steps[:, 0] + columns * steps[:, 1]
-    along = np.rint(2 * scalar_element("interval", 2).points[:, 0]).astype(np.int64)
-    vertical = columns * (2 * np.arange(rows)[:, None] + along)
-    horizontal = 2 * np.arange(n)[:, None] + along
-    edges = [vertical, vertical + columns - 1, horizontal, horizontal + columns * (lines - 1)]
-    starts = np.cumsum([0, *map(len, edges)])
-    named = zip(("x0", "x1", "y0", "y1"), starts[:-1], starts[1:], strict=True)
-    points = np.column_stack(scene.place(s, t))
-    groups = (Group("sheet", 3, 1, np.arange(len(cells))),)
-    return MeshSource(
-        path=path,
-        kind="quadrilateral",
-        degree=2,
-        points=points,
-        node_tags=np.arange(1, len(points) + 1),
-        cells=cells,
-        cell_tags=np.arange(1, len(cells) + 1),
-        facets=np.concatenate(edges),
-        groups=groups + tuple(Group(name, 2, i + 2, np.arange(a, b)) for i, (name, a, b) in enumerate(named)),
-    )
-
-
 def solved(scene: Scene, n: int, folder: Path, *, as_solid: bool) -> tuple[float, int, float]:
     """Return the quantity (m), the number of unknowns, and the CPU seconds of a run."""
     path = folder / f"{n}.msh"
-    surface = surface_of(scene, n, path)
+    rows = max(n // scene.wide, 1)
+    surface = sheet(path, n, rows, lambda s, t: np.column_stack(scene.place(s, t)))
     mesh: dict[str, Any] = {"file": str(path)}
     if as_solid:
         body = thicken(surface, Shell(thickness=scene.thickness))

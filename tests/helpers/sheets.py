@@ -1,6 +1,6 @@
-"""Surfaces of quadrilaterals of degree 2 as files of gmsh, with their edges as groups."""
+"""Surfaces of quadrilaterals of degree 2, with their edges as groups."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -17,29 +17,19 @@ def flat(length: float, width: float) -> Place:
     return lambda s, t: np.column_stack([length * s, width * t, np.zeros_like(s)])
 
 
-def save_sheet(path: Path, nx: int, ny: int, place: Place, unit: float = 1.0) -> Path:
-    """Write nx × ny cells on the places (n, 3) of coordinates in [0, 1]²; edges are x0, x1, y0, y1.
+def quadrilaterals(
+    path: Path, points: np.ndarray, cells: np.ndarray, edges: Mapping[str, np.ndarray], unit: float = 1.0
+) -> MeshSource:
+    """Return a surface of cells (n, 9), the group "sheet", with the edges (m, 3) as groups.
 
     Args:
-        unit: of the coordinates, m.
+        unit: of the points, m.
     """
-    columns, rows = 2 * nx + 1, 2 * ny + 1
-    t, s = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, columns), indexing="ij"))
-    points = place(s, t)
-    steps = np.rint(2 * scalar_element("quadrilateral", 2).points).astype(np.int64)
-    first = np.array([2 * j * columns + 2 * i for j in range(ny) for i in range(nx)])
-    cells = first[:, None] + steps[:, 0] + columns * steps[:, 1]
-    along = np.rint(2 * scalar_element("interval", 2).points[:, 0]).astype(np.int64)
-    vertical = columns * (2 * np.arange(ny)[:, None] + along)
-    horizontal = 2 * np.arange(nx)[:, None] + along
-    edges = [vertical, vertical + columns - 1, horizontal, horizontal + columns * (rows - 1)]
-    starts = np.cumsum([0, *(len(edge) for edge in edges)])
+    ends = np.cumsum([len(edge) for edge in edges.values()])
     groups = [Group("sheet", 3, 1, np.arange(len(cells)))]
-    groups += [
-        Group(name, 2, number + 1, np.arange(starts[number], starts[number + 1]))
-        for number, name in enumerate(("x0", "x1", "y0", "y1"))
-    ]
-    source = MeshSource(
+    for number, (name, edge) in enumerate(edges.items()):
+        groups.append(Group(name, 2, number + 1, np.arange(ends[number] - len(edge), ends[number])))
+    return MeshSource(
         path=path,
         kind="quadrilateral",
         degree=2,
@@ -47,11 +37,30 @@ def save_sheet(path: Path, nx: int, ny: int, place: Place, unit: float = 1.0) ->
         node_tags=np.arange(1, len(points) + 1),
         cells=cells,
         cell_tags=np.arange(1, len(cells) + 1),
-        facets=np.concatenate(edges),
+        facets=np.concatenate([np.empty((0, 3), dtype=np.int64), *edges.values()]),
         groups=tuple(groups),
         unit=unit,
     )
-    save_msh(path, source, points)
+
+
+def sheet(path: Path, nx: int, ny: int, place: Place, unit: float = 1.0) -> MeshSource:
+    """Return nx × ny cells on the places (n, 3) of coordinates in [0, 1]²; edges are x0, x1, y0, y1."""
+    columns, rows = 2 * nx + 1, 2 * ny + 1
+    t, s = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, columns), indexing="ij"))
+    steps = np.rint(2 * scalar_element("quadrilateral", 2).points).astype(np.int64)
+    first = np.array([2 * j * columns + 2 * i for j in range(ny) for i in range(nx)])
+    cells = first[:, None] + steps[:, 0] + columns * steps[:, 1]
+    along = np.rint(2 * scalar_element("interval", 2).points[:, 0]).astype(np.int64)
+    vertical = columns * (2 * np.arange(ny)[:, None] + along)
+    horizontal = 2 * np.arange(nx)[:, None] + along
+    sides = [vertical, vertical + columns - 1, horizontal, horizontal + columns * (rows - 1)]
+    return quadrilaterals(path, place(s, t), cells, dict(zip(("x0", "x1", "y0", "y1"), sides, strict=True)), unit)
+
+
+def save_sheet(path: Path, nx: int, ny: int, place: Place, unit: float = 1.0) -> Path:
+    """Write a `sheet`."""
+    source = sheet(path, nx, ny, place, unit)
+    save_msh(path, source, source.points)
     return path
 
 
@@ -67,19 +76,6 @@ def save_sphere_octant(path: Path, divisions: int) -> Path:
     cells, tangents = cells.reshape(len(corners), -1), np.tan(np.pi / 4 * places)
     points = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
     sides = np.concatenate([cells[:, edge] for edge in ([0, 1, 4], [0, 2, 5], [1, 3, 6], [2, 3, 7])])
-    edges = [sides[(points[sides][..., axis] == 0).all(axis=1)] for axis in range(3)]
-    starts = np.cumsum([0, *map(len, edges)])
-    groups = [Group(f"{name}0", 2, k + 1, np.arange(starts[k], starts[k + 1])) for k, name in enumerate("xyz")]
-    source = MeshSource(
-        path=path,
-        kind="quadrilateral",
-        degree=2,
-        points=points,
-        node_tags=np.arange(1, len(points) + 1),
-        cells=cells,
-        cell_tags=np.arange(1, len(cells) + 1),
-        facets=np.concatenate(edges),
-        groups=(Group("sheet", 3, 1, np.arange(len(cells))), *groups),
-    )
-    save_msh(path, source, points)
+    edges = {f"{name}0": sides[(points[sides][..., k] == 0).all(axis=1)] for k, name in enumerate("xyz")}
+    save_msh(path, quadrilaterals(path, points, cells, edges), points)
     return path

@@ -9,7 +9,7 @@ import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, locate_entities_boundary
-from helpers.sheets import flat, save_sheet
+from helpers.sheets import flat, quadrilaterals, save_sheet
 from scipy.linalg import eigh
 from scipy.sparse.linalg import splu
 
@@ -300,7 +300,7 @@ def _sphere(divisions: int) -> MeshSource:
     place = place.ravel()
     angles = np.tan(np.pi / 4 * distinct)  # cells of similar size
     sphere = angles / np.linalg.norm(angles, axis=1, keepdims=True)
-    return _source(sphere, place[np.array(cells)])
+    return quadrilaterals(Path("sphere.msh"), sphere, place[np.array(cells)], {})
 
 
 def _moebius() -> MeshSource:
@@ -321,17 +321,5 @@ def _moebius() -> MeshSource:
         return 3 * i + j if i < 2 * count else 2 - j
 
     order = [(0, 0), (2, 0), (0, 2), (2, 2), (1, 0), (0, 1), (2, 1), (1, 2), (1, 1)]
-    return _source(points, np.array([[node(2 * c + i, j) for i, j in order] for c in range(count)]))
-
-
-def _source(points: np.ndarray, cells: np.ndarray) -> MeshSource:
-    return MeshSource(
-        path=Path("surface.msh"),
-        kind="quadrilateral",
-        degree=2,
-        points=points,
-        node_tags=np.arange(1, len(points) + 1),
-        cells=cells,
-        cell_tags=np.arange(1, len(cells) + 1),
-        facets=np.zeros((0, 3), dtype=np.int64),
-    )
+    cells = np.array([[node(2 * c + i, j) for i, j in order] for c in range(count)])
+    return quadrilaterals(Path("strip.msh"), points, cells, {})
