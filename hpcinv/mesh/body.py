@@ -34,6 +34,7 @@ from hpcinv.mesh.io.cad import cad_mesh
 from hpcinv.mesh.io.length_unit import check_unit
 from hpcinv.mesh.label_groups import add_label_groups
 from hpcinv.mesh.midsurface import thicken
+from hpcinv.mesh.orientation import consistently_oriented
 from hpcinv.mesh.readers import FILES, GENERATORS, read_surface
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geometry, surface_geometry
@@ -206,9 +207,10 @@ def read_source(
                 source = source.convert_to_metres(spec.unit)
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
+    check_nodes(source)
+    source = consistently_oriented(source)
     for note in source.notes:
         report(note)
-    check_nodes(source)
     source = _with_sets(source, spec, path).drop_unused_nodes()
     source = join_facets(source if spec.shell is None else thicken(source, spec.shell))
     return source if spec.geometry_degree is None else change_degree(source, spec.geometry_degree)

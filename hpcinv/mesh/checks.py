@@ -103,7 +103,7 @@ def _bad_cells(source: MeshSource) -> MeshProblems:
     if inverted.any():
         yield (
             f"{inverted.sum()} cells are inverted, with det J < 0 ({_first_of(source.cell_tags[inverted], 'cell')})",
-            "Refine where the mesh is curved, or reverse the cells (gmsh: model.mesh.reverseElements).",
+            "Refine where the mesh is curved; where nodes were moved through cells, mesh again.",
         )
 
 

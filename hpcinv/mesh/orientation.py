@@ -1,0 +1,54 @@
+"""Cells that a file numbers inside out, as legacy DOLFIN does, which sorts the nodes of each cell."""
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.mesh.cells import jacobians, node_order, scalar_element, vertex_count
+from hpcinv.mesh.checks import det
+from hpcinv.mesh.source import Ints, MeshSource
+from hpcinv.mesh.topology import FacetTable, connected
+
+_MIDDLE = np.full((1, 3), 0.25)  # a point of reference tetrahedra and hexahedra
+
+
+def consistently_oriented(source: MeshSource) -> MeshSource:
+    """Return a whole mesh in which only inverted cells have a negative determinant, if some others have a positive one.
+
+    Cells on both sides of a facet are both inverted or both not; of cells on one side of it, one is inverted. Inverted
+    are the fewer ones of each connected part. A note gives the number of cells that are renumbered.
+    """
+    vertices = source.cells[:, : vertex_count(source.kind)]
+    is_negative = det(jacobians(source.kind, 1, source.points[vertices], _MIDDLE)[:, 0]) < 0
+    if is_negative.all() or not is_negative.any():
+        return source
+    changed = is_negative != _inverted(source, vertices)
+    if not changed.any():
+        return source
+    mirrored = node_order(source.kind, source.degree, scalar_element(source.kind, source.degree).points[:, [1, 0, 2]])
+    cells = source.cells.copy()
+    cells[changed] = cells[changed][:, mirrored]
+    note = f"{np.count_nonzero(changed):,} cells were numbered inside out (det J < 0) and have been renumbered"
+    return dataclasses.replace(source, cells=cells, notes=(*source.notes, note))
+
+
+def _inverted(source: MeshSource, vertices: Ints) -> npt.NDArray[np.bool_]:
+    """Mask of the inverted cells, by the sides of facets on which cells are, whatever the order of their nodes."""
+    table, count = FacetTable.build(source.kind, vertices), len(vertices)
+    first, second, third = (source.points[table.vertices[:, i]] for i in range(3))
+    normals = np.cross(second - first, third - first)
+    offsets = source.points[vertices].mean(axis=1)[:, None] - first[table.cell_facets]
+    is_above = (offsets * normals[table.cell_facets]).sum(axis=2).ravel() > 0
+    order = np.argsort(table.cell_facets.ravel(), kind="stable")
+    inner = order[table.sharing[table.cell_facets.ravel()[order]] == 2].reshape(-1, 2)
+    is_folded = is_above[inner[:, 0]] == is_above[inner[:, 1]]
+    # Cell c is a node c if it is like the cells that it is connected with, and a node c + count if it is unlike.
+    one, other = (inner // table.cell_facets.shape[1]).T
+    like, unlike = other + count * is_folded, other + count * ~is_folded
+    links = np.concatenate([[one, like], [one + count, unlike], [np.arange(2 * count)] * 2], axis=1).T
+    part = connected(links, 2 * count)[-2 * count :]
+    is_second = part[:count] > part[count:]
+    pieces = np.unique(np.minimum(part[:count], part[count:]), return_inverse=True)[1]
+    shares = np.bincount(pieces, is_second) / np.bincount(pieces)
+    return np.asarray(is_second != (shares[pieces] > 0.5))
