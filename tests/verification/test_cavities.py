@@ -128,6 +128,23 @@ def test_heated_gas(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.parallel([1, 2])
+def test_windkessel(comm: MPI.Intracomm) -> None:
+    """At rest the pressure is p + (volume - V)/C: forward where the sphere's curve meets it, backward at once."""
+    stretch, pressure, compliance = 1.3, 0.9, 0.5
+    filled = pressure_of(stretch)
+    volume = OCTANT * stretch**3 + compliance * (filled - pressure)
+    chamber = {"windkessel": {"compliance": compliance, "volume": volume, "pressure": pressure}}
+    there, back = (
+        solution.cavities[0] for solution in controlled(chamber, comm, analysis="round_trip", first="forward").solutions
+    )
+    assert there.pressure == pytest.approx(filled, rel=1e-3)
+    assert there.volume == pytest.approx(OCTANT * stretch**3, rel=1e-3)
+    for cavity in (there, back):
+        assert cavity.pressure == pytest.approx(pressure + (volume - cavity.volume) / compliance, rel=1e-10)
+    assert (back.pressure, back.unloaded_volume) == pytest.approx((there.pressure, there.unloaded_volume), rel=1e-9)
+
+
+@pytest.mark.parallel([1, 2])
 def test_states_with_given_volumes(comm: MPI.Intracomm) -> None:
     volume = hpcinv.run(job(**data(cavities={"hole": HOLE}, analysis="forward", quantities=VOLUMES)), comm).quantities
     states = [
@@ -188,7 +205,12 @@ def test_derivatives_of_the_equations(comm: MPI.Intracomm) -> None:
     gas = {"gas": {"ambient": 2.0, "amount": 1.3}}
     for direction in ("forward", "inverse"):
         volume = {"volume" if direction == "forward" else "unloaded_volume": 1.1}
-        holes = {"first": {"surface": "large"} | gas, "second": {"surface": "small"} | volume}
+        windkessel = {"windkessel": {"compliance": 0.7, "volume": 3.0, "pressure": 0.2}}
+        holes = {
+            "first": {"surface": "large"} | gas,
+            "second": {"surface": "small"} | volume,
+            "both": {"surface": ["large", "small"]} | windkessel,
+        }
         model = with_two_holes(comm, direction, cavities=holes)
         scene = model.scene(direction)
         state, load, h = model.unknowns.state, 0.7, 1e-3
