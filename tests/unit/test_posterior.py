@@ -56,7 +56,7 @@ def test_simulation_based_calibration() -> None:
 
 
 def test_effective_size() -> None:
-    """The length of a chain of independent proposals over its autocorrelation time: (2 - a)/a with a share a accepted."""
+    """A chain of independent proposals, a share a accepted, has an autocorrelation time of (2 - a)/a."""
     random, accepted = np.random.default_rng(2), 0.4
     new = np.cumsum(random.uniform(size=20_000) < accepted)
     samples = random.standard_normal((new[-1] + 1, 2))[new]

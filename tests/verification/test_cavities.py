@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from hpcinv.mesh.enclosed_volume import EnclosedVolume
 from hpcinv.methods import solve_direction
 from hpcinv.methods.method import UNLOADED, Start
 from hpcinv.model.cavities import cavity_equations
+from hpcinv.parallel import jit
 from hpcinv.parallel.petsc_vectors import dot
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
@@ -67,6 +70,28 @@ def test_inverse_with_a_given_unloaded_volume(comm: MPI.Intracomm) -> None:
         assert cavity.residual < 1e-12
         assert solution.u == pytest.approx(pressed.solutions[0].u, abs=1e-10)
     assert solution.factorizations < 12
+
+
+def test_cavities_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A job without cavities has the kernels of one with a volume as a quantity, and of one with unknown pressure."""
+    names, load = list[str](), jit._load
+
+    def recorded(path: Path, objects: Sequence[str]) -> Any:
+        names.append(path.stem)
+        return load(path, objects)
+
+    monkeypatch.setattr(jit, "_load", recorded)
+    pressed = {"effects": [{"effect": "pressure", "region": "inner", "pressure": PRESSURE}]}
+    kernels = []
+    for changes in (
+        pressed | {"quantities": []},
+        pressed | {"quantities": VOLUMES, "cavities": {"hole": HOLE}},
+        {"quantities": VOLUMES, "cavities": {"hole": HOLE | {"unloaded_volume": 0.9 * OCTANT}}},
+    ):
+        names.clear()
+        hpcinv.run(job(**data(**changes)), MPI.COMM_SELF)
+        kernels.append(set(names))
+    assert kernels[0] == kernels[1] == kernels[2] != set()
 
 
 @pytest.mark.parallel([1, 2])
