@@ -106,6 +106,7 @@ def test_pressure_falls_while_a_balloon_is_filled(comm: MPI.Intracomm) -> None:
     assert pressures[1] < pressures[0]
 
 
+@pytest.mark.everyday("3.0-30")
 @pytest.mark.parametrize(("stretch", "most"), [(1.6, 10), (3.0, 30)])
 def test_large_volumes_take_few_factorizations(stretch: float, most: int) -> None:
     """Steps are shortened before they fail: volumes 4 and 27 times as large."""
