@@ -113,7 +113,8 @@ def main() -> None:
         return
     posterior = identified.estimate.sampled
     assert posterior is not None
-    print(f"whole {(time.process_time() - begun) / 60:.1f} min; {posterior.acceptance:.0%} accepted")
+    whole, size = (time.process_time() - begun) / 60, posterior.effective_size
+    print(f"whole {whole:.1f} min; {posterior.acceptance:.0%} accepted; as good as {size:.0f} independent samples")
     exact = [*TRUE.values(), PRESSURE, *FORCES]
     low, high = posterior.quantiles[0], posterior.quantiles[-1]
     for parameter, value, *interval in zip(identified.estimate.parameters, exact, low, high, strict=True):

@@ -61,9 +61,11 @@ def dossier_page(
             limits=[*_limits(summary), *context.limits],
         )
     except (KeyError, TypeError, IndexError, AttributeError, ValueError, UndefinedError) as error:
+        lacking = "summary" if identified is None else "identification"
+        again = "Run the job" if identified is None else "Run 'hpcinv identify'"
         raise OutputError(
-            f"{directory}: its summary lacks what a dossier needs ({type(error).__name__}: {error})",
-            "Was it written by another version of hpcinv? Run the job again.",
+            f"{directory}: its {lacking} lacks what a dossier needs ({type(error).__name__}: {error})",
+            f"Was it written by another version of hpcinv? {again} again.",
         ) from error
 
 

@@ -63,7 +63,8 @@ def describe(estimate: ParameterEstimate) -> list[str]:
 def _posterior_lines(parameters: Sequence[Parameter], sampled: Posterior) -> list[str]:
     lines = [
         f"posterior, {len(sampled.samples)} samples, {sampled.evaluations} exact evaluations,"
-        f" {100 * sampled.acceptance:.0f} % of the surrogate's proposals accepted:"
+        f" {100 * sampled.acceptance:.0f} % of the surrogate's proposals accepted,"
+        f" as good as {sampled.effective_size:.0f} independent samples:"
     ]
     for p, (low, _, median, _, high) in zip(parameters, sampled.quantiles.T, strict=True):
         texts = [value_text(p, float(value), 4) for value in (median, low, high)]

@@ -87,6 +87,17 @@ class Posterior:
         """Quantiles of the parameters at 2.5, 25, 50, 75 and 97.5 %, (5, k)."""
         return np.asarray(np.quantile(self.samples, _QUANTILES, axis=0))
 
+    @property
+    def effective_size(self) -> float:
+        """Number of independent samples that would be as good.
+
+        With independent proposals, (Σ n)²/Σ n² of the numbers n of times that samples are repeated is the length of
+        the chain over its autocorrelation time.
+        """
+        is_new = np.any(np.diff(self.samples, axis=0) != 0, axis=1)
+        ends = np.concatenate([[0], np.flatnonzero(is_new) + 1, [len(self.samples)]])
+        return float(len(self.samples) ** 2 / (np.diff(ends) ** 2).sum())
+
     def band(self, name: str) -> tuple[Floats, Floats]:
         """Return the quantiles of a quantity at 2.5 and 97.5 %."""
         low, high = np.quantile(self.quantities[name], (_QUANTILES[0], _QUANTILES[-1]), axis=0)
@@ -101,6 +112,7 @@ class Posterior:
         return {
             "samples": len(self.samples),
             "acceptance": self.acceptance,
+            "effective_size": self.effective_size,
             "evaluations": self.evaluations,
             "mean": self.samples.mean(axis=0),
             "sd": self.samples.std(axis=0, ddof=1),

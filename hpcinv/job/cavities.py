@@ -40,10 +40,25 @@ class Gas(Spec):
     """amount times absolute temperature in the loaded body, relative to the unloaded one"""
 
 
+class Windkessel(Spec):
+    """An elastic chamber at rest that is open to a cavity: both have one pressure, in proportion to what fills it."""
+
+    compliance: Annotated[float, Quantity("m^3/Pa", above=0.0)]
+    """volume that flows from the cavity into the chamber for each unit of pressure, such as 1.2 ml/mmHg"""
+    volume: Annotated[float, Quantity("m^3", above=0.0)]
+    """volume of the cavity at which the pressure is 'pressure'"""
+    pressure: Annotated[float, Quantity("Pa")] = 0.0
+    """pressure at this volume"""
+
+
+CONTROLS = ("volume", "unloaded_volume", "gas", "windkessel")
+"""Keys of a cavity that determine its unknown pressure."""
+
+
 class Cavity(Spec):
     """A hollow of the body: the space between a surface of the body and lids on its openings.
 
-    With 'volume', 'unloaded_volume' or 'gas' the pressure in it is unknown, and acts on its surface.
+    With 'volume', 'unloaded_volume', 'gas' or 'windkessel' the pressure in it is unknown, and acts on its surface.
     """
 
     surface: TextOrTexts
@@ -59,11 +74,13 @@ class Cavity(Spec):
     """given volume in the undeformed body of an inverse analysis or a round trip, whose pressure is unknown"""
     gas: Gas | None = None
     """gas that fills the cavity, whose pressure is unknown"""
+    windkessel: Windkessel | None = None
+    """elastic chamber that takes what leaves the cavity, whose pressure is unknown"""
 
     @property
     def is_controlled(self) -> bool:
         """True if the pressure is unknown."""
-        return any(value is not None for value in (self.volume, self.unloaded_volume, self.gas))
+        return any(getattr(self, key) is not None for key in CONTROLS)
 
     @property
     def lid_region(self) -> str | None:
@@ -88,7 +105,7 @@ class Cavity(Spec):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if not self.surface:
             yield ("surface",), "has no region"
-        keys = [key for key in ("volume", "unloaded_volume", "gas") if getattr(self, key) is not None]
+        keys = [key for key in CONTROLS if getattr(self, key) is not None]
         if len(keys) > 1:
             yield (keys[1],), f"is given in addition to '{keys[0]}': one of them determines the pressure"
 
@@ -159,5 +176,7 @@ def unknown_cavities(
             yield (i, "cavity"), f"there is no cavity '{quantity.cavity}'; define it in 'cavities'.{hint}".rstrip(".")
         elif quantity.dimension == STRESS and quantity.cavity not in controlled[quantity.state or ""]:
             where = f" in state '{quantity.state}'" if quantity.state else ""
-            text = f"the pressure of cavity '{quantity.cavity}' is not unknown{where}: give it a volume or a gas"
+            text = (
+                f"the pressure of cavity '{quantity.cavity}' is not unknown{where}: give it a volume, gas or windkessel"
+            )
             yield (i, "of"), f"{text}, or take the pressure from the effects"

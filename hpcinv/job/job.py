@@ -25,7 +25,7 @@ from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
 from hpcinv.formats import SAVED
 from hpcinv.job import rules
-from hpcinv.job.cavities import Cavity, cavities_of_state, unknown_cavities, unsuited_controls
+from hpcinv.job.cavities import CONTROLS, Cavity, cavities_of_state, unknown_cavities, unsuited_controls
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.layers import Layering, layerings_of
@@ -130,7 +130,7 @@ class Job(Spec):
     """prescribed displacements; not needed if springs (effect: elastic-foundation) hold the body"""
     cavities: Mapping[Name, Cavity] = Field(default={}, exclude_if=lambda cavities: not cavities)
     """hollows of the body by name, such as {lv: {surface: endo}}, whose volumes are possible quantities; their
-    pressures may be unknown, with a given volume or gas"""
+    pressures may be unknown, with a given volume, gas or windkessel"""
     discretisation: Discretisation = Discretisation()
     """finite-element spaces"""
     solver: Solver = Solver()
@@ -317,8 +317,7 @@ class Job(Spec):
         for name, pressure in pressures.items():
             for place in self.cavity_effects(name):
                 effects[place] = effects[place].model_copy(update={"pressure": pressure})
-        known = {"volume": None, "unloaded_volume": None, "gas": None}
-        cavities = {name: cavity.model_copy(update=known) for name, cavity in self.cavities.items()}
+        cavities = {name: cavity.model_copy(update=dict.fromkeys(CONTROLS)) for name, cavity in self.cavities.items()}
         return self.model_copy(update={"effects": tuple(effects), "cavities": cavities})
 
     @property

@@ -81,7 +81,8 @@ class CavityEquation:
     With volumes V₀ of the unloaded and V of the loaded body, and V_m of the body of the mesh, which is one of them,
 
         C = V - V_m - λ (given - V_m),   or the same of V₀ in inverse problems,
-        C = (q + a) V / a - (1 + λ (n - 1)) V₀ of a gas at the ambient pressure a, whose amount grows n-fold.
+        C = (q + a) V / a - (1 + λ (n - 1)) V₀ of a gas at the ambient pressure a, whose amount grows n-fold,
+        C = V - V_m - λ (V_c - V_m) + c (q - λ p_c) of a windkessel of compliance c, whose pressure is p_c at V = V_c.
 
     Args:
         target_volume: volume (m³) of the unknown body, if the cavity has a given volume.
@@ -127,10 +128,15 @@ class CavityEquation:
         mesh_volume, other = self._mesh_volume / unit, self.volume() / unit
         if self._target_volume is not None:
             return other - mesh_volume - load * (self._target_volume - mesh_volume), 1.0, 0.0
+        unloaded, loaded = kin.reference_and_current(mesh_volume, other)
+        if (windkessel := self._cavity.windkessel) is not None:
+            compliance = windkessel.compliance * self._scales.stress / unit
+            inflow = compliance * (self.pressure - load * windkessel.pressure / self._scales.stress)
+            value = loaded - mesh_volume - load * (windkessel.volume / unit - mesh_volume) + inflow
+            return value, kin.unknown_body_value(0.0, 1.0), compliance
         gas = self._cavity.gas
         assert gas is not None
         ambient, amount = gas.ambient / self._scales.stress, 1 + load * (gas.amount - 1)
-        unloaded, loaded = kin.reference_and_current(mesh_volume, other)
         ratio = (self.pressure + ambient) / ambient
         return ratio * loaded - amount * unloaded, kin.unknown_body_value(-amount, ratio), loaded / ambient
 
@@ -167,7 +173,7 @@ def cavity_equations(job: Job, body: Body, scene: Scene, scales: Scales) -> list
 def _equations(job: Job, body: Body, scene: Scene, scales: Scales) -> Iterator[CavityEquation]:
     for name, cavity in job.controlled_cavities.items():
         target_volume = None
-        if cavity.gas is None:
+        if cavity.gas is None and cavity.windkessel is None:
             target_volume = scene.kinematics.unknown_body_value(cavity.unloaded_volume, cavity.volume)
             if target_volume is None:
                 target_volume = enclosed_volume(job, body, name).volume(body.given_nodes)

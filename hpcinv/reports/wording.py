@@ -13,7 +13,7 @@ MEANINGS: Mapping[str, str] = {
     "smallest volume ratio": "Strongest compression of the material anywhere; at zero an element is inverted.",
     "largest volume ratio": "Strongest swelling of the material anywhere.",
     "volume ratio not explained": "Volume change of nearly incompressible material that its pressure does not cause.",
-    "equation of cavity": "How well the given volume or gas of a cavity is met by the pressure that was found.",
+    "equation of cavity": "How well the pressure that was found meets the given volume, gas or windkessel of a cavity.",
     "balance of the remote load": "How well force and moment on a rigid region are balanced by the computed motion.",
     "discretisation error": "Estimated distance of the nodes from their places on an infinitely fine mesh.",
     "worst cell": "Quality of the worst element of the computed body; near zero it is flat or folded.",

@@ -96,3 +96,7 @@ def test_wrong_contexts_and_runs_are_refused(run: Path, tmp_path: Path, capsys: 
         assert not (other / "dossier.html").exists()
     assert main(["dossier", str(tmp_path)]) == 2
     assert "has no summary of a run" in capsys.readouterr().err
+    (tmp_path / "identification.json").write_text("{}")  # of an older version, which had fewer figures
+    (tmp_path / "run").symlink_to(run)
+    assert main(["dossier", str(tmp_path)]) == 2
+    assert re.search(r"identification lacks .*Run 'hpcinv identify' again", capsys.readouterr().err, re.DOTALL)

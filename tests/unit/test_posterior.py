@@ -9,7 +9,7 @@ import scipy.stats
 
 from hpcinv.identification.posterior import Posterior, Target, sample
 
-pytest.importorskip("emcee")
+emcee = pytest.importorskip("emcee")
 X = np.linspace(0.0, 1.5, 5)
 SD = 0.25
 PRIORS = ((1.0, 0.4), (0.5, 0.4))
@@ -53,6 +53,18 @@ def test_simulation_based_calibration() -> None:
         print(f"ranks by fifth {counts}, as uneven by chance {probability:.2g}; acceptance {np.mean(acceptance):.2f}")
         assert probability > 1e-3
     assert np.mean(acceptance) > 0.8
+
+
+def test_effective_size() -> None:
+    """A chain of independent proposals, a share a accepted, has an autocorrelation time of (2 - a)/a."""
+    random, accepted = np.random.default_rng(2), 0.4
+    new = np.cumsum(random.uniform(size=20_000) < accepted)
+    samples = random.standard_normal((new[-1] + 1, 2))[new]
+    (time,) = emcee.autocorr.integrated_time(samples)
+    chain = Posterior(samples, samples, accepted, len(samples))
+    print(len(samples) / chain.effective_size, time)
+    assert len(samples) / chain.effective_size == pytest.approx((2 - accepted) / accepted, rel=0.05)
+    assert time == pytest.approx((2 - accepted) / accepted, rel=0.2)
 
 
 def test_samples_have_the_exact_posterior() -> None:

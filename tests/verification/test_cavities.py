@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from hpcinv.mesh.enclosed_volume import EnclosedVolume
 from hpcinv.methods import solve_direction
 from hpcinv.methods.method import UNLOADED, Start
 from hpcinv.model.cavities import cavity_equations
+from hpcinv.parallel import jit
 from hpcinv.parallel.petsc_vectors import dot
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
@@ -69,6 +72,28 @@ def test_inverse_with_a_given_unloaded_volume(comm: MPI.Intracomm) -> None:
     assert solution.factorizations < 12
 
 
+def test_cavities_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A job without cavities has the kernels of one with a volume as a quantity, and of one with unknown pressure."""
+    names, load = list[str](), jit._load
+
+    def recorded(path: Path, objects: Sequence[str]) -> Any:
+        names.append(path.stem)
+        return load(path, objects)
+
+    monkeypatch.setattr(jit, "_load", recorded)
+    pressed = {"effects": [{"effect": "pressure", "region": "inner", "pressure": PRESSURE}]}
+    kernels = []
+    for changes in (
+        pressed | {"quantities": []},
+        pressed | {"quantities": VOLUMES, "cavities": {"hole": HOLE}},
+        {"quantities": VOLUMES, "cavities": {"hole": HOLE | {"unloaded_volume": 0.9 * OCTANT}}},
+    ):
+        names.clear()
+        hpcinv.run(job(**data(**changes)), MPI.COMM_SELF)
+        kernels.append(set(names))
+    assert kernels[0] == kernels[1] == kernels[2] != set()
+
+
 @pytest.mark.parallel([1, 2])
 def test_pressure_falls_while_a_balloon_is_filled(comm: MPI.Intracomm) -> None:
     pressures = []
@@ -81,6 +106,7 @@ def test_pressure_falls_while_a_balloon_is_filled(comm: MPI.Intracomm) -> None:
     assert pressures[1] < pressures[0]
 
 
+@pytest.mark.everyday("3.0-30")
 @pytest.mark.parametrize(("stretch", "most"), [(1.6, 10), (3.0, 30)])
 def test_large_volumes_take_few_factorizations(stretch: float, most: int) -> None:
     """Steps are shortened before they fail: volumes 4 and 27 times as large."""
@@ -125,6 +151,23 @@ def test_heated_gas(comm: MPI.Intracomm) -> None:
     found = controlled(gas, comm, analysis="inverse").solutions[0].cavities[0]
     assert found.volume == pytest.approx(loaded.unloaded_volume)  # the same mesh
     assert (found.pressure + ambient) * found.volume == pytest.approx(amount * ambient * found.unloaded_volume)
+
+
+@pytest.mark.parallel([1, 2])
+def test_windkessel(comm: MPI.Intracomm) -> None:
+    """At rest the pressure is p + (volume - V)/C: forward where the sphere's curve meets it, backward at once."""
+    stretch, pressure, compliance = 1.3, 0.9, 0.5
+    filled = pressure_of(stretch)
+    volume = OCTANT * stretch**3 + compliance * (filled - pressure)
+    chamber = {"windkessel": {"compliance": compliance, "volume": volume, "pressure": pressure}}
+    there, back = (
+        solution.cavities[0] for solution in controlled(chamber, comm, analysis="round_trip", first="forward").solutions
+    )
+    assert there.pressure == pytest.approx(filled, rel=1e-3)
+    assert there.volume == pytest.approx(OCTANT * stretch**3, rel=1e-3)
+    for cavity in (there, back):
+        assert cavity.pressure == pytest.approx(pressure + (volume - cavity.volume) / compliance, rel=1e-10)
+    assert (back.pressure, back.unloaded_volume) == pytest.approx((there.pressure, there.unloaded_volume), rel=1e-9)
 
 
 @pytest.mark.parallel([1, 2])
@@ -188,7 +231,12 @@ def test_derivatives_of_the_equations(comm: MPI.Intracomm) -> None:
     gas = {"gas": {"ambient": 2.0, "amount": 1.3}}
     for direction in ("forward", "inverse"):
         volume = {"volume" if direction == "forward" else "unloaded_volume": 1.1}
-        holes = {"first": {"surface": "large"} | gas, "second": {"surface": "small"} | volume}
+        windkessel = {"windkessel": {"compliance": 0.7, "volume": 3.0, "pressure": 0.2}}
+        holes = {
+            "first": {"surface": "large"} | gas,
+            "second": {"surface": "small"} | volume,
+            "both": {"surface": ["large", "small"]} | windkessel,
+        }
         model = with_two_holes(comm, direction, cavities=holes)
         scene = model.scene(direction)
         state, load, h = model.unknowns.state, 0.7, 1e-3
