@@ -129,7 +129,8 @@ def test_a_turned_octant_of_a_sphere_recovers_its_radii(comm: MPI.Intracomm, tmp
 def test_a_ring_in_a_bore_is_compressed_along_it(comm: MPI.Intracomm, tmp_path: Path, direction: str) -> None:
     """Between two rigid cylinders only the length changes: the state is homogeneous, ``F = diag(1, 1, λ)``.
 
-    The outer one is fitted to its nodes, which move along it. In regular hexahedra the mean normals of nodes are along their nodal forces, and it is so to rounding errors.
+    The outer one is fitted to its nodes, which move along it. In regular hexahedra the mean normals of nodes are along
+    their nodal forces, and it is so to rounding errors.
     """
     stretch = 0.9
     traction = TURN[:, 2] * neo_hookean_stress(np.diag([1.0, 1.0, stretch]))[2, 2]
