@@ -104,7 +104,7 @@ class Sliding:
         self._surfaces = [(k, rows[k], slide.surface) for k, slide in enumerate(slides) if slide.surface is not None]
         self.is_curved = bool(self._surfaces)
         self._is_fixed = fixed[self.dofs]
-        self._curvatures = np.zeros((*self._planes.shape, 3))
+        self._curvatures = np.zeros((*self._planes.shape, 3) if self.is_curved else 0)
         self._offsets = np.zeros(self._planes.shape[:2])  # c - n·u
         self._place: Floats = np.zeros(0)  # where the directions were evaluated
         self._set_directions(self._planes, self._planes)
@@ -134,11 +134,14 @@ class Sliding:
             here = surface.values(x[rows] * self._metre)
             there = surface.values((x[rows] + self.sign * u[rows]) * self._metre)
             sizes = np.linalg.norm(there.gradient, axis=1)
-            at_mesh = here.gradient / np.linalg.norm(here.gradient, axis=1)[:, None]
             with np.errstate(all="ignore"):
+                at_mesh = here.gradient / np.linalg.norm(here.gradient, axis=1)[:, None]
                 normals, values = there.gradient / sizes[:, None], (there.value - here.value) / sizes / self._metre
                 bends = there.hessian * (self._metre / sizes[:, None, None])
-            normals = np.where(np.isfinite(normals).all(axis=1)[:, None], normals, at_mesh)  # values are not finite
+            # Where g has no value, the constraint has none either, and the solve ends; directions stay finite.
+            at_mesh, normals = (
+                np.where(np.isfinite(n).all(axis=1)[:, None], n, self._planes[rows, k]) for n in (at_mesh, normals)
+            )
             trial[rows, k] = self.sign * normals
             test[rows, k] = trial[rows, k] if self.sign > 0 else -at_mesh
             self._offsets[rows, k] = values - np.einsum("ni,ni->n", trial[rows, k], u[rows])

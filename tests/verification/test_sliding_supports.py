@@ -178,7 +178,7 @@ def pendulum(direction: str, weight: float, stiffness: float, **more: Any) -> Jo
     return job(analysis=direction, material=NEO_HOOKEAN, **settings, **more)
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2])
 def test_a_pendulum_in_a_bore_swings_to_its_equilibrium(comm: MPI.Intracomm) -> None:
     """The moments ``cos θ / 2`` and ``sin θ`` are equal, or ``1/2`` and ``sin θ`` at the given place of the inverse."""
     for direction, angle in (("forward", np.arctan(0.5)), ("inverse", np.arcsin(0.5))):
