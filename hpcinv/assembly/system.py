@@ -87,7 +87,7 @@ class System:
                 self.supports.conditions, like._tangent if like and like.tangents else None
             )
             if self.supports.sliding is not None:
-                self._constraint = self.supports.sliding.constraint(matrix)
+                self._constraint = MatrixConstraint(matrix, self.supports.sliding)
             return matrix, assemble
 
     @property
@@ -105,6 +105,7 @@ class System:
         if self._path is not None:
             self._path = self._path[0], 1.0 - load
         self.scene.parameters.set_load(load if self._path is None else 1.0)
+        self.supports.set_sign(self.scene.kinematics.sign)
         self.supports.scale(load)
 
     @property
@@ -208,7 +209,7 @@ class System:
         with self.timings("tangent"):
             self._matrix[1](terms)
             if self._constraint is not None:
-                self._constraint.apply()
+                self._constraint.apply(self._total_forces() if self.supports.is_curved else None)
         self.tangents += 1
 
     def term(self, term: Term) -> Any:
@@ -284,11 +285,20 @@ class System:
                 forces, share = self._path
                 local.array[:] -= share * forces
 
+    def _total_forces(self) -> npt.NDArray[np.float64]:
+        """Return nodal forces of the owned unknowns, without reactions of supports."""
+        b = self.rhs.duplicate()  # PETSc may hold a residual in `rhs`
+        self._forces(b)
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        forces = np.array(b.array)
+        b.destroy()
+        return forces
+
     def _set_held_rows(self, b: PETSc.Vec, values: npt.NDArray[np.float64]) -> None:
         """Set the part of ``b`` in which nodes are held to local ``values``, which are zero elsewhere."""
         forces: npt.NDArray[np.float64] = b.array
         self.supports.free(forces)
-        forces += values[: len(forces)]
+        forces += self.supports.row_values(values)[: len(forces)]
 
     def _add_lifting(self, b: PETSc.Vec, x: npt.NDArray[np.float64] | None) -> None:
         """Add ``K (ū - x)`` with prescribed values ``ū``; ``ū - x`` is zero for free unknowns."""

@@ -79,7 +79,9 @@ def read(text: str, name: str | None = None) -> Card:
     if len(laws) != 1:
         raise CardError(f"has {len(laws) or 'no'} *HYPERELASTIC{f' in material {selected}' if selected else ''}")
     title, law = _isotropic(laws[0]) if laws[0].name == "HYPERELASTIC" else _anisotropic(laws[0])
-    notes = tuple(f"*{k.name} was not taken: {_WITHOUT_EFFECT[k.name]}" for k in behaviour if k.name in _WITHOUT_EFFECT)
+    notes = tuple(
+        f"*{k.name} is not part of the law: {_WITHOUT_EFFECT[k.name]}" for k in behaviour if k.name in _WITHOUT_EFFECT
+    )
     return Card(selected, title, Counterpart(law.material, law.fibres, law.definitions, law.notes + notes))
 
 

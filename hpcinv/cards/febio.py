@@ -63,7 +63,7 @@ def read(text: str, name: str | None = None) -> Card:
     selected = chosen(named_items, name)
     law = entry_of(named_items[selected], _no_curve)
     notes = tuple(
-        f"<{key}> was not taken: state a density where an effect needs it"
+        f"<{key}> is not part of the law: state a density where an effect needs it"
         for key in _WITHOUT_EFFECT
         if key in law.values
     )

@@ -36,8 +36,10 @@ from petsc4py import PETSc
 from hpcinv.certificate.inertia import inertia
 from hpcinv.job.job import Job
 from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
+from hpcinv.mesh.source import Floats
 from hpcinv.model.discrete_model import default_quadrature
 from hpcinv.model.scene import Part, Scene
+from hpcinv.model.sliding import MatrixConstraint
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.quantity.spatial_fields import fields_in
 from hpcinv.results.solution import Solution
@@ -109,13 +111,21 @@ def assembled(equations: Equations, solution: Solution) -> Iterator[PETSc.Mat]:
         matrix = fem_petsc.assemble_matrix(form, bcs=equations.supports.conditions)
         matrix.assemble()
         if equations.supports.sliding is not None:
-            constraint = equations.supports.sliding.constraint(matrix)
-            constraint.apply()
+            constraint = MatrixConstraint(matrix, equations.supports.sliding)
+            constraint.apply(_forces(equations) if equations.supports.is_curved else None)
             constraint.destroy()
     try:
         yield matrix
     finally:
         matrix.destroy()
+
+
+def _forces(equations: Equations) -> Floats:
+    """Return nodal forces of the owned unknowns in the present state; collective."""
+    equilibrium = equations.equilibrium(equations.scene("forward", known_displacement(equations)))
+    forces = equilibrium.system.forces(1.0)
+    equations.release(equilibrium)
+    return forces
 
 
 def confirm(equations: Equations, solution: Solution) -> Confirmed | None:

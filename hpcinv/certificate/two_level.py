@@ -84,6 +84,8 @@ def correct(equations: Equations, direction: Direction, finer: Equations, observ
 
 def _volume_product(equations: Equations, finer: Equations, direction: Direction) -> TangentProduct | None:
     """Return the product by the moduli at the solution, ``None`` if the residual has none; collective."""
+    if equations.supports.is_curved:  # the planes of reactions turn with the state
+        return None
     residual, given, degree = equations.scene(direction).residual, equations.unknowns, finer.quadrature_degree
     try:
         with finer.timings("compile"):
@@ -202,7 +204,7 @@ class _FinerProblem:
             stop_if_asked(self._comm, observer)
             is_smoothing = k % (_SMOOTHING + 1) < _SMOOTHING
             direction = self._scale * self._signs * r if is_smoothing else self._coarse.solve(r / self._scale)
-            self._supports.free(direction)  # the scale mixes directions along a slide and across it
+            self._supports.free(direction, displacements=True)  # the scale mixes directions along a slide and across it
             if not is_smoothing:
                 combined = np.linalg.solve(triangle[:k, :k], shares[:k]).astype(r.dtype)
                 solution, residual = combined @ directions[:k] + direction, self._length(r)

@@ -69,7 +69,7 @@ class _Job:
         if not supports:
             self._comments.append("The file holds no region of the mesh: state 'supports', such as the line below.")
         names = [group.name for group in self._source.groups]
-        self._comments.append(f"Regions of the mesh: {', '.join(names) or 'none'}")
+        self._comments.append(f"Regions of the mesh: {', '.join(dict.fromkeys(names)) or 'none'}")
         mesh = os.path.relpath(self._options.source.resolve(), self._options.output.resolve().parent)
         job = {
             "job": self._options.output.stem,

@@ -46,7 +46,7 @@ def rehearse(job: Job) -> None:
         MeshError, SystemPartMissing: as a run would.
     """
     source = read_anywhere(job.mesh, job.resolve, MPI.COMM_SELF)
-    moved = [any(s.moves for s in step.job.supports) or step.start is not None for step in job.plan]
+    moved = [any(s.moves or s.surface for s in step.job.supports) or step.start is not None for step in job.plan]
 
     def compile_step(
         number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.fitting.taylor import FUNCTIONS, Taylor
 from hpcinv.materials.material_law import MaterialLaw
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.schema import KeyPath
+from hpcinv.quantity.taylor import FUNCTIONS, Taylor
 
 _MOST_ITERATIONS = 100  # of Newton's method for the lateral stretch
 _LARGEST_STEP = 0.3  # of its logarithm

@@ -119,11 +119,13 @@ def _numbers(value: Any) -> Iterator[float]:
 
 
 def _skeleton_of_support(support: Support) -> dict[str, Any]:
-    plain = support.model_dump(mode="json", exclude={"displacement", "constants"})
+    plain = support.model_dump(mode="json", exclude={"displacement", "constants"}, context=WITH_DEFINITIONS)
     formulas = [f if f is None else f.whole if f.names else _NUMBER for f in support.displacement or ()]
-    return plain | {"displacement": formulas, "constants": sorted(support.constants)}
+    constants = sorted(support.constants) if support.surface is None else dict(support.constants)
+    return plain | {"displacement": formulas, "constants": constants}
 
 
 def _numbers_of_support(support: Support) -> Iterator[float]:
     yield from (float(f.evaluate()) for f in support.displacement or () if f is not None and not f.names)
-    yield from (support.constants[name] for name in sorted(support.constants))
+    if support.surface is None:
+        yield from (support.constants[name] for name in sorted(support.constants))

@@ -56,6 +56,7 @@ LENGTH = Dimension(length=1)
 CUBIC = Dimension(length=3)
 COORDINATES: dict[str, Dimension | None] = dict.fromkeys(AXES, LENGTH)
 POSITIONS = COORDINATES | dict.fromkeys(("X", "Y", "Z", "ux", "uy", "uz"), LENGTH)
+FITTED_SURFACES = ("sphere", "cylinder")
 REGION_NAMES = COORDINATES | dict.fromkeys(("nx", "ny", "nz", "cavity"), Dimension())
 """what conditions of regions may use: position, outer normal, and the number of a cavity"""
 STRESS = Dimension(length=-1, mass=1, time=-2)
@@ -592,7 +593,8 @@ class Support(Spec):
     """Prescribed displacement on a region: zero for the components in ``fix``, by formulas, or a rigid motion, which is
     given or follows from a force and a moment.
 
-    ``fix: [normal]`` lets a region slide: no motion along the normal of the given mesh, at each node.
+    ``fix: [normal]`` lets a region slide: no motion along the normal of the given mesh, at each node; with 'surface'
+    its nodes stay on a curved surface, however far they move.
     """
 
     alternatives: ClassVar[tuple[str, ...]] = ("fix", "displacement", "motion", "remote")
@@ -603,6 +605,9 @@ class Support(Spec):
     """fixed components, some of x, y, z and normal, the normal of the given mesh"""
     normal: Triple[float] | None = None
     """direction that 'normal' stands for, of any length; by default the normal of each node's surface"""
+    surface: Expression | None = Field(default=None, exclude_if=lambda surface: surface is None)
+    """smooth surface on which the nodes stay with 'fix: [normal]', in both bodies: a formula of x, y, z in the given
+    mesh that is zero on it, or 'sphere' or 'cylinder' for the one nearest to the region's nodes"""
     displacement: Triple[Expression | None] | None = None
     """three formulas of x, y, z in the given mesh, with null for a free component"""
     motion: Motion | None = None
@@ -636,13 +641,23 @@ class Support(Spec):
         return "normal" in (self.fix or ())
 
     @property
+    def fitted_surface(self) -> str | None:
+        """Name of the kind of surface that is fitted to the region; ``None`` for others."""
+        name = self.surface.source.strip() if self.surface is not None else ""
+        return name if name in FITTED_SURFACES else None
+
+    @property
     def components(self) -> list[str]:
         """Names of what is prescribed, for messages."""
         return [*sorted(self.held), *(["normal"] if self.slides else [])]
 
     def numbers(self) -> dict[KeyPath, Number | str]:
-        """The constants of the formulas by place."""
-        return {("constants", name): Number(value, None) for name, value in self.constants.items()}
+        """The constants of the formulas by place; constants of a surface do not vary."""
+        return (
+            {}
+            if self.surface is not None
+            else {("constants", name): Number(value, None) for name, value in self.constants.items()}
+        )
 
     def number_replaced(self, place: KeyPath, number: float) -> Self:
         """A copy with another constant (SI) at one of the places of `numbers`."""
@@ -659,13 +674,26 @@ class Support(Spec):
         else:
             if self.case is not None and not self.moves:
                 yield ("case",), "is not valid without 'displacement': what is fixed is fixed in every load case"
-            if self.constants:
-                yield ("constants",), "are not valid without 'displacement'"
+            if self.constants and (self.surface is None or self.fitted_surface):
+                yield ("constants",), "are not valid without a formula: 'displacement' or 'surface'"
+        if self.surface is not None:
+            yield from self._surface_faults()
         if self.normal is not None:
             if not self.slides:
                 yield ("normal",), "is valid with 'fix: [normal]' only"
             elif not any(self.normal):
                 yield ("normal",), "must not be zero"
+
+    def _surface_faults(self) -> Faults:
+        if not self.slides:
+            yield ("surface",), "is valid with 'fix: [normal]' only"
+        elif self.normal is not None:
+            yield ("surface",), "has its own normals: leave 'normal' out"
+        elif self.surface is not None and not self.fitted_surface:
+            problems = faults_with_constants("surface", [self.surface], self.constants, COORDINATES, None)
+            yield from ((where[:1] if where[0] == "surface" else where, text) for where, text in problems)
+            if self.surface.names.isdisjoint(AXES):
+                yield ("surface",), f"'{self.surface}' does not depend on x, y or z; or name a sphere or cylinder"
 
 
 def is_of_nodes(quantity: Mapping[str, Any], let: Mapping[str, Any]) -> bool:

@@ -180,6 +180,7 @@ class DiscreteModel:
             known: as for `Scene`.
             quadrature: quadrature degree, by default the degree of the job.
         """
+        self.supports.set_sign(KINEMATICS[direction].sign)
         is_kept = known is None and quadrature is None
         key = direction, self._given is not None
         if is_kept and key in self._scenes:

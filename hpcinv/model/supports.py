@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx.mesh import entities_to_geometry
 
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.job import Job
@@ -18,6 +19,7 @@ from hpcinv.model.nodal_normals import nodal_normals
 from hpcinv.model.parameters import load_factor
 from hpcinv.model.remote_loads import RemoteFace
 from hpcinv.model.sliding import Slide, Sliding
+from hpcinv.model.sliding_surfaces import surface_of
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.expressions import Expression
@@ -25,6 +27,8 @@ from hpcinv.quantity.parameter_paths import POINTS, central_difference, step_at
 
 _TOUCHING = 1e-12
 """Distance (scaled) of a node from its slide that is a rounding error; raised, a path may begin off the slide."""
+_PROJECTIONS = 4
+"""Newton steps that put nodes back on curved surfaces; with fewer, interpolated displacements leave them."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +127,8 @@ class Supports:
         fixed = np.zeros(len(unknowns.state.x.array), dtype=bool)
         fixed[self._dofs] = True
         slides = job.supports and any(spec.slides for spec in job.supports)
-        self.sliding = Sliding(self.slides, unknowns, fixed) if slides else None
+        sign = 1 if job.directions[0] == "forward" else -1
+        self.sliding = Sliding(self.slides, unknowns, fixed, body.length_scale, sign) if slides else None
         self._check_remote_faces(job)
         self.update_parameters(job)
 
@@ -143,6 +148,16 @@ class Supports:
     @property
     def _dofs(self) -> npt.NDArray[np.int32]:
         return np.concatenate([np.zeros(0, dtype=np.int32), *(entry.dofs for entry in self.prescribed)])
+
+    @property
+    def is_curved(self) -> bool:
+        """True if a region slides on a curved surface, so that held directions depend on the state."""
+        return self.sliding is not None and self.sliding.is_curved
+
+    def set_sign(self, sign: int) -> None:
+        """Set the sign of displacements from the mesh to the other body, as in `Kinematics`."""
+        if self.sliding is not None:
+            self.sliding.sign = sign
 
     @property
     def holders(self) -> list[Prescribed | Slide]:
@@ -271,20 +286,32 @@ class Supports:
             np.add.at(part, dofs, held)
         return part
 
-    def free(self, values: npt.NDArray[np.floating[Any]]) -> None:
-        """Set to zero the held part of vectors at nodes, such as forces; of local unknowns or of owned ones."""
+    def free(self, values: npt.NDArray[np.floating[Any]], *, displacements: bool = False) -> None:
+        """Set to zero the held part of forces or displacements at nodes; of local unknowns or of owned ones."""
         dofs = self._dofs
         values[dofs[dofs < len(values)]] = 0.0
         if self.sliding is not None:
-            dofs, held = self.sliding.held(values)
+            dofs, held = self.sliding.held(values, displacements=displacements)
             values[dofs] -= held
+
+    def row_values(self, missing: Floats) -> Floats:
+        """Return the right-hand side in the rows of held nodes for what displacements lack (local unknowns)."""
+        if self.sliding is None or not self.sliding.is_curved:
+            return missing
+        values = missing.copy()
+        dofs, rows = self.sliding.row_values(missing)
+        values[dofs] = rows
+        return values
 
     def impose(self, x: Floats) -> None:
         """Set the held part of displacements among all local unknowns ``x`` to what is prescribed now."""
-        x += self.missing(x)
+        for _ in range(_PROJECTIONS if self.is_curved else 1):
+            x += self.missing(x)
 
     def missing(self, x: Floats | None) -> Floats:
         """Return what displacements among all local unknowns lack of what is prescribed now, zero if free.
+
+        On curved surfaces this is to first order.
 
         Args:
             x: the displacements, ``None`` for none.
@@ -292,43 +319,44 @@ class Supports:
         missing = np.zeros(len(self._unknowns.state.x.array))
         for condition in self.conditions:
             condition.set(missing)
-        if self.sliding is not None:
-            targets = self.sliding.targets(missing) + self._gap
         if x is not None:
             dofs = self._dofs
             missing[dofs] -= x[dofs]
         if self.sliding is not None:
-            missing[self.sliding.dofs] += targets
-            if x is not None:
-                dofs, held = self.sliding.held(x)
-                missing[dofs] -= held
+            missing[self.sliding.dofs] += self.sliding.missing(missing, self.sliding.values(x) - self._gap)
         return missing
 
     def begin_path(self, x: npt.NDArray[np.float64]) -> None:
         """Let the displacements lead from the values in a state ``x`` (all local unknowns) to the prescribed ones."""
         self._path = [x[entry.dofs] for entry in self.prescribed]
         if self.sliding is not None:
-            self._first_gap = self.sliding.normal_part(x) - self.sliding.targets(x)
+            self._first_gap = self.sliding.values(x)
         moves = any(
             bool((start != entry.full[entry.nodes]).any())
             for start, entry in zip(self._path, self.prescribed, strict=True)
         )
-        moves |= bool(np.abs(self._first_gap).max(initial=0.0) > _TOUCHING)
+        moves |= self.is_curved or bool(np.abs(self._first_gap).max(initial=0.0) > _TOUCHING)
         self.prescribe_motion = self._comm.allreduce(moves, op=MPI.LOR)
 
     def end_path(self) -> None:
         """Let the displacements lead from the unloaded body again; collective."""
         self._path, self._first_gap, self._gap = None, 0.0, 0.0
-        moves = any(bool(entry.full.any()) or entry.support in self._found for entry in self.prescribed)
+        moves = self.is_curved
+        moves |= any(bool(entry.full.any()) or entry.support in self._found for entry in self.prescribed)
         self.prescribe_motion = self._comm.allreduce(moves, op=MPI.LOR)
 
 
 def _slide(spec: Support, place: str, body: Body, unknowns: Unknowns) -> Slide:
     """Return the nodes of a support that slide, on the mesh at its given coordinates; collective."""
     space, facets = unknowns.displacement_space, body.facets(spec.region)
-    if spec.normal is None:
+    if spec.normal is not None:
+        nodes = fem.locate_dofs_topological(space, body.mesh.topology.dim - 1, facets)
+        normals = np.tile(np.array(spec.normal) / np.linalg.norm(spec.normal), (len(nodes), 1))
+        return Slide(f"{place}.fix", spec.region, space, nodes, normals)
+    if spec.surface is None or spec.fitted_surface:
         with naming_field(f"{place}.region"):
-            facets = body.boundary_facets(spec.region, "Name a region of the boundary, or give the 'normal'.")
+            remedy = "Name a region of the boundary, or give the 'normal' or the formula of a 'surface'."
+            facets = body.boundary_facets(spec.region, remedy)
         nodes, normals, edge = nodal_normals(space, facets)
         if edge is not None:
             point = ", ".join(f"{c:.6g}" for c in edge * body.length_scale)
@@ -336,10 +364,17 @@ def _slide(spec: Support, place: str, body: Body, unknowns: Unknowns) -> Slide:
                 f"{place}.fix: '{spec.region}' has a sharp edge at ({point}) m, where it has no normal",
                 "Give each smooth face a support of its own.",
             )
+        if spec.surface is None:
+            return Slide(f"{place}.fix", spec.region, space, nodes, normals)
     else:
         nodes = fem.locate_dofs_topological(space, body.mesh.topology.dim - 1, facets)
-        normals = np.tile(np.array(spec.normal) / np.linalg.norm(spec.normal), (len(nodes), 1))
-    return Slide(f"{place}.fix", spec.region, space, nodes, normals)
+        normals = np.zeros((len(nodes), 3))
+    points = space.tabulate_dof_coordinates()[nodes] * body.length_scale
+    corners = body.mesh.geometry.x[np.unique(entities_to_geometry(body.mesh, 2, facets))] * body.length_scale
+    surface = surface_of(spec, place, points, normals, corners, body.mesh.comm)
+    gradients = surface.values(points).gradient
+    normals = gradients / np.linalg.norm(gradients, axis=1)[:, None]
+    return Slide(f"{place}.fix", spec.region, space, nodes, normals, surface)
 
 
 def _surface_nodes(space: fem.FunctionSpace, body: Body) -> npt.NDArray[np.int32]:

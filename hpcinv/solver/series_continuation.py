@@ -68,6 +68,8 @@ class SeriesContinuation:
         system = equilibrium.system
         if system.is_on_path:
             raise NotAnalytic("the path begins with another state")
+        if system.supports.is_curved:
+            raise NotAnalytic("a support slides on a curved surface")
         self._equilibrium, self._system, self._linear = equilibrium, system, equilibrium.linear
         with system.timings("compile"):
             self._taylor = TaylorResidual(system.scene)

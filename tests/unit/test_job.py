@@ -188,6 +188,30 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"supports": [{"region": "a", "fix": ["x", "y"]}]}, "supports: leave the body free to move along z"),
     ({"supports": [{"region": "a", "fix": ["q"]}]}, "supports[0].fix[0]: must be 'x', 'y', 'z' or 'normal', not 'q'"),
     ({"supports": [{"region": "a"}]}, "supports[0]: needs exactly one of 'fix'"),
+    (
+        {"supports": [{"region": "a", "fix": ["x"], "surface": "x"}]},
+        "supports[0].surface: is valid with 'fix: [normal]' only",
+    ),
+    (
+        {"supports": [{"region": "a", "fix": ["normal"], "surface": "x", "normal": [1, 0, 0]}]},
+        "supports[0].surface: has its own normals: leave 'normal' out",
+    ),
+    (
+        {"supports": [{"region": "a", "fix": ["normal"], "surface": "x - R"}]},
+        "supports[0].surface: unknown name 'R' in 'x - R'",
+    ),
+    (
+        {"supports": [{"region": "a", "fix": ["normal"], "surface": "pi"}]},
+        "supports[0].surface: 'pi' does not depend on x, y or z",
+    ),
+    (
+        {"supports": [{"region": "a", "fix": ["normal"], "surface": "x < 1"}]},
+        "supports[0].surface: must be a number, but 'x < 1' is a condition",
+    ),
+    (
+        {"supports": [{"region": "a", "fix": ["normal"], "surface": "sphere", "constants": {"R": 1}}]},
+        "supports[0].constants: are not valid without a formula",
+    ),
     ({"supports": [{"region": "a", "fix": ["x"], "displacement": [0, 0, 0]}]}, "supports[0]: needs exactly one of"),
     ({"supports": [{"region": "a", "displacement": [0, 0]}]}, "supports[0].displacement[2]: is needed"),
     ({"supports": [{"region": "a", "displacement": [None] * 3}]}, "supports[0]: prescribes no component"),

@@ -1,11 +1,12 @@
 """Regions that slide: held along the normal of a surface, exactly, in any orientation.
 
 A job that is turned with its supports and loads has the turned solution. On planes along axes it is held by ordinary
-supports, which gives independent values.
+supports, which gives independent values. A stiff body that slides in a bore is a pendulum.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,11 @@ import numpy as np
 import pytest
 from helpers.closed_forms import NEO_HOOKEAN, neo_hookean_stress, root
 from helpers.thick_sphere import INNER, OUTER, PRESSURE, carried, outer_radius
-from helpers.verification import box, job
+from helpers.verification import Solved, box, job
 
 from hpcinv import run
 from hpcinv.errors import MeshError
+from hpcinv.job.job import Job
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.output.result import Result
@@ -28,6 +30,11 @@ NORMALS = [{"region": f"{axis}0", "fix": ["normal"]} for axis in "xyz"]
 GRAVITY = np.array([2.0, 1.0, -6.0])
 FORMS = [{"formulation": "displacement", "displacement": 2}, {"formulation": "mixed", "displacement": 2}]
 IDS = ["displacement", "mixed"]
+TUBE = {
+    "file": "../meshes/thick_cylinder.py",
+    "parameters": {"radial": 1, "around": 2, "along": 1, "hexahedra": True},
+    "geometry_degree": 2,
+}
 
 
 def turned(mesh: dict[str, Any], directory: Path, comm: MPI.Intracomm) -> dict[str, Any]:
@@ -58,13 +65,15 @@ def sagged(
 @pytest.mark.parametrize("form", FORMS, ids=IDS)
 @pytest.mark.parametrize("linear", ["direct", "iterative"])
 @pytest.mark.everyday("direct-mixed", "iterative-displacement")
-@pytest.mark.parallel([1, 2, 3])
+@pytest.mark.parallel([1, 2])  # three ranks are in the test below
 def test_a_turned_block_on_oblique_planes_sags_as_one_along_axes(
     comm: MPI.Intracomm, tmp_path: Path, form: dict[str, Any], linear: str
 ) -> None:
     along = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
-    # One plane by its direction, which need not have unit length; and one region on an edge with two others.
-    oblique = [NORMALS[0], {**NORMALS[1], "normal": (3 * TURN[:, 1]).tolist()}, NORMALS[2]]
+    # One plane by its direction, which need not have unit length; one by its formula, with edges on the two others.
+    a, b, c = 2 * TURN[:, 2]
+    formula = {"surface": f"a*x + {b}*y + {c}*z", "constants": {"a": a}}
+    oblique = [NORMALS[0], {**NORMALS[1], "normal": (3 * TURN[:, 1]).tolist()}, NORMALS[2] | formula]
     oblique_mesh = turned(box(), tmp_path, comm)
     for direction in ("forward", "inverse"):
         exact = sagged(comm, direction, box(), np.eye(3), along, discretisation=form, linear=linear).quantities
@@ -81,7 +90,9 @@ def test_certificate_and_sensitivities_hold_on_oblique_planes(comm: MPI.Intracom
         "sensitivities": {"effects[0].density": "1 kg/m^3"},
     }
     exact = sagged(comm, "inverse", box(), np.eye(3), along, **more)
-    result = sagged(comm, "inverse", turned(box(), tmp_path, comm), TURN, NORMALS, **more)
+    by_formula = {"surface": " + ".join(f"{n}*{axis}" for n, axis in zip(TURN[:, 2], "xyz", strict=True))}
+    supports = [*NORMALS[:2], NORMALS[2] | by_formula]
+    result = sagged(comm, "inverse", turned(box(), tmp_path, comm), TURN, supports, **more)
     lines = {line.name: line for line in result.certificate.lines}
     assert (lines["round trip, relative to the displacement"].value or 0.0) < 1e-10
     assert lines["stability: unstable directions"].value == 0
@@ -118,19 +129,22 @@ def test_a_turned_octant_of_a_sphere_recovers_its_radii(comm: MPI.Intracomm, tmp
 def test_a_ring_in_a_bore_is_compressed_along_it(comm: MPI.Intracomm, tmp_path: Path, direction: str) -> None:
     """Between two rigid cylinders only the length changes: the state is homogeneous, ``F = diag(1, 1, λ)``.
 
-    In regular hexahedra the mean normals of nodes are along their nodal forces, and it is so to rounding errors.
+    The outer one is fitted to its nodes, which move along it. In regular hexahedra the mean normals of nodes are along
+    their nodal forces, and it is so to rounding errors.
     """
-    parameters = {"radial": 1, "around": 2, "along": 1, "hexahedra": True}
-    mesh = {"file": "../meshes/thick_cylinder.py", "parameters": parameters, "geometry_degree": 2}
     stretch = 0.9
     traction = TURN[:, 2] * neo_hookean_stress(np.diag([1.0, 1.0, stretch]))[2, 2]
     quantities = run(
         job(
             analysis=direction,
-            mesh=turned(mesh, tmp_path, comm),
+            mesh=turned(TUBE, tmp_path, comm),
             material=NEO_HOOKEAN,
             effects=[{"effect": "traction", "region": "z1", "traction": traction.tolist(), "area_in": "reference"}],
-            supports=[*NORMALS, {"region": "inner", "fix": ["normal"]}, {"region": "outer", "fix": ["normal"]}],
+            supports=[
+                *NORMALS,
+                {"region": "inner", "fix": ["normal"]},
+                {"region": "outer", "fix": ["normal"], "surface": "cylinder"},
+            ],
             quantities=[{"name": "end", "of": "displacement", "at": (TURN @ [1.0, 0.0, 1.0]).tolist()}],
             discretisation={"formulation": "displacement", "displacement": 2},
             solver={"tolerance": 1e-12},
@@ -139,6 +153,71 @@ def test_a_ring_in_a_bore_is_compressed_along_it(comm: MPI.Intracomm, tmp_path: 
     ).quantities
     moved = stretch - 1 if direction == "forward" else 1 - 1 / stretch
     assert TURN.T @ quantities["end"] == pytest.approx([0.0, 0.0, moved], abs=1e-10)
+
+
+def pendulum(direction: str, weight: float, stiffness: float, **more: Any) -> Job:
+    """A quarter of a tube that slides in a bore, with springs at its inner surface.
+
+    Its centre of mass is on the line x = y. About the axis its weight has a moment of at most ``weight`` (N m), the
+    springs ``stiffness * sin(angle)``; both are too small to strain the tube.
+    """
+    arm = np.sqrt(2) * (1 - 0.5**3) / 3  # ∫ r cos φ dA of the quarter about its middle
+    settings = {
+        "mesh": TUBE,
+        "supports": [
+            {"region": "outer", "fix": ["normal"], "surface": "norm(x, y) - r", "constants": {"r": "1000 mm"}},
+            {"region": "z0", "fix": ["z"]},
+        ],
+        "effects": [
+            {"effect": "gravity", "acceleration": more.pop("along"), "density": weight / arm},
+            {"effect": "elastic-foundation", "region": "inner"}
+            | dict.fromkeys(("normal", "tangential"), stiffness / (np.pi / 4 * 0.5**2)),
+        ],
+        "discretisation": {"formulation": "displacement", "displacement": 2},
+    }
+    return job(analysis=direction, material=NEO_HOOKEAN, **settings, **more)
+
+
+@pytest.mark.parallel([2])
+def test_a_pendulum_in_a_bore_swings_to_its_equilibrium(comm: MPI.Intracomm) -> None:
+    """The moments ``cos θ / 2`` and ``sin θ`` are equal, or ``1/2`` and ``sin θ`` at the given place of the inverse."""
+    for direction, angle in (("forward", np.arctan(0.5)), ("inverse", np.arcsin(0.5))):
+        result = run(
+            pendulum(
+                direction,
+                0.5,
+                1.0,
+                along=[-(0.5**0.5), 0.5**0.5, 0],
+                quantities=[{"name": "corner", "of": "displacement", "at": [1, 0, 0]}],
+                certificate={"round_trip": "near", "stability": True, "estimate": False, "overlap": False},
+                solver={"tolerance": 1e-12},
+            ),
+            comm,
+        )
+        moved = np.array([np.cos(angle) - 1, np.sin(angle), 0.0])
+        exact = moved if direction == "forward" else moved * [-1, 1, 1]
+        # The arc of a cell is a parabola, with errors of 2e-4 in moments.
+        assert result.quantities["corner"] == pytest.approx(exact, abs=1e-3)
+        lines = {line.name: line.value for line in result.certificate.lines}
+        assert (lines["round trip, relative to the displacement"] or 0.0) < 1e-10
+        assert lines["stability: unstable directions"] == 0
+
+
+@pytest.mark.parametrize(("stiffness", "unstable"), [(1.02, 0), (0.98, 1)])
+def test_a_pendulum_upside_down_needs_springs(comm: MPI.Intracomm, stiffness: float, unstable: int) -> None:
+    """The reaction of the bore, which turns with its tangent plane, makes the weight topple the tube."""
+    checks = {"round_trip": "off", "stability": True, "estimate": False, "overlap": False}
+    result = run(pendulum("forward", 1.0, stiffness, along=[-(0.5**0.5), -(0.5**0.5), 0], certificate=checks), comm)
+    assert {line.name: line.value for line in result.certificate.lines}["stability: unstable directions"] == unstable
+
+
+def test_newton_converges_quadratically_on_a_curved_surface(comm: MPI.Intracomm) -> None:
+    """The tube is 1e4 times as stiff as its springs, and so much larger is the constant."""
+    for direction in ("forward", "inverse"):
+        solver = {"tolerance": 1e-10, "reuse_tangent": False}
+        solves = Solved(pendulum(direction, 0.5, 1.0, along=[-(0.5**0.5), 0.5**0.5, 0], solver=solver), comm).solves
+        *_, previous, last = (iteration.correction for iteration in solves[-1].iterations)
+        assert last <= 1e4 * previous**2 <= 1e-7
 
 
 def test_a_rigid_motion_of_the_surface_moves_the_body_rigidly(comm: MPI.Intracomm) -> None:
@@ -194,6 +273,19 @@ def test_prescribed_components_move_nodes_along_their_slide(comm: MPI.Intracomm)
             comm,
         ).quantities
         assert quantities["inside"] == pytest.approx([0.0, 0.05, -0.05], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("surface", "message"),
+    [
+        ("x - 1 cm", "nodes of 'x0' are up to 0.01 m off 'x - 1 cm' (allowed: 0.00707 m)"),
+        ("x^2", "'x^2' has no value or no normal at some nodes of 'x0'"),
+    ],
+)
+def test_nodes_off_their_surface_are_refused(surface: str, message: str) -> None:
+    supports = [{"region": "x0", "fix": ["normal"], "surface": surface}, *NORMALS[1:]]
+    with pytest.raises(MeshError, match="supports.0..surface: " + re.escape(message)):
+        run(job(mesh=box(), material=NEO_HOOKEAN, supports=supports))
 
 
 def test_a_sharp_edge_has_no_normal() -> None:

@@ -1,4 +1,4 @@
-"""Numbers with first and second derivatives, for the exact stress and tangent of an energy formula."""
+"""Numbers with first and second derivatives of the formulas of energies and surfaces."""
 
 from __future__ import annotations
 
