@@ -14,13 +14,18 @@ from hpcinv.solver.equations import Equations
 
 NAME = "equilibrium residual, relative to the load"
 WARN = 1e-7
+_GROWTH = 1e-6  # of displacements, whose forces are compared; smaller, they are rounding errors
+_RIGID = 1e-10
+"""Share of the forces of linearized displacements below which forces are errors of a rigid motion; raised, they may be
+loads of a thin body"""
 
 
 def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[Line]:
     """Compare ``‖R‖`` at the free displacements with the nodal loads and reactions; collective.
 
     The load is the difference that the load factor makes to ``R``, or the reactions of the supports where those are
-    larger (prescribed motion is not a force). It has a floor relative to the forces that balance each other.
+    larger (prescribed motion is not a force). It has a floor relative to the forces that balance each other, and in a
+    rigid motion is the linearized displacements' forces.
     """
     comm = equations.body.mesh.comm
     dofs = equations.unknowns.owned_displacement_dofs
@@ -31,9 +36,16 @@ def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[L
     equations.put(solution)
     equilibrium = equations.equilibrium(equations.scene(solution.direction))
     none, full = equilibrium.system.forces(0.0), equilibrium.system.forces(1.0)
-    equations.release(equilibrium)
     load = max(norm(full - none), norm(full))
     left, balanced = norm(full - equations.supports.held_part(full)), ""
+    if left > WARN * load:  # a rigid motion needs no forces
+        state = equations.unknowns.state.x.array
+        state *= 1.0 + _GROWTH
+        stiff = norm(equilibrium.system.forces(1.0) - full) / _GROWTH
+        equations.put(solution)
+        if load < _RIGID * stiff:
+            load, balanced = stiff, "the body moves rigidly: this is relative to the forces of linearized displacements"
+    equations.release(equilibrium)
     if left > WARN * load:  # loads may balance each other at each point
         _, nominal = nominal_sizes(equations, solution)
         if FLOOR * nominal > load:

@@ -13,6 +13,7 @@ from helpers.closed_forms import LAM, MU, NEO_HOOKEAN, neo_hookean_stress
 from helpers.verification import box, job
 
 import hpcinv
+from hpcinv.certificate import equilibrium_residual
 from hpcinv.certificate.certify import DISCRETISATION
 from hpcinv.certificate.check import Verdict
 from hpcinv.certificate.round_trip import ROUND_TRIP
@@ -189,3 +190,15 @@ def test_small_displacements_keep_their_digits(comm: MPI.Intracomm) -> None:
         for load in (1e-8, 2e-8)
     ]
     assert np.abs(pulled[1] - 2 * pulled[0]).max() < 1e-9 * np.abs(pulled[0]).max()
+
+
+@pytest.mark.parametrize("direction", ["forward", "inverse"])
+def test_a_rigid_motion_has_no_residual(direction: str, comm: MPI.Intracomm) -> None:
+    turned = {"region": "x0", "motion": {"rotate": "40 deg", "axis": [0, 0, 1], "about": [0, 0, 0]}}
+    result = hpcinv.run(case(analysis=direction, effects=[], supports=[turned], certificate="quick"), comm)
+    (line,) = (line for line in result.certificate.lines if line.name == equilibrium_residual.NAME)
+    print(line.value, line.note)
+    assert line.verdict == Verdict.PASS
+    assert "moves rigidly" in line.note
+    assert line.value is not None
+    assert line.value < 1e-9  # Newton's method ends at 1e-10 of the displacement
