@@ -1,0 +1,159 @@
+"""Sze's tests 3.6 and 3.7 by Naghdi's shell with five fields: an independent solution, to find why theirs differ.
+
+Bilinear cells with one point for the strains of membrane and shear, of which a share of 0.005 is integrated in full
+against zero-energy modes, stand for their S4R on their meshes; biquadratic ones show the limit. Columns: test, shear
+factor, cells of an edge, degree, first cell over the thickness (graded towards the force; 0: equal cells), and the
+displacement at the force (mm).
+
+Command: python -m benchmarks.published.sze.naghdi
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hpcinv.parallel.ranks import MPI
+
+SHARE = 0.005
+"""Share of membrane and shear that is integrated in full. Larger: stiffer cells, since they lock."""
+POISSON = 0.3
+STEPS = 4
+"""Equal load steps."""
+
+
+@dataclass(frozen=True)
+class Shell:
+    """Radius, length, thickness (mm), Young's modulus (MPa), force on the modelled part (N) and supports.
+
+    Supports: side, then the fixed components of displacement and of the director's angles.
+    """
+
+    radius: float
+    length: float
+    thickness: float
+    young: float
+    force: float
+    ends: tuple[tuple[str, tuple[int, ...], tuple[int, ...]], ...]
+
+
+TESTS = {
+    "3.6": Shell(100, 100, 1, 30e3, 150, (("y0", (1,), (0,)), ("y1", (0, 2), ()))),
+    "3.7": Shell(1016, 3048, 30, 20.685, 100, (("y1", (0, 1, 2), (0, 1)),)),
+}
+MESHES = {
+    "3.6": ((5 / 6, 40, 1, 0), (5 / 6, 48, 1, 0), (5 / 6, 80, 1, 0), (5 / 6, 40, 2, 0), (1, 40, 2, 0)),
+    "3.7": ((5 / 6, 40, 1, 0), (5 / 6, 80, 1, 0), (5 / 6, 40, 2, 0), (5 / 6, 24, 2, 0.25), (1, 40, 2, 0)),
+}
+"""Shear factor, cells of an edge, degree, first cell over the thickness."""
+
+
+def graded(first: float, cells: int, places: Any) -> Any:
+    """Move places on a line of length 1 such that cells grow by a factor from the first one on."""
+    low, high = 1.0, 10.0
+    for _ in range(100):
+        factor = (low + high) / 2
+        low, high = (low, factor) if first * (factor**cells - 1) / (factor - 1) > 1 else (factor, high)
+    return (high ** (places * cells) - 1) / (high**cells - 1)
+
+
+def solved(test: Shell, shear_factor: float, cells: int, degree: int, first: float) -> float:
+    """Return the displacement at the force (mm)."""
+    import basix.ufl
+    import ufl
+    from dolfinx import default_scalar_type, fem, mesh
+    from dolfinx.fem import petsc
+    from petsc4py import PETSc
+
+    lengths = np.array([np.pi / 2, test.length])
+    sheet = mesh.create_rectangle(MPI.COMM_SELF, [np.zeros(2), lengths], [cells, cells], mesh.CellType.quadrilateral)
+    if first:
+        for axis, unit in enumerate((test.radius, 1.0)):
+            line = sheet.geometry.x[:, axis] / lengths[axis]
+            begin = first * test.thickness / unit / lengths[axis]
+            sheet.geometry.x[:, axis] = lengths[axis] * graded(begin, cells, line)
+    fields = [basix.ufl.element("Q", sheet.basix_cell(), degree, shape=(count,)) for count in (3, 2)]
+    space = fem.functionspace(sheet, basix.ufl.mixed_element(fields))
+    w = fem.Function(space)
+    u, turn = ufl.split(w)
+    around, _ = x = ufl.SpatialCoordinate(sheet)
+    if degree == 1:
+        place = fem.Function(fem.functionspace(sheet, fields[0]))
+        place.interpolate(lambda x: np.stack([test.radius * np.sin(x[0]), x[1], test.radius * np.cos(x[0])]))
+    else:
+        place = ufl.as_vector([test.radius * ufl.sin(around), x[1], test.radius * ufl.cos(around)])
+
+    def director(a: Any, b: Any) -> Any:
+        return ufl.as_vector([ufl.sin(b) * ufl.cos(a), -ufl.sin(a), ufl.cos(b) * ufl.cos(a)])
+
+    before, after = director(0 * around, around), director(turn[0], turn[1] + around)
+    tangents = ufl.grad(place)
+    F = tangents + ufl.grad(u)
+    metric = tangents.T * tangents
+    raised, area = ufl.inv(metric), ufl.sqrt(ufl.det(metric))
+
+    def bent(base: Any, normal: Any) -> Any:
+        return ufl.sym(base.T * ufl.grad(normal))
+
+    def energy(strain: Any) -> Any:
+        mixed = raised * strain
+        plane = POISSON / (1 - POISSON) * ufl.tr(mixed) ** 2 + ufl.tr(mixed * mixed)
+        return test.young / 2 / (1 + POISSON) * plane
+
+    slip = F.T * after - tangents.T * before
+    bending = test.thickness**3 / 12 * energy(bent(F, after) - bent(tangents, before)) * area
+    stretching = test.thickness * energy((F.T * F - metric) / 2)
+    shearing = shear_factor * test.thickness * test.young / 4 / (1 + POISSON) * ufl.dot(slip, raised * slip)
+    full, reduced = (ufl.dx(metadata={"quadrature_degree": d}) for d in (2 * degree + 1, 2 * degree - 1))
+    locking = (stretching + shearing) * area
+    residual = ufl.derivative((bending + SHARE * locking) * full + (1 - SHARE) * locking * reduced, w)
+    tangent, residual = fem.form(ufl.derivative(residual, w)), fem.form(residual)
+
+    sides = {"x0": (0, 0.0), "x1": (0, lengths[0]), "y0": (1, 0.0), "y1": (1, lengths[1])}
+    supports = []
+    for side, moves, turns in (("x0", (0,), (1,)), ("x1", (2,), (1,)), *test.ends):
+        axis, end = sides[side]
+        edge = mesh.locate_entities_boundary(sheet, 1, lambda x, axis=axis, end=end: np.isclose(x[axis], end))
+        for field, components in enumerate((moves, turns)):
+            for component in components:
+                part = space.sub(field).sub(component)
+                dofs = fem.locate_dofs_topological(part, 1, edge)
+                supports.append(fem.dirichletbc(default_scalar_type(0), dofs, part))
+    sheet.topology.create_connectivity(0, 2)
+    corner = mesh.locate_entities(sheet, 0, lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0))
+    loaded = fem.locate_dofs_topological(space.sub(0).sub(2), 0, corner)[0]
+    solver = PETSc.KSP().create(PETSc.COMM_SELF)
+    solver.setType("preonly")
+    solver.getPC().setType("lu")
+    solver.getPC().setFactorSolverType("mumps")
+    for step in range(1, STEPS + 1):
+        force = test.force * step / STEPS
+        for iteration in range(20):
+            forces = petsc.assemble_vector(residual)
+            forces.array[loaded] += force
+            for support in supports:
+                forces.array[support.dof_indices()[0]] = 0
+            if iteration and forces.norm() < 1e-8 * force:
+                break
+            matrix = petsc.assemble_matrix(tangent, bcs=supports)
+            matrix.assemble()
+            solver.setOperators(matrix)
+            correction = forces.duplicate()
+            solver.solve(forces, correction)
+            w.x.array[:] -= correction.array
+        else:
+            raise RuntimeError(f"no equilibrium at {force} N")
+    return float(-w.x.array[loaded])
+
+
+def main() -> None:
+    for name, test in TESTS.items():
+        for factor, cells, degree, first in MESHES[name]:
+            value = solved(test, factor, cells, degree, first)
+            print(name, f"{factor:.3f}", cells, degree, first, f"{value:.4f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
