@@ -48,10 +48,10 @@ class DirectorUnknowns:
             is_held[condition.dof_indices()[0]] = True
         low, middle, high = is_held[self._triples].T
         if mesh.comm.allreduce(bool(((low != high) | (low & ~middle)).any()), op=MPI.LOR):
-            raise MeshError("a support holds one face of a shell that is this thin", "Let it hold an edge.")
+            raise MeshError("supports: a face of a shell this thin is held without its middle", "Hold an edge instead.")
         self._held = np.flatnonzero(is_held[: self._bs * self._numbers.size_local])
         self._to_nodes, self._from_nodes = (self._matrix(m) for m in (_HEIGHTS, np.linalg.inv(_HEIGHTS)))
-        self._given, self._work = self._to_nodes.createVecs()
+        self._given, self._work = self._to_nodes.createVecRight(), self._to_nodes.createVecRight()
 
     def functions(self, table: Floats) -> Floats:
         """Return values and derivatives (4, points, 27) of the new unknowns' functions for those of the nodes."""
@@ -67,7 +67,8 @@ class DirectorUnknowns:
         part = nodal.PtAP(self._to_nodes)
         first = part.getOwnershipRange()[0]
         part.zeroRowsColumns((first + self._held).astype(PETSc.IntType), diag=0.0)
-        matrix.axpy(1.0, part, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        structure: Any = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN  # its stub has the wrong type
+        matrix.axpy(1.0, part, structure)
         nodal.destroy()
         part.destroy()
 
@@ -104,7 +105,7 @@ class DirectorUnknowns:
         kept = (rows < owned) & (values != 0)
         size = owned, self._bs * self._numbers.size_global
         matrix = PETSc.Mat().createAIJ((size, size), comm=self._numbers.comm)
-        matrix.setPreallocationCOO(self._global(rows[kept]), self._global(columns[kept]))
+        matrix.setPreallocationCOO(self._global(rows[kept]), self._global(columns[kept]))  # type: ignore[arg-type]
         matrix.setValuesCOO(values[kept])
         return matrix
 
