@@ -54,7 +54,7 @@ class DirectorUnknowns:
         self._given, self._work = self._to_nodes.createVecRight(), self._to_nodes.createVecRight()
 
     def functions(self, table: Floats) -> Floats:
-        """Return values and derivatives (4, points, 27) of the new unknowns' functions for those of the nodes."""
+        """Return values and derivatives (4, points, 27) of the new unknowns' functions for the nodes' functions."""
         columns, transformed = _columns(), np.empty_like(table)
         transformed[..., columns] = table[..., columns] @ _HEIGHTS
         transformed[3][:, columns[:, 1]] = 0.0

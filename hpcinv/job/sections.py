@@ -130,7 +130,7 @@ def _not_true(value: object) -> object:
 def _not_membrane(value: object) -> object:
     """Return a kind of shell unless it is a membrane."""
     if value == "membrane":
-        raise ValueError("must be 'director': for a membrane, give a small thickness, by which bending has no effect")
+        raise ValueError("must be 'director': for a membrane, give a small thickness; bending has no effect then")
     return value
 
 

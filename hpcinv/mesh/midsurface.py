@@ -32,7 +32,7 @@ _SHARPEST = 40.0
 
 _THIN, _THINNEST = 3e3, 1.5e4
 """Length of a surface by its thickness. Above the first, the tangent of the nodes has rounding errors with which
-Newton's method does not converge, and one layer has `DirectorUnknowns`. Above the second, those of positions leave a
+Newton's method does not converge, and one layer has `DirectorUnknowns`. Above the second, rounded positions leave a
 residual that fails the certificate (0.002 of the load at 30,000)."""
 
 
