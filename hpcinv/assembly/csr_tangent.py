@@ -19,6 +19,7 @@ from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
 from hpcinv.assembly.compiled_moduli import compiled_moduli
+from hpcinv.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.assembly.element_matrices import Block, ElementMatrices
 from hpcinv.assembly.pattern import pattern_of
 from hpcinv.assembly.tangent_moduli import Term, UnsupportedForm
@@ -42,10 +43,16 @@ class FilledTangent:
 
     note = ""
 
-    def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
-        self._unknowns, self._options = scene.unknowns, dict(jit_options)
+    def __init__(
+        self,
+        scene: Scene,
+        jit_options: Mapping[str, Any] = JIT_OPTIONS,
+        director: DirectorUnknowns | None = None,
+    ) -> None:
+        self._unknowns, self._options, self._director = scene.unknowns, dict(jit_options), director
         unknowns, options = scene.unknowns, self._options
-        self._volume = [ElementMatrices(m, unknowns) for m in compiled_moduli(scene.residual, unknowns, options)]
+        moduli = compiled_moduli(scene.residual, unknowns, options)
+        self._volume = [ElementMatrices(part, unknowns, director) for part in moduli]
         self._code = compile_library(unknowns.mesh.comm, _CODE.read_text())
         doubles, integers = array_type(np.float64), array_type(np.int32)
         sizes = ctypes.c_int64, *4 * (ctypes.c_int,)
@@ -58,7 +65,7 @@ class FilledTangent:
         """Return a term that can be added to the tangent; collective."""
         try:
             moduli = compiled_moduli(term, self._unknowns, self._options)
-            return [ElementMatrices(part, self._unknowns) for part in moduli]
+            return [ElementMatrices(part, self._unknowns, self._director) for part in moduli]
         except UnsupportedForm:
             return fem.form(ufl.replace(term.form, dict(term.factors)), jit_options=self._options)
 
@@ -100,6 +107,9 @@ class FilledTangent:
             A.setValuesIJV(starts, columns, ghost_columns, addv=PETSc.InsertMode.ADD, rowmap=names)
             A.assemble()
             for form in compiled:
+                if self._director is not None:
+                    self._director.add(A, form)
+                    continue
                 fem_petsc.assemble_matrix(A, form, bcs=conditions)
                 A.assemble()  # PETSc does not add values after the diagonal of prescribed unknowns was inserted
 

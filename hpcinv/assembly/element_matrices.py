@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.assembly.compiled_moduli import CompiledModuli
+from hpcinv.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.assembly.tangent_moduli import Slot
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Integers, Unknowns
@@ -25,17 +26,22 @@ class ElementMatrices:
 
     Iteration evaluates them in the present state, for some cells at a time: arrays (cells, *block.shape) of each block.
 
+    Args:
+        director: unknowns of the displacement, if they are not at the nodes.
+
     Attributes:
         cells: owned cells.
         blocks: blocks of the matrices, by test and trial functions.
     """
 
-    def __init__(self, moduli: CompiledModuli, unknowns: Unknowns) -> None:
+    def __init__(self, moduli: CompiledModuli, unknowns: Unknowns, director: DirectorUnknowns | None = None) -> None:
         self._mesh = mesh = unknowns.mesh
         self._expression, points, weights = moduli.expression, moduli.points, moduli.weights
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
         self.cells: Integers = owned if moduli.cells is None else moduli.cells
         tables = [tabulated(element, points) for element in unknowns.scalar_elements]
+        if director is not None:
+            tables[0] = director.functions(tables[0])
         firsts = [0, 3 * tables[0].shape[2]]  # the first unknown of displacement and pressure
         blocks: dict[tuple[int, int], Block] = {}
         place = 0

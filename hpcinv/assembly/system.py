@@ -12,6 +12,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.assembly.admissibility import Admissibility
+from hpcinv.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.assembly.tangent import Tangent, tangent_of
 from hpcinv.assembly.tangent_moduli import Term
 from hpcinv.job.job import Job
@@ -44,6 +45,7 @@ class System:
     Attributes:
         state: all unknowns x; residual and tangent are evaluated at them.
         rhs: a vector for residuals.
+        director: unknowns of the matrix in a long thin shell; elsewhere they are at the nodes.
         tangents: number of assemblies of the tangent; outdated factors are recognized by it.
     """
 
@@ -56,6 +58,8 @@ class System:
         self._path: tuple[npt.NDArray[np.float64], float] | None = None  # R(x_0, 1) and 1 - λ
         with timings("set-up"):
             self.rhs = fem_petsc.create_vector(scene.unknowns.space)
+            is_thin = scene.unknowns.has_directors
+            self.director = DirectorUnknowns(scene.unknowns, supports.conditions) if is_thin else None
 
     # Where only the tangent is needed, as for stability, neither residual nor checks are made.
     @cached_property
@@ -76,7 +80,8 @@ class System:
     def _tangent(self) -> Tangent:
         like = self._like
         with self.timings("compile"):
-            return tangent_of(self.scene, like=like._tangent if like and "_tangent" in vars(like) else None)
+            tangent = like._tangent if like and "_tangent" in vars(like) else None
+            return tangent_of(self.scene, like=tangent, director=self.director)
 
     @cached_property
     def _matrix(self) -> tuple[PETSc.Mat, Callable[..., None]]:
@@ -274,6 +279,8 @@ class System:
             self._constraint = None
         if "_matrix" in self.__dict__:
             self.matrix.destroy()
+        if self.director is not None:
+            self.director.destroy()
         self.tangents = 0
         self.rhs.destroy()
 

@@ -18,6 +18,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.assembly.csr_tangent import FilledTangent
+from hpcinv.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.assembly.tangent_moduli import Term, UnsupportedForm
 from hpcinv.model.scene import Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -77,12 +78,20 @@ class CompiledTangent:
 type Tangent = CompiledTangent | FilledTangent
 
 
-def tangent_of(scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS, like: Tangent | None = None) -> Tangent:
+def tangent_of(
+    scene: Scene,
+    jit_options: Mapping[str, Any] = JIT_OPTIONS,
+    like: Tangent | None = None,
+    director: DirectorUnknowns | None = None,
+) -> Tangent:
     """Return the tangent of a scene, with the assembly that suits its mesh; collective.
 
     Args:
         like: another tangent on the same unknowns. This one is assembled in the same way, and can have its pattern.
+        director: unknowns of the tangent, if they are not at the nodes; only moduli can be assembled in them.
     """
+    if director is not None:
+        return FilledTangent(scene, jit_options, director)
     cells = _assumed[-1] if _assumed else scene.unknowns.mesh.topology.index_map(3).size_global
     has_many = cells >= _MANY if like is None else isinstance(like, FilledTangent)
     if not has_many:

@@ -88,6 +88,9 @@ def certify(
         if any(support.hinge for support in solution.job.supports):
             yield skipped(DISCRETISATION, "is not estimated with a hinge, whose line has no nodes in the finer spaces")
             return
+        if equations.unknowns.has_directors:
+            yield skipped(DISCRETISATION, "is not estimated in a shell this thin: compare with a finer mesh")
+            return
         if estimated is None and solution.job.certificate.estimate:
             estimated = estimate(equations, solution, computed, given, observer)
         yield _discretisation(equations, solution, estimated, uncertain)

@@ -45,6 +45,7 @@ class ForwardFactors:
                 low_rank=equations.chooser.forecast.operations >= LOW_RANK,
                 minimum_fill=choice.minimum_fill,
                 unknowns=equations.unknowns,
+                director=equilibrium.system.director,
             )
 
     @cached_property

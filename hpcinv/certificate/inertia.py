@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.factorization import WORKSPACE, larger_workspace
@@ -52,14 +53,19 @@ class SymmetricFactors:
         inertia: number of signs in ``D``.
     """
 
-    def __init__(self, pc: PETSc.PC, asymmetry: float) -> None:
-        self._pc = pc
+    def __init__(self, pc: PETSc.PC, asymmetry: float, director: DirectorUnknowns | None) -> None:
+        self._pc, self._director = pc, director
         negative, zero, positive = pc.getFactorMatrix().getInertia()
         self.inertia = Inertia(int(negative), int(zero), int(positive), asymmetry)
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Solve ``½(K + Kᵀ) x = b``, and return that this succeeded."""
+        """Solve ``½(K + Kᵀ) x = b`` for unknowns at the nodes, and return that this succeeded."""
+        if self._director is None:
+            self._pc.apply(b, x)
+            return True
+        self._director.enter(b)
         self._pc.apply(b, x)
+        self._director.leave(b, x)
         return True
 
     def destroy(self) -> None:
@@ -75,6 +81,7 @@ def factorize_symmetric(
     low_rank: bool = False,
     minimum_fill: bool = False,
     unknowns: Unknowns | None = None,
+    director: DirectorUnknowns | None = None,
 ) -> SymmetricFactors | None:
     """Factorize the symmetric part of a matrix, unless kept factors will do; collective.
 
@@ -87,6 +94,7 @@ def factorize_symmetric(
         low_rank: whether blocks of rounded factors are compressed.
         minimum_fill: whether to order by approximate minimum fill; else MUMPS chooses METIS.
         unknowns: the matrix's, whose nodes are ordered; without them the unknowns themselves are.
+        director: unknowns of the matrix, if they are not at the nodes.
     """
     asymmetry = asymmetry_of(matrix)
     if not math.isfinite(asymmetry):
@@ -98,7 +106,7 @@ def factorize_symmetric(
     if operator is not matrix:
         operator.destroy()
     if pc is not None:
-        return SymmetricFactors(pc, asymmetry)
+        return SymmetricFactors(pc, asymmetry, director)
     symmetric = symmetric_part(matrix) if asymmetry else matrix
     option: Any = PETSc.Mat.Option.SYMMETRIC  # its stub has the wrong type
     symmetric.setOption(option, True)
@@ -114,7 +122,7 @@ def factorize_symmetric(
         pc.destroy()
     if symmetric is not matrix:
         symmetric.destroy()
-    return None if accepted is None else SymmetricFactors(accepted, asymmetry)
+    return None if accepted is None else SymmetricFactors(accepted, asymmetry, director)
 
 
 class _SymmetricPart:

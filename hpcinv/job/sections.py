@@ -128,6 +128,13 @@ def _not_true(value: object) -> object:
     return value
 
 
+def _not_membrane(value: object) -> object:
+    """Return a kind of shell unless it is a membrane."""
+    if value == "membrane":
+        raise ValueError("must be 'director': for a membrane, give a small thickness; bending has no effect then")
+    return value
+
+
 class MeshFile(Spec):
     """A mesh: a file, or a generator that is run when the mesh is needed."""
 
@@ -339,7 +346,7 @@ class Shell(Spec):
     director: Literal["normal", "data"] = "normal"
     """of the given body: the normal of the surface; or data: the arrays 'outer' and 'inner' of the file, vectors (m)
     from its nodes to both faces, which give the thickness too, as shape files of runs have them"""
-    kind: Literal["director"] = "director"
+    kind: Annotated[Literal["director"], BeforeValidator(_not_membrane)] = "director"
     """director: with bending, and with shear and strain through the thickness"""
 
     @property

@@ -6,8 +6,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from hpcinv.effects import Effect
-from hpcinv.effects.contact import Contact
 from hpcinv.job.sections import MeshSpec, Support
 from hpcinv.quantity.schema import Faults, KeyPath, dotted_key
 
@@ -55,10 +53,6 @@ def _refused(job: Any) -> Iterable[KeyPath]:
     for key in ("accuracy", "identify", "cavities", "expected_shape"):
         if getattr(job, key):
             yield (key,)
-    effects: dict[KeyPath, Effect] = {("effects", i): effect for i, effect in enumerate(job.effects)}
-    for number, state in enumerate(job.states):
-        effects |= {("states", number, "effects", i): effect for i, effect in enumerate(state.effects)}
-    yield from (place for place, effect in effects.items() if isinstance(effect, Contact))
     lists: dict[KeyPath, Iterable[Support]] = {("supports",): job.supports}
     lists |= {("states", number, "supports"): state.supports or () for number, state in enumerate(job.states)}
     yield from ((*place, i, "fix") for place, supports in lists.items() for i, s in enumerate(supports) if s.slides)

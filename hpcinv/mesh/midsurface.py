@@ -30,9 +30,10 @@ _KIND, _DEGREE = "quadrilateral", 2
 _SHARPEST = 40.0
 """degrees between normals of cells at a common node; raised, a fold becomes a shell of changing thickness"""
 
-_THINNEST = 3e3
-"""length of a surface by its thickness; raised, rounding errors of displacements strain the layer as much as its load,
-and Newton's method does not converge"""
+_THIN, _THINNEST = 3e3, 1.5e4
+"""Length of a surface by its thickness. Above the first, the tangent of the nodes has rounding errors with which
+Newton's method does not converge, and one layer has `DirectorUnknowns`. Above the second, rounded positions leave a
+residual that fails the certificate (0.002 of the load at 30,000)."""
 
 
 def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
@@ -60,7 +61,7 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         thickness = np.linalg.norm(through, axis=1, keepdims=True)
         if (through * normals).sum() < 0:  # by the order of their nodes, cells have the other normal
             surface = dataclasses.replace(surface, cells=_mirrored(surface.cells))
-    _require_thick(surface, thickness)
+    length = _length_by_thickness(surface, thickness, _THIN if shell.layers else _THINNEST)
     layers = range(len(columns) // 2)
     starts = [2 * layer * count for layer in layers]
     cells = np.concatenate([start + _columns(_KIND, "hexahedron", surface.cells, count) for start in starts])
@@ -95,6 +96,7 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         midsurface=surface,
         shell=shell,
         slenderness=_slenderness(surface, float(thickness.mean())) if len(thickness) else 1.0,
+        is_thin=length > _THIN,
     )
 
 
@@ -128,14 +130,16 @@ def _thickness(surface: MeshSource, given: float | Field) -> Floats:
     return np.asarray(values)
 
 
-def _require_thick(surface: MeshSource, thickness: Floats) -> None:
+def _length_by_thickness(surface: MeshSource, thickness: Floats, most: float) -> float:
+    """Return the length of the surface by the least thickness; raises ``MeshError`` if that is too much."""
     extent, least = float(np.linalg.norm(np.ptp(surface.points, axis=0))), float(thickness.min())
-    if extent > _THINNEST * least:
+    if extent > most * least:
         shown = f"{extent / least:,.0f}" if least else "infinitely many"
-        text = f"is {shown} times as long as the shell is thick (at most {_THINNEST:,.0f})"
+        text = f"is {shown} times as long as the shell is thick (at most {most:,.0f})"
         _refuse(
             surface.path, text, "Are 'thickness' and mesh.unit right? In thinner shells rounding errors are too large."
         )
+    return extent / least
 
 
 def _level_name(level: int, shell: Shell) -> str:

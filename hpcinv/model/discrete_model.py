@@ -60,7 +60,13 @@ class DiscreteModel:
             check_fields(job, self.fields)
             self.scales = self._scales()
             self.unknowns: Unknowns = (
-                Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree, layers_of_cells(job, body))
+                Unknowns(
+                    body.mesh,
+                    job.discretisation.displacement,
+                    job.pressure_degree,
+                    layers_of_cells(job, body),
+                    has_directors=body.source.is_thin,
+                )
                 if like is None
                 else like.unknowns
             )

@@ -25,18 +25,27 @@ class Unknowns:
         displacement: polynomial degree of the displacement.
         pressure: polynomial degree of the pressure, or ``None`` for the displacement form.
         layers: number of the layer of each local cell, between which the pressure jumps; ``None`` if it is continuous.
+        has_directors: whether the mesh is one layer of a shell so thin that its tangent has unknowns of its own.
 
     Attributes:
         state: all unknowns in one function, ``u`` or ``(u, p)``.
         scalar_elements: elements of a displacement component, and of the pressure in the mixed form.
-        layers: as given.
+        layers, has_directors: as given.
         displacement_space, pressure_space: spaces of displacement and pressure; the latter in the mixed form only.
         u, p: parts of the state as UFL expressions; ``p`` is ``None`` in the displacement form.
         v, q: its parts, for ``u`` and ``p``.
     """
 
-    def __init__(self, mesh: Mesh, displacement: int, pressure: int | None, layers: Ints | None = None) -> None:
-        self.mesh, self.layers = mesh, layers
+    def __init__(
+        self,
+        mesh: Mesh,
+        displacement: int,
+        pressure: int | None,
+        layers: Ints | None = None,
+        *,
+        has_directors: bool = False,
+    ) -> None:
+        self.mesh, self.layers, self.has_directors = mesh, layers, has_directors
         cell = mesh.basix_cell()
         vector = basix.ufl.element("Lagrange", cell, displacement, shape=(3,))
         degrees = (displacement,) if pressure is None else (displacement, pressure)

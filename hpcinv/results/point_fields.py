@@ -84,11 +84,7 @@ class SceneFields:
         cells = np.array([places[i].cell for i in mine], dtype=np.int32)
         points = np.stack([place.xi for place in places])
         values = self._values("points", points, cells, cells)[np.arange(len(mine)), mine]
-        named = self._named("points", values)
-        if isinstance(self._scene.quadrature_degree, LayerDegree):
-            layer_points, weights = layer_interpolation(self._scene.quadrature_degree, points)
-            in_layers = np.einsum("cp,cpf->cf", weights[mine], self._values("layers", layer_points, cells, cells))
-            named = self._named("layers", in_layers) | {name: named[name] for name in _POSITIONS if name in named}
+        named = self._named("points", values) | self._layer_values(cells, points[mine][:, None])
         rank_values = {i: {name: float(v[row]) for name, v in named.items()} for row, i in enumerate(mine)}
         everywhere = {i: values_there for part in comm.allgather(rank_values) for i, values_there in part.items()}
         return [everywhere[i] for i in range(len(places))]
@@ -106,7 +102,32 @@ class SceneFields:
         values = self._values(kind, points, entities, cells)
         values[..., -2:] *= weights[:, None] * self._scales.length ** (3 if kind == "cells" else 2)
         flat = values.reshape(-1, values.shape[2])
-        return Samples(self._named(kind, flat[:, :-2]), flat[:, -2], flat[:, -1])
+        named = self._named(kind, flat[:, :-2])
+        if isinstance(self._scene.quadrature_degree, LayerDegree):
+            is_inside = kind == "cells"
+            places = np.tile(points, (len(cells), 1, 1)) if is_inside else self._facet_places(points, entities)
+            named |= self._layer_values(cells, places)
+        return Samples(named, flat[:, -2], flat[:, -1])
+
+    def _layer_values(self, cells: LocalIndices, places: Floats) -> dict[str, Floats]:
+        """Return fields of a shell at places (cells, n, 3) in cells, without positions; none of other bodies."""
+        degree = self._scene.quadrature_degree
+        if not isinstance(degree, LayerDegree) or self._names.issubset({*_POSITIONS, *NORMALS}):
+            return {}
+        points, weights = layer_interpolation(degree, places.reshape(-1, 3))
+        values = self._values("layers", points, cells, cells)
+        at_places = np.einsum("cnp,cpf->cnf", weights.reshape(*places.shape[:2], len(points)), values)
+        named = self._named("layers", at_places.reshape(-1, values.shape[2]))
+        return {name: field for name, field in named.items() if name not in _POSITIONS}
+
+    def _facet_places(self, points: Floats, entities: LocalIndices) -> Floats:
+        """Return the points of facets in their cells, (entities, points, 3), in the order in which values are given."""
+        mesh = self._body.mesh
+        space = fem.functionspace(mesh, ("DG", 1, (3,)))
+        place = fem.Function(space)
+        place.x.array.reshape(-1, 3)[space.dofmap.list] = space.element.basix_element.points
+        compiled = fem.Expression(place, points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        return np.asarray(compiled.eval(mesh, entities)).reshape(len(entities), len(points), 3)
 
     def _values(self, kind: str, points: Floats, entities: LocalIndices, cells: LocalIndices) -> Floats:
         """Return the fields and the volume or area ratios at reference points, (entities, points, …); collective."""

@@ -93,7 +93,8 @@ class Equations(DiscreteModel):
         if equilibrium is None:
             solver = self.job.solver
             like = next((idle.system for idle in self._idle.values()), None)
-            system = System(scene, self.supports, self.timings, like)
+            with self._naming_job():
+                system = System(scene, self.supports, self.timings, like)
             with self.timings("set-up"):
                 self.chooser.analyse(solver, lambda: system.matrix, self.unknowns)
             linear = LinearSolver(

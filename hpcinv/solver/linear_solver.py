@@ -53,6 +53,8 @@ class LinearSolver:
             self.options = SolverOptions(options, where)
             self.ksp = PETSc.KSP().create(system.comm)
             self.ksp.setOptionsPrefix(SolverOptions.prefix)
+            if system.director is not None:
+                system.director.attach(self.ksp)
             self.configuration = self._use(choice.configuration)
 
     def _use(self, name: str) -> LinearConfiguration:
@@ -178,7 +180,9 @@ class LinearSolver:
 
     @property
     def has_factors(self) -> bool:
-        """True if there are factors by MUMPS, of this tangent or an earlier one."""
+        """True if there are factors by MUMPS for the unknowns at the nodes, of this tangent or an earlier one."""
+        if self.system.director is not None:
+            return False
         return (
             self.configuration.name == "direct" and max(self._factorized, self._released) >= 0 and is_mumps(self.ksp.pc)
         )

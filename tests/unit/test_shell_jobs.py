@@ -72,7 +72,10 @@ def test_jobs_that_a_shell_does_not_have_are_refused(sheet: Path, data: dict[str
         ({}, "mesh.shell.thickness: is needed"),
         ({"thickness": "-1 mm"}, "mesh.shell.thickness"),
         ({"thickness": "1 mm", "director": "data"}, "is not valid with 'director: data'"),
-        ({"thickness": "1 mm", "kind": "naghdi"}, "mesh.shell.kind"),
+        (
+            {"thickness": "1 mm", "kind": "membrane"},
+            "mesh.shell.kind: must be 'director': for a membrane, give a small",
+        ),
         ({"thickness": "1 mm + 2 kg"}, "mesh.shell.thickness"),
         ({"thickness": {"core": "1 mm"}}, "mesh.shell.thickness: cannot be by region"),
         ({"thickness": "1 mm", "layers": {"outer": 1}}, "mesh.shell.layers.outer: is the name of another region"),

@@ -60,8 +60,9 @@ def cylinder(radius: float, height: float, angle: float) -> Place:
 @pytest.mark.parametrize(
     ("cells", "thickness", "error"),
     [
-        ("quadrilaterals", 0.1, 1e-3),
+        pytest.param("quadrilaterals", 0.1, 1e-3, marks=pytest.mark.release),
         pytest.param("quadrilaterals", 0.01, 1e-3, marks=pytest.mark.release),
+        ("quadrilaterals", 0.001, 1e-3),
         pytest.param("triangles", 0.01, 3e-3, marks=pytest.mark.release),
     ],
 )
@@ -83,8 +84,10 @@ def test_end_shear_of_a_cantilever_both_ways(tmp_path: Path, cells: str, thickne
     ux, _, uz = result.quantities["tip"]
     assert uz == pytest.approx(6.698, rel=error)
     assert -ux == pytest.approx(3.286, rel=2 * error)
-    assert result.certificate.verdict.value == "pass"
-    assert gap(result) < 1e-9 * 10
+    # at L/t = 10,000 rounding errors of positions leave a residual of 1e-4 of the load
+    is_thin = thickness < 0.01
+    assert result.certificate.verdict.value == ("warning" if is_thin else "pass")
+    assert gap(result) < (1e-8 if is_thin else 1e-9) * 10
 
 
 def test_end_moment_of_a_cantilever(tmp_path: Path) -> None:
@@ -187,6 +190,26 @@ def test_bimetal_strip_bends_as_timoshenko_says(tmp_path: Path) -> None:
     assert gap(result) < 1e-10 * length
 
 
+def test_sagging_sheet_rests_on_a_plane(tmp_path: Path) -> None:
+    """Its lower face touches the plane, half a thickness below the midsurface, and the sheet comes back flat."""
+    thickness, plane = 0.02, {"shape": "plane", "point": [0, 0, -0.1], "normal": [0, 0, 1]}
+    result = solve(
+        save_sheet(tmp_path / "sheet.msh", 8, 1, flat(1, 0.25)),
+        thickness,
+        analysis="round_trip",
+        first="forward",
+        material={"law": "neo-hookean", "mu": 4e5, "lam": 8e5},
+        effects=[
+            {"effect": "gravity", "density": 1000, "acceleration": [0, 0, -0.5], "density_in": "reference"},
+            {"effect": "contact", "region": "inner", "obstacle": plane},
+        ],
+        supports=[CLAMPED],
+        quantities=[{"name": "end", "of": "z", "at": [1, 0.125, 0]}],
+    )
+    assert result.quantities["end"] == pytest.approx(-0.1 + thickness / 2, abs=1e-2 * thickness)
+    assert gap(result) < 1e-6
+
+
 @pytest.mark.release
 @pytest.mark.parametrize("cells", [4, 8])
 def test_error_estimate_agrees_with_a_finer_mesh(tmp_path: Path, cells: int) -> None:
@@ -209,7 +232,7 @@ def test_error_estimate_agrees_with_a_finer_mesh(tmp_path: Path, cells: int) -> 
     assert 0.5 < result.estimate.quantities["tip"] / (exact - value) < 2
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2])
 @pytest.mark.parametrize("face", ["inner", pytest.param("outer", marks=pytest.mark.release)])
 def test_pressure_acts_on_the_faces_of_a_thick_cylinder(tmp_path: Path, comm: MPI.Intracomm, face: str) -> None:
     """Lamé's solution in plane strain, which a pressure on the midsurface misses by 10 %."""
@@ -310,7 +333,11 @@ def test_hemisphere_hangs_from_its_rim_as_a_membrane(tmp_path: Path) -> None:
         material={"law": "neo-hookean", "young": young, "poisson": poisson},
         effects=[{"effect": "gravity", "density": 1, "acceleration": [0, 0, 1], "density_in": "reference"}],
         supports=[*HALVED, {"region": "z0", "fix": ["z"], "hinge": True}],
-        quantities=[{"name": "pole", "of": "sxx", "at": [0, 0, 1]}],
+        quantities=[
+            {"name": "pole", "of": "sxx", "at": [0, 0, 1]},
+            {"name": "largest", "of": "sxx", "on": "outer", "reduce": "max"},
+            {"name": "area", "of": "nx**2 + ny**2 + nz**2", "on": "outer", "reduce": "integral", "over": "reference"},
+        ],
     )
     # energy of an eighth of the sphere, by Gauss points in cos φ
     points, weights = np.polynomial.legendre.leggauss(8)
@@ -321,6 +348,8 @@ def test_hemisphere_hangs_from_its_rim_as_a_membrane(tmp_path: Path) -> None:
     assert result.solutions[0].strain_energy == pytest.approx(energy, rel=thickness)
     # at a node other parts of the layer's stress would add 0.9 to this 0.5
     assert result.quantities["pole"] == pytest.approx(0.5, rel=0.02)
+    assert result.quantities["largest"] == pytest.approx(0.5, rel=0.06)  # the cells' quadrature would find 1.8
+    assert result.quantities["area"] == pytest.approx(np.pi / 2 * (1 + thickness / 2) ** 2, rel=1e-3)
     assert gap(result) < 1e-12
 
 
