@@ -208,7 +208,8 @@ def read_source(
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     check_nodes(source)
-    source = consistently_oriented(source)
+    if spec.shell is None:
+        source = consistently_oriented(source)
     for note in source.notes:
         report(note)
     source = _with_sets(source, spec, path).drop_unused_nodes()

@@ -14,7 +14,7 @@ _MIDDLE = np.full((1, 3), 0.25)  # a point of reference tetrahedra and hexahedra
 
 
 def consistently_oriented(source: MeshSource) -> MeshSource:
-    """Return a whole mesh in which only inverted cells have a negative determinant, if some others have a positive one.
+    """Return a mesh of solids in which only inverted cells have a negative determinant, if others have a positive one.
 
     Cells on both sides of a facet are both inverted or both not; of cells on one side of it, one is inverted. Inverted
     are the fewer ones of each connected part. A note gives the number of cells that are renumbered.
