@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.command_line import BLOCK
-from helpers.sweeps import write_sweep
+from helpers.sweeps import records_of, write_sweep
 
 import hpcinv
 from hpcinv.driver import run
+from hpcinv.methods.method import GUESS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.sweep import queue, runner
 from hpcinv.sweep.sweep_interface import Table
@@ -27,6 +28,7 @@ SHEARED: Mapping[str, Any] = BLOCK | {
     ],
     "quantities": [{"name": "middle", "of": "uz", "at": [0, 0.5, 0.5]}],
 }
+ROUND_TRIP = BLOCK | {"analysis": "round_trip", "certificate": "off"}
 STIFFNESSES = [f"{mu:.4g} kPa" for mu in np.random.default_rng(0).permutation(np.linspace(5, 25, 14))]
 
 
@@ -80,6 +82,16 @@ def test_lines_of_several_axes_are_followed(run_directory: Path, comm: MPI.Intra
         titles = [line.partition(":")[0].split(", ") for line in lines]
         assert len({mu for *_, mu in titles[:9]}) == 1
         assert sum("from a power series" in line for line in lines) >= 14
+
+
+def test_each_solve_of_a_round_trip_begins_with_its_neighbours(run_directory: Path, comm: MPI.Intracomm) -> None:
+    path = write_sweep(run_directory, [{"grid": {"material.mu": STIFFNESSES[:4]}}], job=ROUND_TRIP)
+    table = solved(path, comm, [])
+    assert set(table["status"]) == {"converged"}
+    records = [record for record in records_of(path).values() if record is not None]
+    strategies = [[one["solves"][0]["strategy"] for one in record.statistics["solutions"]] for record in records]
+    assert sorted(strategies)[:3] == 3 * [[GUESS, GUESS]]
+    check_alone(path, comm, table, "top", [2])
 
 
 def test_reason_without_a_series_is_given_once(
