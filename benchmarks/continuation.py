@@ -15,16 +15,19 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from bodies import beam, block, sphere
 
 import hpcinv
 from hpcinv.errors import HpcinvError
+from hpcinv.job.job import Job, parse
 from hpcinv.mesh import build_body
 from hpcinv.methods import DirectMethod
 from hpcinv.parallel.runtime import MPI
@@ -33,11 +36,41 @@ from hpcinv.solver.equations import Equations
 from hpcinv.solver.newton import Solve
 
 ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "benchmarks" / "published"
 PUBLISHED = (
     *("cook/cook", "cook/cook-incompressible", "land/problem-1", "land/problem-2", "land/problem-3"),
     *("elastica/elastica", "bisshopp/cantilever", "balloon/balloon", "calculix/beamnld", "code-aster/ssnv122"),
-    *("sze/shear", "sze/slit"),
+    *("sze/roof", "sze/shear"),
 )
+EULER = "euler/column.yaml"
+CLAMPED = [{"region": "x0", "fix": ["x"]}, {"region": "x1", "fix": ["x", "y", "z"]}, {"region": "y0", "fix": ["y"]}]
+SELF_WEIGHT = {"effect": "gravity", "acceleration": [0, 0, "0.3 m/s^2"], "density": "1000 kg/m^3"}
+ARCH = {
+    "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "30 kPa"},
+    "effects": [SELF_WEIGHT],
+    "mesh.parameters": {"radius": "1 m", "angle": 0.45, "width": "4 cm", "ny": 1},
+    "mesh.shell": {"thickness": "2 cm"},
+    "supports": CLAMPED,
+    "regions": {},
+    "let": {},
+    "quantities": [{"name": "crown", "of": "uz", "at": [0, 0, 0]}],
+}
+CHANGED: tuple[tuple[str, str, dict[str, Any]], ...] = (
+    ("shallow arch", "sze/roof.yaml", ARCH),
+    ("roof, full load", "sze/roof.yaml", {"let.share": 1.0}),
+    ("column, 1.2 × Euler", EULER, {"let.multiple": 1.2}),
+    ("column, 300 × Euler", EULER, {"let.multiple": 300}),
+)
+"""Jobs with changes: name, file, and what is changed."""
+SAGGING = [{"effect": "gravity", "acceleration": [-200, 0, -100], "density": 963}]
+COMPRESSIBLE = {"law": "neo-hookean", "mu": "250 kPa", "lam": "1 MPa"}
+LARGER: dict[str, Mapping[str, Any]] = {
+    "block": block(15_000, effects=SAGGING),
+    "compressible block": block(15_000, effects=SAGGING, material=COMPRESSIBLE),
+    "sphere": sphere(15_000),
+    "compressible beam": beam(15_000, material=COMPRESSIBLE),
+}
+"""Bodies of more than 10,000 unknowns that set no threshold of ``auto``."""
 SETTINGS = {"linear": "direct", "nested_iteration": "off"}
 CONTINUATIONS = ("steps", "series", "auto")
 
@@ -61,28 +94,31 @@ class Run:
         return f"{end}{factorizations} ({failed}), {self.seconds:.2f} s"
 
 
-def jobs() -> Iterator[tuple[Path, float]]:
-    """Jobs, and factors of their gravity."""
+def jobs() -> Iterator[tuple[str, Job]]:
+    """Jobs with their names in the table."""
     scenes = os.environ.get("HPCINV_SCENES")
     for path in sorted(Path(scenes).glob("*.yaml")) if scenes else ():
-        yield path, 1.0
+        yield path.stem, hpcinv.load(path)
     for name in ("pdms-beam-forward", "pdms-beam"):
-        for factor in (1.0, 4.0):
-            yield ROOT / "jobs" / f"{name}.yaml", factor
+        beam = hpcinv.load(ROOT / "jobs" / f"{name}.yaml")
+        gravity = [f"{4 * float(str(g).split()[0])} m/s^2" for g in beam.data["effects"][0]["acceleration"]]
+        yield name, beam
+        yield f"{name}, weight ×4", beam.with_({"effects[0].acceleration": gravity})
     for name in PUBLISHED:
-        yield ROOT / "benchmarks" / "published" / f"{name}.yaml", 1.0
+        yield Path(name).stem, hpcinv.load(RESULTS / f"{name}.yaml")
+    for name, file, changes in CHANGED:
+        yield name, hpcinv.load(RESULTS / file).with_(changes)
+    for name, data in LARGER.items():
+        for analysis in ("forward", "inverse"):
+            yield f"{name}, {analysis}", parse({**data, "analysis": analysis}, ROOT / "benchmarks" / "bodies.yaml")
     for path in sorted((ROOT / "jobs" / "hard").glob("*.yaml")):
-        yield path, 1.0
+        with suppress(HpcinvError):  # some jobs are wrong by intention
+            yield path.stem, hpcinv.load(path)
 
 
-def solved(path: Path, factor: float, continuation: str, comm: MPI.Intracomm) -> Run:
-    job = hpcinv.load(path)
-    changes: dict[str, Any] = {f"solver.{key}": value for key, value in SETTINGS.items()}
-    changes |= {"solver.continuation": continuation}
-    if factor != 1.0:
-        gravity = job.data["effects"][0]["acceleration"]
-        changes["effects[0].acceleration"] = [f"{factor * float(str(g).split()[0])} m/s^2" for g in gravity]
-    job, begin = job.with_(changes), time.process_time()
+def solved(job: Job, continuation: str, comm: MPI.Intracomm) -> Run:
+    job = job.with_({f"solver.{key}": value for key, value in (SETTINGS | {"continuation": continuation}).items()})
+    begin = time.process_time()
     equations = Equations(job, build_body(job.mesh, job.regions, comm, resolve=job.resolve), Timings())
     method = DirectMethod(equations, job.directions[0])
     solves = list(method.solves())
@@ -99,18 +135,20 @@ def difference(steps: Run, other: Run) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("jobs", nargs="*", type=Path, help="those to run; left out, all")
-    chosen = [(path, 1.0) for path in parser.parse_args().jobs] or jobs()
+    parser.add_argument("names", nargs="*", help="names in the table, or files of jobs; left out, all")
+    names = parser.parse_args().names
+    files = [(Path(name).stem, hpcinv.load(Path(name))) for name in names if name.endswith(".yaml")]
+    chosen = files or [entry for entry in jobs() if not names or entry[0] in names]
     comm = MPI.COMM_WORLD
     say(comm, "| job | load steps | power series | auto | auto ÷ steps | difference |")
     say(comm, "|---|---|---|---|---|---|")
-    for path, factor in chosen:
+    for name, job in chosen:
         try:
-            solved(path, factor, "auto", comm)  # loads kernels
-            steps, series, auto = (solved(path, factor, continuation, comm) for continuation in CONTINUATIONS)
-        except HpcinvError:  # a job that is hard to set up
+            solved(job, "auto", comm)  # loads kernels
+            steps, series, auto = (solved(job, continuation, comm) for continuation in CONTINUATIONS)
+        except HpcinvError as error:
+            say(comm, f"| {name} | not set up: {type(error).__name__} |||||")
             continue
-        name = path.stem if factor == 1.0 else f"{path.stem}, weight ×{factor:g}"
         ratio = f"{auto.seconds / steps.seconds:.2f}"
         say(comm, f"| {name} | {steps} | {series} | {auto} | {ratio} | {difference(steps, auto)} |")
 

@@ -18,6 +18,7 @@ ROOT = Path(__file__).parents[1]
 PRINTED = Path(__file__).parent / "printed"
 COMMANDS = {
     "strategies": "python benchmarks/strategies.py",
+    "continuation": "mpirun -n 1 python benchmarks/continuation.py",
     "contact": "python benchmarks/contact.py",
     "assembly": "python benchmarks/assembly.py --repeat 3",
     "stability-modes": "python benchmarks/stability.py modes",

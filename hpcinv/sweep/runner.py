@@ -2,7 +2,7 @@
 
 import contextlib
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -57,7 +57,8 @@ class SweepRunner(Runner[SweepTask]):
     def __init__(self, comm: MPI.Intracomm, *, warm_start: bool, keeps_solutions: bool = False) -> None:
         self.comm, self.warm_start, self.keeps_solutions = comm, warm_start, keeps_solutions
         self.workspace = Workspace(comm)
-        self.neighbours: tuple[str, Neighbours] = "", Neighbours()
+        self.neighbours: tuple[str, list[Neighbours]] = "", []
+        """reuse group, and the solutions of each solve of its plan"""
         self.series: tuple[str, list[ParameterSeries]] = "", []
         self.without_series = ""
         """reuse group without a series, the last one found"""
@@ -75,8 +76,8 @@ class SweepRunner(Runner[SweepTask]):
         ):
             progress.statistics = known  # an earlier attempt was killed just before its commit
             return {}
-        start, guess = self._guess(task)
-        result = self._run(task, progress, guess, stop_asked)
+        start, guesses = self._guesses(task)
+        result = self._run(task, progress, guesses, stop_asked)
         strategy = _start_strategy(progress.statistics)
         entries = {"start": start if strategy else "", "by_series": strategy == STRATEGY}
         is_kept = self._remember(task, result)
@@ -87,7 +88,7 @@ class SweepRunner(Runner[SweepTask]):
         return entries
 
     def _run(
-        self, task: SweepTask, progress: SilentProgress, guess: Guess | None, stop_asked: Callable[[], bool]
+        self, task: SweepTask, progress: SilentProgress, guesses: Sequence[Guess], stop_asked: Callable[[], bool]
     ) -> Result:
         """Run from the last checkpoint if there is a valid one, else from the beginning."""
         go = partial(
@@ -98,7 +99,7 @@ class SweepRunner(Runner[SweepTask]):
             progress=progress,
             stop_asked=stop_asked,
             workspace=self.workspace,
-            guesses=() if guess is None else (guess,),
+            guesses=guesses,
         )
         if on_root(self.comm, lambda: task.directory.is_begun):
             with contextlib.suppress(CheckpointError):
@@ -106,32 +107,37 @@ class SweepRunner(Runner[SweepTask]):
         on_root(self.comm, partial(_clear, task.directory.path))
         return go()
 
-    def _guess(self, task: SweepTask) -> tuple[str, Guess | None]:
-        """Return the start of a case, and the key of the case whose solution or series it is; collective."""
+    def _guesses(self, task: SweepTask) -> tuple[str, list[Guess]]:
+        """Return the starts of a case's solves, and the key of the case whose solution or series is the first one.
+
+        Collective.
+        """
+        group, known = self.neighbours
+        starts = [start for solve in known if (start := solve.guess(task.point))] if group == task.reuse_group else []
+        key, guesses = starts[0][1] if starts else "", [guess for guess, _ in starts]
         group, series = self.series
         if group == task.reuse_group:
             values = [(one.key, value) for one in series if (value := one.guess(task.numbers)) is not None]
             if values:
                 key, (guess, _) = min(values, key=lambda entry: entry[1][1])
-                return key, guess
-        group, known = self.neighbours
-        start = known.guess(task.point) if group == task.reuse_group else None
-        return ("", None) if start is None else (start[1], start[0])
+                return key, [guess, *guesses[1:]]
+        return key, guesses
 
     def _remember(self, task: SweepTask, result: Result) -> bool:
-        """Keep the solution for later cases, unless it lies beyond a limit point or its certificate fails.
+        """Keep the solutions for later cases, unless one lies beyond a limit point or their certificate fails.
 
-        Return whether it is kept.
+        Return whether they are kept.
         """
-        solution = result.solutions[0]
-        signs = {sign for solve in solution.solves if solve.outcome.accepted for sign in solve.signs}
-        doubtful = len(signs) > 1 or result.certificate.verdict is Verdict.FAIL
+        signs = [{sign for s in one.solves if s.outcome.accepted for sign in s.signs} for one in result.solutions]
+        doubtful = any(len(own) > 1 for own in signs) or result.certificate.verdict is Verdict.FAIL
         if not self.warm_start or result.accuracy is not None or doubtful:
             return False
         if self.neighbours[0] != task.reuse_group:
-            self.neighbours = task.reuse_group, Neighbours()
-        neighbour = Neighbour(task.claim.key, task.point, solution.as_guess())
-        self.neighbours[1].add(neighbour, self.comm.allreduce(neighbour.bytes, op=MPI.MAX))
+            self.neighbours = task.reuse_group, [Neighbours() for _ in result.solutions]
+        for known, solution in zip(self.neighbours[1], result.solutions, strict=True):
+            neighbour = Neighbour(task.claim.key, task.point, solution.as_guess())
+            largest = self.comm.allreduce(neighbour.bytes, op=MPI.MAX)
+            known.add(neighbour, largest * len(result.solutions))
         return True
 
     def _expand(self, task: SweepTask, ahead: Ahead, solution: Solution) -> str:
