@@ -84,7 +84,8 @@ class Chooser:
 
     def __init__(self, unknowns: Unknowns, degree: int, *, is_shell: bool = False) -> None:
         self._is_shell = is_shell
-        self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns), unknowns.p is not None)
+        has_hexahedra = unknowns.mesh.topology.cell_type.name == "hexahedron"
+        self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns), unknowns.p is not None, has_hexahedra)
         self._flat_share = flat_share(unknowns)
         self.room = _ROOM * available(unknowns.mesh.comm)
         self._is_slender = self.forecast.shape.aspect >= _SLENDER
