@@ -25,6 +25,7 @@ TANGENTS, CORRECTIONS = 4, 8  # of a typical solution
 COARSER = 2.0  # factor of the cell sizes in nested iteration
 _TANGENT = 5e-6  # s for each unknown: assembly
 _SET_UP, _MESH, _TRANSFER = 0.05, 8e-6, 3e-6  # s: one more model; gmsh by coarse unknown; transfer by unknown
+SLENDER = 15.0  # aspect ratio from which approximate minimum fill orders better than nested dissection
 SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single precision and low rank pay
 # s of a set-up, and of an iteration, by unknown of degree 1, which is aggregated at once. Larger ones favour factors.
 _AGGREGATION = 14e-6, 6e-7
@@ -141,7 +142,10 @@ class Forecast:
         if self.operations < SINGLE:
             return self._new_tangents * self.factorization
         refinement = 6e-10 * self.entries + 2e-7 * self.unknowns
-        return self._new_tangents * self._single_precision_time + CORRECTIONS * _REFINEMENTS * refinement
+        # Compact bodies have factors in double precision up to low rank (`hpcinv.solver.linear.selection`).
+        is_double = self.shape.aspect < SLENDER and self.operations < LOW_RANK
+        factorization = self.factorization if is_double else self._single_precision_time
+        return self._new_tangents * factorization + CORRECTIONS * _REFINEMENTS * refinement
 
     @property
     def _new_tangents(self) -> float:
