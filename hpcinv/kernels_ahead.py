@@ -15,6 +15,7 @@ from pathlib import Path
 
 from hpcinv.parallel.children import ending_with_this
 from hpcinv.parallel.jit import at_first_missing_kernel
+from hpcinv.parallel.runtime import MPI
 from hpcinv.preparation import Prepared
 
 _PROGRAM = "hpcinv.cli.certificate_kernels"
@@ -32,7 +33,10 @@ def certificate_kernels_ahead(prepared: Prepared) -> Iterator[None]:
     job, source, comm = prepared.job, prepared.body.source, prepared.body.mesh.comm
     forecast = prepared.equations[0].chooser.forecast
     is_small = not source.is_partitioned and len(source.cells) <= _MANY
-    if comm.rank or job.certificate.level == "off" or not (is_small and _has_idle_processor()):
+    node = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    ranks = node.size
+    node.Free()
+    if comm.rank or job.certificate.level == "off" or not (is_small and _has_idle_processor(ranks)):
         yield
         return
     children = list[subprocess.Popen[bytes]]()
@@ -49,8 +53,15 @@ def certificate_kernels_ahead(prepared: Prepared) -> Iterator[None]:
                 _end(child)
 
 
-def _has_idle_processor() -> bool:
-    """Return whether a second processor can be used, and was idle in the last minute: the child has work of its own."""
+def _has_idle_processor(ranks: int) -> bool:
+    """Return whether a further processor can be used, and was idle in the last minute: the child has work of its own.
+
+    Args:
+        ranks: number of ranks on this node. Slurm may leave them free to use processors of other jobs, so that only
+            its variable shows whether one is left. Elsewhere, ranks that wait for a kernel leave theirs to the child.
+    """
+    if int(os.environ.get("SLURM_CPUS_ON_NODE", ranks + 1)) <= ranks:
+        return False
     if sys.platform != "linux":
         return True
     processors = len(os.sched_getaffinity(0))

@@ -197,24 +197,31 @@ class _FinerProblem:
         if start == 0.0:
             return last
         u, count = self._unknowns.owned_displacement_dofs, _CYCLES * (_SMOOTHING + 1)
-        directions, products = (np.empty((count, len(r)), r.dtype) for _ in range(2))
         # The products are orthonormal; products of K and the directions are their combinations, columns of `triangle`.
+        # Directions by the diagonal are not kept, since residuals are combinations of the first one and the products.
+        first, corrections, products = r.copy(), list[Singles](), np.empty((count, len(r)), r.dtype)
         triangle, shares = np.zeros((count, count)), np.zeros(count)
         for k in range(count):
             stop_if_asked(self._comm, observer)
             is_smoothing = k % (_SMOOTHING + 1) < _SMOOTHING
-            direction = self._scale * self._signs * r if is_smoothing else self._coarse.solve(r / self._scale)
-            self._supports.free(direction, displacements=True)  # the scale mixes directions along a slide and across it
+            direction = self._smoothed(r) if is_smoothing else self._coarse.solve(r / self._scale)
             if not is_smoothing:
-                combined = np.linalg.solve(triangle[:k, :k], shares[:k]).astype(r.dtype)
-                solution, residual = combined @ directions[:k] + direction, self._length(r)
+                self._supports.free(direction, displacements=True)
+                weights = np.linalg.solve(triangle[:k, :k], shares[:k])
+                by_diagonal = np.where(np.arange(k) % (_SMOOTHING + 1) < _SMOOTHING, weights, 0.0)
+                later = by_diagonal.sum() - np.cumsum(by_diagonal)  # weights of the residuals after each product
+                residuals = r.dtype.type(by_diagonal.sum()) * first
+                residuals -= (shares[:k] * later).astype(r.dtype) @ products[:k]
+                solution, residual = direction + self._smoothed(residuals), self._length(r)
+                for weight, correction in zip(weights[_SMOOTHING :: _SMOOTHING + 1], corrections, strict=True):
+                    solution += r.dtype.type(weight) * correction
+                corrections.append(direction)
                 change, size = self._length((solution - last)[u]), self._length(solution[u])
                 if not np.isfinite(size + residual):
                     return None
                 if residual <= _RESIDUAL * start and change <= _CHANGE * size:
                     return solution
                 last = solution
-            directions[k] = direction
             product = self._scale * self._times(direction)
             parts = self._sum(products[:k] @ product)
             product -= parts @ products[:k]
@@ -225,6 +232,12 @@ class _FinerProblem:
             shares[k] = share = self._sum(products[k] @ r)
             r -= share * products[k]
         return None
+
+    def _smoothed(self, residual: Singles) -> Singles:
+        """Return the direction by the diagonal for a scaled residual; linear in it."""
+        direction = self._scale * self._signs * residual
+        self._supports.free(direction, displacements=True)  # the scale mixes directions along a slide and across it
+        return direction
 
     def _times(self, x: Singles) -> Singles:
         """Return ``K x``."""

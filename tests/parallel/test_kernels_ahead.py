@@ -88,7 +88,16 @@ def test_second_process_ends_with_the_run() -> None:
 
 
 def test_second_process_needs_an_idle_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SLURM_CPUS_ON_NODE", raising=False)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(2))
     for load, is_idle in ((0.4, True), (1.2, True), (2.0, False)):
         monkeypatch.setattr(os, "getloadavg", lambda load=load: (load, 0.0, 0.0))
-        assert kernels_ahead._has_idle_processor() == is_idle
+        assert kernels_ahead._has_idle_processor(1) == is_idle
+
+
+def test_second_process_keeps_to_the_allocation_of_slurm(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(8))  # ranks that are not bound see all
+    monkeypatch.setattr(os, "getloadavg", lambda: (0.0, 0.0, 0.0))
+    for allocated, ranks, has_one in (("1", 1, False), ("2", 1, True), ("2", 2, False), ("3", 2, True)):
+        monkeypatch.setenv("SLURM_CPUS_ON_NODE", allocated)
+        assert kernels_ahead._has_idle_processor(ranks) == has_one

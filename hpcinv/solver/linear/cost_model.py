@@ -25,12 +25,16 @@ TANGENTS, CORRECTIONS = 4, 8  # of a typical solution
 COARSER = 2.0  # factor of the cell sizes in nested iteration
 _TANGENT = 5e-6  # s for each unknown: assembly
 _SET_UP, _MESH, _TRANSFER = 0.05, 8e-6, 3e-6  # s: one more model; gmsh by coarse unknown; transfer by unknown
+SLENDER = 15.0  # aspect ratio from which approximate minimum fill orders better than nested dissection
 SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single precision and low rank pay
 # s of a set-up, and of an iteration, by unknown of degree 1, which is aggregated at once. Larger ones favour factors.
 _AGGREGATION = 14e-6, 6e-7
 # Krylov iterations of a correction of a cube of 20,000 to 160,000 unknowns; higher ones favour factors. Bodies in the
 # displacement form have moderate Poisson's ratios.
 _DISPLACEMENT_KRYLOV, _MIXED_KRYLOV = 9, 18
+# Entries of a row on hexahedra by those on tetrahedra, of degree 1 and of others: 27 / 15 nodes, 64 / 29 and 125 / 52.
+# Products with the tangent, and its products by interpolations, take as many times as long. Larger favours factors.
+_HEXAHEDRA = 1.8, 2.2
 _FLAT = 100.0  # cubed norm of a cell's edges by its volume: 5 for equal orthogonal edges, 100 for a height of 1/35
 _REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
 
@@ -64,12 +68,14 @@ class Forecast:
         unknowns: number of unknowns.
         degree: polynomial degree of the displacement.
         is_mixed: whether the pressure is an unknown.
+        has_hexahedra: whether the cells are hexahedra.
     """
 
     unknowns: int
     degree: int
     shape: Shape
     is_mixed: bool = False
+    has_hexahedra: bool = False
 
     def degree_forecast(self, degree: int) -> Forecast:
         """Return the forecast for spaces of another degree on the same body."""
@@ -136,7 +142,10 @@ class Forecast:
         if self.operations < SINGLE:
             return self._new_tangents * self.factorization
         refinement = 6e-10 * self.entries + 2e-7 * self.unknowns
-        return self._new_tangents * self._single_precision_time + CORRECTIONS * _REFINEMENTS * refinement
+        # Compact bodies have factors in double precision up to low rank (`hpcinv.solver.linear.selection`).
+        is_double = self.shape.aspect < SLENDER and self.operations < LOW_RANK
+        factorization = self.factorization if is_double else self._single_precision_time
+        return self._new_tangents * factorization + CORRECTIONS * _REFINEMENTS * refinement
 
     @property
     def _new_tangents(self) -> float:
@@ -157,7 +166,8 @@ class Forecast:
     def multigrid_time(self, tangents: float, iterations: float) -> float:
         """Return the time (s) of a number of multigrid set-ups and of Krylov iterations."""
         set_up, iteration = _AGGREGATION if self.degree == 1 else (7e-6, 1.5e-7 * self.degree**2)
-        return (tangents * set_up + iterations * iteration) * self.unknowns
+        rows = _HEXAHEDRA[self.degree > 1] if self.has_hexahedra else 1.0
+        return rows * (tangents * set_up + iterations * iteration) * self.unknowns
 
     @property
     def equal_krylov(self) -> float:

@@ -10,7 +10,16 @@ from hpcinv.effects import Direction
 from hpcinv.job.settings import Solver
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.available_memory import available
-from hpcinv.solver.linear.cost_model import CORRECTIONS, LOW_RANK, SINGLE, Forecast, Shape, flat_share, shape_of
+from hpcinv.solver.linear.cost_model import (
+    CORRECTIONS,
+    LOW_RANK,
+    SINGLE,
+    SLENDER,
+    Forecast,
+    Shape,
+    flat_share,
+    shape_of,
+)
 from hpcinv.solver.linear.symbolic_analysis import operations_of
 
 _WORTH = 1.1  # least gain of multigrid: factorizations also give signs along the path, and fail at once
@@ -23,7 +32,6 @@ _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solut
 _REVISED = 1.5
 _ROOM = 0.8  # share of the memory that factors may take
 _KEPT = 4  # times the memory of multigrid; there must be room for it if it is kept
-_SLENDER = 15  # aspect ratio from which approximate minimum fill orders better than nested dissection
 _WORTH_NESTED = 2.5  # least gain of nested iteration by the forecast, which is rough
 _TANGENTS: Mapping[Direction, int] = {"inverse": 3, "forward": 6}  # of slender bodies that turn far
 _OWN = frozenset({"ksp_type", "pc_type"})
@@ -84,10 +92,11 @@ class Chooser:
 
     def __init__(self, unknowns: Unknowns, degree: int, *, is_shell: bool = False) -> None:
         self._is_shell = is_shell
-        self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns), unknowns.p is not None)
+        has_hexahedra = unknowns.mesh.topology.cell_type.name == "hexahedron"
+        self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns), unknowns.p is not None, has_hexahedra)
         self._flat_share = flat_share(unknowns)
         self.room = _ROOM * available(unknowns.mesh.comm)
-        self._is_slender = self.forecast.shape.aspect >= _SLENDER
+        self._is_slender = self.forecast.shape.aspect >= SLENDER
         self._ranks = unknowns.mesh.comm.size
         self._is_analysed = False
 
