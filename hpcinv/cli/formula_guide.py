@@ -32,6 +32,7 @@ PLACES = (
     FormulaPlace("let", "anything, for use in the other places", ("the names of the place that uses it",)),
     FormulaPlace("regions", "a condition", tuple(REGION_NAMES)),
     FormulaPlace("supports[].displacement", "three lengths", (*COORDINATES, "names in its 'constants'")),
+    FormulaPlace("supports[].surface", "zero on the surface", (*COORDINATES, "names in its 'constants'")),
     FormulaPlace("fibres.NAME.direction", "a vector of any length", (*POSITIONS, "names in its 'constants'")),
     FormulaPlace("material and effects", "the quantity; those that may vary are listed below", tuple(POSITIONS)),
     FormulaPlace(

@@ -20,7 +20,8 @@ def consistently_oriented(source: MeshSource) -> MeshSource:
     are the fewer ones of each connected part. A note gives the number of cells that are renumbered.
     """
     vertices = source.cells[:, : vertex_count(source.kind)]
-    is_negative = det(jacobians(source.kind, 1, source.points[vertices], _MIDDLE)[:, 0]) < 0
+    with np.errstate(all="ignore"):  # coordinates are checked later
+        is_negative = det(jacobians(source.kind, 1, source.points[vertices], _MIDDLE)[:, 0]) < 0
     if is_negative.all() or not is_negative.any():
         return source
     changed = is_negative != _inverted(source, vertices)
