@@ -156,6 +156,12 @@ def node_order(kind: str, degree: int, theirs: Floats) -> Ints:
     return np.asarray(distance.argmin(axis=1), dtype=np.int64)
 
 
+def mirrored(kind: str, degree: int, cells: Ints) -> Ints:
+    """Cells whose first two axes are exchanged, so that they have the opposite orientation."""
+    points = scalar_element(kind, degree).points
+    return np.asarray(cells[:, node_order(kind, degree, points[:, [1, 0, *range(2, points.shape[1])]])])
+
+
 @cache
 def vtk_order(kind: str, degree: int) -> Ints:
     """Permutation p with ``dolfinx_cells = vtk_cells[:, p]``; XDMF has the same order."""

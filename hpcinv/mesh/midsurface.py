@@ -21,9 +21,9 @@ import numpy as np
 from hpcinv.errors import MeshError
 from hpcinv.formats.mesh_format import INNER, OUTER
 from hpcinv.job.sections import Shell
-from hpcinv.mesh.cells import scalar_element, sub_entities, vertex_count
+from hpcinv.mesh.cells import mirrored, scalar_element, sub_entities, vertex_count
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, distinct_tags
-from hpcinv.mesh.topology import unique_rows, vertex_sets
+from hpcinv.mesh.topology import neighbour_signs, unique_rows, vertex_sets
 from hpcinv.quantity.spatial_fields import ByData, ByFormula, Field
 
 _KIND, _DEGREE = "quadrilateral", 2
@@ -60,7 +60,7 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         through = columns[-1] - columns[0]
         thickness = np.linalg.norm(through, axis=1, keepdims=True)
         if (through * normals).sum() < 0:  # by the order of their nodes, cells have the other normal
-            surface = dataclasses.replace(surface, cells=_mirrored(surface.cells))
+            surface = dataclasses.replace(surface, cells=mirrored(_KIND, _DEGREE, surface.cells))
     length = _length_by_thickness(surface, thickness, _THIN if shell.layers else _THINNEST)
     layers = range(len(columns) // 2)
     starts = [2 * layer * count for layer in layers]
@@ -259,7 +259,7 @@ def _oriented(surface: MeshSource) -> Ints:
     edges_per_cell = len(local)
     # Two cells agree if they go along their common edge in opposite directions.
     agree = np.where(direction.ravel()[a] * direction.ravel()[b] < 0, 1, -1)
-    sign = _signs(a // edges_per_cell, b // edges_per_cell, agree, len(cells))
+    sign, _ = neighbour_signs(a // edges_per_cell, b // edges_per_cell, agree, len(cells))
     if (sign[a // edges_per_cell] * agree != sign[b // edges_per_cell]).any():
         raise MeshError(f"{path}: the surface has only one side, as a Möbius strip", "Cut it, or mesh a solid.")
     if (sharing == 2).all():
@@ -268,33 +268,7 @@ def _oriented(surface: MeshSource) -> Ints:
         centre = surface.points.mean(axis=0)
         if ((flat[:, :4].mean(axis=1) - centre) * areas).sum() < 0:
             sign = -sign
-    return np.where(sign[:, None] > 0, cells, _mirrored(cells))
-
-
-def _mirrored(cells: Ints) -> Ints:
-    """Cells whose two axes are exchanged, so that they have the opposite normal."""
-    points = scalar_element(_KIND, _DEGREE).points
-    return np.asarray(cells[:, np.abs(points[:, None, ::-1] - points[None]).max(axis=2).argmin(axis=1)])
-
-
-def _signs(a: Ints, b: Ints, agree: Ints, count: int) -> Ints:
-    """Sign of each cell, so that neighbours ``a`` and ``b`` agree; 1 for the first cell of each connected part."""
-    neighbours: list[list[tuple[int, int]]] = [[] for _ in range(count)]
-    for i, j, same in zip(a.tolist(), b.tolist(), agree.tolist(), strict=True):
-        neighbours[i].append((j, same))
-        neighbours[j].append((i, same))
-    sign = [0] * count
-    for start in range(count):
-        if sign[start]:
-            continue
-        sign[start], waiting = 1, [start]
-        while waiting:
-            cell = waiting.pop()
-            for other, same in neighbours[cell]:
-                if not sign[other]:
-                    sign[other] = sign[cell] * same
-                    waiting.append(other)
-    return np.array(sign, dtype=np.int64)
+    return np.where(sign[:, None] > 0, cells, mirrored(_KIND, _DEGREE, cells))
 
 
 def _normals(surface: MeshSource) -> Floats:

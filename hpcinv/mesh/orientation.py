@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.mesh.cells import jacobians, node_order, scalar_element, vertex_count
+from hpcinv.mesh.cells import jacobians, mirrored, vertex_count
 from hpcinv.mesh.checks import det
 from hpcinv.mesh.source import Ints, MeshSource
-from hpcinv.mesh.topology import FacetTable, connected
+from hpcinv.mesh.topology import FacetTable, neighbour_signs
 
 _MIDDLE = np.full((1, 3), 0.25)  # a point of reference tetrahedra and hexahedra
 
@@ -27,29 +27,24 @@ def consistently_oriented(source: MeshSource) -> MeshSource:
     changed = is_negative != _inverted(source, vertices)
     if not changed.any():
         return source
-    mirrored = node_order(source.kind, source.degree, scalar_element(source.kind, source.degree).points[:, [1, 0, 2]])
     cells = source.cells.copy()
-    cells[changed] = cells[changed][:, mirrored]
+    cells[changed] = mirrored(source.kind, source.degree, cells[changed])
     note = f"{np.count_nonzero(changed):,} cells were numbered inside out (det J < 0) and have been renumbered"
     return dataclasses.replace(source, cells=cells, notes=(*source.notes, note))
 
 
 def _inverted(source: MeshSource, vertices: Ints) -> npt.NDArray[np.bool_]:
     """Mask of the inverted cells, by the sides of facets on which cells are, whatever the order of their nodes."""
-    table, count = FacetTable.build(source.kind, vertices), len(vertices)
+    table = FacetTable.build(source.kind, vertices)
     first, second, third = (source.points[table.vertices[:, i]] for i in range(3))
     normals = np.cross(second - first, third - first)
     offsets = source.points[vertices].mean(axis=1)[:, None] - first[table.cell_facets]
     is_above = (offsets * normals[table.cell_facets]).sum(axis=2).ravel() > 0
     order = np.argsort(table.cell_facets.ravel(), kind="stable")
     inner = order[table.sharing[table.cell_facets.ravel()[order]] == 2].reshape(-1, 2)
-    is_folded = is_above[inner[:, 0]] == is_above[inner[:, 1]]
-    # Cell c is a node c if it is like the cells that it is connected with, and a node c + count if it is unlike.
     one, other = (inner // table.cell_facets.shape[1]).T
-    like, unlike = other + count * is_folded, other + count * ~is_folded
-    links = np.concatenate([[one, like], [one + count, unlike], [np.arange(2 * count)] * 2], axis=1).T
-    part = connected(links, 2 * count)[-2 * count :]
-    is_second = part[:count] > part[count:]
-    pieces = np.unique(np.minimum(part[:count], part[count:]), return_inverse=True)[1]
-    shares = np.bincount(pieces, is_second) / np.bincount(pieces)
-    return np.asarray(is_second != (shares[pieces] > 0.5))
+    agree = np.where(is_above[inner[:, 0]] != is_above[inner[:, 1]], 1, -1)
+    sign, part = neighbour_signs(one, other, agree, len(vertices))
+    is_unlike = sign < 0
+    shares = np.bincount(part, is_unlike) / np.maximum(np.bincount(part), 1)
+    return np.asarray(is_unlike != (shares[part] > 0.5))

@@ -70,6 +70,19 @@ class FacetTable:
         return mask
 
 
+def neighbour_signs(one: Ints, other: Ints, agree: Ints, count: int) -> tuple[Ints, Ints]:
+    """Signs and parts of ``count`` cells: neighbours have the same sign where ``agree`` is 1, opposite ones where -1.
+
+    The first cell of each connected part has sign 1, and all its cells have where signs contradict each other. A part
+    is a set of cells that neighbours connect; some numbers below ``count`` are not used.
+    """
+    # Cell c is a node c with sign 1, and a node c + count with sign -1; nodes are linked where both signs are possible.
+    same, opposite = other + count * (agree < 0), other + count * (agree > 0)
+    links = np.concatenate([[one, same], [one + count, opposite], [np.arange(2 * count)] * 2], axis=1).T
+    positive, negative = connected(links, 2 * count)[-2 * count :].reshape(2, count)
+    return np.where(positive > negative, -1, 1), np.minimum(positive, negative)
+
+
 def connected(cells: Ints, nodes: int) -> Ints:
     """Connected component (c,) of each cell, from 0; cells that share a node are in the same component.
 

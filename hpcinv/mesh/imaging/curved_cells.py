@@ -97,11 +97,6 @@ def curved(
     return replace(mesh, points=points), (label_volumes / np.array(volumes) - 1).tolist()
 
 
-def mirrored(cells: Ints) -> Ints:
-    """Tetrahedra (n, 4 or 10) of the opposite orientation."""
-    return cells[:, [0, 2, 1, 3, 5, 4, 6, 7, 9, 8][: cells.shape[1]]]
-
-
 def edge_nodes(mesh: MeshSource) -> Ints:
     """Middle and both vertices of each edge, (edges, 3)."""
     middles = mesh.cells[:, inner_dofs(mesh.kind, 1)].reshape(-1, 1)

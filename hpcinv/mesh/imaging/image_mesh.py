@@ -11,10 +11,11 @@ from scipy import ndimage
 
 from hpcinv.errors import MeshError
 from hpcinv.job.sections import CUT, MeshSpec
+from hpcinv.mesh.cells import mirrored
 from hpcinv.mesh.crossing_facets import find_overlap
 from hpcinv.mesh.imaging.clean_surfaces import MMG, cells_between_surfaces
 from hpcinv.mesh.imaging.closed_surface import fill
-from hpcinv.mesh.imaging.curved_cells import SmoothBoundary, curved, mirrored
+from hpcinv.mesh.imaging.curved_cells import SmoothBoundary, curved
 from hpcinv.mesh.imaging.given_surface import GivenSurface
 from hpcinv.mesh.imaging.label_boundary import GOOD, ROUGH, Memberships, smoothed
 from hpcinv.mesh.imaging.label_image import Bools, LabelImage, read_labels
@@ -152,7 +153,7 @@ def _meshed(
     _tell_volumes(image, cubes.volumes, errors, report)
     mesh = replace(mesh, points=image.positions(mesh.points + first * image.spacing))
     if np.linalg.det(image.axes) < 0:
-        mesh = replace(mesh, cells=mirrored(mesh.cells))
+        mesh = replace(mesh, cells=mirrored(mesh.kind, mesh.degree, mesh.cells))
     report_mesh(mesh, image.frame, report)
     report_sizes(mesh, cubes.sizes, report)
     return mesh

@@ -11,9 +11,10 @@ from hpcinv.errors import MeshError
 from hpcinv.job.lumen import INNER, OUTER, WALL
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.cell_count import require_at_most
+from hpcinv.mesh.cells import mirrored
 from hpcinv.mesh.checks import det
 from hpcinv.mesh.crossing_facets import find_overlap
-from hpcinv.mesh.imaging.curved_cells import edge_nodes, mirrored, shares_of_bend
+from hpcinv.mesh.imaging.curved_cells import edge_nodes, shares_of_bend
 from hpcinv.mesh.imaging.mesh_report import report_mesh
 from hpcinv.mesh.imaging.packages import package
 from hpcinv.mesh.refine.degree import raised
@@ -196,7 +197,7 @@ def _layered(path: Path, vessel: _Vessel, outer: Floats, layers: int) -> MeshSou
     cells = tetrahedra(base.triangles, count, layers)
     edges = points[cells[:, 1:]] - points[cells[:, :1]]
     turned = det(edges) < 0
-    cells[turned] = mirrored(cells[turned])
+    cells[turned] = mirrored("tetrahedron", 1, cells[turned])
     surfaces = {INNER: base.triangles, OUTER: base.triangles + layers * count}
     surfaces |= {name: side_facets(edges, count, layers) for name, edges in vessel.edges.items()}
     facets = np.concatenate([*surfaces.values()])
