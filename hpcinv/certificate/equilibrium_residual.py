@@ -16,7 +16,7 @@ NAME = "equilibrium residual, relative to the load"
 WARN = 1e-7
 _GROWTH = 1e-6  # of displacements, whose forces are compared; smaller, they are rounding errors
 _RIGID = 1e-10
-"""Share of the forces of linearized displacements below which forces are errors of a rigid motion; raised, they may be
+"""Share of the tangent times the displacements below which forces are errors of a rigid motion; raised, they may be
 loads of a thin body"""
 
 
@@ -25,7 +25,7 @@ def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[L
 
     The load is the difference that the load factor makes to ``R``, or the reactions of the supports where those are
     larger (prescribed motion is not a force). It has a floor relative to the forces that balance each other, and in a
-    rigid motion is the linearized displacements' forces.
+    rigid motion it is the tangent times the displacements.
     """
     comm = equations.body.mesh.comm
     dofs = equations.unknowns.owned_displacement_dofs
@@ -44,7 +44,7 @@ def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[L
         stiff = norm(equilibrium.system.forces(1.0) - full) / _GROWTH
         equations.put(solution)
         if load < _RIGID * stiff:
-            load, balanced = stiff, "the body moves rigidly: this is relative to the forces of linearized displacements"
+            load, balanced = stiff, "the body moves rigidly: this is relative to the tangent times its displacements"
     equations.release(equilibrium)
     if left > WARN * load:  # loads may balance each other at each point
         _, nominal = nominal_sizes(equations, solution)

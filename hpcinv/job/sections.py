@@ -660,11 +660,9 @@ class Support(Spec):
 
     def numbers(self) -> dict[KeyPath, Number | str]:
         """The constants of the formulas by place; constants of a surface do not vary."""
-        return (
-            {}
-            if self.surface is not None
-            else {("constants", name): Number(value, None) for name, value in self.constants.items()}
-        )
+        if self.surface is not None:
+            return {}
+        return {("constants", name): Number(value, None) for name, value in self.constants.items()}
 
     def number_replaced(self, place: KeyPath, number: float) -> Self:
         """A copy with another constant (SI) at one of the places of `numbers`."""
