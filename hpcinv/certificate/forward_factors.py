@@ -51,6 +51,7 @@ class ForwardFactors:
     @cached_property
     def multigrid(self) -> MultigridSolver:
         """A solver for the same matrix, where factors are not `affordable`; collective at the first access."""
+        self._equations.destroy()  # matrices of other scenes take as much memory as this one
         with self.tangent() as equilibrium, self._equations.timings("factorization"):
             return MultigridSolver(equilibrium.system.matrix, equilibrium.system.scene)
 

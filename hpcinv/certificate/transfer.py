@@ -1,12 +1,16 @@
 """Transfer between spaces of different degrees on one mesh, by the interpolation of each cell."""
 
+from collections.abc import Iterator
+
 import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
 from hpcinv.mesh.source import Floats
-from hpcinv.model.spaces import Unknowns
+from hpcinv.model.spaces import Integers, Unknowns
+
+_CELLS = 10_000  # whose values are gathered at once; more take more memory
 
 
 class Transfer:
@@ -31,7 +35,7 @@ class Transfer:
         """Return ``P x`` of owned unknowns."""
         self._given.array[: len(given)] = given
         self._given.scatter_forward()
-        for table, coarse, fine in zip(self._tables, self._coarse, self._fine, strict=True):
+        for table, coarse, fine in self._parts():
             self._finer.array[fine] = table @ self._given.array[coarse]
         return np.array(self._finer.array[: self._owned[1]])
 
@@ -40,10 +44,17 @@ class Transfer:
         self._given.array[:] = 0.0
         self._finer.array[:] = 0.0
         self._finer.array[: len(finer)] = finer * self._shares[: len(finer)]
-        for table, coarse, fine in zip(self._tables, self._coarse, self._fine, strict=True):
+        for table, coarse, fine in self._parts():
             np.add.at(self._given.array, coarse.ravel(), (table.T @ self._finer.array[fine]).ravel())
         self._given.scatter_reverse(la.InsertMode.add)
         return np.array(self._given.array[: self._owned[0]])
+
+    def _parts(self) -> Iterator[tuple[Floats, Integers, Integers]]:
+        """Yield the interpolation of each field, with the given and the finer unknowns of some cells at a time."""
+        for table, coarse, fine in zip(self._tables, self._coarse, self._fine, strict=True):
+            for begin in range(0, len(fine), _CELLS):
+                cells = slice(begin, begin + _CELLS)
+                yield table, coarse[cells], fine[cells]
 
 
 def _vector(unknowns: Unknowns) -> la.Vector:

@@ -75,6 +75,8 @@ def correct(equations: Equations, direction: Direction, finer: Equations, observ
     if equilibrium.system.tangents == 0:
         equilibrium.system.linearise(1.0)
     equilibrium.linear.factorize_if_needed()
+    if equilibrium.linear.configuration.name == "iterative":
+        equilibrium.linear.free_krylov_vectors()
     product = _volume_product(equations, finer, direction)
     with freeing(lambda: equations.release(equilibrium), equations.free_multigrid), finer.timings("linear solve"):
         coarse = _Coarse(equations, finer.unknowns, equilibrium.linear)

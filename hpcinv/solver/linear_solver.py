@@ -252,6 +252,15 @@ class LinearSolver:
             self.ksp.reset()
             release_freed_memory()
 
+    def free_krylov_vectors(self) -> None:
+        """Free the memory of Krylov vectors; the preconditioner is kept."""
+        krylov = self.ksp.getType()
+        self.ksp.setType(PETSc.KSP.Type.NONE)
+        self.ksp.setType(krylov)
+        with self.options.blamed():
+            self.ksp.setFromOptions()
+        release_freed_memory()
+
     def forget_factors(self) -> None:
         """Discard the factors after a failed factorization: MUMPS cannot continue with them; `failure` has why."""
         self.failure = self.configuration.failure(self.ksp)

@@ -102,7 +102,9 @@ class DegreeLevels:
         """
         blocks = self._inverted_blocks(matrix)
         interpolation = self.interpolation(matrix)
-        coarse = matrix.ptap(interpolation)
+        product = matrix.ptap(interpolation)
+        coarse = product.duplicate(copy=True)
+        product.destroy()  # it keeps the product of `matrix` and `interpolation`
         diagonal = coarse.getDiagonal()
         diagonal.scale(1.0 + _SHIFT)
         coarse.setDiagonal(diagonal)
