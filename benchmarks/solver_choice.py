@@ -2,7 +2,7 @@
 
 Seconds are processor time of the whole solve, from the first assembly to the solution, analysis and set-up included. A
 solver that takes more than `LIMIT` times as long as the direct one is stopped ("inf"). Every second body is
-held out: constants of the cost model were fitted to the others at most.
+held out: constants of the cost model were fitted to the others at most. Reasons of `auto` are printed to stderr.
 
 Command: mpirun -n 1 python benchmarks/solver_choice.py [names …] [--jobs JOB …]
 """
@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import math
 import statistics
+import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -171,8 +172,9 @@ def row(name: str, data: JobData) -> float | None:
     ratio = best["auto"] / better
     say(
         f"{name:34}{unknowns:9}{best['direct']:9.2f}{best['iterative']:9.2f}{best['auto']:9.2f}{ratio:7.2f}"
-        f"{krylov:8}  {linear['configuration']}{' after a change' if linear['fallback'] else ''}: {linear['why']}"
+        f"{krylov:8}  {linear['configuration']}{' after a change' if linear['fallback'] else ''}"
     )
+    print(f"{name}: {linear['why']}", file=sys.stderr, flush=True)
     return ratio
 
 

@@ -32,6 +32,7 @@ COMMANDS = {
     "linear-solvers": "mpirun -n 1 python benchmarks/linear_solvers.py",
     "krylov-sizes": "mpirun -n 1 python benchmarks/krylov_counts.py --sizes 20000 60000",
     "krylov-ranks": "python benchmarks/krylov_counts.py --ranks 1 2 4 8 --sizes 8000",
+    "solver-choice": "mpirun -n 1 python benchmarks/solver_choice.py",
     "memory-parts": "mpirun -n 1 python benchmarks/memory_parts.py --size 60000",
     "cold-kernels": "python benchmarks/cold_kernels.py",
     "cost-model": "mpirun -n 1 python benchmarks/cost_model.py",

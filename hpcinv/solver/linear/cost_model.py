@@ -27,14 +27,15 @@ _TANGENT = 5e-6  # s for each unknown: assembly
 _SET_UP, _MESH, _TRANSFER = 0.05, 8e-6, 3e-6  # s: one more model; gmsh by coarse unknown; transfer by unknown
 SLENDER = 15.0  # aspect ratio from which approximate minimum fill orders better than nested dissection
 SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single precision and low rank pay
-# s of a set-up, and of an iteration, by unknown of degree 1, which is aggregated at once. Larger ones favour factors.
-_AGGREGATION = 14e-6, 6e-7
+# s of a set-up by unknown of degree 1, which is aggregated, and of a higher degree, without its level of degree 1; s of
+# an iteration by unknown. Larger ones favour factors.
+_AGGREGATION, _LEVEL, _ITERATION = 14e-6, 5.2e-6, 6e-7
+# Mean number of nodes in a row, by degree from 1, in regular meshes of tetrahedra and of hexahedra. Products with the
+# tangent, and its products by interpolations, take a time in proportion.
+_ROWS = (15, 29, 49, 75), (27, 64, 125, 216)
 # Krylov iterations of a correction of a cube of 20,000 to 160,000 unknowns; higher ones favour factors. Bodies in the
 # displacement form have moderate Poisson's ratios.
 _DISPLACEMENT_KRYLOV, _MIXED_KRYLOV = 9, 18
-# Entries of a row on hexahedra by those on tetrahedra, of degree 1 and of others: 27 / 15 nodes, 64 / 29 and 125 / 52.
-# Products with the tangent, and its products by interpolations, take as many times as long. Larger favours factors.
-_HEXAHEDRA = 1.8, 2.2
 _FLAT = 100.0  # cubed norm of a cell's edges by its volume: 5 for equal orthogonal edges, 100 for a height of 1/35
 _REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
 
@@ -165,9 +166,13 @@ class Forecast:
 
     def multigrid_time(self, tangents: float, iterations: float) -> float:
         """Return the time (s) of a number of multigrid set-ups and of Krylov iterations."""
-        set_up, iteration = _AGGREGATION if self.degree == 1 else (7e-6, 1.5e-7 * self.degree**2)
-        rows = _HEXAHEDRA[self.degree > 1] if self.has_hexahedra else 1.0
-        return rows * (tangents * set_up + iterations * iteration) * self.unknowns
+        rows, measured = _ROWS[self.has_hexahedra], _ROWS[False]
+        share = rows[0] / measured[0]
+        set_up = _AGGREGATION * share
+        if self.degree > 1:
+            share = rows[self.degree - 1] / measured[1]  # an iteration of degree 1 or 2 on tetrahedra has one price
+            set_up = set_up / self.degree**3 + _LEVEL * share
+        return (tangents * set_up + iterations * _ITERATION * share) * self.unknowns
 
     @property
     def equal_krylov(self) -> float:
