@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
@@ -14,6 +15,7 @@ from hpcinv.cards.febio_curves import LoadCurves
 
 _READ = ("Module", "Control", "Globals", "Material", "Mesh", "Geometry", "MeshDomains", "Boundary", "Loads", "LoadData")
 _WITHOUT_EFFECT = ("Output", "Import", "Step")  # the last step is read
+_AS_NODES = re.compile(r"^@\w+:")  # a surface or an element set as a node set
 _AT_REST = ("", "STATIC", "STEADY-STATE")
 
 
@@ -72,7 +74,7 @@ class _Reader:
                     unused.append(f"inertia (analysis {kind})")
 
     def _read_condition(self, condition: ET.Element, held: dict[str, dict[str, float]]) -> None:
-        region = (condition.get("node_set") or condition.get("surface") or "").removeprefix("@surface:")
+        region = _AS_NODES.sub("", condition.get("node_set") or condition.get("surface") or "")
         kind = condition.get("type", condition.tag)
         values: dict[str, float] = {}
         if kind == "zero displacement":

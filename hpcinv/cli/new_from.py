@@ -75,6 +75,8 @@ class _Job:
         self._comments += [f"Not taken from the file: {text}" for text in dict.fromkeys(self._deck.unused)]
         if not supports:
             self._comments.append("No support is taken from the file: state 'supports', such as the line below.")
+        if not effects and not any("displacement" in entry for entry in supports):
+            self._comments.append("No load is taken from the file: state 'effects'.")
         names = [group.name for group in self._source.groups]
         self._comments.append(f"Regions of the mesh: {', '.join(dict.fromkeys(names)) or 'none'}")
         mesh = os.path.relpath(self._options.source.resolve(), self._options.output.resolve().parent)

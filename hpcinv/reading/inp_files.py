@@ -67,9 +67,9 @@ def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     sets: dict[str, list[Any]] = {}
     for part, shift, name in placed:
         if not part.elements:
-            raise Fault(
-                "has no solid elements", "Elements are C3D4, C3D10, C3D8, C3D20 and C3D27, also with H, R, I or M."
-            )
+            remedy = " Shells are read from .msh files." if part.others else ""
+            text = f"Elements are C3D4, C3D10, C3D8, C3D20 and C3D27, also with H, R, I or M.{remedy}"
+            raise Fault("has no solid elements", text)
         node_row = {tag: len(points) + i for i, tag in enumerate(part.nodes)}
         cell_row = {tag: len(cells) + i for i, tag in enumerate(part.elements)}
         points += [np.add(position, shift) for position in part.nodes.values()]

@@ -57,9 +57,11 @@ FEB = """<febio_spec version="4.0"><Module type="solid"/>
 <Surface name="side"><tri3 id="1">2,3,5</tri3></Surface><NodeSet name="foot">1,2,3</NodeSet>
 <NodeSet name="wide">1,2,4,6</NodeSet></Mesh>
 <MeshDomains><SolidDomain name="a" mat="soft"/><SolidDomain name="b" mat="stiff"/></MeshDomains>
-<Boundary><bc node_set="foot" type="zero displacement"><x_dof>1</x_dof><y_dof>0</y_dof><z_dof>1</z_dof></bc></Boundary>
+<Boundary><bc node_set="@surface:foot" type="zero displacement">
+<x_dof>1</x_dof><y_dof>0</y_dof><z_dof>1</z_dof></bc></Boundary>
 <Loads><surface_load surface="side" type="pressure"><pressure lc="1">3</pressure></surface_load></Loads>
-<LoadData><load_controller id="1" type="loadcurve"><points><pt>0,0</pt><pt>2,1</pt></points></load_controller></LoadData>
+<LoadData><load_controller id="1" type="loadcurve"><points><pt>0,0</pt><pt>2,1</pt></points>
+</load_controller></LoadData>
 </febio_spec>
 """
 CDB = """ET,1,285
