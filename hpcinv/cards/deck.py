@@ -31,7 +31,7 @@ class Deck:
         materials: names of materials by the set of elements that has them.
         linear: Young's modulus and Poisson's ratio of materials without another law, by name.
         supports: sections of a job, whose regions are names of sets; numbers with units are `Measure`.
-        effects: the same.
+        effects: the same; one on sets of elements names them under ``on``.
         unused: what is in the file and not in the job.
     """
 

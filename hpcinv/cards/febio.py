@@ -35,6 +35,7 @@ _PRESSURE_MODELS = ("default", "NIKE3D", "Abaqus", "Abaqus (GOH)")
 _VOLUMETRIC = ("logarithmic", "simo-taylor", "quadratic", "simo-taylor")
 """Volumetric energies, in the order of the pressure models."""
 _WITHOUT_EFFECT = ("density",)
+_FORMULA = "state an energy in a job, by 'law: formula'"
 
 
 def root_of(text: str) -> ET.Element:
@@ -104,7 +105,8 @@ def counterpart(law: Entry) -> Counterpart:
         UnknownLaw: it has no counterpart.
     """
     if law.type not in LAWS:
-        raise UnknownLaw(f"law {law.type}")
+        remedy = "leave it out, and give its surface a support" if law.type == "rigid body" else _FORMULA
+        raise UnknownLaw(f"law {law.type} has no counterpart; {remedy}")
     return LAWS[law.type](law)
 
 
@@ -119,7 +121,7 @@ def _volumetric(law: Entry, default: int = 0) -> str:
         return _VOLUMETRIC[_PRESSURE_MODELS.index(model)]
     if model in map(str, range(len(_VOLUMETRIC))):
         return _VOLUMETRIC[int(model)]
-    raise UnknownLaw(f"law {law.type} with pressure_model {model}")
+    raise UnknownLaw(f"law {law.type} with pressure_model {model} has no counterpart; {_FORMULA}")
 
 
 def _uncoupled(law: Entry, material: Mapping[str, Any]) -> Counterpart:
@@ -235,7 +237,7 @@ def _arruda_boyce_unconstrained(law: Entry) -> Counterpart:
 def _coupled_trans_iso(law: Entry) -> Counterpart:
     fibre = law.part("fiber")
     if fibre is None:
-        raise UnknownLaw(f"law {law.type} without fibres")
+        raise UnknownLaw(f"law {law.type} without <fiber> has no counterpart; give the direction of its fibres")
     parameters: dict[str, Any] = {name: Stress(law.number(name)) for name in ("c1", "c2", "c3", "c5", "k")}
     parameters |= {"c4": law.number("c4"), "limit": law.number("lam_max")}
     energy = (
@@ -298,7 +300,7 @@ def _axes(law: Entry) -> tuple[Floats, Floats, Floats]:
     """Return the material axes; by default the axes of the coordinates."""
     axes = law.part("mat_axis")
     if axes is not None and axes.type != "vector":
-        raise UnknownLaw(f"law {law.type} with axes that are not constant")
+        raise UnknownLaw(f"law {law.type} with axes that are not constant has no counterpart; state 'fibres' in a job")
     first, second = (np.eye(3)[0], np.eye(3)[1]) if axes is None else (axes.vector("a"), axes.vector("d"))
     third = np.cross(first, second)
     frame = [first, np.cross(third, first), third]

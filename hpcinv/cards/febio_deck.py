@@ -2,62 +2,130 @@
 
 from __future__ import annotations
 
+import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
-from hpcinv.cards.card import number
+from hpcinv.cards.card import CardError, number
 from hpcinv.cards.deck import Deck, Measure
+from hpcinv.cards.entry import vector
 from hpcinv.cards.febio import root_of
+from hpcinv.cards.febio_curves import LoadCurves
+
+_READ = ("Module", "Control", "Globals", "Material", "Mesh", "Geometry", "MeshDomains", "Boundary", "Loads", "LoadData")
+_WITHOUT_EFFECT = ("Output", "Import", "Step")  # the last step is read
+_AS_NODES = re.compile(r"^@\w+:")  # a surface or an element set as a node set
+_AT_REST = ("", "STATIC", "STEADY-STATE")
 
 
 def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
-    """Return what the model says; load curves are not used, but their end is 1 as a rule.
+    """Return what the model says at the end of its last step, with the values of the load curves there.
 
     Raises:
         CardError: it is not XML, or a number is damaged.
     """
-    root = root_of(text)
-    deck = Deck()
-    names = {entry.get("id", ""): entry.get("name", entry.get("id", "")) for entry in root.iter("material")}
-    for domain in root.iter("SolidDomain"):
-        deck.materials[domain.get("name", "")] = names.get(domain.get("mat", ""), domain.get("mat", ""))
-    for part in root.iter("Elements"):
-        if part.get("mat") and part.get("name"):
-            deck.materials[part.get("name", "")] = names.get(part.get("mat", ""), part.get("mat", ""))
-    held: dict[str, dict[str, float]] = {}
-    for condition in root.findall("Boundary/*"):
-        _read_condition(condition, held, deck)
-    for name, values in held.items():
-        deck.support(name, values)
-    for load in root.findall("Loads/*"):
-        pressure = load.find("pressure")
-        if load.get("type") == "pressure" and pressure is not None:
-            value = Measure(number(pressure.text or "", "pressure"), stress=1)
-            deck.effects.append({"effect": "pressure", "region": load.get("surface", ""), "pressure": value})
-            if pressure.get("lc"):
-                deck.unused.append(f"load curve {pressure.get('lc')} of the pressure on {load.get('surface')}")
+    return _Reader(root_of(text)).deck()
+
+
+class _Reader:
+    def __init__(self, root: ET.Element) -> None:
+        self._root, self._deck, self._curves = root, Deck(), LoadCurves(root)
+        steps = root.findall("Step/step") or root.findall("Step")  # several in format 2.5
+        self._last = steps[-1:]
+        if len(steps) > 1:
+            self._deck.unused.append(f"steps before the last one of {len(steps)}")
+
+    def deck(self) -> Deck:
+        self._read_materials()
+        held: dict[str, dict[str, float]] = {}
+        for condition in self._entries("Boundary"):
+            self._read_condition(condition, held)
+        for name, values in held.items():
+            self._deck.support(name, values)
+        for load in self._entries("Loads"):
+            self._read_load(load)
+        self._list_the_rest()
+        return self._deck
+
+    def _entries(self, section: str) -> list[ET.Element]:
+        """Return the entries of a section, and of the last step."""
+        return [entry for place in (self._root, *self._last) for entry in place.findall(f"{section}/*")]
+
+    def _read_materials(self) -> None:
+        deck, materials = self._deck, list(self._root.iter("material"))
+        names = {entry.get("id", ""): entry.get("name", entry.get("id", "")) for entry in materials}
+        for domain in self._root.findall("MeshDomains/*"):
+            if domain.tag == "SolidDomain":
+                deck.materials[domain.get("name", "")] = names.get(domain.get("mat", ""), domain.get("mat", ""))
+            else:
+                deck.unused.append(f"<{domain.tag} name='{domain.get('name', '')}'>")
+        for part in self._root.iter("Elements"):
+            if part.get("mat") and part.get("name"):
+                deck.materials[part.get("name", "")] = names.get(part.get("mat", ""), part.get("mat", ""))
+
+    def _list_the_rest(self) -> None:
+        unused = self._deck.unused
+        for place in (self._root, *self._last):
+            unused += [f"<{part.tag}>" for part in place if part.tag not in (*_READ, *_WITHOUT_EFFECT) and len(part)]
+            for analysis in place.findall("Control/analysis"):
+                kind = (analysis.text or analysis.get("type") or "").strip()
+                if kind.upper() not in _AT_REST:
+                    unused.append(f"inertia (analysis {kind})")
+
+    def _read_condition(self, condition: ET.Element, held: dict[str, dict[str, float]]) -> None:
+        region = _AS_NODES.sub("", condition.get("node_set") or condition.get("surface") or "")
+        kind = condition.get("type", condition.tag)
+        values: dict[str, float] = {}
+        if kind == "zero displacement":
+            values = {axis: 0.0 for axis in "xyz" if (condition.findtext(f"{axis}_dof") or "0").strip() == "1"}
+        elif kind == "fix":
+            axes = condition.findtext("dofs") or condition.get("bc") or ""
+            values = {axis.strip(): 0.0 for axis in axes.split(",") if axis.strip() in tuple("xyz")}
+        elif kind in ("prescribed displacement", "prescribe") and not _is_set(condition, "relative"):
+            axis = (condition.findtext("dof") or condition.get("bc") or "").strip()
+            amount = condition.find("value") if condition.find("value") is not None else condition.find("scale")
+            if axis in tuple("xyz") and amount is not None:
+                values = {axis: number(amount.text or "", "displacement") * self._factor(amount, kind, region)}
+        if values and region:
+            held.setdefault(region, {}).update(values)
         else:
-            deck.unused.append(f"<{load.tag} type='{load.get('type')}'>")
-    for tag in ("Contact", "Constraints", "Rigid", "Step", "MeshData"):
-        if len(root.findall(f"{tag}/*")):
-            deck.unused.append(f"<{tag}>")
-    return deck
+            self._deck.unused.append(f"<{condition.tag} type='{kind}'>{f' on {region}' if region else ''}")
+
+    def _read_load(self, load: ET.Element) -> None:
+        kind, region = load.get("type", ""), load.get("surface", "")
+        size = load.find("pressure") if load.find("pressure") is not None else load.find("value")
+        is_dead = _is_set(load, "linear")
+        if _is_set(load, "shell_bottom"):
+            size, kind = None, f"{kind} below a shell"
+        if kind == "pressure" and not is_dead and size is not None and size.get("type", "const") == "const":
+            factor = self._factor(size, kind, region)
+            value = Measure(number(size.text or "", "pressure") * factor, stress=1)
+            self._deck.effects.append({"effect": "pressure", "region": region, "pressure": value})
+        elif kind == "traction" and region:
+            scale, direction = load.find("scale"), load.find("traction")
+            factors = [self._factor(item, kind, region) for item in (scale, direction) if item is not None]
+            factor = math.prod([*factors, 1.0 if scale is None else number(scale.text or "1", "scale")])
+            components = [Measure(factor * entry, stress=1) for entry in vector(load.findtext("traction"), "traction")]
+            area_in = "reference" if is_dead else "current"
+            effect = {"effect": "traction", "region": region, "traction": components, "area_in": area_in}
+            self._deck.effects.append(effect)
+        else:
+            what = "a dead pressure" if kind == "pressure" and is_dead else f"type='{kind}'"
+            place = region or load.get("node_set") or load.get("elem_set") or ""
+            self._deck.unused.append(f"<{load.tag}> {what}{f' on {place}' if place else ''}")
+
+    def _factor(self, item: ET.Element, what: str, region: str) -> float:
+        """Return the value of the load curve of an entry at the end; 1 without one."""
+        label = item.get("lc")
+        if not label:
+            return 1.0
+        try:
+            return self._curves.at_end(label)
+        except CardError as error:
+            self._deck.unused.append(f"load curve {label} of the {what} on {region}: {error}")
+            return 1.0
 
 
-def _read_condition(condition: ET.Element, held: dict[str, dict[str, float]], deck: Deck) -> None:
-    region = (condition.get("node_set") or condition.get("surface") or "").removeprefix("@surface:")
-    kind = condition.get("type", condition.tag)
-    values: dict[str, float] = {}
-    if kind == "zero displacement":
-        values = {axis: 0.0 for axis in "xyz" if (condition.findtext(f"{axis}_dof") or "0").strip() == "1"}
-    elif kind == "fix":
-        axes = condition.findtext("dofs") or condition.get("bc") or ""
-        values = {axis.strip(): 0.0 for axis in axes.split(",") if axis.strip() in tuple("xyz")}
-    elif kind in ("prescribed displacement", "prescribe"):
-        axis = condition.findtext("dof") or condition.get("bc") or ""
-        amount = condition.findtext("value") or condition.findtext("scale") or "0"
-        values = {axis.strip(): number(amount, "displacement")} if axis.strip() in tuple("xyz") else {}
-    if values and region:
-        held.setdefault(region, {}).update(values)
-    else:
-        deck.unused.append(f"<{condition.tag} type='{kind}'>")
+def _is_set(entry: ET.Element, flag: str) -> bool:
+    return (entry.findtext(flag) or "0").strip() not in ("0", "false")

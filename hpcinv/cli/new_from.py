@@ -37,15 +37,13 @@ def job_from(options: argparse.Namespace) -> str:
         raise JobError("--from: files of other programs have no units; give them, as --unit mm --stress-unit MPa")
     length_unit(options.unit)
     source = FILES[suffix_of(path)](path)
-    sets: dict[str, frozenset[int]] = {}
-    if program == "ansys":  # its conditions name nodes
-        _, arrays = read_isolated("cdb", path, "cannot be read", "Is the file complete?")
-        tags = arrays["node_tags"]
-        sets = {key[6:]: frozenset(tags[rows].tolist()) for key, rows in arrays.items() if key.startswith("nodes:")}
+    _, arrays = read_isolated(suffix_of(path)[1:], path, "cannot be read", "Is the file complete?")
+    tags = arrays["node_tags"]
+    sets = {key[6:]: frozenset(tags[rows].tolist()) for key, rows in arrays.items() if key.startswith("nodes:")}
     try:
         text = text_of(path, LARGEST)
         deck: Deck = importlib.import_module(f"hpcinv.cards.{program}_deck").read_deck(text, sets)
-        return _Job(options, program, source, deck, text).text()
+        return _Job(options, program, source, deck, text, sets).text()
     except CardError as error:
         raise CardError(*(f"{path}: {problem}" for problem in error.problems)) from None
     except ValueError as error:
@@ -53,8 +51,17 @@ def job_from(options: argparse.Namespace) -> str:
 
 
 class _Job:
-    def __init__(self, options: argparse.Namespace, program: str, source: MeshSource, deck: Deck, text: str) -> None:
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        program: str,
+        source: MeshSource,
+        deck: Deck,
+        text: str,
+        sets: Mapping[str, frozenset[int]],
+    ) -> None:
         self._options, self._program, self._source, self._deck, self._text = options, program, source, deck, text
+        self._sets = sets
         self._regions = {group.name.lower(): group.name for group in source.groups}
         self._comments = [f"Made by hpcinv new job --from {options.source}; read what it says, and change it."]
 
@@ -65,9 +72,11 @@ class _Job:
         supports = [entry for entry in map(self._placed, self._deck.supports) if entry]
         effects = [entry for entry in map(self._placed, self._deck.effects) if entry]
         sections = self._materials()
-        self._comments += [f"Not taken from the file: {text}" for text in self._deck.unused]
+        self._comments += [f"Not taken from the file: {text}" for text in dict.fromkeys(self._deck.unused)]
         if not supports:
-            self._comments.append("The file holds no region of the mesh: state 'supports', such as the line below.")
+            self._comments.append("No support is taken from the file: state 'supports', such as the line below.")
+        if not effects and not any("displacement" in entry for entry in supports):
+            self._comments.append("No load is taken from the file: state 'effects'.")
         names = [group.name for group in self._source.groups]
         self._comments.append(f"Regions of the mesh: {', '.join(dict.fromkeys(names)) or 'none'}")
         mesh = os.path.relpath(self._options.source.resolve(), self._options.output.resolve().parent)
@@ -94,15 +103,42 @@ class _Job:
 
     def _placed(self, entry: Mapping[str, Any]) -> dict[str, Any] | None:
         """Return a section with units and the region of the mesh; ``None`` if there is no such region."""
-        placed = {key: self._with_units(value) for key, value in entry.items()}
+        placed = {key: self._with_units(value) for key, value in entry.items() if key != "on"}
         if "region" in entry:
+            what = entry.get("effect", "support")
             region = self._region(entry["region"])
             if region is None:
-                what = entry.get("effect", "support")
                 self._deck.unused.append(f"{what} on '{entry['region']}', which spans no facet of the mesh")
                 return None
+            if what == "support" and (lost := self._lost(region)):
+                self._deck.unused.append(f"support on {lost} of '{region}', which span no facet of the mesh")
             placed["region"] = region
+        elif names := [name for name in entry.get("on", ()) if name]:
+            members = {cell for name in names for cell in self._cells(name)}
+            if len(members) < len(self._source.cells):
+                self._comments.append(f"{entry['effect']} on {', '.join(names)} acts on the whole body in this job.")
         return placed
+
+    def _lost(self, region: str) -> str:
+        """Return how many vertices of a node set are on no facet and cell of its region; empty text if all are."""
+        from hpcinv.mesh.cells import FACET_KIND, vertex_count
+
+        source, tags = self._source, self._source.node_tags
+        cells = source.cells[:, : vertex_count(source.kind)]
+        facets = source.facets[:, : vertex_count(FACET_KIND[source.kind])]
+        wanted = self._sets.get(region, frozenset()) & set(tags[cells].ravel().tolist())
+        found: set[int] = set()
+        for group in source.groups:
+            if group.name == region:
+                found.update(tags[(facets if group.dim == 2 else cells)[group.members]].ravel().tolist())
+        lost = len(wanted - found)
+        return f"{lost:,} of {len(wanted):,} vertices" if lost else ""
+
+    def _cells(self, name: str) -> list[int]:
+        """Return the rows of the cells of a set."""
+        region = self._region(name)
+        groups = [group for group in self._source.groups if group.name == region and group.dim == 3]
+        return [cell for group in groups for cell in group.members.tolist()]
 
     def _with_units(self, value: Any) -> Any:
         from hpcinv.cards.deck import Measure

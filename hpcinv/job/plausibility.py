@@ -9,6 +9,9 @@ from hpcinv.materials import MaterialLaw
 from hpcinv.materials.moduli import young_and_poisson
 from hpcinv.quantity.docstrings import meanings
 
+_ROUNDING = 1e-6
+"""Negative Poisson's ratio that counts as 0; lowered, a card or a decimal with few digits is warned of."""
+
 
 def doubtful_moduli(job: Job) -> Iterator[str]:
     """Yield a warning for each law with a negative Poisson's ratio, unless the job gives that ratio itself."""
@@ -17,7 +20,7 @@ def doubtful_moduli(job: Job) -> Iterator[str]:
             continue
         for par in law.cases():
             mu, kappa = float(law.shear_modulus(par)), float(law.bulk_modulus(par))
-            if (ratio := young_and_poisson(mu, kappa)[1]) < 0:
+            if (ratio := young_and_poisson(mu, kappa)[1]) < -_ROUNDING:
                 yield (
                     f"{where}: Poisson's ratio is {ratio:.2g}, as the bulk modulus ({kappa:.3g} Pa) is below 2/3 of"
                     f" the shear modulus ({mu:.3g} Pa){convention(law)}"

@@ -36,7 +36,9 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             sets.setdefault(f"nodes:{name}", []).extend(tags)
     cells, cell_tags, blocks = _elements(mesh)
     if not cells:
-        raise Fault("has no solid elements", f"Elements are {', '.join(_SOLID)}.")
+        has_shells = any(part.get("type", "").startswith(_FLAT) for part in mesh.iter("Elements"))
+        remedy = " Shells are read from .msh files." if has_shells else ""
+        raise Fault("has no solid elements", f"Elements are {', '.join(_SOLID)}.{remedy}")
     row, cell_row = ({tag: i for i, tag in enumerate(numbers)} for numbers in (nodes, cell_tags))
     for part in mesh.iter("NodeSet"):
         sets.setdefault(f"nodes:{_name(part)}", []).extend(_members(part))

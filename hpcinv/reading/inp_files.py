@@ -22,6 +22,7 @@ FACES = {
 _SOLID = re.compile(r"C3D(4|10|8|20|27)[A-Z]*")
 _FLAT = re.compile(r"(?:CPS|CPE|CAX|S|STRI|M3D|SFM3D|R3D|DS|T3D|B3|C1D)\w*", re.ASCII)
 _FACE = re.compile(r"S([1-6])", re.IGNORECASE)
+_PRESSED = re.compile(r"P([1-6])", re.IGNORECASE)
 _INSTANCE = "instance "  # begins the name of a part that holds the sets of an instance
 _MOST_GENERATED = 10_000_000  # members of a generated set; more are a damaged line
 
@@ -66,9 +67,9 @@ def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     sets: dict[str, list[Any]] = {}
     for part, shift, name in placed:
         if not part.elements:
-            raise Fault(
-                "has no solid elements", "Elements are C3D4, C3D10, C3D8, C3D20 and C3D27, also with H, R, I or M."
-            )
+            remedy = " Shells are read from .msh files." if part.others else ""
+            text = f"Elements are C3D4, C3D10, C3D8, C3D20 and C3D27, also with H, R, I or M.{remedy}"
+            raise Fault("has no solid elements", text)
         node_row = {tag: len(points) + i for i, tag in enumerate(part.nodes)}
         cell_row = {tag: len(cells) + i for i, tag in enumerate(part.elements)}
         points += [np.add(position, shift) for position in part.nodes.values()]
@@ -104,6 +105,7 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
     parts: dict[str, _Part] = {"": _Part()}
     current, instances, ignored = parts[""], list[_Card](), set[str]()
     in_instance = False
+    pressed = list[tuple[str, str]]()
     for card in _cards(path):
         options = card.options
         match card.keyword:
@@ -133,6 +135,11 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
             case "SURFACE" if options.get("TYPE", "").upper() == "NODE":
                 members = current.members("nodes", _needed(card, "NAME"))
                 members += [(row[0], "") for _, row in card.rows if row[0]]
+            case "DLOAD":  # faces of the elements of a set
+                ignored.add(card.keyword)
+                for _, row in card.rows:
+                    if len(row) > 1 and not row[0].isdigit() and (match := _PRESSED.fullmatch(row[1])):
+                        pressed.append((row[0], match[1]))
             case "INCLUDE":
                 raise Fault(
                     f"line {card.line}: includes another file", "Put its lines in their place: one file is read."
@@ -145,6 +152,11 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
             case _:
                 ignored.add(card.keyword)
     outside = parts[""]
+    if not parts.keys() - {""}:
+        for name, face in dict.fromkeys(pressed):
+            if ("cells", name.lower()) not in outside.sets:  # of shells
+                continue
+            outside.members("faces", f"{name}-P{face}").append((name, f"S{face}"))
     if instances and (outside.nodes or outside.elements):
         raise Fault("has nodes outside of its parts", "Save one part, or the assembly with its parts.")
     if not instances and len(parts) == 2:

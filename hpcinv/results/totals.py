@@ -79,11 +79,16 @@ class Totals:
             nominal: returns the displacement (m) that loads and inelastic strains would cause without balance.
         """
         size = math.hypot(*self.size)
-        if not largest_displacement < LEAST_STRAIN * size or nominal() > LEAST_STRAIN * size:
+        if not largest_displacement < LEAST_STRAIN * size:
+            return self
+        expected = nominal()
+        if expected > LEAST_STRAIN * size:
             return self
         text = (
             f"the largest displacement is {largest_displacement / size:.1g} of the body's size:"
             " check units of loads, moduli and mesh"
+            if expected or largest_displacement
+            else "nothing loads the body: state 'effects', or displacements of supports"
         )
         return replace(self, warnings=(*self.warnings, text))
 

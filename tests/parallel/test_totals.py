@@ -110,7 +110,7 @@ def test_probable_unit_mistakes_are_warned_of_unless_confirmed(job: dict[str, An
     "material",
     [
         {"law": "neo-hookean", "young": "3 kPa", "poisson": -0.3},
-        {"law": "isochoric-neo-hookean", "mu": "3 kPa", "kappa": "2 kPa"},
+        {"law": "isochoric-neo-hookean", "mu": "3 kPa", "kappa": "1.9999999999 kPa"},
         {"law": "isochoric-neo-hookean", "mu": "3 kPa", "kappa": "incompressible"},
     ],
 )
@@ -127,6 +127,14 @@ def test_loads_that_vanish_in_floating_point_numbers_are_reported(comm: MPI.Intr
     for young, is_told in ((1e300, True), (1e140, False)):
         assert any(text in warning for warning in totals(comm, **stiff(young)).warnings) == is_told
     assert totals(comm, **stiff(1e300, effects=[])).warnings == ()
+
+
+def test_a_body_without_loads_is_not_told_to_check_its_units() -> None:
+    body = Totals(size=(1, 1, 1), volume=1, mass=None, load=None, weight_strain=None)
+    assert body.warned(0.0, lambda: 0.0).warnings == (
+        "nothing loads the body: state 'effects', or displacements of supports",
+    )
+    assert "check units" in body.warned(0.0, lambda: 1e-9).warnings[0]
 
 
 def test_a_body_that_hardly_moves_is_reported_at_the_end(tmp_path: Path) -> None:

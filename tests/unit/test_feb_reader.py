@@ -168,7 +168,8 @@ def test_damaged_files_are_refused_by_name(tmp_path: Path, old: str, new: str, m
 
 
 def test_load_curves_have_the_value_of_their_kind() -> None:
-    from benchmarks.published.febio.feb_reader import FebError, curve_value
+    from hpcinv.cards.card import CardError
+    from hpcinv.cards.febio_curves import curve_value
 
     points = np.array([[0.0, 1.0], [2.0, 3.0], [4.0, 9.0]])
     assert curve_value(points, "LINEAR", "CONSTANT", 1.0) == 2
@@ -177,7 +178,7 @@ def test_load_curves_have_the_value_of_their_kind() -> None:
     assert curve_value(points, "SMOOTH", "CONSTANT", 5.0) == 9
     assert curve_value(points[:2], "SMOOTH", "CONSTANT", 1.0) == 2
     for kind, extend, time in (("SMOOTH", "CONSTANT", 1.0), ("LINEAR", "REPEAT", 5.0)):
-        with pytest.raises(FebError, match=kind):
+        with pytest.raises(CardError, match=kind):
             curve_value(points, kind, extend, time)
 
 

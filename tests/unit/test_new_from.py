@@ -51,13 +51,17 @@ FEB = """<febio_spec version="4.0"><Module type="solid"/>
 <material id="2" name="stiff" type="neo-Hookean"><E>20</E><v>0.4</v></material></Material>
 <Mesh><Nodes>
 <node id="1">0,0,0</node><node id="2">1,0,0</node><node id="3">0,1,0</node><node id="4">0,0,1</node>
-<node id="5">1,1,1</node></Nodes>
+<node id="5">1,1,1</node><node id="6">0,2,2</node></Nodes>
 <Elements type="tet4" name="a"><elem id="1">1,2,3,4</elem></Elements>
-<Elements type="tet4" name="b"><elem id="2">2,3,4,5</elem></Elements>
-<Surface name="side"><tri3 id="1">2,3,5</tri3></Surface><NodeSet name="foot">1,2,3</NodeSet></Mesh>
+<Elements type="tet4" name="b"><elem id="2">2,3,4,5</elem><elem id="3">3,5,4,6</elem></Elements>
+<Surface name="side"><tri3 id="1">2,3,5</tri3></Surface><NodeSet name="foot">1,2,3</NodeSet>
+<NodeSet name="wide">1,2,4,6</NodeSet></Mesh>
 <MeshDomains><SolidDomain name="a" mat="soft"/><SolidDomain name="b" mat="stiff"/></MeshDomains>
-<Boundary><bc node_set="foot" type="zero displacement"><x_dof>1</x_dof><y_dof>0</y_dof><z_dof>1</z_dof></bc></Boundary>
+<Boundary><bc node_set="@surface:foot" type="zero displacement">
+<x_dof>1</x_dof><y_dof>0</y_dof><z_dof>1</z_dof></bc></Boundary>
 <Loads><surface_load surface="side" type="pressure"><pressure lc="1">3</pressure></surface_load></Loads>
+<LoadData><load_controller id="1" type="loadcurve"><points><pt>0,0</pt><pt>2,1</pt></points>
+</load_controller></LoadData>
 </febio_spec>
 """
 CDB = """ET,1,285
@@ -114,8 +118,61 @@ def test_a_model_of_febio_is_a_job(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "leave the body free to move along y" in capsys.readouterr().out
     assert {region: law["young"] for region, law in job["material"].items()} == {"a": "2 MPa", "b": "20 MPa"}
     assert job["supports"] == [{"region": "foot", "fix": ["x", "z"]}]
-    assert job["effects"] == [{"effect": "pressure", "region": "side", "pressure": "3 MPa"}]
-    assert "load curve 1 of the pressure on side" in text
+    assert job["effects"] == [{"effect": "pressure", "region": "side", "pressure": "1.5 MPa"}]
+    assert "Not taken" not in text
+
+
+def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
+    more = FEB.replace("<Material>", "<Control><analysis>DYNAMIC</analysis></Control><Material>")
+    more = more.replace("<LoadData>", "<Discrete><discrete/></Discrete><LoadData>").replace('lc="1"', 'lc="7"')
+    more = more.replace("</MeshDomains>", '<ShellDomain name="skin" mat="soft"/></MeshDomains>')
+    more = more.replace(
+        "</Boundary>",
+        '<bc node_set="wide" type="prescribed displacement"><dof>y</dof><value lc="1">2</value></bc>'
+        '<bc node_set="foot" type="prescribed displacement"><dof>y</dof><value>2</value><relative>1</relative></bc>'
+        "</Boundary>",
+    ).replace(
+        "</Loads>",
+        '<surface_load surface="side" type="traction"><scale lc="1">2</scale><traction>0,0,3</traction></surface_load>'
+        '<surface_load surface="side" type="pressure"><pressure>3</pressure><linear>1</linear></surface_load></Loads>',
+    )
+    job, text = job_of(tmp_path, "part.feb", more)
+    # the curve is 1/2 at the end
+    assert job["supports"][1] == {"region": "wide", "displacement": [None, "1 mm", None]}
+    traction = {"effect": "traction", "region": "side", "traction": ["0 MPa", "0 MPa", "3 MPa"], "area_in": "current"}
+    assert job["effects"] == [{"effect": "pressure", "region": "side", "pressure": "3 MPa"}, traction]
+    for what in (
+        "<ShellDomain name='skin'>",
+        "<Discrete>",
+        "inertia (analysis DYNAMIC)",
+        "<surface_load> a dead pressure on side",
+        "<bc type='prescribed displacement'> on foot",
+        "load curve 7 of the pressure on side: there is no load curve 7",
+        "support on 1 of 4 vertices of 'wide', which span no facet of the mesh",
+    ):
+        assert f"Not taken from the file: {what}" in text
+
+
+def test_steps_and_amplitudes_count_at_their_end(tmp_path: Path) -> None:
+    later = "*STEP\n*STATIC\n0.1, 3.\n*DLOAD\nbody, GRAV, 4905., 0,0,-1\n*CLOAD\n5, 2, 1.\n*END STEP\n"
+    text = INP.replace("*STEP\n", "*AMPLITUDE, NAME=Half\n0., 0., 2., 1.\n*TRANSFORM, NSET=foot\n1,1,0,-1,1,0\n*STEP\n")
+    text = text.replace("*DSLOAD\n", "*DSLOAD, amplitude=half\n").replace("Tip, 1\n", "5, 1\n5, 2\n")
+    text = text.replace("*DLOAD\n", "*ELSET, ELSET=Upper\n2\n*DLOAD\nUpper, P3, 2.\n") + later
+    job, head = job_of(tmp_path, "part.inp", text)
+    load(tmp_path / "part.yaml")
+    # the gravity of the second step replaces the first one
+    assert job["effects"] == [
+        {"effect": "pressure", "region": "Side", "pressure": "0.005 MPa"},
+        {"effect": "pressure", "region": "Upper-P3", "pressure": "2 MPa"},
+        {"effect": "gravity", "acceleration": ["0 mm/s^2", "0 mm/s^2", "-4905 mm/s^2"], "density": "1000 kg/m^3"},
+    ]
+    assert "support on 'foot', whose components are along the axes of *TRANSFORM" in head
+    assert "*BOUNDARY of single nodes or elements (2)" in head
+    assert head.count("*CLOAD") == 1
+    linear = text.replace("*HYPERELASTIC, NEO HOOKE\n0.1, 0.2", "*ELASTIC\n2., 0.3\n*PLASTIC\n1., 0.")
+    job, head = job_of(tmp_path, "part.inp", linear, "--force")
+    assert job["material"] == {"law": "neo-hookean", "young": "2 MPa", "poisson": 0.3}
+    assert "Not taken from the file: *PLASTIC of material Rubber" in head
 
 
 def test_an_archive_of_ansys_is_a_job(tmp_path: Path) -> None:

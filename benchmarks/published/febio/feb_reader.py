@@ -15,7 +15,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.cards.card import CardError
 from hpcinv.cards.entry import Entry, entry_of
+from hpcinv.cards.febio_curves import LoadCurves
 
 from .older_formats import FORMATS, in_format_4
 
@@ -131,6 +133,9 @@ class _Reader:
     unread: list[str] = field(default_factory=list)
     last_change: float = 0.0
 
+    def __post_init__(self) -> None:
+        self._curves = LoadCurves(self.root)
+
     def model(self) -> Model:
         mesh = self._section("Mesh")
         numbers, points = _nodes(mesh)
@@ -167,7 +172,7 @@ class _Reader:
             conditions=conditions,
             loads=loads,
             unread=tuple(self.unread),
-            rest=self._end - self.last_change,
+            rest=self._curves.end - self.last_change,
         )
 
     def _section(self, tag: str) -> ET.Element:
@@ -179,29 +184,17 @@ class _Reader:
         section = self.root.find(tag)
         return [] if section is None else list(section)
 
-    @property
-    def _end(self) -> float:
-        """Time at the end."""
-        control = self._section("Control")
-        return float(control.findtext("time_steps", "10")) * float(control.findtext("step_size", "0.1"))
-
     def _condition(self, item: ET.Element, region: str) -> Condition:
         return Condition(**vars(entry_of(item, self._curve)), region=region)
 
     def _curve(self, number: str) -> float:
         """Value of a load curve at the end."""
-        for curve in self._list("LoadData"):
-            if curve.get("id") == number:
-                break
-        else:
-            raise FebError(f"there is no load curve {number}")
-        points = [_numbers(point.text, f"load curve {number}") for point in curve.iter("pt")]
-        if curve.get("type") != "loadcurve" or not points:
-            raise FebError(f"load curve {number} is not a list of points")
-        kinds = curve.findtext("interpolate", "LINEAR"), curve.findtext("extend", "CONSTANT")
-        value = curve_value(np.array(points), *kinds, self._end)
-        if any(point[1] != value for point in points):
-            self.last_change = self._end  # it may have changed until the end
+        try:
+            value = self._curves.at_end(number)
+            if any(self._curves.points(number)[:, 1] != value):
+                self.last_change = self._curves.end  # it may have changed until the end
+        except CardError as error:
+            raise FebError(str(error)) from None
         return value
 
     def _blocks(self, mesh: ET.Element) -> Iterator[Block]:
@@ -234,24 +227,6 @@ class _Reader:
             else:
                 self.unread.append(f"ElementData {item.get('type')}")
         return data, axes
-
-
-def curve_value(points: Floats, interpolate: str, extend: str, time: float) -> float:
-    """Return a load curve of points (n, 2), sorted by time, at a time.
-
-    Raises:
-        FebError: the interpolation between its points is not a straight line or a step.
-    """
-    times, values = points.T
-    is_outside = not times[0] <= time <= times[-1]
-    matches = np.flatnonzero(np.isclose(times, time, rtol=1e-9, atol=0))
-    if len(matches) or len(points) == 1 or (is_outside and extend == "CONSTANT"):
-        return float(values[matches[0] if len(matches) else 0 if time < times[0] else -1])
-    if not is_outside and interpolate == "STEP":
-        return float(values[np.searchsorted(times, time)])
-    if not is_outside and (interpolate == "LINEAR" or (interpolate == "SMOOTH" and len(points) == 2)):
-        return float(np.interp(time, times, values))
-    raise FebError(f"a load curve of kind {interpolate}, {extend} is not known at time {time}")
 
 
 def _nodes(mesh: ET.Element) -> tuple[Ints, Floats]:
