@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
 from hpcinv.mesh.cells import LayerDegree, layer_interpolation, quadrature
-from hpcinv.mesh.regions import LocalIndices, Mesh
+from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
 from hpcinv.model.quadrature_values import CellMeans, CellNumbers, QuadratureValues
 from hpcinv.parallel.runtime import MPI
@@ -38,7 +39,7 @@ class LayerValues:
         """Multiply the stress by a number."""
         self.values.x.array.reshape(-1, _COLUMNS)[:, :9] *= stress
 
-    def at_points(self, cells: LocalIndices) -> Floats:
+    def at_points(self, cells: npt.NDArray[np.integer]) -> Floats:
         """Return stress row by row and volume ratio at the points of local cells, (cells, points, 10)."""
         space = self.values.function_space
         values = self.values.x.array.reshape(-1, space.dofmap.bs // _COLUMNS, _COLUMNS)

@@ -63,12 +63,12 @@ def interior_of(
     names = [name for name, r in body.regions.items() if r.cell_count and (r.origin == "physical" or name in labels)]
     marks = np.stack([np.isin(cells[chosen], body.regions[name].cells) for name in names] or [chosen < 0], axis=1)
     positions = [nodes, *(part for solution in solutions for part in (solution.mesh_nodes, solution.other_nodes))]
-    values = [_values(body, solution, cells[chosen], places) for solution in solutions]
+    parts = [_values(body, solution, cells[chosen], places) for solution in solutions]
     gathered = comm.gather(
         (
             keys[corners[chosen]],
             marks,
-            np.concatenate([np.zeros((len(chosen), 0)), *values], axis=1),
+            np.concatenate([np.zeros((len(chosen), 0)), *parts], axis=1),
             keys[used],
             distance[used],
             numbers[used],
