@@ -172,7 +172,7 @@ def surface_source(
     unit vector between the faces, and ``thickness`` their distance (m). Other levels have arrays as well.
 
     Args:
-        more: further data at the nodes of the body, of which ``NAME_outer`` and ``NAME_inner`` are on the faces.
+        more: further data at the nodes of the body; ``NAME_outer`` and ``NAME_inner`` are the values on the faces.
     """
     surface, shell = body.midsurface, body.shell
     assert surface is not None

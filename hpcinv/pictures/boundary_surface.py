@@ -68,7 +68,7 @@ class Boundary:
         results: what was found, for each state of the body; empty before a run.
         error: estimated error of the displacement gradient in the cell behind each triangle, root mean square, (m,).
         fibres: by family, unit directions on the undeformed body in the cell behind each triangle, (m, 3).
-        is_shell: whether stresses and stretches are those of the faces of a shell.
+        is_shell: whether stresses and stretches are on the faces of a shell.
     """
 
     points: Floats
