@@ -9,7 +9,6 @@ rounding errors of the residual strain the shell by 1e-16 L/t only.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
@@ -22,6 +21,7 @@ from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.spaces import Unknowns
+from hpcinv.model.supports import Supports
 from hpcinv.parallel.runtime import MPI
 
 _HEIGHTS = np.array([[-1.0, 1.0, 1.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0]])
@@ -35,20 +35,25 @@ class DirectorUnknowns:
     quadratic part ``(u₊ + u₋)/2 - u₀``. All methods are collective.
 
     Raises:
-        MeshError: on all ranks, if a support holds one face alone.
+        MeshError: on all ranks, if a support holds one face alone, or along a normal.
     """
 
-    def __init__(self, unknowns: Unknowns, conditions: Sequence[fem.DirichletBC]) -> None:
+    def __init__(self, unknowns: Unknowns, supports: Supports) -> None:
         mesh, space = unknowns.mesh, unknowns.space
         self._numbers, self._bs = space.dofmap.index_map, space.dofmap.index_map_bs
         dofs = unknowns.dofs_of_cells()[0][:, _columns()]  # (cells, columns, 3 nodes, components)
         self._triples = np.unique(dofs.transpose(0, 1, 3, 2).reshape(-1, 3), axis=0)
         is_held = np.zeros(self._bs * (self._numbers.size_local + self._numbers.num_ghosts), dtype=bool)
-        for condition in conditions:
+        for condition in supports.conditions:
             is_held[condition.dof_indices()[0]] = True
         low, middle, high = is_held[self._triples].T
         if mesh.comm.allreduce(bool(((low != high) | (low & ~middle)).any()), op=MPI.LOR):
             raise MeshError("supports: a face of a shell this thin is held without its middle", "Hold an edge instead.")
+        if supports.sliding is not None:
+            raise MeshError(
+                f"{supports.slides[0].field}: 'normal' is not possible in a shell this thin",
+                "Fix x, y or z, or turn the mesh so that the normal is an axis.",
+            )
         self._held = np.flatnonzero(is_held[: self._bs * self._numbers.size_local])
         self._to_nodes, self._from_nodes = (self._matrix(m) for m in (_HEIGHTS, np.linalg.inv(_HEIGHTS)))
         self._given, self._work = self._to_nodes.createVecRight(), self._to_nodes.createVecRight()

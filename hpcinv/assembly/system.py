@@ -59,7 +59,7 @@ class System:
         with timings("set-up"):
             self.rhs = fem_petsc.create_vector(scene.unknowns.space)
             is_thin = scene.unknowns.has_directors
-            self.director = DirectorUnknowns(scene.unknowns, supports.conditions) if is_thin else None
+            self.director = DirectorUnknowns(scene.unknowns, supports) if is_thin else None
 
     # Where only the tangent is needed, as for stability, neither residual nor checks are made.
     @cached_property

@@ -187,7 +187,7 @@ class ObservedSurface(Observed):
         self.count = len(self._points)
 
     def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
-        def chosen(facets: LocalIndices, _cells: LocalIndices) -> Floats:
+        def chosen(facets: LocalIndices, _cells: LocalIndices, _middles: Floats) -> Floats:
             mine = np.ones(len(facets)) if self._facets is None else np.isin(facets, self._facets).astype(float)
             return mine[:, None]
 

@@ -50,12 +50,9 @@ def _unsuited_mesh(mesh: MeshSpec) -> Faults:
 
 def _refused(job: Any) -> Iterable[KeyPath]:
     """Places of what a shell does not have."""
-    for key in ("accuracy", "identify", "cavities", "expected_shape"):
+    for key in ("accuracy", "identify", "expected_shape"):
         if getattr(job, key):
             yield (key,)
-    lists: dict[KeyPath, Iterable[Support]] = {("supports",): job.supports}
-    lists |= {("states", number, "supports"): state.supports or () for number, state in enumerate(job.states)}
-    yield from ((*place, i, "fix") for place, supports in lists.items() for i, s in enumerate(supports) if s.slides)
     for name, family in job.fibres.items():
         if family.rule is not None:
             yield ("fibres", name, "rule")

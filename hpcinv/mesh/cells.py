@@ -74,7 +74,8 @@ def _layer_rule(degree: int, share: float) -> tuple[Floats, Floats]:
 def layer_interpolation(degree: int, places: Floats) -> tuple[Floats, Floats]:
     """Return the k × k × (k + 1) points of a layer of `LayerDegree` 2 k, and the weights of values there at places.
 
-    At other points a shell's stress has parts that these points do not see, which may be larger than the stress.
+    These are the first points of its quadrature. At others a shell's stress has parts that they do not see, which may
+    be larger than the stress.
 
     Returns:
         Points (m, 3), and weights (n, m) for places (n, 3) on the reference cell.

@@ -35,24 +35,31 @@ def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, F
     they have the midsurface, with thickness and director as data (`surface_source`).
 
     Args:
-        more: further data arrays (n, components) at the local geometry nodes, by name.
+        more: further data arrays (n, components) at the local geometry nodes, by name; of a shell those on both faces
+            are written.
 
     Raises:
         OutputError: on every rank, if it cannot be written; an `UnstorableMesh` if its format cannot hold the mesh.
     """
     points, comm = reorder_to_source(body, coordinates), body.mesh.comm
     arrays = {name: DataArray(name, "nodes", reorder_to_source(body, values)) for name, values in more.items()}
-    source = dataclasses.replace(body.source, data={**body.source.data, **arrays})
+    source = body.source
     if FORMATS[suffix_of(path)].is_partitioned:
-        write_partitioned(path, comm, dataclasses.replace(source, points=points))
+        whole = dataclasses.replace(source, data={**source.data, **arrays}, points=points)
+        write_partitioned(path, comm, whole)
     else:
-        assert not body.source.is_partitioned
-        on_root(comm, lambda: save_body(path, source, points))
+        assert not source.is_partitioned
+        on_root(comm, lambda: save_body(path, source, points, arrays))
 
 
-def save_body(path: Path, source: MeshSource, points: Floats) -> None:
-    """Write a whole body at ``points`` (n, 3) m, of a shell its midsurface; otherwise as `save`."""
-    save(path, *(surface_source(source, points) if source.midsurface else (source, points)))
+def save_body(
+    path: Path, source: MeshSource, points: Floats, more: Mapping[str, DataArray] = MappingProxyType({})
+) -> None:
+    """Write a whole body at ``points`` (n, 3) m with more data at its nodes, of a shell its midsurface; as `save`."""
+    if source.midsurface:
+        save(path, *surface_source(source, points, more))
+    else:
+        save(path, dataclasses.replace(source, data={**source.data, **more}), points)
 
 
 def save(path: Path, source: MeshSource, points: Floats) -> None:

@@ -13,7 +13,9 @@ Source: Chapelle, Ferent & Bathe, Math. Models Methods Appl. Sci. 14, 105–142,
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NoReturn
 
 import numpy as np
@@ -161,11 +163,16 @@ def _slenderness(surface: MeshSource, thickness: float) -> float:
     return float(diameters.mean() / thickness) if len(diameters) else 1.0
 
 
-def surface_source(body: MeshSource, points: Floats) -> tuple[MeshSource, Floats]:
+def surface_source(
+    body: MeshSource, points: Floats, more: Mapping[str, DataArray] = MappingProxyType({})
+) -> tuple[MeshSource, Floats]:
     """Return the surface of a shell with data of its body, and its nodes, for the nodes (n, 3) of the body.
 
     Data arrays ``outer`` and ``inner`` are the vectors from a node of the surface to the faces (m), ``director`` is the
     unit vector between the faces, and ``thickness`` their distance (m). Other levels have arrays as well.
+
+    Args:
+        more: further data at the nodes of the body; ``NAME_outer`` and ``NAME_inner`` are the values on the faces.
     """
     surface, shell = body.midsurface, body.shell
     assert surface is not None
@@ -193,8 +200,11 @@ def surface_source(body: MeshSource, points: Floats) -> tuple[MeshSource, Floats
         )
         for name, array in body.data.items()
     }
-    more = {name: DataArray(name, "nodes", values) for name, values in arrays.items()}
-    return dataclasses.replace(surface, data=data | more), middle
+    for name, array in more.items():
+        columns = array.values.reshape(len(shell.levels), count, -1)
+        arrays |= {f"{name}_{OUTER}": columns[-1], f"{name}_{INNER}": columns[0]}
+    data |= {name: DataArray(name, "nodes", values) for name, values in arrays.items()}
+    return dataclasses.replace(surface, data=data), middle
 
 
 def _surface_shares(shell: Shell) -> Floats:

@@ -116,8 +116,8 @@ class Surface:
         return Triangles(shared, corners.reshape(-1, 3), np.repeat(facets, len(triangles)))
 
 
-type SurfaceEvaluation = Callable[[LocalIndices, LocalIndices], Floats]
-"""values (f, m) of local facets (f,) and of the cells (f,) that they belong to"""
+type SurfaceEvaluation = Callable[[LocalIndices, LocalIndices, Floats], Floats]
+"""values (f, m) of local facets (f,), of the cells (f,) that they belong to, and of their middles (f, 3) there"""
 
 
 def surface_of(source: MeshSource, cells: Ints | None = None) -> Surface:
@@ -155,9 +155,9 @@ def gather_surface(body: Body, nodes: Floats, evaluate: SurfaceEvaluation | None
     outward = turned[which] == (determinants > 0)  # normals are reversed in a mesh that is left-handed throughout
     order = np.stack([np.asarray(topology.original_cell_index)[cells], which], axis=1)
     tags = geometry.input_global_indices[local].astype(np.int64)
-    gathered = mesh.comm.gather(
-        (order, tags, nodes[local], outward, evaluate(facets, local_cells) if evaluate else np.zeros((len(facets), 0)))
-    )
+    middles = scalar_element(kind, 1).points[sub_entities(kind, 2)].mean(axis=1)[which]
+    values = evaluate(facets, local_cells, middles) if evaluate else np.zeros((len(facets), 0))
+    gathered = mesh.comm.gather((order, tags, nodes[local], outward, values))
     if gathered is None:
         return None
     order, tags, points, outward, values = map(np.concatenate, zip(*gathered, strict=True))

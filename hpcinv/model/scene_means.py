@@ -5,13 +5,45 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from hpcinv.mesh.cells import quadrature
+from hpcinv.mesh.cells import LayerDegree, layer_interpolation, quadrature
 from hpcinv.mesh.regions import Mesh
+from hpcinv.mesh.source import Floats
 from hpcinv.model.quadrature_values import CellMeans, CellNumbers, QuadratureValues
 from hpcinv.parallel.runtime import MPI
+
+_COLUMNS = 10  # components of the stress, and the volume ratio
+
+
+@dataclass(frozen=True)
+class LayerValues:
+    """Cauchy stress and volume ratio in the layers of a shell, as the polynomial of their values at its points.
+
+    Attributes:
+        degree: of the layer.
+        values: at the points of `layer_interpolation`, in each cell (points × 10), piecewise constant.
+    """
+
+    degree: LayerDegree
+    values: fem.Function
+
+    def weights(self, places: Floats) -> Floats:
+        """Return the weights (cells, places, points) of the values for places in cells, (cells, places, 3)."""
+        points, weights = layer_interpolation(self.degree, places.reshape(-1, 3))
+        return weights.reshape(*places.shape[:2], len(points))
+
+    def scale(self, stress: float) -> None:
+        """Multiply the stress by a number."""
+        self.values.x.array.reshape(-1, _COLUMNS)[:, :9] *= stress
+
+    def at_points(self, cells: npt.NDArray[np.integer]) -> Floats:
+        """Return stress row by row and volume ratio at the points of local cells, (cells, points, 10)."""
+        space = self.values.function_space
+        values = self.values.x.array.reshape(-1, space.dofmap.bs // _COLUMNS, _COLUMNS)
+        return np.asarray(values[space.dofmap.list[cells, 0]])
 
 
 @dataclass(frozen=True)
@@ -23,6 +55,7 @@ class Means:
         J_range: smallest and largest volume ratio at a quadrature point.
         strain_energy: energy stored in the body, stress × length³.
         prestrain_stress: means of the stress that prestrain alone causes, ``None`` without prestrain.
+        layer: stress and volume ratio within the layers of a shell, ``None`` in other bodies.
     """
 
     cauchy_stress: fem.Function
@@ -30,6 +63,7 @@ class Means:
     J_range: tuple[float, float]
     strain_energy: float
     prestrain_stress: fem.Function | None
+    layer: LayerValues | None
 
 
 @dataclass(frozen=True)
@@ -63,7 +97,7 @@ class SceneMeans:
         mesh: Mesh,
         quadrature_degree: int,
     ) -> None:
-        self._mesh = mesh
+        self._mesh, self._degree = mesh, quadrature_degree
         _, self._weights = quadrature(mesh.basix_cell().name, quadrature_degree)
         volume = abs(ufl.JacobianDeterminant(mesh))
         self._parts = []
@@ -76,7 +110,7 @@ class SceneMeans:
     def __call__(self) -> Means:
         sigma = fem.Function(fem.functionspace(self._mesh, ("DG", 0, (3, 3))))
         J = fem.Function(fem.functionspace(self._mesh, ("DG", 0)))
-        low, high, energy = np.inf, -np.inf, 0.0
+        layer, low, high, energy = self._layer(), np.inf, -np.inf, 0.0
         for part in self._parts:
             for cells, values in part:
                 volumes = self._weights * values[..., -1]
@@ -85,9 +119,14 @@ class SceneMeans:
                 for function, columns in ((sigma, means[:, :9]), (J, means[:, 9:10])):
                     dofs = function.function_space.dofmap.list[cells, 0]
                     function.x.array.reshape(-1, columns.shape[1])[dofs] = columns
+                if layer is not None:
+                    function = layer.values
+                    rows = function.x.array.reshape(-1, function.function_space.dofmap.bs)
+                    points = values[:, : rows.shape[1] // _COLUMNS, :_COLUMNS]
+                    rows[function.function_space.dofmap.list[cells, 0]] = points.reshape(len(cells), -1)
                 low, high = min(low, values[..., 9].min()), max(high, values[..., 9].max())
                 energy += sums[:, 10].sum()
-        for function in (sigma, J):
+        for function in (sigma, J, *([layer.values] if layer is not None else [])):
             function.x.scatter_forward()
         comm = self._mesh.comm
         return Means(
@@ -96,4 +135,12 @@ class SceneMeans:
             (float(comm.allreduce(low, op=MPI.MIN)), float(comm.allreduce(high, op=MPI.MAX))),
             float(comm.allreduce(energy, op=MPI.SUM)),
             None if self._prestrain_stress is None else self._prestrain_stress(),
+            layer,
         )
+
+    def _layer(self) -> LayerValues | None:
+        if not isinstance(self._degree, LayerDegree):
+            return None
+        points, _ = layer_interpolation(self._degree, np.zeros((1, 3)))
+        space = fem.functionspace(self._mesh, ("DG", 0, (_COLUMNS * len(points),)))
+        return LayerValues(self._degree, fem.Function(space))

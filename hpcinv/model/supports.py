@@ -1,7 +1,7 @@
 """Supports: components of the displacement that are fixed or prescribed on regions of the boundary."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -107,7 +107,11 @@ class Supports:
                 nodes = fem.locate_dofs_topological(space, body.mesh.topology.dim - 1, facets)
                 self.remote_faces[number] = RemoteFace(spec.region, space, nodes, unknowns)
             if spec.slides:
-                self.slides.append(_slide(spec, place, body, unknowns))
+                slide = _slide(spec, place, body, unknowns)
+                if spec.hinge:
+                    kept = np.isin(slide.nodes, _surface_nodes(slide.space, body))
+                    slide = replace(slide, nodes=slide.nodes[kept], normals=slide.normals[kept])
+                self.slides.append(slide)
             for axis, name in enumerate(AXES):
                 if name not in spec.held:
                     continue

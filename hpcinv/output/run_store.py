@@ -16,6 +16,7 @@ from hpcinv.output.progress import Progress
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.summary import versions
 from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.results.cell_fields import face_arrays
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
@@ -143,6 +144,7 @@ def _write_shape(
     with equations.timings("output"):
         pressures = {field.name: field for contact in solution.contacts for field in contact.fields}
         arrays = {name: geometry_node_values(equations.body, pressure) for name, pressure in pressures.items()}
+        arrays |= face_arrays(equations.body, solution)
         for suffix in job.shape_formats:
             progress.detail(f"{shape}.{suffix}")
             try:

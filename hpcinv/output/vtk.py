@@ -11,7 +11,7 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 # isort: split
 import basix.ufl
 import numpy as np
-from dolfinx import fem, la
+from dolfinx import fem
 
 from hpcinv.certificate import Estimate
 from hpcinv.errors import OutputError
@@ -24,6 +24,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.gathering import error_in
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
+from hpcinv.results.cell_fields import nodal_layer_fields, nodal_means
 from hpcinv.results.cell_middles import constants_in, deformation_gradients, fibres, unit_vectors
 from hpcinv.results.nodal_projection import projected
 from hpcinv.results.solution import Solution
@@ -143,14 +144,10 @@ class _Fields:
     def _mean_of_cells(self, function: fem.Function) -> Floats:
         """Values of a scalar at the owned nodes, (n,): where it jumps, means over the cells around them."""
         space, given = self._spaces[()], function.function_space
-        sums = la.vector(space.dofmap.index_map, 2)
         shapes = given.element.basix_element.tabulate(0, space.element.basix_element.points)[0, :, :, 0]
-        nodes = space.dofmap.list[self.cells]
         values = function.x.array[given.dofmap.list[self.cells]] @ shapes.T
-        np.add.at(sums.array.reshape(-1, 2), nodes, np.stack([values, np.ones_like(values)], axis=2))
-        sums.scatter_reverse(la.InsertMode.add)
-        total, count = sums.array.reshape(-1, 2)[: self._owned].T
-        return np.asarray(total / count)
+        means = nodal_means(space.dofmap.index_map, space.dofmap.list[self.cells], values[:, :, None])
+        return np.asarray(means[: self._owned, 0])
 
     def points(self) -> tuple[Floats, Floats]:
         """Positions of the owned nodes in the undeformed and in the deformed body, (n, 3) m."""
@@ -193,11 +190,23 @@ class _Fields:
         for contact in solution.contacts:
             arrays.extend(Array(field.name, self._nodal(field), "Pa") for field in contact.fields)
         arrays.extend(Array(function.name, self._nodal(function)) for function in more)
-        stress, J = (constants_in(function, self.cells) for function in (solution.cauchy_stress, solution.J))
-        smooth = projected(self._body, np.concatenate([stress, J], axis=1), self._spaces[()])
-        arrays.extend(_stresses(smooth[:, :9], "_projected"))
-        arrays.append(Array("J_projected", smooth[:, 9].astype(np.float32)))
+        arrays.extend(self._smooth())
         return arrays
+
+    def _smooth(self) -> Iterator[Array]:
+        """Yield stresses and volume ratio at the nodes; in a shell also stretches, at the faces as within."""
+        solution, space = self._solution, self._spaces[()]
+        if solution.layer is None:
+            stress, J = (constants_in(function, self.cells) for function in (solution.cauchy_stress, solution.J))
+            smooth = projected(self._body, np.concatenate([stress, J], axis=1), space)
+            yield from _stresses(smooth[:, :9], "_projected")
+            yield Array("J_projected", smooth[:, 9].astype(np.float32))
+            return
+        points, dofmap = space.element.basix_element.points, space.dofmap
+        nodal = nodal_layer_fields(self._body, solution, solution.layer, points, dofmap.list, dofmap.index_map)
+        yield from _stresses(nodal.stress[: self._owned], "_projected")
+        yield Array("J_projected", nodal.J[: self._owned].astype(np.float32))
+        yield Array("principal_stretches_projected", nodal.stretches[: self._owned].astype(np.float32))
 
     def cell_arrays(self, estimate: Estimate | None) -> list[Array]:
         solution, body = self._solution, self._body

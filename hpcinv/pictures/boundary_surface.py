@@ -34,7 +34,8 @@ class BoundaryResult:
         others: the points of the computed body, (n, 3) m.
         stress: mean Cauchy stress of the cell behind each triangle, (m, 9) Pa, row by row.
         J: mean volume ratio there, (m,).
-        stretches: principal stretches in the middle of that cell, largest first, (m, 3).
+        stretches: principal stretches in the middle of that cell, largest first, (m, 3). Of a shell all three are in
+            the middle of the facet, on the face.
         crossing: triangles of facets where the computed body passes through itself, (m,); looked for only if the
             certificate says that it does.
         fibres: by family, unit directions in that cell of the loaded body, (m, 3).
@@ -67,6 +68,7 @@ class Boundary:
         results: what was found, for each state of the body; empty before a run.
         error: estimated error of the displacement gradient in the cell behind each triangle, root mean square, (m,).
         fibres: by family, unit directions on the undeformed body in the cell behind each triangle, (m, 3).
+        is_shell: whether stresses and stretches are on the faces of a shell.
     """
 
     points: Floats
@@ -75,6 +77,7 @@ class Boundary:
     results: tuple[BoundaryResult, ...] = ()
     error: Floats | None = None
     fibres: Mapping[str, Floats] = field(default_factory=dict)
+    is_shell: bool = False
 
     @property
     def size(self) -> str:
@@ -102,6 +105,8 @@ def write_boundary(path: Path, boundary: Boundary) -> None:
     arrays: dict[str, Any] = {"points": boundary.points, "triangles": boundary.triangles}
     if boundary.error is not None:
         arrays["error"] = boundary.error
+    if boundary.is_shell:
+        arrays["is_shell"] = np.array(True)
     arrays |= {_REGION + name: mask for name, mask in boundary.regions.items()}
     arrays |= {_FIBRES + name: directions.astype(np.float32) for name, directions in boundary.fibres.items()}
     for i, result in enumerate(boundary.results):
@@ -145,6 +150,7 @@ def read_boundary(path: Path) -> Boundary:
         for kind, given in ((Boundary, arrays), *((BoundaryResult, result) for result in results.values())):
             _check_arrays(path, kind, given.keys())
         each = tuple(BoundaryResult(**result) for result in results.values())
+        arrays["is_shell"] = bool(arrays.get("is_shell", False))
         boundary = Boundary(regions=regions, results=each, fibres=directions, **arrays)
     except FileNotFoundError:
         raise OutputError(

@@ -14,7 +14,8 @@ from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import Surface, Triangles, gather_surface
 from hpcinv.pictures.boundary_surface import Boundary, BoundaryResult
-from hpcinv.results.cell_middles import constants_in, deformation_gradients, fibres, unit_vectors
+from hpcinv.results.cell_fields import cell_fields
+from hpcinv.results.cell_middles import deformation_gradients, fibres, unit_vectors
 from hpcinv.results.solution import Solution
 
 _SIDES = 2  # parts of each side of a curved facet
@@ -42,7 +43,7 @@ def boundary_of(
 
     widths = dict[str, int]()  # numbers of each field in a cell
 
-    def evaluate(facets: LocalIndices, cells: LocalIndices) -> Floats:
+    def evaluate(facets: LocalIndices, cells: LocalIndices, middles: Floats) -> Floats:
         masks = {
             name: np.isin(facets, solution.facets) | np.isin(cells, solution.cells)
             for name, solution in regions.items()
@@ -50,13 +51,16 @@ def boundary_of(
         columns_by_name = {f"region:{name}": mask.astype(float)[:, None] for name, mask in masks.items()}
         undeformed = dict[str, Floats]()
         for number, solution in enumerate(solutions):
+            fields = cell_fields(body, solution, cells, middles)
+            columns_by_name[f"J {number}"] = fields.J[:, None]
+            columns_by_name[f"stress {number}"] = fields.stress
+            columns_by_name[f"stretches {number}"] = fields.stretches
+            if not families:
+                continue
             gradients = deformation_gradients(body, solution, cells)
             if number == 0:
                 undeformed = fibres(body, families, solution, gradients, cells)
                 columns_by_name |= {f"fibre:{name}": directions for name, directions in undeformed.items()}
-            columns_by_name[f"J {number}"] = constants_in(solution.J, cells)
-            columns_by_name[f"stress {number}"] = constants_in(solution.cauchy_stress, cells)
-            columns_by_name[f"stretches {number}"] = np.linalg.svd(gradients, compute_uv=False)
             for name, directions in undeformed.items():
                 columns_by_name[f"fibre {number}:{name}"] = unit_vectors(np.einsum("cij,cj->ci", gradients, directions))
         if estimate:
@@ -100,6 +104,7 @@ def boundary_of(
         results=tuple(results),
         fibres={name: values_by_name[f"fibre:{name}"] for name in families} if solutions else {},
         error=values_by_name["error"][:, 0] if estimate else None,
+        is_shell=body.source.shell is not None,
     )
 
 

@@ -13,7 +13,7 @@ from hpcinv.mesh.topology import unique_rows
 from hpcinv.parallel.runtime import MPI
 from hpcinv.pictures.interior import Interior, InteriorResult
 from hpcinv.quantity.stress_measures import COMPONENTS
-from hpcinv.results.cell_middles import constants_in, deformation_gradients
+from hpcinv.results.cell_fields import cell_fields
 from hpcinv.results.solution import Solution
 
 MOST = 60_000
@@ -47,6 +47,7 @@ def interior_of(
     dofmap = mesh.geometry.dofmaps[0][:owned]
     corners = dofmap[:, pattern].reshape(-1, 4).astype(np.int64)
     cells = np.repeat(np.arange(owned), len(pattern))
+    middles = scalar_element(kind, body.degree).points[pattern].mean(axis=1)
     nodes = body.given_nodes
     numbers = mesh.geometry.index_map().local_to_global(np.arange(len(nodes), dtype=np.int32)).astype(np.int64)
     keys = _clusters(body, corners, most) if is_joined else numbers
@@ -58,14 +59,16 @@ def interior_of(
     first = np.unique(place, return_index=True)[1]
     chosen = np.sort(whole[first])
     used = np.unique(corners[chosen])
+    places = middles[chosen % len(pattern)]
     names = [name for name, r in body.regions.items() if r.cell_count and (r.origin == "physical" or name in labels)]
     marks = np.stack([np.isin(cells[chosen], body.regions[name].cells) for name in names] or [chosen < 0], axis=1)
     positions = [nodes, *(part for solution in solutions for part in (solution.mesh_nodes, solution.other_nodes))]
+    parts = [_values(body, solution, cells[chosen], places) for solution in solutions]
     gathered = comm.gather(
         (
             keys[corners[chosen]],
             marks,
-            np.concatenate([np.zeros((len(chosen), 0)), *(_values(body, s, cells[chosen]) for s in solutions)], axis=1),
+            np.concatenate([np.zeros((len(chosen), 0)), *parts], axis=1),
             keys[used],
             distance[used],
             numbers[used],
@@ -90,13 +93,12 @@ def interior_of(
     return Interior(points, tetrahedra[kept], regions, results, is_joined)
 
 
-def _values(body: Body, solution: Solution, cells: Ints) -> Floats:
-    """Stress, J and principal stretches in local cells, (cells, 10)."""
-    gradients = deformation_gradients(body, solution, cells)
-    stress = constants_in(solution.cauchy_stress, cells).reshape(-1, 3, 3)
+def _values(body: Body, solution: Solution, cells: Ints, places: Floats) -> Floats:
+    """Stress, J and principal stretches in local cells, of a shell at places in them, (cells, 10)."""
+    fields = cell_fields(body, solution, cells, places)
+    stress = fields.stress.reshape(-1, 3, 3)
     parts = [stress[:, i, j][:, None] for i, j in COMPONENTS.values()]
-    stretches = np.asarray(np.linalg.svd(gradients, compute_uv=False), dtype=np.float64)
-    return np.concatenate([*parts, constants_in(solution.J, cells), stretches], axis=1)
+    return np.concatenate([*parts, fields.J[:, None], fields.stretches], axis=1)
 
 
 def _clusters(body: Body, corners: Ints, most: int) -> Ints:

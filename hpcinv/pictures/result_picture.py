@@ -23,11 +23,13 @@ def measure(name: str, result: BoundaryResult) -> Floats:
     return np.asarray(MEASURES[name](*(stress[:, *COMPONENTS[component]] for component in components_of(name))))
 
 
+_PLACE = ", mean of each cell"  # of stresses in solids
+
 FIELDS: dict[Colour, tuple[str, str, Callable[[Boundary, BoundaryResult], Floats | None]]] = {
     "displacement": ("displacement", "m", lambda _, result: np.linalg.norm(result.displacement, axis=1)),
-    "von-mises": ("von Mises stress, mean of each cell", "Pa", lambda _, result: measure("von_mises", result)),
-    "pressure": ("pressure -tr σ/3, mean of each cell", "Pa", lambda _, result: measure("p", result)),
-    "J": ("volume ratio J, mean of each cell", "", lambda _, result: result.J),
+    "von-mises": ("von Mises stress" + _PLACE, "Pa", lambda _, result: measure("von_mises", result)),
+    "pressure": ("pressure -tr σ/3" + _PLACE, "Pa", lambda _, result: measure("p", result)),
+    "J": ("volume ratio J" + _PLACE, "", lambda _, result: result.J),
     "error": ("estimated error of the displacement gradient", "", lambda boundary, _: boundary.error),
     "regions": ("", "", lambda _, result: np.zeros(len(result.J))),
 }
@@ -40,6 +42,8 @@ def draw_result(
     """Draw the given body next to the computed ones, in one frame; behind each there is another one as a shadow.
 
     A body without load shows the values of the result that it belongs to, at the same material points.
+
+    Stresses of a shell are drawn on its two sides.
 
     Args:
         summary: content of ``summary.json``.
@@ -67,7 +71,7 @@ def draw_result(
     highest = max(float(part.max(initial=-np.inf)) for part in everything)
     size, symbol = unit_of([lowest, highest], unit, summary.get("units") or {})
     frame = np.concatenate(points)
-    front, _, up = directions(frame, upwards(job))
+    front, back, up = directions(frame, upwards(job))
     views = []
     for i, shape in enumerate(shapes):
         plane = None if (section := sections[i]) is None else section.plane(front)
@@ -83,12 +87,16 @@ def draw_result(
                     )
                 )
         views.append(View([*parts, *([] if cut else [shadow])], frame, front, up, shape.title))
+        if boundary.is_shell and label.endswith(_PLACE) and not cut:
+            views.append(View(parts, frame, back, up, f"{shape.title}, from behind"))
     status, verdict = summary["status"], summary["certificate"]["verdict"]
     notes = f"certificate: {verdict}" if status == "converged" else f"the full load was not reached: {status}"
     if cut:
         notes += f"; section across {cut.axis}"
     if colour == "regions":
         return figure(views, job["job"], notes=notes, legend=list(_palette(boundary, cut).items()))
+    if boundary.is_shell:
+        label = label.replace(_PLACE, " at the faces")
     text = f"{label} ({symbol})" if symbol else label
     return figure(views, job["job"], notes=notes, colours=(text, lowest / size, highest / size))
 

@@ -1,4 +1,4 @@
-"""Fields of a solution in the middle of each cell, without compiled kernels."""
+"""Deformation gradients at points of cells, and fields in the middle of each cell, without compiled kernels."""
 
 from collections.abc import Mapping
 
@@ -20,13 +20,17 @@ type Cells = npt.NDArray[np.integer]
 
 def deformation_gradients(body: Body, solution: Solution, cells: Cells) -> Floats:
     """Return ``F`` in the middle of local cells, (cells, 3, 3), of the loaded body against the undeformed one."""
-    kind, middle = body.source.kind, _middle(body.source.kind)
+    return np.asarray(gradients_at(body, solution, cells, _middle(body.source.kind))[:, 0])
+
+
+def gradients_at(body: Body, solution: Solution, cells: Cells, points: Floats) -> Floats:
+    """Return the same at points (n, 3) of the reference cell, (cells, n, 3, 3)."""
     nodes = solution.mesh_nodes[body.mesh.geometry.dofmaps[0][cells]]
     space = solution.displacement.function_space
     values = solution.displacement.x.array.reshape(-1, 3)[space.dofmap.list[cells]]
-    slopes = space.element.basix_element.tabulate(1, middle)[1:, 0, :, 0]  # (3, shape functions)
-    reference_gradients = np.einsum("cni,kn->cik", values, slopes)
-    h = reference_gradients @ np.linalg.inv(jacobians(kind, body.degree, nodes, middle)[:, 0])
+    slopes = space.element.basix_element.tabulate(1, points)[1:, :, :, 0]  # (3, points, shape functions)
+    reference_gradients = np.einsum("cni,kpn->cpik", values, slopes)
+    h = reference_gradients @ np.linalg.inv(jacobians(body.source.kind, body.degree, nodes, points))
     if solution.direction == "forward":
         return np.asarray(np.eye(3) + h)
     return np.asarray(np.linalg.inv(np.eye(3) - h))

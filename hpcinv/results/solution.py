@@ -13,6 +13,7 @@ from hpcinv.model.cavities import CavityReport
 from hpcinv.model.contacts import ContactReport
 from hpcinv.model.remote_loads import RemoteReport
 from hpcinv.model.scene import Scene
+from hpcinv.model.scene_means import LayerValues
 from hpcinv.model.state import State
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.equations import Equations
@@ -28,6 +29,7 @@ class Solution(State):
         u: displacement ``x - X`` at the mesh's nodes, (n, 3) in m.
         J: mean volume ratio of each cell, piecewise constant.
         cauchy_stress: mean Cauchy stress of each cell in Pa, piecewise constant, (3, 3).
+        layer: Cauchy stress (Pa) and volume ratio within the layers of a shell, ``None`` in other bodies.
         prestrain_stress: the same that prestrain alone causes in the body's reference shape, else ``None``.
         J_range: smallest and largest volume ratio at any quadrature point.
         solves: every solve of the method, failed ones included.
@@ -50,6 +52,7 @@ class Solution(State):
     cavities: tuple[CavityReport, ...] = ()
     remote_loads: tuple[RemoteReport, ...] = ()
     prestrain_stress: Function | None = None
+    layer: LayerValues | None = None
     start: str = ""
     coarse: CoarseSolve | None = None
 
@@ -111,6 +114,8 @@ def solution_of(
         for stress_field in (means.cauchy_stress, means.prestrain_stress):
             if stress_field is not None:
                 stress_field.x.array[:] *= stress
+        if means.layer is not None:
+            means.layer.scale(stress)
         return Solution(
             direction=direction,
             job=state.job,
@@ -128,4 +133,5 @@ def solution_of(
             linear=linear,
             contacts=scene.contacts.reports(equations.scales),
             prestrain_stress=means.prestrain_stress,
+            layer=means.layer,
         )

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import pyvista
 from helpers.sheets import Place, flat, save_sheet, save_sphere_octant
 
 import hpcinv
@@ -15,6 +16,8 @@ from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.readers import read_surface
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
+from hpcinv.pictures.boundary_surface import read_boundary
+from hpcinv.results.cell_fields import face_arrays
 
 YOUNG = 1.2e6
 LINEAR = {"law": "st-venant-kirchhoff", "young": YOUNG, "poisson": 0.0}
@@ -91,29 +94,59 @@ def test_end_shear_of_a_cantilever_both_ways(tmp_path: Path, cells: str, thickne
 
 
 def test_end_moment_of_a_cantilever(tmp_path: Path) -> None:
-    """Sze, Liu & Lo 2004, §3.2: half of the moment that bends it to a circle makes a half circle."""
+    """Sze, Liu & Lo 2004, §3.2: half of the moment that bends it to a circle makes a half circle.
+
+    The faces have the stress ±6 M/(b t²) in pictures, fields and shape files.
+    """
     length, thickness, share = 12.0, 0.1, 0.5
     path = save_sheet(tmp_path / "sheet.msh", 16, 1, flat(length, 1))
     largest = np.pi * share * thickness / length
-    result = solve(
-        path,
-        thickness,
-        analysis="forward",
-        # its even part, which this law has in bending, keeps the end plane
-        let={"strain": f"2*pi*{share}*Z/(12 m)"},
-        effects=[
-            {
-                "effect": "pressure",
-                "region": "x1",
-                "pressure": f"1.2 MPa*(strain - 1.5*(strain**2 - {largest:.17g}**2/3))",
-            }
-        ],
-        supports=[CLAMPED],
-        quantities=[{"name": "tip", "of": "displacement", "at": [length, 0.5, 0]}],
+    run = tmp_path / "run"
+    result = hpcinv.run(
+        job(
+            path,
+            thickness,
+            analysis="forward",
+            # its even part, which this law has in bending, keeps the end plane
+            let={"strain": f"2*pi*{share}*Z/(12 m)"},
+            effects=[
+                {
+                    "effect": "pressure",
+                    "region": "x1",
+                    "pressure": f"1.2 MPa*(strain - 1.5*(strain**2 - {largest:.17g}**2/3))",
+                }
+            ],
+            supports=[CLAMPED],
+            quantities=[{"name": "tip", "of": "displacement", "at": [length, 0.5, 0]}],
+            output={"report": False, "mesh": ["msh"]},
+        ),
+        progress=False,
+        directory=run,
     )
     ux, _, uz = result.quantities["tip"]
     assert ux == pytest.approx(-length, rel=1e-3)
     assert uz == pytest.approx(2 * length / np.pi, rel=1e-3)
+
+    moment = YOUNG * 2 * np.pi * share / length * thickness**3 / 12
+    even = YOUNG * largest**2
+    boundary, shape = read_boundary(run / "surface.npz"), read_surface(run / "shape.msh").data
+    fields = pyvista.read(run / "fields" / "undeformed.pvd")[0]
+    for face, sign in (("outer", -1), ("inner", 1)):  # it bends towards its outer face
+        stress = sign * 6 * moment / thickness**2 + even
+        on_face = np.isclose(fields.points[:, 2], -sign * thickness / 2)
+        tensors = [
+            boundary.results[0].stress[boundary.region_mask(face)],
+            shape[f"cauchy_stress_{face}"].values,
+            fields.point_data["cauchy_stress_projected"][on_face],
+        ]
+        for tensor in tensors:
+            assert len(tensor) >= 33
+            values = np.linalg.eigvalsh(tensor.reshape(-1, 3, 3))[:, 2 if sign > 0 else 0]
+            assert values == pytest.approx(stress, rel=2e-3)
+        assert shape[f"von_mises_{face}"].values == pytest.approx(abs(stress), rel=1e-2)
+        stretches = shape[f"principal_stretches_{face}"].values
+        assert stretches[:, 0 if sign > 0 else 2] == pytest.approx(1 + sign * largest, rel=2e-4)
+    assert boundary.is_shell
 
 
 def test_rigid_rotation_strains_nothing(tmp_path: Path) -> None:
@@ -150,6 +183,13 @@ def test_hinged_strip_sags_as_a_beam(tmp_path: Path) -> None:
     assert any("with a hinge" in line.note for line in result.certificate.lines)
     assert result.quantities["middle"] == pytest.approx(-5 * weight * length**4 / 384 / (YOUNG * 1e-3 / 12), rel=5e-3)
     assert gap(result) < 1e-10 * length
+    bending = 6 * weight * length**2 / 8 / thickness**2
+    for solution in result.solutions:
+        x, _, z = solution.reference_nodes.T
+        stress = face_arrays(result.body, solution)["cauchy_stress"][:, 0]
+        for side in (-1, 1):
+            here = np.isclose(x, length / 2) & np.isclose(z, side * thickness / 2)
+            assert stress[here] == pytest.approx(-side * bending, rel=5e-3)
 
 
 def test_bimetal_strip_bends_as_timoshenko_says(tmp_path: Path) -> None:
@@ -235,11 +275,14 @@ def test_error_estimate_agrees_with_a_finer_mesh(tmp_path: Path, cells: int) -> 
 @pytest.mark.parallel([2])
 @pytest.mark.parametrize("face", ["inner", pytest.param("outer", marks=pytest.mark.release)])
 def test_pressure_acts_on_the_faces_of_a_thick_cylinder(tmp_path: Path, comm: MPI.Intracomm, face: str) -> None:
-    """Lamé's solution in plane strain, which a pressure on the midsurface misses by 10 %."""
-    radius, thickness, pressure, poisson = 1.0, 0.1, 20.0, 0.3
+    """Lamé's solution in plane strain, which a pressure on the midsurface misses by 10 %, and its hoop stress.
+
+    One end slides on a plane that is not normal to an axis.
+    """
+    radius, thickness, pressure, poisson, angle = 1.0, 0.1, 20.0, 0.3, 1.2
     path = comm.bcast(tmp_path / "sheet.msh")
     if comm.rank == 0:
-        save_sheet(path, 4, 1, cylinder(radius, 1.2, np.pi / 2))
+        save_sheet(path, 4, 1, cylinder(radius, 1.2, angle))
     comm.barrier()
     result = solve(
         path,
@@ -251,7 +294,7 @@ def test_pressure_acts_on_the_faces_of_a_thick_cylinder(tmp_path: Path, comm: MP
         effects=[{"effect": "pressure", "region": face, "pressure": pressure}],
         supports=[
             {"region": "x0", "fix": ["y"]},
-            {"region": "x1", "fix": ["x"]},
+            {"region": "x1", "fix": ["normal"], "normal": [-np.sin(angle), np.cos(angle), 0]},
             {"region": "y0", "fix": ["z"]},
             {"region": "y1", "fix": ["z"]},
         ],
@@ -262,6 +305,15 @@ def test_pressure_acts_on_the_faces_of_a_thick_cylinder(tmp_path: Path, comm: MP
     A, B = (inside * a**2 - outside * b**2) / (b**2 - a**2), (inside - outside) * (a * b) ** 2 / (b**2 - a**2)
     exact = (1 + poisson) / YOUNG * ((1 - 2 * poisson) * A * radius + B / radius)
     assert result.quantities["ur"] == pytest.approx(exact, rel=2e-3)
+    for solution in result.solutions:
+        nodes, stress = solution.mesh_nodes, face_arrays(result.body, solution)["cauchy_stress"].reshape(-1, 3, 3)
+        distance, errors = np.hypot(nodes[:, 0], nodes[:, 1]), [0.0]
+        for place in (a, b):
+            here = np.abs(distance - place) < 1e-2 * thickness
+            hoop = np.stack([-nodes[:, 1], nodes[:, 0], 0 * distance], axis=1) / distance[:, None]
+            found = np.einsum("ni,nij,nj->n", hoop, stress, hoop)[here]
+            errors.extend(np.abs(found / (A + B / place**2) - 1))
+        assert comm.allreduce(max(errors), op=MPI.MAX) < 4e-2  # 1.8 % on four cells, 0.6 % on eight
     assert comm.allreduce(gap(result), op=MPI.MAX) < 1e-12
 
 
@@ -318,6 +370,34 @@ def test_balloon_beyond_its_largest_pressure_comes_back(tmp_path: Path) -> None:
     )
     assert result.quantities["r"] / result.quantities["R"] == pytest.approx(stretch, rel=3e-4)
     assert gap(result) < 1e-11
+
+
+def test_balloon_by_volume_past_its_largest_pressure(tmp_path: Path) -> None:
+    """The pressure of the closed form falls beyond a stretch of 1.38, and the volume brings the balloon there and back.
+
+    Incompressible neo-Hooke: ``p = μ [1/(2 s⁴) + 2/s]`` between the stretches of the faces.
+    """
+    mu, thickness = 1e5, 0.05
+    inner, outer = 1 - thickness / 2, 1 + thickness / 2
+    path, pressures = save_sphere_octant(tmp_path / "octant.msh", 2), []
+    for stretch in (1.4, 1.8):
+        volume = np.pi / 6 * (stretch * inner) ** 3
+        result = solve(
+            path,
+            thickness,
+            analysis="round_trip",
+            first="forward",
+            material={"law": "isochoric-neo-hookean", "mu": mu, "kappa": "incompressible"},
+            cavities={"hole": {"surface": "inner", "lid": {"apex": [0, 0, 0]}, "volume": volume}},
+            supports=[*HALVED, {"region": "z0", "fix": ["z"]}],
+            quantities=[{"name": "p", "of": "pressure", "cavity": "hole"}],
+        )
+        ends = stretch, (outer**3 + (stretch**3 - 1) * inner**3) ** (1 / 3) / outer
+        there, back = (1 / (2 * s**4) + 2 / s for s in ends)
+        pressures.append(result.quantities["p"])
+        assert pressures[-1] == pytest.approx(mu * (back - there), rel=2e-3)
+        assert gap(result) < 1e-10
+    assert pressures[1] < pressures[0]
 
 
 def test_hemisphere_hangs_from_its_rim_as_a_membrane(tmp_path: Path) -> None:

@@ -203,7 +203,7 @@ class Viewer extends Stage {
       };
       for (let c = 0; c < 3 * count; c++) paint(out, 3 * c, null, values[field.of === "points" ? this.triangles[c] : Math.floor(c / 3)]);
       this.#bar(legend, low, high, field);
-      if (field.of !== "points" && field.id !== "error") notes.push(field.id.startsWith("stretch") ? "in the middle of each cell" : "mean of each cell");
+      if (field.of !== "points" && field.id !== "error") notes.push(this.body.shell ? "at the faces of the shell" : field.id.startsWith("stretch") ? "in the middle of each cell" : "mean of each cell");
       if (this.cut && this.inside && !inner && step.last) notes.push("not known within the body");
     }
     for (const [shape, points] of bodies) {
