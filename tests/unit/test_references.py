@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[2]
 REFERENCE = re.compile(
     r"(?<![\w/.:-])((?:tests|benchmarks|docs|hpcinv|meshes|jobs|slurm)/[\w./-]*\.(?:py|md|ya?ml|sbatch|sh|png|svg|geo|msh))"
@@ -24,11 +22,16 @@ def documents() -> list[Path]:
     return sorted(paths)
 
 
-@pytest.mark.parametrize("path", documents(), ids=lambda path: str(path.relative_to(ROOT)))
-def test_references_of_a_page_exist(path: Path) -> None:
+def missing_in(path: Path) -> set[str]:
+    """Files that a document names and that are not there."""
     text = path.read_text()
     named = set(REFERENCE.findall(text)) - set(MADE.findall(text)) - set(RECIPE.findall(text))
     missing = {name for name in named if not WRITTEN.match(name) and not (ROOT / name).exists()}
     if path.suffix == ".md":
         missing |= {name for name in LINK.findall(text) if not (path.parent / name).exists()}
+    return missing
+
+
+def test_files_that_documents_name_exist() -> None:
+    missing = {str(path.relative_to(ROOT)): names for path in documents() if (names := missing_in(path))}
     assert not missing
