@@ -43,18 +43,18 @@ def pytest_xdist_auto_num_workers() -> int:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark as fast what is in tests/unit, unless it is slow or starts several ranks: ``pytest -m fast``."""
     for item in items:
-        if is_tested_on_more_ranks(item) or is_left_for_a_release(item):
+        if is_tested_on_other_ranks(item) or is_left_for_a_release(item):
             item.add_marker("release")
         if UNIT in item.path.parents and not any(item.iter_markers("slow")) and not any(item.iter_markers("parallel")):
             item.add_marker("fast")
 
 
-def is_tested_on_more_ranks(item: pytest.Item) -> bool:
-    """True for a test that is also one on more ranks, which take the same path and more."""
+def is_tested_on_other_ranks(item: pytest.Item) -> bool:
+    """True for a test whose marker names another number of ranks last, which is the one of each day."""
     ranks = [mark.args[0] for mark in item.iter_markers("parallel") if mark.args and isinstance(mark.args[0], list)]
     # The markers that `ranks_of` reads are not attached yet.
     here = getattr(item, "callspec", None)
-    return here is not None and any(here.params.get("_nprocs", max(allowed)) < max(allowed) for allowed in ranks)
+    return here is not None and any(here.params.get("_nprocs", allowed[-1]) != allowed[-1] for allowed in ranks)
 
 
 def is_left_for_a_release(item: pytest.Item) -> bool:

@@ -90,7 +90,7 @@ def test_nodes_of_a_higher_degree_are_on_the_given_cells(degree: int, comm: MPI.
     assert np.abs(local_node_values(body, there) - x).max() < 1e-15 * np.abs(x).max()
 
 
-@pytest.mark.parallel(RANKS)
+@pytest.mark.parallel([2, 1])
 def test_forward_and_back_from_straight_cells_closes(comm: MPI.Intracomm, meshes: Path) -> None:
     mesh = {"file": str(meshes / "box.py"), "parameters": {"nx": 3, "ny": 1, "nz": 1, "lx": 3.0}, "geometry_degree": 1}
     both = sagging(mesh, analysis="round_trip", first="forward", certificate=NO_CERTIFICATE)

@@ -62,7 +62,7 @@ def test_the_promise_holds_in_at_least_19_of_20(comm: MPI.Intracomm) -> None:
     assert sum(held) >= 19
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_a_curved_body_is_searched_with_curved_cells(comm: MPI.Intracomm) -> None:
     """Unless the job says otherwise: with straight ones, the error is mostly one of the geometry."""
     (case,) = (case for case in cases() if case.name == "sphere of straight tetrahedra")

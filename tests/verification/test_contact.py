@@ -32,7 +32,7 @@ def closing(result: Result) -> float:
     return float(result.errors["round_trip"]["max"])
 
 
-@pytest.mark.parallel([1, 3])
+@pytest.mark.parallel([1, 3, 2])
 def test_pressed_ball_is_as_hertz_found(comm: MPI.Intracomm) -> None:
     """Radius and largest pressure of the contact area, from the force; cells there are a third of its radius."""
     given = load(ROOT / "jobs" / "pressed-ball.yaml")
@@ -240,7 +240,7 @@ def test_wire_between_the_nodes_is_not_passed_unnoticed(comm: MPI.Intracomm) -> 
     assert "refine the mesh near a thin obstacle" in stopped.value.advice
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_rod_that_sweeps_through_a_block_in_one_step_is_refused(comm: MPI.Intracomm) -> None:
     """The rod is above the block before the only step, and below it afterwards."""
     rod = {"shape": "cylinder", "point": [0.5, 0, 1.2], "axis": [0, 1, 0], "radius": 0.05}

@@ -100,8 +100,8 @@ def test_tangent_is_the_derivative_of_the_residual(
     equilibrium.destroy()
 
 
-@pytest.mark.everyday("2-pressure", "prestrain", "growth")
-@pytest.mark.parallel([1, 2])
+@pytest.mark.everyday("1-pressure", "prestrain", "growth")
+@pytest.mark.parallel([2, 1])
 @of_every_effect
 def test_there_and_back(name: str, comm: MPI.Intracomm) -> None:
     for hexahedra in (False, True):

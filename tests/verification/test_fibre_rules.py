@@ -134,7 +134,7 @@ def test_a_tube_with_a_rule_moves_as_one_with_formulas(comm: MPI.Intracomm, run_
 # ventricles
 
 
-@pytest.mark.parallel([1, 3])
+@pytest.mark.parallel([1, 3, 2])
 def test_a_ventricle_has_the_prescribed_angles_at_its_surfaces(comm: MPI.Intracomm) -> None:
     mesh = {"file": "../meshes/ventricle.py", "unit": "mm", "parameters": {"size": "8 mm"}, "geometry_degree": 2}
     given = with_rule(mesh, VENTRICLE | {"sheet": ["-65 deg", "25 deg"]}, "base")
@@ -181,7 +181,7 @@ def build(gmsh, *, size=0.25):
 """
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_two_ventricles_have_the_angles_at_all_three_surfaces(comm: MPI.Intracomm, run_directory: Path) -> None:
     file = run_directory / "prism.py"
     if comm.rank == 0:

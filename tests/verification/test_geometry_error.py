@@ -69,7 +69,7 @@ def effectivities(result: package.Result, exact: dict[str, float]) -> dict[str, 
     return {name: result.estimate.quantities[name] / (value - result.quantities[name]) for name, value in exact.items()}
 
 
-@pytest.mark.parallel([1, 3])
+@pytest.mark.parallel([1, 3, 2])
 @pytest.mark.parametrize("hexahedra", [False, pytest.param(True, marks=pytest.mark.release)])
 def test_the_error_of_straight_cells_on_a_sphere(hexahedra: bool, comm: MPI.Intracomm) -> None:
     """Without the geometry the estimate would be 0.04 to 0.23 of the error of the radii."""
@@ -111,7 +111,7 @@ def test_the_error_of_straight_cells_on_a_cylinder(direction: str, comm: MPI.Int
 
 
 @pytest.mark.everyday("0.0")
-@pytest.mark.parallel([1, 3])
+@pytest.mark.parallel([1, 3, 2])
 @pytest.mark.parametrize("many", [math.inf, 0.0])
 def test_the_error_of_straight_cells_that_turn(
     many: float, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
@@ -137,7 +137,7 @@ def test_the_error_of_straight_cells_that_turn(
     assert 0.7 < ratio < 1.4
 
 
-@pytest.mark.parallel([1, 3])
+@pytest.mark.parallel([1, 3, 2])
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_a_rotation_extended_to_the_true_surface_is_a_rotation(hexahedra: bool, comm: MPI.Intracomm) -> None:
     given = body_of(hollow_sphere(2, 1, hexahedra=hexahedra), comm)

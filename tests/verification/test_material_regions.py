@@ -270,7 +270,7 @@ def bent(comm: MPI.Intracomm, mesh: Path, material: Any) -> np.ndarray:
     return u * solved.body.length_scale
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_equal_materials_written_differently_give_the_same_shape(
     comm: MPI.Intracomm, run_directory: Path, meshes: Path
 ) -> None:

@@ -51,7 +51,7 @@ def field(model: Equations, formula: Any) -> PETSc.Vec:
     return vector
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 def test_a_spin_turns_by_its_angle_and_a_strain_stretches_wherever_the_body_lies(
     direction: str, comm: MPI.Intracomm

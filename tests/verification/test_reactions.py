@@ -92,7 +92,7 @@ def test_a_clamp_carries_the_traction_on_the_opposite_face(comm: MPI.Intracomm, 
 
 
 @pytest.mark.parametrize("form", FORMS, ids=IDS)
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_prescribed_tension_takes_the_force_of_the_closed_form(comm: MPI.Intracomm, form: dict[str, Any]) -> None:
     stretch = 1.25
     lateral = root(lambda s: float(neo_hookean_stress(uniaxial(stretch, s))[1, 1]), 0.8, 1.0)

@@ -48,7 +48,7 @@ def test_tension_and_bending_of_a_straight_bar() -> None:
     assert load.motion.move == pytest.approx([0, angle / 2, 0], abs=1e-5 * angle)
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("linear", ["direct", "iterative"])
 @pytest.mark.everyday("direct")
 def test_inverse_with_a_large_motion(comm: MPI.Intracomm, linear: str) -> None:

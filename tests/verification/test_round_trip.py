@@ -72,7 +72,7 @@ class Case:
 
 
 @pytest.mark.everyday("mixed-inverse", "displacement-forward")
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("direction", ["inverse", "forward"])
 @pytest.mark.parametrize("form", ["displacement", "mixed"])
 def test_near_the_solution_as_along_the_path(direction: str, form: str, comm: MPI.Intracomm) -> None:

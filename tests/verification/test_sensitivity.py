@@ -325,7 +325,7 @@ def test_two_laws_and_values_by_region_in_an_inverse_analysis(comm: MPI.Intracom
     check(LAYERS, LAYERS_STRESSES, LAYERS_OTHERS, comm)
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_a_nearly_incompressible_body_in_a_forward_analysis(comm: MPI.Intracomm) -> None:
     check(RUBBER, RUBBER_STRESSES, {}, comm)
 

@@ -82,7 +82,7 @@ def test_a_turned_block_on_oblique_planes_sags_as_one_along_axes(
             assert TURN.T @ values[name] == pytest.approx(vector, abs=1e-12 * float(np.linalg.norm(vector))), name
 
 
-@pytest.mark.parallel([1, 3])
+@pytest.mark.parallel([1, 3, 2])
 def test_certificate_and_sensitivities_hold_on_oblique_planes(comm: MPI.Intracomm, tmp_path: Path) -> None:
     along = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
     more = {

@@ -253,7 +253,7 @@ def cantilever(density: float, **changes: Any) -> Job:
     )
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize(("density", "unstable"), [(300.0, 0), (850.0, 1)])
 @pytest.mark.parametrize("geometry_degree", [1, 2])
 def test_stability_does_not_depend_on_the_degree_of_the_given_cells(

@@ -379,7 +379,7 @@ KEYS = [
 ]
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_derivatives_of_all_states_are_differences_of_whole_runs(comm: MPI.Intracomm) -> None:
     """A modulus and a density are given on the given body, so that all states follow the given one in two ways."""
     with Workspace(comm) as workspace:

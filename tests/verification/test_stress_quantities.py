@@ -111,7 +111,7 @@ def test_normals_are_refused_where_there_are_none(comm: MPI.Intracomm) -> None:
         check_points(its.quantities, body)
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_a_varying_state_is_averaged_over_volume_and_area_law_by_law(comm: MPI.Intracomm) -> None:
     """u = (k y², 0, 0), so that F has ``2 k y`` next to its diagonal, and two laws, one for each half."""
     k, soft, stiff = 0.2, MU, 7 * MU

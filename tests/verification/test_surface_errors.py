@@ -86,7 +86,7 @@ def test_a_sphere_whose_surfaces_are_off(comm: MPI.Intracomm) -> None:
     assert slopes == pytest.approx(exact, rel=1e-3)
 
 
-@pytest.mark.parallel([1, 3])
+@pytest.mark.parallel([1, 3, 2])
 def test_shapes_and_quantities_follow_the_nodes_of_the_surface(comm: MPI.Intracomm, tmp_path: Path) -> None:
     """In each state, what a sample is said to change is what runs on moved meshes change."""
     tmp_path = comm.bcast(tmp_path)

@@ -45,7 +45,7 @@ def sheared(material: Any, divisions: int, force: float, *, effects: tuple[Any, 
 
 
 @pytest.mark.everyday("incompressible", "moduli that vary")
-@pytest.mark.parallel([1, 3])
+@pytest.mark.parallel([1, 3, 2])
 @pytest.mark.parametrize(
     ("material", "discretisation"),
     [
@@ -94,7 +94,7 @@ def test_growth_does_not_count_as_elastic_change_of_volume(comm: MPI.Intracomm) 
     assert line.value == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_only_nearly_incompressible_regions_count(comm: MPI.Intracomm) -> None:
     """The soft foam below changes its volume by tens of per cent; what lies on it hardly does."""
     line = unaccounted(

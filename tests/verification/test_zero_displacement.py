@@ -122,7 +122,7 @@ BALANCES: dict[str, list[dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 def test_balanced_loads_move_nothing_and_pass(direction: str, comm: MPI.Intracomm) -> None:
     for name, in_balance in BALANCES.items():

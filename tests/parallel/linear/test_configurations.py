@@ -48,7 +48,7 @@ def test_both_presets_give_one_answer(material: str, analysis: str, comm: MPI.In
     agree_on(material, analysis, comm)
 
 
-@pytest.mark.parallel([1, 3])
+@pytest.mark.parallel([1, 3, 2])
 def test_configurations_solve_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
     agree_on("nearly incompressible", "inverse", comm)
 

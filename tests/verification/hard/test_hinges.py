@@ -127,7 +127,7 @@ HELD: dict[str, tuple[MeshSource, dict[str, str]]] = {
 }
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize(("source", "held"), HELD.values(), ids=HELD)
 def test_held_hinges_are_accepted(source: MeshSource, held: dict[str, str], comm: MPI.Intracomm) -> None:
     model(comm, source, held)
