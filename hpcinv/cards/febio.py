@@ -25,6 +25,7 @@ from hpcinv.cards.card import (
 )
 from hpcinv.cards.entry import Entry, entry_of
 from hpcinv.cards.series import exponential_integral, inverse_langevin
+from hpcinv.materials.moduli import young_and_poisson
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.units import parse_unit
 
@@ -137,6 +138,10 @@ def _neo_hookean(law: Entry) -> Counterpart:
 
 def _isotropic_elastic(law: Entry) -> Counterpart:
     return Counterpart({"law": "st-venant-kirchhoff", "young": Stress(law.number("E")), "poisson": law.number("v")})
+
+
+def _hencky(law: Entry) -> Counterpart:
+    return Counterpart({"law": "hencky", "young": Stress(law.number("E")), "poisson": law.number("v")})
 
 
 def _incompressible_neo_hookean(law: Entry) -> Counterpart:
@@ -256,6 +261,7 @@ def _coupled_trans_iso(law: Entry) -> Counterpart:
 LAWS: Mapping[str, Callable[[Entry], Counterpart]] = {
     "neo-Hookean": _neo_hookean,
     "isotropic elastic": _isotropic_elastic,
+    "isotropic Hencky": _hencky,
     "incomp neo-Hookean": _incompressible_neo_hookean,
     "Mooney-Rivlin": _mooney_rivlin,
     "Yeoh": _yeoh,
@@ -340,7 +346,10 @@ def write(values: Values, name: str) -> str:
     title, parameters = writer(values)
     lines = [f"<{key}>{shown(value)}</{key}>" for key, value in parameters.items()]
     volumetric = getattr(values.law, "volumetric", None)
-    if volumetric is not None:
+    if values.kind == "hencky":
+        if volumetric != "logarithmic":
+            raise values.refusal("its volumetric energy is logarithmic; state 'volumetric: logarithmic'")
+    elif volumetric is not None:
         if volumetric not in _VOLUMETRIC:
             raise values.refusal(f"it has no volumetric energy '{volumetric}'")
         lines += [f"<k>{shown(values.bulk)}</k>", f"<pressure_model>{_VOLUMETRIC.index(volumetric)}</pressure_model>"]
@@ -359,6 +368,11 @@ def _elastic(title: str) -> Callable[[Values], _Parameters]:
     return write_moduli
 
 
+def _hencky_card(values: Values) -> _Parameters:
+    young, poisson = young_and_poisson(values["mu"], values.bulk)
+    return "isotropic Hencky", {"E": young, "v": poisson}
+
+
 def _ogden_card(values: Values) -> _Parameters:
     pairs = list(zip(values["mu"], values["alpha"], strict=True))
     if len(pairs) > MOST_TERMS:
@@ -372,6 +386,7 @@ _CARDS: Mapping[str, Callable[[Values], _Parameters]] = {
     "isochoric-neo-hookean": lambda v: ("incomp neo-Hookean", {"G": v["mu"]}),
     "mooney-rivlin": lambda v: ("Mooney-Rivlin", {"c1": v["c1"], "c2": v["c2"]}),
     "yeoh": lambda v: ("Yeoh", {name: v[name] for name in ("c1", "c2", "c3")}),
+    "hencky": _hencky_card,
     "ogden": _ogden_card,
     "gent": lambda v: ("Gent", {"G": v["mu"], "Jm": v["jm"]}),
     "veronda-westmann": lambda v: ("Veronda-Westmann", {"c1": v["c1"], "c2": v["c2"]}),

@@ -54,19 +54,31 @@ class IsochoricStretches:
         coinciding, isolated = self._identity_series(alpha / 2), self._isolated_form(self._sign * alpha / 2)
         return ufl.conditional(ufl.lt(self._J2, _ALL_COINCIDE_BELOW), coinciding, isolated)
 
+    @property
+    def log_square_sum(self) -> Any:
+        """Return ``Σ (ln λ̄ᵢ)²``, ``¼ p₂`` or ``3/2 (ln x)² + ½ η²``: the limit of ``(Σ λ̄ᵢ^α - 3) 2/α²`` for small α."""
+        x, z, eta = self._isolated_and_pair
+        pair = ufl.conditional(ufl.lt(z, _TWO_COINCIDE_BELOW), z * (1 - z / 6 * (1 - 4 / 15 * z)), eta**2 / 2)
+        isolated = 1.5 * ufl.ln(x) ** 2 + pair
+        return ufl.conditional(ufl.lt(self._J2, _ALL_COINCIDE_BELOW), self._j2_and_j3[0] / 2, isolated)
+
     def _identity_series(self, beta: Any) -> Any:
         """Return ``Σ e^(β hᵢ) - 3 = Σ βⁿ pₙ/n!`` from n = 2 to 11, ``h = ln C̄`` and ``pₙ = Σ hᵢⁿ``.
 
         The invariants ``j2 = ½ h:h`` and ``j3 = det h`` follow from ``Ī1 - 3`` and ``Ī2 - 3``, which are ``β = ±1``, by
         series reversion. As ``h`` has no trace, ``hᵢ³ = j2 hᵢ + j3`` gives each power sum from those before it.
         """
-        even, odd = (self._I1_minus_3 + self._I2_minus_3) / 2, (self._I1_minus_3 - self._I2_minus_3) / 2
-        j2 = even - even**2 / 12 + even**3 / 90 - odd**2 / 60
-        j3 = 2 * odd * (1 - j2 / 12 + j2**2 / 240)
+        j2, j3 = self._j2_and_j3
         p: list[Any] = [0, 0, 2 * j2, 3 * j3]
         for n in range(4, _LAST_POWER + 1):
             p.append(j2 * p[n - 2] + j3 * p[n - 3])
         return sum(beta**n / factorial(n) * p[n] for n in range(2, _LAST_POWER + 1))
+
+    @cached_property
+    def _j2_and_j3(self) -> tuple[Any, Any]:
+        even, odd = (self._I1_minus_3 + self._I2_minus_3) / 2, (self._I1_minus_3 - self._I2_minus_3) / 2
+        j2 = even - even**2 / 12 + even**3 / 90 - odd**2 / 60
+        return j2, 2 * odd * (1 - j2 / 12 + j2**2 / 240)
 
     def _isolated_form(self, beta: Any) -> Any:
         """Return ``x^(2β) + 2 x^(-β) cosh βη - 3``, written as a sum of positive terms."""

@@ -31,6 +31,7 @@ from hpcinv.effects import Effect
 from hpcinv.job.job import Job
 from hpcinv.kinematics.kinematics import Deformation, Kinematics, OtherState
 from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
+from hpcinv.kinematics.transverse_shear import corrected_for_shear
 from hpcinv.materials import MaterialLaw
 from hpcinv.model.contacts import Contacts
 from hpcinv.model.external_work import external_work
@@ -47,6 +48,9 @@ from hpcinv.quantity.nondimensional import Scales
 
 LABEL = Label(1_000_001)
 """Label of ``H``, the variable of the laws' derivatives; fixed and large as the kinematics'."""
+
+_LEVELS = 3
+"""levels of nodes in one layer of a shell"""
 
 
 @dataclass(frozen=True)
@@ -135,7 +139,9 @@ class Scene:
             for i, (name, family) in enumerate(job.families.items(), start=count + len(effect_data))
         }
         self.H = H = Variable(kin.H, LABEL)
-        total = Deformation(H, directions)
+        shell = fields.body.source.shell
+        is_one_layer = shell is not None and len(shell.levels) == _LEVELS and degree == _LEVELS - 1
+        total = Deformation(corrected_for_shear(H, kin) if is_one_layer else H, directions)
         strains = [
             (effect, strain)
             for effect, load, p in effect_data
@@ -164,7 +170,7 @@ class Scene:
                 residual -= work
                 self._works.append(work)
         self.residual = residual
-        self.J = total.J
+        self.J = Deformation(H).J if is_one_layer else total.J
         self.mesh_J = kin.mesh_J
 
     def update_parameters(self, job: Job, scales: Scales) -> None:

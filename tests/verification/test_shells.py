@@ -93,6 +93,23 @@ def test_end_shear_of_a_cantilever_both_ways(tmp_path: Path, cells: str, thickne
     assert gap(result) < (1e-8 if is_thin else 1e-9) * 10
 
 
+def test_short_cantilever_shears_as_a_solid(tmp_path: Path) -> None:
+    """Tip w = F L³/(3 E I) + 6/5 F L/(G A): the shear factor of one layer is 5/6, the factor of a solid."""
+    length, thickness, force = 4.0, 1.0, 1e-6 * YOUNG
+    result = solve(
+        save_sheet(tmp_path / "sheet.msh", 8, 1, flat(length, 1)),
+        thickness,
+        analysis="round_trip",
+        first="forward",
+        effects=[{"effect": "traction", "region": "x1", "traction": [0, 0, force], "area_in": "reference"}],
+        supports=[CLAMPED],
+        quantities=[{"name": "tip", "of": "uz", "at": [length, 0.5, 0]}],
+    )
+    bending, shear = force * length**3 / 3 / (YOUNG / 12), force * length / (YOUNG / 2)
+    assert (result.quantities["tip"] - bending) / shear == pytest.approx(6 / 5, rel=0.02)
+    assert gap(result) < 1e-12
+
+
 def test_end_moment_of_a_cantilever(tmp_path: Path) -> None:
     """Sze, Liu & Lo 2004, §3.2: half of the moment that bends it to a circle makes a half circle.
 
