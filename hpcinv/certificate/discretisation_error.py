@@ -47,7 +47,7 @@ from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.interpolation import interpolate
-from hpcinv.mesh.location import cells_at, locate, position
+from hpcinv.mesh.location import Point, cells_at, locate, position
 from hpcinv.mesh.refine.finer_geometry import transfer_function
 from hpcinv.mesh.source import Floats
 from hpcinv.methods import solve_direction
@@ -307,19 +307,23 @@ def _corrected(
     body, better = finer.body, solution_of(finer, direction, finer.scene(direction), ())
     nodal_solution = replace(better, mesh_nodes=equations.body.nodes, u=u)
     node_quantities = [q for q in quantities if q.on is not None and not q.uses_quadrature]
-    others = [_moved_into_body(q, equations.body, body) for q in quantities if q not in node_quantities]
+    others = _moved_into_body([q for q in quantities if q not in node_quantities], equations.body, body)
     values = evaluate(node_quantities, equations.body, nodal_solution) | evaluate(others, body, better, finer)
     return {q.name: values[q.name] for q in quantities}
 
 
-def _moved_into_body(quantity: QuantityOfInterest, given: Body, body: Body) -> QuantityOfInterest:
-    """Return the quantity; a point that is outside ``body``, which has the same cells, is moved with its cell."""
-    if quantity.at is None or locate(body, np.array(quantity.at)) is not None:
-        return quantity
-    place = locate(given, np.array(quantity.at))
-    assert place is not None  # it has a value there
-    point = position(body, place, body.nodes)
-    return quantity.model_copy(update={"at": tuple(point.tolist())})
+def _moved_into_body(quantities: Sequence[QuantityOfInterest], given: Body, body: Body) -> list[QuantityOfInterest]:
+    """Return the quantities; points that are outside ``body``, which has the same cells, are moved with their cells."""
+    if body is given:
+        return list(quantities)
+    inside = locate(body, [q.at for q in quantities if q.at])
+    outside = [point for point, place in inside.items() if place is None]
+    moved = dict[Point, Point]()
+    for point, place in locate(given, outside).items():
+        assert place is not None  # it has a value there
+        x, y, z = position(body, place, body.nodes).tolist()
+        moved[point] = (x, y, z)
+    return [q.model_copy(update={"at": moved[q.at]}) if q.at in moved else q for q in quantities]
 
 
 def one_degree_more(job: Job) -> Job:
@@ -345,7 +349,7 @@ def at_singular_fibres(
         return ()
     kind, comm, names = edges.names.index(FIBRES), body.mesh.comm, list[str]()
     for quantity in quantities:
-        cells = [] if quantity.at is None else cells_at(body, np.array(quantity.at))
+        cells = [] if quantity.at is None else cells_at(body, [quantity.at])
         if comm.allreduce(bool((edges.kinds[np.array(cells, dtype=np.int64)] == kind).any()), op=MPI.LOR):
             names.append(quantity.name)
     return tuple(names)

@@ -126,10 +126,7 @@ class ObservedLandmarks(Observed):
             rows = np.array([[*landmark.at, *landmark.observed] for landmark in spec.landmarks or ()])
         self._observed = rows[:, 3:]
         self.count = self._observed.size
-        self._places = [
-            _located(body, point, f"landmark {number}: its position", "Landmarks begin with")
-            for number, point in enumerate(rows[:, :3])
-        ]
+        self._places = _located(body, rows[:, :3], "landmark {}: its position", "Landmarks begin with")
 
     def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
         arrays = [
@@ -149,10 +146,7 @@ class ObservedStrains(Observed):
         lines = [np.array(entry.line) for entry in spec.strains or ()]
         self._lengths = np.array([np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines])
         self._lines = [
-            [
-                _located(body, point, f"strains[{i}]: point {number}", "Lines are given by")
-                for number, point in enumerate(line)
-            ]
+            _located(body, np.array(line), f"strains[{i}]: point {{}}", "Lines are given by")
             for i, line in enumerate(lines)
         ]
 
@@ -245,19 +239,26 @@ def observations_of(job: Job, body: Body) -> list[Observed]:
     return observations
 
 
-def _located(body: Body, point: Floats, name: str, advice: str) -> PointLocation:
-    """Return where a point (3,) m of the given mesh lies; collective.
+def _located(body: Body, points: Floats, name: str, advice: str) -> list[PointLocation]:
+    """Return where points (n, 3) m of the given mesh lie; collective.
+
+    Args:
+        name: of a point, with braces for its number.
+        advice: begin of what to do about a point outside of the body.
 
     Raises:
-        MeshError: on all ranks, if it is outside of the body.
+        MeshError: on all ranks, if one is outside of the body.
     """
-    if (place := locate(body, point)) is None:
-        coordinates = ", ".join(f"{c:g}" for c in point)
-        raise MeshError(
-            f"{name} ({coordinates}) m in the given mesh is outside of the body",
-            f"{advice} positions in the given mesh; check their unit.",
-        )
-    return place
+    places, found = locate(body, map(tuple, points.tolist())), list[PointLocation]()
+    for number, point in enumerate(map(tuple, points.tolist())):
+        if (place := places[point]) is None:
+            coordinates = ", ".join(f"{c:g}" for c in point)
+            raise MeshError(
+                f"{name.format(number)} ({coordinates}) m in the given mesh is outside of the body",
+                f"{advice} positions in the given mesh; check their unit.",
+            )
+        found.append(place)
+    return found
 
 
 def _points_of_curve(spec: Observation, job: Job, body: Body) -> list[Observation]:

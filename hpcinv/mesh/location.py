@@ -1,6 +1,6 @@
 """Location of points in a distributed mesh: rank, cell, and reference coordinates."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +9,10 @@ from dolfinx import geometry
 
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.cells import scalar_element
+from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
+
+type Point = tuple[float, float, float]
 
 # Distance outside a cell, relative to its size, up to which a point still counts as inside: points on a curved surface
 # lie outside straight cells, by about h/6R of their size where the radius is R, and coarse cells are as large as R.
@@ -28,31 +31,45 @@ class PointLocation:
     xi: Floats
 
 
-def locate(body: Body, point: Floats) -> PointLocation | None:
-    """Location of a point (3,) m of the body, the same on all ranks; ``None`` if it is outside; collective."""
-    mesh = body.mesh
-    nearest: tuple[float, int, int] = (np.inf, mesh.comm.rank, -1)
-    coordinates = np.zeros(3)
-    for cell, distance, xi in _cells_near(body, point):
-        if distance < nearest[0]:
-            nearest, coordinates = (distance, mesh.comm.rank, cell), xi
-    least, rank, cell = min(mesh.comm.allgather(nearest))
-    return PointLocation(rank, cell, mesh.comm.bcast(coordinates, root=rank)) if least <= _MARGIN else None
+def locate(body: Body, points: Iterable[Point]) -> dict[Point, PointLocation | None]:
+    """Return where points (m) of the body are, the same on all ranks; ``None`` outside of it; collective."""
+    distinct, comm = list(dict.fromkeys(points)), body.mesh.comm
+    nearest = [(np.inf, comm.rank, -1, np.zeros(3)) for _ in distinct]
+    for number, cells in enumerate(_cells_near(body, distinct)):
+        for cell, distance, xi in cells:
+            if distance < nearest[number][0]:
+                nearest[number] = (distance, comm.rank, cell, xi)
+    places = dict[Point, PointLocation | None]()
+    for point, *on_ranks in zip(distinct, *comm.allgather(nearest), strict=True):
+        distance, rank, cell, xi = min(on_ranks)  # ranks differ, so that coordinates are not compared
+        places[point] = PointLocation(rank, cell, xi) if distance <= _MARGIN else None
+    return places
 
 
-def cells_at(body: Body, point: Floats) -> list[int]:
-    """Return the owned cells that contain a point (3,) m, several of them if it is on their border."""
-    return [cell for cell, distance, _ in _cells_near(body, point) if distance == 0.0]
+def cells_at(body: Body, points: Iterable[Point]) -> list[int]:
+    """Return the owned cells that contain one of the points (m), several of them if it is on their border."""
+    near = _cells_near(body, list(points))
+    return [cell for cells in near for cell, distance, _ in cells if distance == 0.0]
 
 
-def _cells_near(body: Body, point: Floats) -> Iterator[tuple[int, float, Floats]]:
-    """Yield owned cells near a point, its distance outside of each, relative to its size, and its coordinates there."""
-    mesh, scaled = body.mesh, point / body.length_scale
+def _cells_near(body: Body, points: Sequence[Point]) -> Iterator[Iterator[tuple[int, float, Floats]]]:
+    """Yield for each point owned cells near it, its distance outside of each, relative to its size, and coordinates."""
+    if not points:
+        return
+    mesh, scaled = body.mesh, np.array(points) / body.length_scale
     owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     padding = _MARGIN * float(mesh.h(3, owned).max(initial=0.0))
-    tree = geometry.bb_tree(mesh, 3, padding=padding, entities=owned)
-    for cell in np.sort(geometry.compute_collisions_points(tree, scaled).array):
-        xi = _pulled_back(mesh.geometry.cmaps[0], scaled, mesh.geometry.x[mesh.geometry.dofmaps[0][cell]])
+    tree = geometry.bb_tree(mesh, 3, padding=padding, entities=owned)  # takes longer than the search of many points
+    candidates = geometry.compute_collisions_points(tree, scaled)
+    for number, point in enumerate(scaled):
+        yield _coordinates(body, point, np.sort(candidates.links(number)))
+
+
+def _coordinates(body: Body, point: Floats, cells: LocalIndices) -> Iterator[tuple[int, float, Floats]]:
+    """Yield cells, how far a scaled point is outside of each, and its reference coordinates there, if it has such."""
+    cmap, x, nodes = body.mesh.geometry.cmaps[0], body.mesh.geometry.x, body.mesh.geometry.dofmaps[0]
+    for cell in cells:
+        xi = _pulled_back(cmap, point, x[nodes[cell]])
         if xi is not None:
             yield int(cell), round(max(_distance_outside(body.source.kind, xi), 0.0), _DIGITS), xi
 

@@ -5,7 +5,7 @@ and integrals of any, are taken at quadrature points in its cells, or on its fac
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.body import source_node_values
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.mesh.location import PointLocation, locate, position
+from hpcinv.mesh.location import Point, PointLocation, locate, position
 from hpcinv.mesh.regions import find
 from hpcinv.mesh.source import Floats
 from hpcinv.model.cavities import enclosed_volume
@@ -38,13 +38,14 @@ NOT_FINITE = "look for divisions by zero, and roots and logarithms of negative v
 _INSIDE = "Integrals and stress are evaluated on boundary facets or in cells: name a region that has such."
 
 
-def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
-    """Check before the solve that the quantities' points and regions exist on the body; collective.
+def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> Mapping[Point, PointLocation | None]:
+    """Check that the quantities' points and regions exist on the body, and return where points are; collective.
 
     Raises:
         MeshError: on every rank, with all problems.
     """
-    problems = []
+    quantities, problems = tuple(quantities), list[str]()
+    places = locate(body, _points(quantities))
     for quantity in quantities:
         if quantity.on is not None:
             with naming_field(f"quantities: {quantity.name}"):
@@ -56,7 +57,7 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
                     )
                 elif quantity.uses_quadrature and not region.cell_count:
                     body.boundary_facets(quantity.on, _INSIDE)
-        elif quantity.at is not None and locate(body, np.array(quantity.at)) is None:
+        elif quantity.at is not None and places[quantity.at] is None:
             problems.append(f"quantities: {quantity.name}: the point ({_triple(quantity.at)}) m is outside of the body")
     if problems:
         low, high = extent(body.mesh.comm, body.mesh.geometry.x * body.length_scale)
@@ -64,6 +65,12 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
             "\n".join(f"{body.source.path}: {p}" for p in problems),
             f"It extends from ({_triple(low)}) to ({_triple(high)}) m; points are in metres unless they have a unit.",
         )
+    return places
+
+
+def _points(quantities: Iterable[QuantityOfInterest]) -> Iterator[Point]:
+    """Yield the points (m) of those quantities that have one."""
+    return (q.at for q in quantities if q.at is not None)
 
 
 def fault_of(quantity: QuantityOfInterest, value: Value) -> str:
@@ -80,9 +87,10 @@ def carried(quantities: Iterable[QuantityOfInterest], body: Body, nodes: Floats)
     The mesh is moved to where it was given.
     """
     body.place(body.given_nodes)
-    moved = []
+    quantities, moved = tuple(quantities), []
+    places = locate(body, _points(quantities))
     for quantity in quantities:
-        if quantity.at is not None and (place := locate(body, np.array(quantity.at))) is not None:
+        if quantity.at is not None and (place := places[quantity.at]) is not None:
             quantity = quantity.model_copy(update={"at": tuple(position(body, place, nodes).tolist())})
         moved.append(quantity)
     return tuple(moved)
@@ -107,9 +115,9 @@ def evaluate(
         body.place(solution.mesh_nodes)
     else:
         equations.put(solution)
-    check_points(quantities, body)
+    places = check_points(quantities, body)
     others = [q for q in quantities if not q.is_reaction]
-    values = values_of(others, body, solution, _fields(quantities, body, solution, equations))
+    values = values_of(others, body, solution, _fields(quantities, body, solution, equations), places)
     if len(others) < len(quantities):
         assert equations is not None
         values |= contact_values([q for q in quantities if q.is_contact], solution)
@@ -119,15 +127,21 @@ def evaluate(
 
 
 def values_of(
-    quantities: Iterable[QuantityOfInterest], body: Body, solution: Solution, fields: SceneFields | None
+    quantities: Iterable[QuantityOfInterest],
+    body: Body,
+    solution: Solution,
+    fields: SceneFields | None,
+    located: Mapping[Point, PointLocation | None] | None = None,
 ) -> dict[str, Value]:
     """Evaluate quantities other than reactions, with mesh and equations put into the solution; collective.
 
     Args:
         fields: fields of the scene at the solution; ``None`` if no quantity needs them.
+        located: where their points are, if that is known.
     """
     quantities = tuple(quantities)
-    places = {q.name: place for q in quantities if q.at and (place := locate(body, np.array(q.at)))}
+    located = locate(body, _points(quantities)) if located is None else located
+    places = {q.name: place for q in quantities if q.at and (place := located[q.at])}
     names = [q.name for q in quantities if q.at and q.fields]
     point_values = fields.point_values([places[name] for name in names]) if fields else []
     known = dict(zip(names, point_values, strict=True))
