@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -49,7 +49,7 @@ class Picture:
 class DrawnBody:
     """Triangles to draw, in one colour or with values (triangles,) or (points,) on a colour map.
 
-    Of a translucent body only the far side is drawn, so that it veils nothing within it.
+    A translucent body is drawn behind the others, and only its far side, so that it veils no colours.
 
     Attributes:
         cut: normal (3,) and place of the plane ``normal · x = place`` below which nothing is drawn.
@@ -161,6 +161,26 @@ def thumbnail(view: View, limits: tuple[float, float]) -> bytes:
 
 
 def _rendered(view: View, limits: tuple[float, float] | None, *, transparent: bool = False) -> npt.NDArray[np.uint8]:
+    """Draw a view, its translucent bodies behind the others: within a curved shell they would veil its colours."""
+    shadows = [part for part in view.parts if isinstance(part, DrawnBody) and part.opacity < 1]
+    if not shadows:
+        return _rendered_parts(view, limits, transparent=transparent)
+    bodies = [part for part in view.parts if not (isinstance(part, DrawnBody) and part.opacity < 1)]
+    behind = _rendered_parts(replace(view, parts=shadows), limits, transparent=transparent)
+    front = _rendered_parts(replace(view, parts=bodies), limits, transparent=True)
+    cover, channels = front[..., 3:] / 255.0, behind.shape[2]
+    above = front[..., :channels].astype(float)
+    if channels == 4:  # opacities add up, colours are weighted by them
+        below = behind[..., 3:] / 255.0 * (1 - cover)
+        total = np.maximum(cover + below, 1e-9)
+        mixed = (above * cover + behind * below) / total
+        mixed[..., 3:] = 255 * (cover + below)
+    else:
+        mixed = above * cover + behind * (1 - cover)
+    return np.rint(mixed).astype(np.uint8)
+
+
+def _rendered_parts(view: View, limits: tuple[float, float] | None, *, transparent: bool) -> npt.NDArray[np.uint8]:
     import pyvista as pv
     from vtkmodules.vtkCommonCore import vtkLogger
 

@@ -16,6 +16,7 @@ from hpcinv.quantity.arrays import Floats
 _BODY = "#d9d9d9"
 _SUPPORTS = ("#0072B2", "#56B4E9", "#004466", "#88AACC")
 _LOADS = ("#D55E00", "#E69F00", "#CC79A7", "#8B2500")
+_FACES = {"outer": "#C3DEC9", "inner": "#E8DFB0"}  # of a shell, where they have no support or load
 _SYMBOLS = 40  # of one support or load
 _SIZE = 0.07  # of an arrow, relative to the body
 _TEXT = 90  # characters of a line of the legend
@@ -40,7 +41,8 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
         marked |= mask
         parts.append(DrawnBody(boundary.points, boundary.triangles[mask], colour))
         parts.extend(_fixings(boundary, support.region, support.components, colour, size))
-    for effect, colour, given in zip(job.effects, cycle(_LOADS), _rows(given_data, "effects"), strict=False):
+    rows = [*_rows(given_data, "effects"), *_unknown_pressures(job)]
+    for effect, colour, given in zip(job.effects, cycle(_LOADS), rows, strict=False):
         kept = {name: value for name, value in given.items() if name != "effect"}
         legend.append((_text(kept, effect.effect), colour))  # type: ignore[attr-defined]
         region, vector = getattr(effect, "region", None), _numbers(getattr(effect, "acceleration", None))
@@ -57,6 +59,12 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
         vector = _numbers(getattr(effect, "traction", None))
         pull = -normals if vector is None else np.broadcast_to(vector / np.linalg.norm(vector), normals.shape)
         parts.append(Glyphs(centres, colour, pull * _SIZE * size))
+    for face, colour in _FACES.items() if boundary.is_shell else ():
+        new = boundary.region_mask(face) & ~marked
+        marked |= new
+        if new.any():
+            legend.append((f"{face} face", colour))
+            parts.append(DrawnBody(boundary.points, boundary.triangles[new], colour))
     parts.append(DrawnBody(boundary.points, boundary.triangles[~marked], _BODY))
     return _both_sides(f"{job.job}: {kind}", boundary, parts, legend, up)
 
@@ -134,6 +142,13 @@ def _numbers(value: Any) -> Floats | None:
 def _rows(data: Mapping[str, Any], section: str) -> list[Mapping[str, Any]]:
     """The section as the user wrote it."""
     return [row if isinstance(row, Mapping) else {} for row in data.get(section) or ()]
+
+
+def _unknown_pressures(job: Job) -> Iterator[Mapping[str, Any]]:
+    """Rows of the legend for the effects of cavities, which follow the job's own."""
+    for name, cavity in job.controlled_cavities.items():
+        for region in cavity.regions:
+            yield {"region": region, "pressure": f"unknown (cavity {name})"}
 
 
 def _text(given: Mapping[str, Any], head: str) -> str:

@@ -96,7 +96,7 @@ def draw_result(
     if colour == "regions":
         return figure(views, job["job"], notes=notes, legend=list(_palette(boundary, cut).items()))
     if boundary.is_shell:
-        label = label.replace(_PLACE, " at the faces")
+        label = label.replace(_PLACE, " at the faces" + (" and within" if cut else ""))
     text = f"{label} ({symbol})" if symbol else label
     return figure(views, job["job"], notes=notes, colours=(text, lowest / size, highest / size))
 

@@ -38,8 +38,22 @@ def symbols(
         rows = boundary.spread(support["region"], _EACH).tolist()
         drawn.append({"kind": "support", "label": label, "rows": rows, "fixed": fixed})
     for effect in state.get("effects") or job.get("effects") or ():
-        drawn.append(_load(effect, boundary, units or {}))
+        load = _load(effect, boundary, units or {})
+        if effect["effect"] == "pressure" and not effect.get("pressure"):
+            load["label"] += "".join(
+                f": found, in cavity {name}"
+                for name, cavity in (job.get("cavities") or {}).items()
+                if effect["region"] in _surfaces(cavity)
+            )
+        drawn.append(load)
     return drawn
+
+
+def _surfaces(cavity: Mapping[str, Any]) -> list[str]:
+    """Regions of the boundary around a cavity."""
+    surface, lid = cavity["surface"], cavity.get("lid")
+    region = lid.get("region") if isinstance(lid, Mapping) else None
+    return [*([surface] if isinstance(surface, str) else surface), *([region] if region else [])]
 
 
 def _load(effect: Mapping[str, Any], boundary: Boundary, symbols: Mapping[str, str]) -> dict[str, Any]:
@@ -54,7 +68,7 @@ def _load(effect: Mapping[str, Any], boundary: Boundary, symbols: Mapping[str, s
         for name, value in effect.items()
         if name not in _HIDDEN and value
     )
-    label = f"{effect['effect']}{f' on {region}' if region else ''}: {given}"
+    label = f"{effect['effect']}{f' on {region}' if region else ''}{f': {given}' if given else ''}"
     return {"kind": "load", "label": label, "rows": rows, "vector": vector, "body": not is_on_surface}
 
 

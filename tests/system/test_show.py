@@ -105,8 +105,10 @@ def test_invalid_show_arguments_get_one_message(arguments: list[object], message
     assert not list(tmp_path.glob("*.png"))
 
 
-def sphere_in_a_larger_one() -> tuple[DrawnBody, DrawnBody]:
+def sphere_in_a_larger_one(*, hollow: bool = False) -> tuple[DrawnBody, DrawnBody]:
     ball = pyvista.Sphere(radius=1)
+    if hollow:
+        ball += pyvista.Sphere(radius=0.9).flip_faces()
     points, triangles = np.asarray(ball.points, dtype=np.float64), np.asarray(ball.regular_faces)
     return DrawnBody(points, triangles, values=points[:, 2]), DrawnBody(1.5 * points, triangles, opacity=0.35)
 
@@ -115,8 +117,9 @@ def image_of(png: bytes) -> np.ndarray:
     return np.asarray(matplotlib.image.imread(io.BytesIO(png)))
 
 
-def test_a_shadow_around_a_body_does_not_veil_its_colours() -> None:
-    body, shadow = sphere_in_a_larger_one()
+@pytest.mark.parametrize("hollow", [False, True], ids=["solid", "shell"])
+def test_a_shadow_around_a_body_does_not_veil_its_colours(hollow: bool) -> None:
+    body, shadow = sphere_in_a_larger_one(hollow=hollow)
     frame, towards, up = shadow.points, np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
     alone, both = (
         image_of(thumbnail(View(parts, frame, towards, up), (-1.0, 1.0))) for parts in ([body], [body, shadow])

@@ -1,5 +1,6 @@
 """What a shell refuses: sections of its job, and surfaces that have no director."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,10 @@ from hpcinv.mesh.readers import read_surface
 from hpcinv.mesh.source import MeshSource
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
+from hpcinv.pictures import job_picture
+from hpcinv.pictures.boundary_surface import Boundary
 from hpcinv.quantity.spatial_fields import VaryingQuantity
+from hpcinv.reports.symbols import symbols
 
 THIN = Shell(thickness=0.1)
 CELLS = CellType.hexahedron
@@ -324,3 +328,20 @@ def _moebius() -> MeshSource:
     order = [(0, 0), (2, 0), (0, 2), (2, 2), (1, 0), (0, 1), (2, 1), (1, 2), (1, 1)]
     cells = np.array([[node(2 * c + i, j) for i, j in order] for c in range(count)])
     return quadrilaterals(Path("strip.msh"), points, cells, {})
+
+
+def test_pictures_show_faces_and_unknown_pressures(sheet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    legends: list[Sequence[tuple[str, str]]] = []
+    monkeypatch.setattr(job_picture, "figure", lambda *_, legend, **__: legends.append(legend))
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    faces = {name: np.arange(2) == number for number, name in enumerate(("outer", "inner"))}
+    boundary = Boundary(corners, np.array([[0, 1, 2], [0, 2, 1]]), faces, is_shell=True)
+    room = {"surface": "inner", "lid": {"apex": [1, 1, -1]}, "volume": "2 m^3"}
+    read = load(job(sheet, analysis="forward", effects=[], cavities={"room": room}))
+    job_picture.draw_job(read, boundary)
+    texts = [text for text, _ in legends[0]]
+    assert texts[1:] == ["pressure, region: inner, pressure: unknown (cavity room)", "outer face"]
+
+    pressure = {"effect": "pressure", "region": "inner", "pressure": 0.0}
+    data = {"effects": [pressure], "cavities": {"room": room}}
+    assert symbols(data, {}, boundary)[0]["label"] == "pressure on inner: found, in cavity room"
