@@ -79,7 +79,7 @@ def _export(options: argparse.Namespace) -> int:
 
     from hpcinv.workshop.formats import check, write
     from hpcinv.workshop.mould import Split, mould
-    from hpcinv.workshop.run_shapes import read_shape
+    from hpcinv.workshop.run_shapes import left_out, read_shape
     from hpcinv.workshop.solid import region_cells, solid_of, volume_of
 
     split = None if plane is None else Split(*plane)
@@ -102,6 +102,11 @@ def _export(options: argparse.Namespace) -> int:
         _describe(path, solid, unit)
         write(path, solid, options.unit)
     _warn(options, part, split)
+    if distance := left_out(options.run, source):
+        text = (
+            f"{source.path.name} has fewer nodes than the computed body, and is up to {readable(distance, 'm')} from it"
+        )
+        print(f"warning: {options.to}: {text}; run with 'mesh: {{geometry_degree: 2}}'", file=sys.stderr)
     return 0
 
 

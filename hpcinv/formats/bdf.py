@@ -11,3 +11,4 @@ class Bdf(MeshFormat):
     )
     reader = "hpcinv.mesh.io.bdf:read_bdf"
     saver = "hpcinv.mesh.io.bdf:save_bdf"
+    saves_27_nodes = "never"

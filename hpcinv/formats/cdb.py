@@ -7,3 +7,4 @@ class Cdb(MeshFormat):
     suffix = ".cdb"
     reader = "hpcinv.mesh.io.cdb:read_cdb"
     saver = "hpcinv.mesh.io.cdb:save_cdb"
+    saves_27_nodes = "never"

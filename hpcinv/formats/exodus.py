@@ -11,3 +11,4 @@ class Exodus(MeshFormat):
     )
     reader = "hpcinv.mesh.io.exodus:read_exodus"
     saver = "hpcinv.mesh.io.exodus:save_exodus"
+    saves_27_nodes = "if read"

@@ -16,6 +16,7 @@ class Feb(MeshFormat):
     suffix = ".feb"
     reader = "hpcinv.mesh.io.feb:read_feb"
     saver = "hpcinv.mesh.io.feb:save_feb"
+    saves_27_nodes = "never"
 
     def groups(self, path: Path) -> Groups | None:
         """Groups by the names of parts, sets and surfaces; parts without a name are called such as ``part-2``."""

@@ -19,6 +19,7 @@ class Inp(MeshFormat):
     suffix = ".inp"
     reader = "hpcinv.mesh.io.inp:read_inp"
     saver = "hpcinv.mesh.io.inp:save_inp"
+    saves_27_nodes = "if read"
 
     def groups(self, path: Path) -> Groups | None:
         """Groups by the names of sets and surfaces; unknown in an assembly, whose sets belong to instances."""

@@ -7,3 +7,4 @@ class Med(MeshFormat):
     suffix = ".med"
     reader = "hpcinv.mesh.io.med:read_med"
     saver = "hpcinv.mesh.io.med:save_med"
+    saves_27_nodes = "never"

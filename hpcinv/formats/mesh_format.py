@@ -7,7 +7,7 @@ from abc import ABC
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 if TYPE_CHECKING:
     from hpcinv.quantity.arrays import Floats, Ints
@@ -68,6 +68,8 @@ class MeshFormat(ABC):
     """``module:function`` that saves path, ``MeshSource`` and points; without it the format is only read"""
     is_partitioned: ClassVar[bool] = False
     """each rank reads and writes its part; coordinates are in m"""
+    saves_27_nodes: ClassVar[Literal["always", "if read", "never"]] = "always"
+    """whether hexahedra of degree 2 keep the nodes of their faces and centre: always, or if they were read with them"""
     head: ClassVar[str] = ""
     """file that a directory of this format has; empty if a mesh is one file"""
 

@@ -7,3 +7,4 @@ class Unv(MeshFormat):
     suffix = ".unv"
     reader = "hpcinv.mesh.io.unv:read_unv"
     saver = "hpcinv.mesh.io.unv:save_unv"
+    saves_27_nodes = "never"

@@ -16,6 +16,11 @@ from hpcinv.quantity.schema import KeyPath
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.reading.suffix import suffix_of
 
+THIN = "has points or lines only, no whole facet"
+THIN_REMEDY = (
+    "Hold the facets around them, such as regions: {spot: 'norm(x - 5 mm, y, z) < 2 mm'} (how-to/supports.md)."
+)
+"""what to do about a group of points or curves"""
 _BOUNDARY = "boundary"
 
 
@@ -43,7 +48,7 @@ def unknown_regions(
             continue
         hint = did_you_mean(name, known)
         if name in groups.thin:
-            hint = " It is a physical group of points or curves, and regions are surfaces or volumes."
+            hint = f" It {THIN}. {THIN_REMEDY}"
         yield where, f"there is no region '{name}' in {path.name}, nor in 'regions'.{hint}"
 
 

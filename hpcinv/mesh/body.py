@@ -376,12 +376,16 @@ def source_values(body: Body, values: Floats) -> Floats:
 
 def local_node_values(body: Body, values: Floats) -> Floats:
     """Values at the local geometry nodes, from values (n, c) at the nodes of this rank's source; collective."""
-    here = source_values(body, values)
+    return values_on_cells(body, source_values(body, values))
+
+
+def values_on_cells(body: Body, values: Floats) -> Floats:
+    """Values at the local geometry nodes, from values (n, c) at the local nodes of the source's cells; collective."""
     if body.degree == body.source.degree:
-        return here
+        return values
     nodes = la.vector(body.mesh.geometry.index_map(), values.shape[1])
     there = nodes.array.reshape(-1, values.shape[1])
-    _transfer(body.source.kind, here, body.source_geometry, body.mesh.geometry.dofmaps[0], body.degree, there)
+    _transfer(body.source.kind, values, body.source_geometry, body.mesh.geometry.dofmaps[0], body.degree, there)
     nodes.scatter_forward()
     return np.array(there)
 

@@ -134,9 +134,12 @@ def degree_of(path: Path, kind: str, nodes: int) -> int:
     """Geometry degree of a cell with this number of nodes; raises ``MeshError`` if it is not supported."""
     degrees = {scalar_element(kind, degree).dim: degree for degree in DEGREES}
     if nodes not in degrees:
+        remedy = "Save the mesh with degree 2 (gmsh: model.mesh.setOrder(2))."
+        if kind == "hexahedron" and nodes == 20:
+            remedy = "Save 27 (gmsh: Mesh.SecondOrderIncomplete = 0), or another format: 20 are read from .inp or .unv."
         raise MeshError(
             f"{path}: {kind}s of {nodes} nodes are not supported",
-            f"Supported are {' and '.join(map(str, degrees))} nodes: geometry of degree 1 (flat) and 2 (curved).",
+            f"Supported are {' and '.join(map(str, degrees))} nodes. {remedy}",
         )
     return degrees[nodes]
 

@@ -6,14 +6,17 @@ from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
+
 from hpcinv.errors import OutputError
 from hpcinv.formats import FORMATS
 from hpcinv.formats.mesh_format import loaded
-from hpcinv.mesh.body import Body, reorder_to_source
+from hpcinv.mesh.body import Body, reorder_to_source, source_node_values, values_on_cells
 from hpcinv.mesh.distributed.partitioned import write_partitioned
 from hpcinv.mesh.midsurface import surface_source
+from hpcinv.mesh.refine.degree import serendipity
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
-from hpcinv.parallel.runtime import on_root
+from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.reading.suffix import suffix_of
 
 
@@ -50,6 +53,28 @@ def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, F
     else:
         assert not source.is_partitioned
         on_root(comm, lambda: save_body(path, source, points, arrays))
+
+
+def left_out(path: Path, body: Body, coordinates: Floats) -> float:
+    """Return the largest distance (m) between the body and a file that `write_mesh` makes of it; collective.
+
+    It is more than zero where the file has fewer nodes than the body: straight cells of the source whose displacement
+    has a higher degree, or elements of 20 nodes. The thickness of a shell is not compared.
+    """
+    source = body.source
+    saves_27 = FORMATS[suffix_of(path)].saves_27_nodes
+    is_serendipity = (
+        source.kind == "hexahedron"
+        and source.degree == 2
+        and (saves_27 == "never" or (saves_27 == "if read" and source.nodes_per_cell != 27))
+    )
+    if source.midsurface or (body.degree == source.degree and not is_serendipity):
+        return 0.0
+    saved = source_node_values(body, coordinates)
+    if is_serendipity:
+        saved = serendipity(source.kind, body.source_geometry.dofmaps[0], saved)
+    distances = np.linalg.norm(values_on_cells(body, saved) - coordinates, axis=1)
+    return float(body.mesh.comm.allreduce(float(distances.max(initial=0.0)), op=MPI.MAX))
 
 
 def save_body(

@@ -117,9 +117,21 @@ def _opened_msh(path: Path) -> Iterator[Any]:
         link.symlink_to(path.absolute())
         check_msh(link, path)
         _merge(gmsh, link, path)
-        if gmsh.model.getNumberOfPartitions():
+        if count := gmsh.model.getNumberOfPartitions():
+            _check_partitions(gmsh, path, count)
             gmsh.model.mesh.unpartition()
         yield gmsh
+
+
+def _check_partitions(gmsh: Any, path: Path, count: int) -> None:
+    """Refuse a file with some partitions of a mesh, as gmsh writes one for each."""
+    entities = (pair for pair in gmsh.model.getEntities() if len(gmsh.model.mesh.getElementTypes(*pair)))
+    present = {int(part) for pair in entities for part in gmsh.model.getPartitions(*pair)}
+    if missing := set(range(1, count + 1)) - present:
+        raise MeshError(
+            f"{path}: lacks {len(missing)} of {count} partitions of its mesh",
+            "Write all partitions to one file (gmsh: Mesh.PartitionSplitMeshFiles = 0).",
+        )
 
 
 def _with_data(gmsh: Any, source: MeshSource) -> MeshSource:

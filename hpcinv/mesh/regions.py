@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.job.region_names import THIN, THIN_REMEDY
 from hpcinv.job.region_rules import RegionRule, RegionUnion, SmoothFace
 from hpcinv.mesh.boundary_shells import LocalIndices as LocalIndices
 from hpcinv.mesh.boundary_shells import Mesh as Mesh
@@ -156,7 +157,7 @@ def find(regions: Mapping[str, Region], name: str, source: MeshSource) -> Region
         return regions[name]
     hint = f".{did_you_mean(name, regions, list_all=False)}"
     if name in source.thin_groups:
-        hint = ": it is a physical group of points or curves, and regions are surfaces or volumes"
+        raise MeshError(f"{source.path}: no region '{name}': it {THIN}", THIN_REMEDY)
     physical = [r.name for r in regions.values() if r.origin == "physical"]
     no_groups = "" if physical else " The mesh has no physical groups."
     arrays = "; ".join(integer_arrays(source))  # on rank 0, whose message is shown

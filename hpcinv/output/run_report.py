@@ -15,6 +15,7 @@ from hpcinv.job.job import Job
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
 from hpcinv.output.run_store import RunStore
+from hpcinv.output.shape_files import lines_of
 from hpcinv.output.summary import statistics, write_summary
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.boundary_surface import NAME as BOUNDARY
@@ -63,7 +64,7 @@ class RunReport(Observer):
 
     def conclude(self, result: Result) -> Result:
         """Write and print the summary of a converged run, with all lines of its certificate."""
-        lines = [*result.certificate.lines, *_not_finite(result)]
+        lines = [*result.certificate.lines, *lines_of(self.store.shape_files), *_not_finite(result)]
         if self.record is not None:
             lines += self.record.lines(getattr(result.quantities, "units", {}), written_units(self.job.data))
         if result.surface_spread is not None:
@@ -160,6 +161,7 @@ class RunReport(Observer):
         size = equations.unknowns.size
         content = statistics(result, status, size, self.unused_options, equations.timings, store.comm, advice=advice)
         content["unwritten"] = [error.message for error in store.unwritten]
+        content["shape_files"] = {file.name: file.left_out for file in store.shape_files.values()}
         if (path := store.path) is not None:
             store.check_in_place()
             if status == "converged" and self.job.output.fields:

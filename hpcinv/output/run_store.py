@@ -10,13 +10,15 @@ from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body, write_mesh
 from hpcinv.mesh.data import geometry_node_values
-from hpcinv.mesh.mesh_files import UnstorableMesh
+from hpcinv.mesh.mesh_files import UnstorableMesh, left_out
 from hpcinv.output.checkpoint import Checkpoints, Restart, cells_digest, nodes_digest
 from hpcinv.output.progress import Progress
 from hpcinv.output.run_directory import RunDirectory
+from hpcinv.output.shape_files import ShapeFile, notes_of
 from hpcinv.output.summary import versions
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.results.cell_fields import face_arrays
+from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
@@ -32,6 +34,7 @@ class RunStore:
 
     Attributes:
         unwritten: why files of shapes are missing, although all else is written.
+        shape_files: written files of shapes, by name.
 
     Raises:
         OutputError: from every method, on all ranks, if another process has locked the directory, or it was removed.
@@ -43,6 +46,7 @@ class RunStore:
         self._lock: DirectoryLock | None = None  # on rank 0
         self._is_new = False  # on rank 0
         self.unwritten: list[UnstorableMesh] = []
+        self.shape_files: dict[str, ShapeFile] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -118,9 +122,13 @@ class RunStore:
         with progress.phase("writing"):
             if self.directory is not None:
                 self.check_in_place()
-                for error in _write_shape(self.directory.path, job, equations, solution, progress):
+                written = dict[str, ShapeFile]()
+                for error in _write_shape(self.directory.path, job, equations, solution, progress, written):
                     self.unwritten.append(error)
                     progress.warn(error.message)
+                self.shape_files |= written
+                for text in notes_of(written):
+                    progress.note(f"  {text}")
 
     def _unlock(self) -> None:
         if self._lock is not None:
@@ -135,9 +143,14 @@ def problem_of(job: Job, body: Body) -> Mapping[str, Any]:
 
 
 def _write_shape(
-    path: Path, job: Job, equations: Equations, solution: Solution, progress: Progress
+    path: Path,
+    job: Job,
+    equations: Equations,
+    solution: Solution,
+    progress: Progress,
+    written: dict[str, ShapeFile],
 ) -> Iterator[UnstorableMesh]:
-    """Write the files of a shape; yield the errors of those whose format cannot hold it."""
+    """Write the files of a shape, and note them in ``written``; yield the errors of those that cannot hold it."""
     shape = "shape"
     if solution.state:  # the inverse solve finds the rest shape
         shape += f"-{job.rest if solution.direction == 'inverse' else solution.state}"
@@ -145,9 +158,14 @@ def _write_shape(
         pressures = {field.name: field for contact in solution.contacts for field in contact.fields}
         arrays = {name: geometry_node_values(equations.body, pressure) for name, pressure in pressures.items()}
         arrays |= face_arrays(equations.body, solution)
+        scale = displacement_scale(equations, solution).length
         for suffix in job.shape_formats:
-            progress.detail(f"{shape}.{suffix}")
+            name = f"{shape}.{suffix}"
+            progress.detail(name)
             try:
-                write_mesh(path / f"{shape}.{suffix}", equations.body, solution.other_nodes, arrays)
+                write_mesh(path / name, equations.body, solution.other_nodes, arrays)
             except UnstorableMesh as error:  # the solution and its other files are kept
                 yield error
+                continue
+            distance = left_out(path / name, equations.body, solution.other_nodes)
+            written[name] = ShapeFile(name, distance, scale, equations.body.source.degree, solution.state)

@@ -97,8 +97,11 @@ def read_bdf(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _element(card: _Card, most: int) -> list[int]:
-    """Return the number of an element, its property and its nodes."""
-    entries = whole_numbers(card.fields[:most], card.place)
+    """Return the number of an element, its property (by default of the same number) and its nodes."""
+    fields = card.fields[:most]
+    if len(fields) > 1 and not fields[1].strip():  # as meshio writes it
+        fields = [fields[0], fields[0], *fields[2:]]
+    entries = whole_numbers(fields, card.place)
     if len(entries) < 2:
         raise Fault(f"{card.place}: an element has {len(entries)} numbers", "Is the file complete?")
     return entries
@@ -156,7 +159,7 @@ def _add_line(deck: _Deck, line: str, line_number: int) -> None:
         head, width = line[:8], 16 if "*" in line[:8] else 8
         fields = [line[at : at + width] for at in range(8, min(len(line), 72), width)]
         fields += [""] * ((64 // width if len(line) > 8 else 0) - len(fields))
-    name = head.strip().rstrip("*").upper()
+    name = head.strip().rstrip("*_").upper()  # meshio writes CTETRA_ with 10 nodes
     if not name or name.startswith("+") or head.lstrip().startswith("*"):
         if not deck.cards:
             raise Fault(f"line {line_number}: continues nothing", "Is it an input file of Nastran?")

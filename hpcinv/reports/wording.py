@@ -23,6 +23,7 @@ MEANINGS: Mapping[str, str] = {
     "round trip": "The computed body is solved back; its distance from the given body must vanish.",
     "stability": "Whether the loaded body is in stable equilibrium, or would buckle or snap away.",
     "limit points": "Whether the load rose steadily on the way, so that the solution belongs to the unloaded body.",
+    "shape files": "Distance of the written files, which may have fewer nodes, from the computed body.",
     "loads on parts": "Loads without effect, since supports hold all of their region.",
     "load factor": "Share of the load that was reached.",
     "position residual": "Distance of the loaded body from the given one, which must vanish.",
@@ -47,6 +48,7 @@ LINE_REMEDIES: Mapping[str, str] = {
     "round trip": "Read the line on stability: the return solve may lead to another state.",
     "stability": "Check supports, direction of the load and stiffness.",
     "limit points": "Compare with smaller steps (solver.initial_step), or with 'limit_points: 0'.",
+    "shape files": "Write 'mesh: {geometry_degree: 2}', or use smaller cells.",
     "loads on parts": "Remove the load or the support.",
     "contact": "Refine the mesh where the body touches, and check the place of the obstacle.",
 }

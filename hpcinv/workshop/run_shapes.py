@@ -17,6 +17,10 @@ from hpcinv.output.run_directory import RunDirectory
 UNDEFORMED, DEFORMED = "undeformed", "deformed"
 
 
+_WITH_ALL_NODES = (".msh", ".vtu", ".bp")
+"""suffixes of formats that hold any mesh, with all digits"""
+
+
 def read_shape(run: Path, shape: str) -> MeshSource:
     """Read a shape of a run on this process, in m.
 
@@ -44,6 +48,12 @@ def read_shape(run: Path, shape: str) -> MeshSource:
         )
     computed = UNDEFORMED if summary["solutions"][0]["direction"] == "inverse" else DEFORMED
     return _found(run, "shape") if shape == computed else _given(run, shape)
+
+
+def left_out(run: Path, source: MeshSource) -> float:
+    """Return the largest distance (m) of a shape that was read from the body that the run computed."""
+    files: dict[str, float] = _summary(run).get("shape_files", {})
+    return files.get(source.path.name, 0.0) if source.path.parent == run else 0.0
 
 
 def read_cad(run: Path) -> tuple[Path, MeshSpec, MeshSource]:
@@ -94,9 +104,10 @@ def _found(run: Path, name: str) -> MeshSource:
         source = read_surface(path)
         shell = Shell.model_validate({**given, "thickness": None, "director": "data"})
         return thicken(source.convert_to_metres(source.unit or 1.0), shell)
-    for suffix, read in FILES.items():
+    for suffix in sorted(FILES, key=lambda suffix: suffix not in _WITH_ALL_NODES):
         path = run / f"{name}{suffix}"
         if path.exists():
+            read = FILES[suffix]
             source = read(path)
             return source.convert_to_metres(source.unit or 1.0) if not FORMATS[suffix].is_partitioned else source
     raise OutputError(

@@ -38,6 +38,7 @@ NOT_OF_EVERY_JOB = {
     "solutions[].remote_loads",
     "solutions[].coarse",
     "unwritten",
+    "shape_files",
     "quantity_units",  # of named quantities; those above are none of the job's
 }
 

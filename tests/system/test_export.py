@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,11 @@ def test_shape_of_a_run_on_two_ranks(tmp_path: Path) -> None:
     exported = hpcinv(1, "export", "run", "--to", "block.stl", "--unit", "m", "--mould", "mould.3mf", cwd=tmp_path)
     assert exported.returncode == 0, exported.stderr
     assert "the cavity is closed all around" in exported.stderr
+    # Its cells are straight, and its displacement has degree 2.
+    assert "shape.msh, .vtu: up to" in ran.stdout
+    lines = json.loads((tmp_path / "run" / "summary.json").read_text())["certificate"]["lines"]
+    assert any(line["name"].startswith("shape files") and "geometry_degree: 2" in line["note"] for line in lines)
+    assert "shape.msh has fewer nodes than the computed body" in exported.stderr
     assert (tmp_path / "mould.3mf").is_file()
     surface, cells = pyvista.read(tmp_path / "block.stl"), pyvista.read(tmp_path / "run" / "shape.vtu")
     assert surface.is_manifold

@@ -127,7 +127,7 @@ def test_every_bad_region_is_refused_on_all_ranks(comm: MPI.Intracomm, run_direc
     fails_everywhere(comm, "'boundary' is not the whole boundary", build(part))
     body = build_body(spec(curve), {}, comm)
     fails_everywhere(comm, "region 'body' has cells but no facets", lambda: body.facets("body"))
-    fails_everywhere(comm, "no region 'edge': it is a physical group of points or curves", lambda: body.facets("edge"))
+    fails_everywhere(comm, "no region 'edge': it has points or lines only", lambda: body.facets("edge"))
 
 
 def test_an_empty_physical_group_is_refused(comm: MPI.Intracomm, tmp_path: Path) -> None:

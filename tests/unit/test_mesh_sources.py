@@ -89,7 +89,11 @@ def test_a_box_is_the_same_through_every_format(meshes: Path, tmp_path: Path, he
     gmsh.model.mesh.partition(3)  # a file that gmsh has cut for other programs is put together again
     written.append(tmp_path / "box-cut.msh")
     gmsh.write(str(written[-1]))
+    gmsh.option.setNumber("Mesh.PartitionSplitMeshFiles", 1)
+    gmsh.write(str(tmp_path / "part.msh"))
     gmsh.finalize()
+    with pytest.raises(MeshError, match="lacks 2 of 3 partitions"):
+        read(tmp_path / "part_1.msh")
     for path in written:
         again = read(path)
         assert np.allclose(again.points, made.points, rtol=1e-15, atol=1e-15)

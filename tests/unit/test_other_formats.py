@@ -278,6 +278,30 @@ def test_fields_and_sets_of_nastran(tmp_path: Path) -> None:
     assert source.notes == ("not used: MAT1; state them in the job",)
 
 
+def test_elements_without_a_property_in_nastran(tmp_path: Path) -> None:
+    """As meshio writes them: fields without a property, which is then of the element's number, and other names."""
+    grid = "".join(f"GRID,{number},,{x},{y},{z}\n" for number, (x, y, z) in enumerate(TEN_NODES, 1))
+    for card, nodes in (
+        ("CTETRA  7               1       2       3       4\n", 4),
+        (
+            "CTETRA_ 7               1       2       3       4       5       6       +1\n"
+            "+1      7       8       9       10\n",
+            10,
+        ),
+    ):
+        path = tmp_path / "a.bdf"
+        path.write_text(f"BEGIN BULK\n{grid}{card}ENDDATA\n")
+        source = read(path)
+        assert source.cells.shape == (1, nodes)
+        assert [(group.dim, group.name) for group in source.groups] == [(3, "property-7")]
+
+
+TEN_NODES = (
+    *((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    *((0.5, 0, 0), (0.5, 0.5, 0), (0, 0.5, 0), (0, 0, 0.5), (0.5, 0, 0.5), (0, 0.5, 0.5)),
+)
+
+
 CDB = """/PREP7
 ET,        1,186
 NBLOCK,6,SOLID,         4,         4

@@ -121,7 +121,7 @@ def test_names_of_points_and_curves_are_not_regions(tmp_path: Path) -> None:
     write_msh22(tmp_path / "a.msh", TETRAHEDRON, elements, [(3, 1, "body"), (1, 2, "edge")])
     plain = {"material": JOB["material"]["block"] | {"mu": 1}, "effects": [], "quantities": []}
     path = write(tmp_path, "a.msh", **plain, supports=[{"region": "edge", "fix": ["x", "y", "z"]}])
-    with pytest.raises(JobError, match="It is a physical group of points or curves"):
+    with pytest.raises(JobError, match=r"It has points or lines only, no whole facet. Hold the facets"):
         hpcinv.load(path)
 
 

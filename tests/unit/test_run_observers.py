@@ -167,7 +167,8 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
         unknowns = SimpleNamespace(size=12)
         model: Any = SimpleNamespace(job=job, body=None, unknowns=unknowns, timings=None)
         path = tmp_path if directory else None
-        store: Any = SimpleNamespace(path=path, comm=MPI.COMM_SELF, check_in_place=lambda: None, unwritten=[])
+        written: dict[str, Any] = {"unwritten": [], "shape_files": {}}
+        store: Any = SimpleNamespace(path=path, comm=MPI.COMM_SELF, check_in_place=lambda: None, **written)
         progress: Any = SimpleNamespace(
             warn=given["warnings"].append, finish=lambda content: given.update(printed=content["status"])
         )
@@ -216,7 +217,7 @@ def test_a_load_that_is_not_reached_is_a_solve_error_with_a_summary(report: Make
         run_report.check_reached([solution(0.25, solve(0.25), solve(0.5, Outcome.ITERATION_LIMIT))])
     [line] = given["result"].certificate.lines
     assert (line.name, line.value, line.verdict) == ("load factor", 0.25, Verdict.FAIL)
-    assert given["written"] == {"status": given["status"], "unwritten": []}
+    assert given["written"] == {"status": given["status"], "unwritten": [], "shape_files": {}}
     assert "solver.maximum_iterations" in given["advice"]
     run_report, given = report()
     fixed_point = solve(1.0, Outcome.FIXED_POINT_LIMIT, position_residual=0.125)

@@ -195,7 +195,7 @@ def _with_sets(source: MeshSource, arrays: Mapping[str, npt.NDArray[Any]], eleme
     vertices = source.cells[:, : vertex_count(source.kind)]
     table = FacetTable.build(source.kind, vertices)
     local = np.array(FACES[vertices.shape[1]])
-    groups, sides = list[Group](), dict[str, Ints]()
+    groups, sides, thin = list[Group](), dict[str, Ints](), list[str]()
     for key, rows in arrays.items():
         place, separator, name = key.partition(":")
         has_surface = {f"{other}:{name}" for other in ("faces", "facets", "skin")} & arrays.keys()
@@ -220,7 +220,10 @@ def _with_sets(source: MeshSource, arrays: Mapping[str, npt.NDArray[Any]], eleme
             facets, cells = facets_and_cells_inside(table, vertices, is_inside)
             if len(cells) and name not in {group.name for group in groups}:
                 groups.append(Group(name, 3, 0, cells))
+            if not len(cells) and not len(facets):
+                thin.append(name)
         if len(facets):
             earlier = sides.get(name, np.zeros((0, 2), dtype=np.int64))
             sides[name] = np.unique(np.concatenate([earlier, table.owners(facets)]), axis=0)
-    return add_facets(dataclasses.replace(source, groups=distinct_tags(groups)), sides)
+    source = dataclasses.replace(source, groups=distinct_tags(groups), thin_groups=tuple(thin))
+    return add_facets(source, sides)

@@ -156,7 +156,8 @@ def _solid(gmsh: Any, path: Path) -> tuple[str, int]:
     if not types:
         raise MeshError(
             f"{path}: no solid cells",
-            "Mesh the volume (gmsh: model.mesh.generate(3)), or make it a shell: 'mesh: {shell: {thickness: …}}'.",
+            "Mesh the volume (gmsh: model.mesh.generate(3)), give it a physical group if others have one,"
+            " or make it a shell: 'mesh: {shell: {thickness: …}}'.",
         )
     kinds = {gmsh_name: kind for kind, gmsh_name in GMSH_NAMES.items()}
     name, _, _, size, *_ = types[0]

@@ -111,7 +111,8 @@ def _read(path: Path, action: str) -> tuple[dict[int, str], dict[str, npt.NDArra
     ``cells:NAME``."""
     with path.open("rb"):  # raises OSError if the file cannot be opened
         pass
-    head, arrays = read_isolated(action, path, "VTK cannot read it", f"Is it a complete .{action} file?")
+    remedy = f"Is it a complete .{action} file?{' If so, save it as .vtu.' if action == 'vtk' else ''}"
+    head, arrays = read_isolated(action, path, "VTK cannot read it", remedy)
     return {int(number): name for number, name in head["names"].items()}, arrays
 
 
@@ -158,7 +159,8 @@ def _solid_kind(path: Path, names: Mapping[int, str]) -> str:
         )
     raise MeshError(
         f"{path}: cells are {' and '.join(sorted(names[number] for number in solid))}",
-        "Use one kind of cell in a mesh: all tetrahedra (4 or 10 nodes) or all hexahedra (8 or 27 nodes).",
+        "Use one kind of cell in a mesh: all tetrahedra (4 or 10 nodes) or all hexahedra (8 or 27 nodes;"
+        " .inp and .unv may have 20).",
     )
 
 

@@ -116,7 +116,10 @@ def _topology(path: Path, grid: ET.Element) -> tuple[str, Ints]:
     name = topology.get("TopologyType") or topology.get("Type") or ""
     kind = KIND_OF.get(name[:3].lower())
     if kind is None:
-        raise MeshError(f"{path}: cells are '{name}'", "Use one kind of cell in a mesh: tetrahedra or hexahedra.")
+        raise MeshError(
+            f"{path}: cells are '{name}'",
+            "Save tetrahedra or hexahedra alone, or solid cells and surface together as .vtu.",
+        )
     nodes = _data(path, topology.find("DataItem"))
     if nodes.ndim != 2 or nodes.dtype.kind not in "iu":
         raise MeshError(

@@ -115,6 +115,19 @@ def mapped(source: MeshSource, values: Floats, cell: Ints, reference_points: Flo
     return result
 
 
+def serendipity(kind: str, cells: Ints, points: Floats) -> Floats:
+    """Return points (n, 3) of cells of degree 2 whose nodes in faces and cells follow from those on their edges."""
+    result = np.array(points)
+    element = scalar_element(kind, 2)
+    for dim in (2, 3):
+        for dofs, closure in zip(element.entity_dofs[dim], element.entity_closure_dofs[dim], strict=True):
+            corners, edges = ([n for n in closure if n in set(inner_dofs(kind, d))] for d in (0, 1))
+            for dof in dofs:  # weights of the polynomials of an element with 8 or 20 nodes in its middle
+                result[cells[:, dof]] = points[cells[:, edges]].sum(axis=1) / (2 if dim == 2 else 4)
+                result[cells[:, dof]] -= points[cells[:, corners]].sum(axis=1) / 4
+    return result
+
+
 def inner_dofs(kind: str, dim: int) -> Ints:
     """Local nodes of degree 2 in the interior of the sub-entities of dimension ``dim``: one for each, or none."""
     return np.array(scalar_element(kind, 2).entity_dofs[dim], dtype=np.int64).ravel()

@@ -1,0 +1,79 @@
+"""What the files of a shape leave out of the computed body, and the lines on it in log and certificate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from hpcinv.certificate import Line
+from hpcinv.certificate.check import upper_bound_line
+from hpcinv.quantity.units import readable
+
+NAME = "shape files: largest distance from the computed body, relative to the displacement"
+_VISIBLE = 1e-3
+"""Share of the displacement below which a file is the computed body; raised, log and certificate are silent of more."""
+_LARGE = 0.05  # warning, as for the discretisation error
+
+
+@dataclass(frozen=True)
+class ShapeFile:
+    """A written file of a shape.
+
+    Attributes:
+        left_out: largest distance (m) between the computed body and the cells of the file.
+        scale: displacement (m) that it is compared with.
+        degree: of the cells in the file.
+        state: of the body, empty in a job without states.
+    """
+
+    name: str
+    left_out: float
+    scale: float
+    degree: int
+    state: str = ""
+
+    @property
+    def share(self) -> float:
+        return self.left_out / self.scale if self.scale else 0.0
+
+    @property
+    def why(self) -> str:
+        """Why there is a distance, and what to do."""
+        if self.degree == 1:
+            return "straight between its vertices; 'mesh: {geometry_degree: 2}' writes the nodes between them"
+        return "without some nodes of the computed cells, which it cannot hold"
+
+
+def notes_of(files: Mapping[str, ShapeFile]) -> Iterator[str]:
+    """Yield a line on the files that differ from the computed body in the same way."""
+    for group in _alike(files.values()):
+        yield f"{_names(group)}: up to {readable(group[0].left_out, 'm', 3)} from the computed body: {group[0].why}"
+
+
+def lines_of(files: Mapping[str, ShapeFile]) -> Iterator[Line]:
+    """Yield the line of the certificate on the file that differs most in each state, if one does visibly."""
+    for state in dict.fromkeys(file.state for file in files.values()):
+        if groups := _alike(file for file in files.values() if file.state == state):
+            worst = max(groups, key=lambda group: group[0].left_out)
+            note = f"{readable(worst[0].left_out, 'm', 3)}; {_names(worst)}: {worst[0].why}"
+            line = upper_bound_line(NAME, worst[0].share, _LARGE, math.inf, note=note)
+            yield Line(line.name, line.value, line.unit, line.rule, line.verdict, note, state=state)
+
+
+def _names(files: Sequence[ShapeFile]) -> str:
+    """Return such as ``shape.msh, .vtu``; only files of several states have several stems."""
+    stems = {file.name.partition(".")[0] for file in files}
+    return ", ".join(
+        file.name if number == 0 or len(stems) > 1 else file.name.removeprefix(*stems)
+        for number, file in enumerate(files)
+    )
+
+
+def _alike(files: Iterable[ShapeFile]) -> list[list[ShapeFile]]:
+    """Return visibly different files in groups of the same distance and reason."""
+    groups: dict[tuple[float, int], list[ShapeFile]] = {}
+    for file in files:
+        if file.share > _VISIBLE:
+            groups.setdefault((file.left_out, file.degree), []).append(file)
+    return list(groups.values())
