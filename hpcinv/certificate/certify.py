@@ -172,6 +172,8 @@ def _discretisation(equations: Equations, solution: Solution, estimated: Estimat
     )
     if line.verdict is Verdict.FAIL and not estimated.is_solved:
         note += "; too large to be estimated by one Newton step"
+        if estimated.is_too_dear:
+            note += ", and a solve in spaces of one degree more takes too long: raise discretisation.displacement"
         return replace(line, note=note, verdict=Verdict.UNDECIDED)
     if estimated.is_solved:
         note += "; found by a solve in spaces of one degree more"

@@ -11,7 +11,8 @@ the correction and the corrected quantities have the error of the geometry in th
 estimate leaves that error out, and says so.
 
 One Newton step says little of a correction that is as large as the displacement. The finer problem is then solved, so
-that a certificate fails for an error that was found, and not for one that was extrapolated. In a shell four Newton
+that a certificate fails for an error that was found, and not for one that was extrapolated. That solve ends where it
+takes more than a share of the time of the solve; the line is then not decided. In a shell four Newton
 steps are made, since one stretches what it bends.
 
 At re-entrant edges and at edges of supports it finds a part of the error only, and is multiplied by what is missing
@@ -59,10 +60,17 @@ from hpcinv.results.quantities_of_interest import Value, carried, evaluate
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.cost_model import Forecast
-from hpcinv.solver.observer import SILENT, IterationObserver, Observer, stop_if_asked
+from hpcinv.solver.newton import NewtonIteration
+from hpcinv.solver.observer import SILENT, IterationObserver, Observer, SolveEvent, stop_if_asked
 
 LINEAR = 0.5
 """Correction of the shape, relative to the displacement; above it one Newton step does not suffice."""
+
+SHARE = 0.5
+"""Forecast time of the finer solve, relative to the solve, at which it is given up; larger decides more lines."""
+LEAST = 1.0
+"""Seconds that the finer solve may take in any case, since starting a run takes longer."""
+_OVERHEAD = 0.02  # seconds of an iteration in a body of few unknowns
 
 _SHELL_STEPS = 4
 """Newton steps in a shell, which stretches in a linear step that bends it; raised, the estimate takes longer"""
@@ -97,6 +105,7 @@ class Estimate:
         limit: effect of singular edges; the errors are corrected for it; ``None`` without one.
         segments: ends (n, 2, 3) m of these edges, the same on all ranks.
         is_solved: whether the finer problem was solved, since its correction was too large for one Newton step.
+        is_too_dear: whether that was left out or given up, since it takes too long.
         without_geometry: why the error of the geometry is left out; empty if it is included.
         unreliable: names of the quantities at a point where fibres are singular.
         correction: of the rest shape; ``None`` if it is not finite.
@@ -110,6 +119,7 @@ class Estimate:
     limit: SingularLimit | None = None
     segments: Floats | None = None
     is_solved: bool = False
+    is_too_dear: bool = False
     without_geometry: str = ""
     unreliable: tuple[str, ...] = ()
     correction: Correction | None = None
@@ -170,7 +180,7 @@ def estimate(
     finer = finer_equations(equations, solution, given)
     body, forecast = finer.body, finer_forecast(equations)
     start = finer.state().displacement
-    state, is_solved = finer.unknowns.state.x.array, False
+    state, is_solved, is_too_dear = finer.unknowns.state.x.array, False, False
     is_affordable = forecast.least <= equations.chooser.room
     is_shell = body.source.midsurface is not None
     is_large = forecast.operations > two_level.MANY and not is_shell  # iterations make one step, which is not enough
@@ -184,10 +194,11 @@ def estimate(
     u, node_displacement, moved, largest = _moved(equations, solution, finer, given)
     if is_affordable and not largest <= LINEAR * scale:
         corrected = state.copy()
-        if is_solved := _solve(finer, solution.direction, observer):
+        budget = _Budget(observer, _tangents_of_finer_solve(equations, solution))
+        if is_solved := not budget.is_spent and _solve(finer, solution.direction, budget):
             u, node_displacement, moved, largest = _moved(equations, solution, finer, given)
         else:
-            state[:] = corrected
+            state[:], is_too_dear = corrected, budget.is_spent
     stop_if_asked(body.mesh.comm, observer)
     has_values = bool(quantities) and isfinite(largest)
     corrected = _corrected(quantities, equations, node_displacement, solution.direction, finer) if has_values else {}
@@ -207,15 +218,48 @@ def estimate(
         segments=edges.segments if edges else None,
         unknowns=finer.unknowns.size,
         is_solved=is_solved,
+        is_too_dear=is_too_dear,
         without_geometry=_finer_body(equations, solution, given)[1],
         unreliable=unreliable,
         correction=Correction(moved, displacement, _omitted_geometry(equations)) if isfinite(largest) else None,
     )
 
 
+class _Budget(IterationObserver):
+    """Observer that ends a solve after a number of tangents, the same on all ranks."""
+
+    def __init__(self, observer: Observer, tangents: int) -> None:
+        super().__init__(observer)
+        self._left, self._of_this_solve = tangents, 0
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether no tangent is left."""
+        return self._of_this_solve >= self._left
+
+    def iteration(self, iteration: NewtonIteration) -> None:
+        super().iteration(iteration)
+        self._of_this_solve += iteration.new_tangent
+
+    def solved(self, event: SolveEvent) -> None:
+        self._left -= max(event.solve.factorizations, self._of_this_solve)
+        self._of_this_solve = 0
+
+    def stop_asked(self) -> bool:
+        return self.is_spent or super().stop_asked()
+
+
+def _tangents_of_finer_solve(equations: Equations, solution: Solution) -> int:
+    """Return how many tangents the solve of the finer problem may take; collective."""
+    ranks = equations.body.mesh.comm.size
+    given, finer = equations.chooser.forecast, finer_forecast(equations)
+    solve = solution.factorizations * (given.tangent(ranks) + _OVERHEAD)
+    return int(max(SHARE * solve, LEAST) / (finer.tangent(ranks) + _OVERHEAD))
+
+
 def _solve(finer: Equations, direction: Direction, observer: Observer) -> bool:
     """Solve the finer problem from the unloaded body; return whether the state is its solution."""
-    solved = solve_direction(finer, direction, UNLOADED, IterationObserver(observer))
+    solved = solve_direction(finer, direction, UNLOADED, observer)
     finer.destroy()
     return solved.load == 1.0
 

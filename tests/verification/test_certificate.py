@@ -133,13 +133,21 @@ def test_a_failure_is_an_error_that_was_found(comm: MPI.Intracomm, monkeypatch: 
     assert line(coarse, DISCRETISATION).verdict is Verdict.FAIL
     exact = locked(comm, NO_CERTIFICATE, degree=2).quantities["tip"]
     assert coarse.estimate.corrected["tip"] == pytest.approx(exact, rel=1e-6)
-    monkeypatch.setattr("hpcinv.certificate.discretisation_error._solve", lambda *_: False)
+    for name in ("SHARE", "LEAST"):
+        monkeypatch.setattr(f"hpcinv.certificate.discretisation_error.{name}", 0.0)
     coarse = locked(comm)
     assert coarse.estimate is not None
+    assert coarse.estimate.is_too_dear
     assert not coarse.estimate.is_solved
-    print(coarse.estimate.corrected["tip"], exact, coarse.quantities["tip"])
     assert line(coarse, DISCRETISATION).verdict is Verdict.UNDECIDED
+    assert "raise discretisation.displacement" in line(coarse, DISCRETISATION).note
     assert coarse.estimate.corrected["tip"] != pytest.approx(exact, rel=1e-3)
+    # Given up on the way, which leaves no trace.
+    monkeypatch.setattr("hpcinv.certificate.discretisation_error._tangents_of_finer_solve", lambda *_: 1)
+    again = locked(comm)
+    assert again.estimate is not None
+    assert again.estimate.is_too_dear
+    assert again.estimate.corrected == coarse.estimate.corrected
 
 
 def test_the_estimate_says_where_the_error_is(comm: MPI.Intracomm) -> None:
