@@ -60,7 +60,8 @@ def _has_idle_processor(ranks: int) -> bool:
         ranks: number of ranks on this node. Slurm may leave them free to use processors of other jobs, so that only
             its variable shows whether one is left. Elsewhere, ranks that wait for a kernel leave theirs to the child.
     """
-    if int(os.environ.get("SLURM_CPUS_ON_NODE", ranks + 1)) <= ranks:
+    allocated = os.environ.get("SLURM_CPUS_ON_NODE", "")
+    if allocated.isdecimal() and int(allocated) <= ranks:
         return False
     if sys.platform != "linux":
         return True

@@ -21,6 +21,9 @@ from hpcinv.quantity.taylor import FUNCTIONS, Taylor
 _FARTHEST = 5e-3
 """Distance of nodes from their surface, in diagonals of their region; raised, a wrong radius may be accepted."""
 
+_FLAT = 1e-5
+"""Distance of nodes from their plane, in sizes of their region; raised, shallow curved regions are refused."""
+
 _FITTED = {
     "sphere": "norm(x - a, y - b, z - c) - r",
     "cylinder": "norm((y - b)*w - (z - c)*v, (z - c)*u - (x - a)*w, (x - a)*v - (y - b)*u) - r",
@@ -70,6 +73,11 @@ def surface_of(
         def fit() -> Surface:
             assert gathered is not None
             all_points, all_normals = (np.vstack(parts) for parts in zip(*gathered, strict=True))
+            if is_flat(all_points):
+                raise MeshError(
+                    f"{field}.surface: '{spec.region}' is flat, so that no {spec.fitted_surface} fits it",
+                    "Leave 'surface' out: 'fix: [normal]' lets a flat region slide exactly.",
+                )
             return _fitted(spec.surface.source, all_points, all_normals)  # type: ignore[union-attr]
 
         surface = on_root(comm, fit)
@@ -85,6 +93,14 @@ def surface_of(
             "Correct the formula (x, y, z in the given mesh), or name the region that lies on it.",
         )
     return surface
+
+
+def is_flat(points: Floats) -> bool:
+    """Return whether points (n, 3) are in a plane, but for rounding errors of their file."""
+    arms = points - points.mean(axis=0)
+    size = float(np.linalg.norm(arms, axis=1).max(initial=0.0))
+    normal = np.linalg.svd(arms, full_matrices=False)[2][-1]
+    return float(np.abs(arms @ normal).max(initial=0.0)) <= _FLAT * size
 
 
 def _fitted(kind: str, points: Floats, normals: Floats) -> Surface:

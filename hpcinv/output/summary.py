@@ -32,6 +32,12 @@ from hpcinv.results.solution import Solution
 from hpcinv.version import __version__
 
 
+def _omp_threads() -> int | None:
+    """Return the threads of each process, the first of a list for nested levels; ``None`` if they are not a number."""
+    first = os.environ.get("OMP_NUM_THREADS", "1").partition(",")[0].strip()
+    return int(first) if first.isdecimal() else None
+
+
 def statistics(
     result: Result,
     status: str,
@@ -55,7 +61,7 @@ def statistics(
         "job": job.model_dump(mode="json"),
         "fingerprint": on_root(comm, lambda: fingerprint(job)),  # other ranks may not see the mesh file
         "versions": versions(),
-        "machine": {"ranks": comm.size, "omp_threads": int(os.environ.get("OMP_NUM_THREADS", "1"))},
+        "machine": {"ranks": comm.size, "omp_threads": _omp_threads()},
         "mesh": comm.bcast(_mesh(body)) | {"file": job.mesh.file, "unknowns": unknowns},
         "body": result.totals and result.totals.as_data(),
         "partition": asdict(body.partition) | {"imbalance": body.partition.imbalance},

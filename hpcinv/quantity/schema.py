@@ -42,7 +42,17 @@ type Faults = Iterator[tuple[KeyPath, str]]
 
 T = TypeVar("T")
 ListOf = Annotated[tuple[T, ...], Field(strict=False)]  # YAML lists become tuples
-Triple = Annotated[tuple[T, T, T], Field(strict=False)]
+
+
+def _is_list(given: Any) -> Any:
+    """Refuse a single value where three are needed; other types are checked after it."""
+    if isinstance(given, str | int | float) and not isinstance(given, bool):
+        shown_value = " ".join(str(given).split())[:40]
+        raise ValueError(f"must be a list of three, such as [0, 0, {shown_value}], not {shown(given)}")
+    return given
+
+
+Triple = Annotated[tuple[T, T, T], BeforeValidator(_is_list), Field(strict=False)]
 TextOrTexts = Annotated[
     ListOf[str],
     BeforeValidator(lambda v: [v] if isinstance(v, str) else v),

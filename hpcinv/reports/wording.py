@@ -48,7 +48,6 @@ LINE_REMEDIES: Mapping[str, str] = {
     "round trip": "Read the line on stability: the return solve may lead to another state.",
     "stability": "Check supports, direction of the load and stiffness.",
     "limit points": "Compare with smaller steps (solver.initial_step), or with 'limit_points: 0'.",
-    "shape files": "Write 'mesh: {geometry_degree: 2}', or use smaller cells.",
     "loads on parts": "Remove the load or the support.",
     "contact": "Refine the mesh where the body touches, and check the place of the obstacle.",
 }

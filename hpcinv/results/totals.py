@@ -101,7 +101,8 @@ def totals_of(equations: Equations, direction: Direction) -> Totals:
     low, high = extent(comm, body.mesh.geometry.x)
     volumes = _cell_volumes(body)
     volume = float(comm.allreduce(float(volumes.sum())))
-    heavy = [(where, effect) for where, effect in job.named_effects if _has(effect, "density", DENSITY)]
+    # The density of an effect on a surface is a fluid's.
+    heavy = [(w, effect) for w, effect in job.named_effects if _has(effect, "density", DENSITY) and not effect.surfaces]
     masses = [_mass(equations, where, effect, volumes) for where, effect in heavy]
     weights = [(e, m) for (_, e), m in zip(heavy, masses, strict=True) if _has(e, "acceleration", ACCELERATION)]
     load, scaled = _resultant(equations, direction)

@@ -98,6 +98,13 @@ def test_second_process_needs_an_idle_processor(monkeypatch: pytest.MonkeyPatch)
 def test_second_process_keeps_to_the_allocation_of_slurm(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(8))  # ranks that are not bound see all
     monkeypatch.setattr(os, "getloadavg", lambda: (0.0, 0.0, 0.0))
-    for allocated, ranks, has_one in (("1", 1, False), ("2", 1, True), ("2", 2, False), ("3", 2, True)):
+    for allocated, ranks, has_one in (
+        ("1", 1, False),
+        ("2", 1, True),
+        ("2", 2, False),
+        ("3", 2, True),
+        ("2(x3)", 2, True),
+        ("", 2, True),
+    ):
         monkeypatch.setenv("SLURM_CPUS_ON_NODE", allocated)
         assert kernels_ahead._has_idle_processor(ranks) == has_one

@@ -61,6 +61,16 @@ def test_curved_cells_have_their_volume_and_surface_loads_their_resultant(hexahe
     assert body_totals.load == pytest.approx(np.full(3, 500 * math.pi / 4 * 0.25), rel=2e-3)
 
 
+def test_a_fluid_has_no_mass_of_the_body() -> None:
+    water = {"effect": "hydrostatic-pressure", "region": "x1", "density": 1000, "acceleration": [0, 0, -9.81]}
+    water["level"] = [0, 0, 0.2]
+    alone = totals(MPI.COMM_SELF, **block(0.1, effects=[water]))
+    assert (alone.mass, alone.weight_strain) == (None, None)
+    both = totals(MPI.COMM_SELF, **block(0.1, effects=[water, GRAVITY | {"density": 500}]))
+    assert both.mass == pytest.approx(0.5, rel=1e-12)
+    assert both.warnings == ()
+
+
 def test_loads_that_cancel_have_no_resultant() -> None:
     pull = [
         {"effect": "traction", "region": f"x{i}", "traction": [sign * 100.0, 0, 0], "area_in": "reference"}

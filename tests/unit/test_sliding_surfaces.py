@@ -3,10 +3,22 @@
 import numpy as np
 import pytest
 
+from hpcinv.errors import MeshError
 from hpcinv.job.sections import Support
 from hpcinv.mesh.source import Floats
 from hpcinv.model.sliding_surfaces import surface_of
 from hpcinv.parallel.runtime import MPI
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cylinder"])
+def test_no_curved_surface_is_fitted_to_a_flat_region(kind: str) -> None:
+    normal = np.array([1.0, 2.0, -2.0]) / 3
+    draws = np.random.default_rng(7).uniform(-1, 1, (40, 3))
+    points = 0.3 + 0.1 * (draws - np.outer(draws @ normal, normal))
+    points = np.round(points, 8)  # of a file with few digits
+    spec = Support.model_validate({"region": "base", "fix": ["normal"], "surface": kind})
+    with pytest.raises(MeshError, match=f"'base' is flat, so that no {kind} fits it"):
+        surface_of(spec, "supports[0]", points, np.tile(normal, (40, 1)), points, MPI.COMM_SELF)
 
 
 @pytest.mark.parametrize("kind", ["sphere", "cylinder"])
