@@ -67,7 +67,7 @@ LINEAR = 0.5
 """Correction of the shape, relative to the displacement; above it one Newton step does not suffice."""
 
 SHARE = 0.5
-"""Forecast time of the finer solve, relative to the solve, at which it is given up; larger decides more lines."""
+"""Largest forecast time of the finer solve, relative to the solve; larger decides more lines."""
 LEAST = 1.0
 """Seconds that the finer solve may take in any case, since starting a run takes longer."""
 _OVERHEAD = 0.02  # seconds of an iteration in a body of few unknowns

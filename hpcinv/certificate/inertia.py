@@ -164,7 +164,8 @@ def asymmetry_of(matrix: PETSc.Mat) -> float:
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
     """Return ``½(K + Kᵀ)``, a new matrix; collective."""
     symmetric = matrix.transpose(PETSc.Mat())
-    symmetric.axpy(1.0, matrix, PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)  # much faster if it is symmetric
+    structure: Any = PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN  # compared; much faster if it is symmetric
+    symmetric.axpy(1.0, matrix, structure)
     symmetric.scale(0.5)
     return symmetric
 

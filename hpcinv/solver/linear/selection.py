@@ -94,6 +94,8 @@ class Chooser:
         self._is_shell = is_shell
         has_hexahedra = unknowns.mesh.topology.cell_type.name == "hexahedron"
         self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns), unknowns.p is not None, has_hexahedra)
+        # It decides on precision also where fewer operations are counted: entries then take the time, and are as many.
+        self._block_operations = self.forecast.operations
         self._flat_share = flat_share(unknowns)
         self.room = _ROOM * available(unknowns.mesh.comm)
         self._is_slender = self.forecast.shape.aspect >= SLENDER
@@ -142,8 +144,8 @@ class Chooser:
             configuration = "iterative" if solver.linear == "iterative" else "direct"
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         chosen = self._choose(solver)
-        low_rank = self.forecast.operations >= LOW_RANK
-        is_refined = self.forecast.operations >= SINGLE
+        low_rank = self._block_operations >= LOW_RANK
+        is_refined = self._block_operations >= SINGLE
         # For the series of thin bodies single precision does not suffice, and a series takes two factorizations only.
         # Slender ones are solved by nested iteration, or by steps, which take more.
         series = "series" if self._is_slender else "auto"
