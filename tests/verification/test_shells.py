@@ -441,6 +441,8 @@ def test_laws_close_round_trips(tmp_path: Path, name: str) -> None:
     kind = laws()[name]
     law = kind.model_validate(kind.example)
     fibres = {n: {"direction": d, "given_on": "reference"} for n, d in zip(law.families, DIRECTIONS, strict=False)}
+    # at 10 times these the softest sheets roll up by more than their length, and not one unloaded sheet fits
+    pressure = "5 mPa" if name == "holzapfel-ogden" else "50 mPa"
     result = solve(
         path,
         0.025,
@@ -448,7 +450,7 @@ def test_laws_close_round_trips(tmp_path: Path, name: str) -> None:
         material=kind.example,
         fibres=fibres,
         discretisation={"formulation": "displacement"},
-        effects=[{"effect": "pressure", "region": "sheet|inner", "pressure": "0.5 Pa"}],
+        effects=[{"effect": "pressure", "region": "sheet|inner", "pressure": pressure}],
         supports=[CLAMPED],
     )
     assert np.abs(result.solutions[0].u).max() > 1e-4
