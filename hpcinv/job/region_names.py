@@ -43,7 +43,9 @@ def unknown_regions(
             continue
         hint = did_you_mean(name, known)
         if name in groups.thin:
-            hint = " It is a physical group of points or curves, and regions are surfaces or volumes."
+            hint = (
+                " It is a physical group of points or curves, and regions are surfaces or volumes (edges: of shells)."
+            )
         yield where, f"there is no region '{name}' in {path.name}, nor in 'regions'.{hint}"
 
 

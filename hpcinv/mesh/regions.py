@@ -156,7 +156,7 @@ def find(regions: Mapping[str, Region], name: str, source: MeshSource) -> Region
         return regions[name]
     hint = f".{did_you_mean(name, regions, list_all=False)}"
     if name in source.thin_groups:
-        hint = ": it is a physical group of points or curves, and regions are surfaces or volumes"
+        hint = ": it is a physical group of points or curves, and regions are surfaces or volumes (edges: of shells)"
     physical = [r.name for r in regions.values() if r.origin == "physical"]
     no_groups = "" if physical else " The mesh has no physical groups."
     arrays = "; ".join(integer_arrays(source))  # on rank 0, whose message is shown
