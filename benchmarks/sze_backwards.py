@@ -93,15 +93,22 @@ def distance(name: str, job: Mapping[str, Any], directory: Path) -> str:
     The way back starts from the shape file of the loaded surface, with its faces as data.
     """
     loaded = directory / name.split(",")[0].replace(" ", "-")
-    output = {"fields": False, "report": False, "unit_warnings": False}
-    there = job | {"analysis": "forward", "certificate": {"level": "off"}, "output": output | {"mesh": ["msh"]}}
+    output: dict[str, Any] = {"fields": False, "report": False, "unit_warnings": False}
+    there = {**job, "analysis": "forward", "certificate": {"level": "off"}, "output": {**output, "mesh": ["msh"]}}
     try:
         forward = hpcinv.run(there, progress=False, directory=loaded).solutions[0]
     except HpcinvError as error:
         return f"forward: {error}".splitlines()[0] + " | "
-    shell = {"director": "data"} | {k: v for k, v in job["mesh"]["shell"].items() if k == "layers"}
-    back = there | {"analysis": "inverse", "solver": {}, "quantities": [], "output": output | {"mesh": []}}
-    back |= {"mesh": {"file": str(loaded / "shape.msh"), "shell": shell}}
+    shell: dict[str, Any] = {"director": "data"} | {k: v for k, v in job["mesh"]["shell"].items() if k == "layers"}
+    mesh = {"file": str(loaded / "shape.msh"), "shell": shell}
+    back = {
+        **there,
+        "analysis": "inverse",
+        "mesh": mesh,
+        "solver": {},
+        "quantities": [],
+        "output": {**output, "mesh": []},
+    }
     size = np.linalg.norm(np.ptp(forward.mesh_nodes, axis=0))
     largest = f"{np.linalg.norm(forward.u, axis=1).max() / size:.2f}"
     try:
