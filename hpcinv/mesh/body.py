@@ -129,10 +129,10 @@ class Body:
         """Local facets of a region; raises ``MeshError`` on all ranks if the region does not exist or has no facets."""
         region = find(self.regions, name, self.source)
         if not region.facet_count:
-            raise MeshError(
-                f"{self.source.path}: region '{name}' has cells but no facets",
-                "Name a physical surface, or a geometric region that contains whole facets of the boundary.",
-            )
+            advice = "Name a physical surface, or a geometric region that contains whole facets of the boundary."
+            if self.source.shell is not None:
+                advice = f"Name an edge of the surface, or a face: '{name}|outer', '{name}|inner'."
+            raise MeshError(f"{self.source.path}: region '{name}' has cells but no facets", advice)
         return region.facets
 
     def boundary_facets(

@@ -75,7 +75,7 @@ def _duplicate_nodes(source: MeshSource) -> MeshProblems:
         pair = sorted(source.node_tags[order[first : first + 2]].tolist())
         yield (
             f"{same.sum()} nodes coincide with another (first: {pair[0]} and {pair[1]}); the body is cut there",
-            "Join the parts (gmsh: occ.fragment on the volumes, or model.mesh.removeDuplicateNodes()).",
+            "Join the parts (gmsh: occ.fragment on the parts, or model.mesh.removeDuplicateNodes()).",
         )
 
 

@@ -171,7 +171,7 @@ def test_layers_and_thickness_follow_the_job(sheet: Path, place: Any) -> None:
     assert body(thicken(measured, by_data)).sum() == pytest.approx(2 * volumes.sum())
 
 
-@pytest.mark.parametrize("kind", ["junction", "fold", "strip with one side", "too thin", "name of a face"])
+@pytest.mark.parametrize("kind", ["junction", "fold", "strip with one side", "too thin", "too thick", "name of a face"])
 def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None:
     surface, shell = read_surface(sheet), THIN
     message = {
@@ -179,6 +179,7 @@ def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None
         "fold": "has a fold of about 90°",
         "strip with one side": "only one side",
         "too thin": "times as long as the shell is thick",
+        "too thick": "is 2.77 times as thick as its surface is long",
         "name of a face": "has a physical group .outer.",
     }[kind]
     if kind == "junction":
@@ -203,7 +204,7 @@ def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None
     elif kind == "name of a face":
         surface = replace(surface, groups=tuple(replace(group, name="outer") for group in surface.groups[:1]))
     else:
-        shell = Shell(thickness=1e-4)
+        shell = Shell(thickness=1e-4 if kind == "too thin" else 10.0)
     with pytest.raises(MeshError, match=message):
         thicken(surface, shell)
 
