@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -11,6 +11,7 @@ from hpcinv.methods.method import NESTED
 from hpcinv.results.solution import Solution
 from hpcinv.solver.branch_switching import STRATEGY as SWITCHED
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.newton import Solve
 from hpcinv.solver.series_continuation import STRATEGY as SERIES
 
 LIMIT_POINTS = "limit points of the path"
@@ -74,6 +75,12 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
         return skipped(LIMIT_POINTS, "an iterative solver does not provide the sign of the tangent's determinant")
     start_sign = signs[0][0] if solution.start else unloaded
     if all(solve_signs[-1] == start_sign for solve_signs in signs):
+        if (load := _load_of_jump(solution.solves, start_sign)) is not None:
+            note = (
+                f"on the step to load factor {load:.4g}, Newton's method passed states with another sign: it may have"
+                " left the path (continuation: series follows it)"
+            )
+            return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.UNDECIDED, note)
         # A coarse solve with a limit point on its path, or another sign at the end of it, is not used.
         nested = any(s.strategy == NESTED and s.outcome.accepted for s in solution.solves)
         note = "the same sign at each load that was solved" + (", on coarser cells along the path" if nested else "")
@@ -84,6 +91,21 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
         note = f"a mode that may be spurious (see the line on stability), or {note}"
         return Line(LIMIT_POINTS, 1.0, "", rule, Verdict.UNDECIDED, note)
     return Line(LIMIT_POINTS, 1.0, "", rule, Verdict.WARN, note)
+
+
+def _load_of_jump(solves: Sequence[Solve], sign: int) -> float | None:
+    """Return the load of the first load step that may have left the path, ``None`` if there is none.
+
+    A step that fails is halved; halves that end where the tangent has its sign again, after states where it has not,
+    may end beyond a limit point. Steps that were not shortened are not suspected: slender bodies overshoot in them.
+    """
+    has_failed = False
+    for solve in solves:
+        if not solve.outcome.accepted:
+            has_failed = True
+        elif has_failed and solve.strategy == "load steps" and any(passed != sign for passed in solve.signs[1:-1]):
+            return solve.load
+    return None
 
 
 def _earlier_passes(loads: list[float]) -> int:

@@ -38,9 +38,10 @@ EFFORT = {"bulk-modulus": 150, "arc-length": 80, "load steps": 100, "line-search
 _LARGE = 10_000
 """Unknowns of a large body. Below, a series saves less than the time to compile its code for the first time. With
 factors in single precision, as of slender bodies, load steps take factors again, and a series often takes new ones."""
-_FARTHEST = 300.0, 0.3
-"""Ratio of the first correction to the prediction, with the same factors, above which `auto` takes a series: on small
-and on large bodies. Above 0.3, Newton's method makes new factors, and above about 400 it fails."""
+_FARTHEST, _FARTHEST_COMPACT, _FARTHEST_SMALL = 0.3, 0.5, 300.0
+"""Ratio of the first correction to the prediction, with the same factors, above which `auto` takes a series: on large,
+compact and small bodies. Above 0.3, Newton's method makes new tangents, which earlier factors of a compact body can
+solve up to about 0.5 and more. Above about 400 it fails."""
 
 _SIDES = {"first": 0, "positive": 1, "negative": -1}
 
@@ -69,8 +70,7 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
     series, farthest = None, math.inf
     if isinstance(steps, AdaptiveSteps) and solver.continuation == "auto":
         series = _automatic_series(problem, steps)
-        is_large = problem.equations.unknowns.size >= _LARGE and problem.equilibrium.linear.choice.precision == "double"
-        farthest = _FARTHEST[is_large] if series is not None else math.inf
+        farthest = _farthest(problem) if series is not None else math.inf
     if isinstance(steps, AdaptiveSteps) and solver.continuation == "series":
         for last in _series(problem, steps, load):
             load = last.load if last.outcome.accepted else load
@@ -104,6 +104,15 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
             load = last.load if last.outcome.accepted else load
             passed += last.limit_point
             yield replace(last, strategy=name)
+
+
+def _farthest(problem: Problem) -> float:
+    """Return the ratio of the first correction to the prediction above which `auto` takes a series."""
+    if problem.equations.unknowns.size < _LARGE:
+        return _FARTHEST_SMALL
+    if problem.equations.chooser.is_compact:
+        return _FARTHEST_COMPACT
+    return _FARTHEST if problem.equilibrium.linear.choice.precision == "double" else _FARTHEST_SMALL
 
 
 def _automatic_series(problem: Problem, steps: AdaptiveSteps) -> Series | None:

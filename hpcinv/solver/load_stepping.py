@@ -73,10 +73,26 @@ class LimitPointAhead:
 
     ``rates`` are derivatives of the state by the load at accepted solutions, ``failures`` pairs of initial and target
     load of failed solves. Failures from three solutions are required, since large steps fail for other reasons, too.
+    ``sign`` is the sign of the tangent's determinant at the last solution, 0 if it is not known.
     """
 
     rates: list[float] = field(default_factory=list)
     failures: list[tuple[float, float]] = field(default_factory=list)
+    sign: int = 0
+
+    def has_jumped(self, solve: Solve) -> bool:
+        """Return whether a step, shortened after failures farther on, has left the path; else note its sign.
+
+        The number of negative eigenvalues has changed by an odd number there: solutions near a limit point repel
+        Newton's method, and it finds one of another path. Steps that pass a bifurcation do not fail before.
+        """
+        if not solve.signs:
+            return False
+        is_same = self.sign in (0, solve.signs[-1])
+        if not is_same and any(end > solve.load for _, end in self.failures):
+            return True
+        self.sign = solve.signs[-1]
+        return False
 
     def is_likely(self, load: float) -> bool:
         """Return whether a limit point is likely after the last failure, of a solve that began at ``load``."""
@@ -120,6 +136,8 @@ def follow(
         return
     state, forward = equilibrium.system.state.x, equilibrium.system.scene.kinematics.direction == "forward"
     step, has_tangent, ahead = steps.start(), False, LimitPointAhead()
+    if load == 0.0 and not equilibrium.system.is_on_path:
+        ahead.sign = equilibrium.system.scene.unknowns.unloaded_sign
     predict = equilibrium.predictor.predict
     spent = 0  # factorizations that are not part of a report yet
     while load < 1.0:
@@ -140,6 +158,8 @@ def follow(
         tangents = equilibrium.system.tangents
         solve = equilibrium.solve(target, wanted, predicted=predicted, farthest=farthest)
         solve, spent = replace(solve, factorizations=solve.factorizations + spent), 0
+        if solve.outcome.accepted and isinstance(steps, AdaptiveSteps) and ahead.has_jumped(solve):
+            solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
         is_refused = solve.outcome is Outcome.TOO_NONLINEAR
         step = target - load if is_refused else steps.next_step(solve, target - load)
         if solve.outcome.accepted:

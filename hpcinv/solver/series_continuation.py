@@ -298,12 +298,16 @@ class SeriesContinuation:
 
         def fault() -> Outcome | None:
             """Solve for ``x``; return the reason why that failed."""
-            nonlocal is_refined
+            nonlocal is_refined, are_near
             if not np.isfinite(norm(b)):
                 return Outcome.NOT_FINITE
-            is_refined = is_refined and self._refine(b, x)
-            if is_refined:
-                return None
+            while is_refined:
+                if self._refine(b, x):
+                    return None
+                is_refined = are_near and not linear.configuration.exact
+                if is_refined:
+                    linear.factorize()
+                are_near = False
             linear.become_exact()
             return None if linear.solve(b, x) else linear.failure
 

@@ -539,6 +539,25 @@ def test_signs_of_the_tangent_are_compared_between_equilibria(
 
 
 @pytest.mark.parametrize(
+    ("outcomes", "signs", "verdict"),
+    [
+        ("fail accept", [(1, 1), (1, -1, 1)], Verdict.UNDECIDED),  # a shortened step may have passed a limit point
+        ("fail accept", [(1, -1), (-1, 1, 1)], Verdict.PASS),
+        ("accept fail", [(1, -1, 1), (1, 1)], Verdict.PASS),  # slender bodies overshoot
+    ],
+)
+def test_shortened_steps_that_passed_another_sign_are_not_decided(
+    outcomes: str, signs: list[tuple[int, ...]], verdict: Verdict
+) -> None:
+    ends = {"fail": Outcome.DIVERGED, "accept": Outcome.CONVERGED}
+    solves = [Solve(0.5, ends[end], (), 1, of_solve) for end, of_solve in zip(outcomes.split(), signs, strict=True)]
+    model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=1, p=None))
+    solution: Any = SimpleNamespace(solves=solves, start="")
+    (path_line,) = limit_points(model, solution, skipped("stability", ""))
+    assert path_line.verdict is verdict
+
+
+@pytest.mark.parametrize(
     ("strategies", "signs", "verdict"),
     [
         (("power series", "power series"), (), Verdict.PASS),  # no determinant is needed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,13 @@ from helpers.verification import Solved, box, job
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
+import hpcinv
 from hpcinv.assembly import taylor_residual
 from hpcinv.methods import fallbacks
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.linear import selection
+from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT
 
 HELD = {"region": "x0", "fix": ["x", "y", "z"]}
@@ -84,8 +88,14 @@ def test_auto_takes_a_series_where_steps_would_fail_or_take_several_tangents(
     assert factorizations(steps) > 2
     states = [result.model.unknowns.geometry_values(result.model.unknowns.displacement()) for result in (auto, steps)]
     assert np.abs(states[0] - states[1]).max() < 1e-9 * np.abs(states[1]).max()
-    for unknowns, strategy in ((10_000, "load steps"), (0, "power series")):
+    monkeypatch.setattr(fallbacks, "_FARTHEST_COMPACT", 2.0)  # the first correction is 1.04 of the prediction
+    for unknowns, compact, strategy in (
+        (10_000, 0.0, "load steps"),
+        (0, 0.0, "power series"),
+        (0, math.inf, "load steps"),
+    ):
         monkeypatch.setattr(fallbacks, "_LARGE", unknowns)
+        monkeypatch.setattr(selection, "COMPACT", compact)
         assert {solve.strategy for solve in solved(comm, "auto", **PATHS["inverse"]).solves} == {strategy}
 
 
@@ -118,26 +128,54 @@ def build(gmsh):
 """
 
 
+def arch_path(place: Path, multiple: float, solver: dict[str, str], comm: MPI.Intracomm) -> list[Solve]:
+    """Solves of an arch under a multiple of its weight."""
+    (place / "arch.py").write_text(ARCH)
+    arch = job(
+        analysis="forward",
+        mesh={"file": str(place / "arch.py")},
+        material={"law": "neo-hookean", "mu": "10 kPa", "lam": "30 kPa"},
+        effects=[GRAVITY | {"acceleration": [0, -0.05 * multiple, 0]}],
+        supports=[HELD, HELD | {"region": "x1"}],
+        solver=solver | {"linear": "direct"},
+    )
+    return tried(arch, comm)
+
+
 def test_limit_load_of_a_shallow_arch(comm: MPI.Intracomm, tmp_path: Path) -> None:
     """Its limit load is the one of arc-length continuation, which has none of the code of series."""
-    (tmp_path / "arch.py").write_text(ARCH)
-    loads, counts = [], []
-    for solver in ({"continuation": "series"}, {"strategy": "arc-length"}):
-        arch = job(
-            analysis="forward",
-            mesh={"file": str(tmp_path / "arch.py")},
-            material={"law": "neo-hookean", "mu": "10 kPa", "lam": "30 kPa"},
-            effects=[GRAVITY | {"acceleration": [0, -0.05, 0]}],
-            supports=[HELD, HELD | {"region": "x1"}],
-            solver=solver | {"linear": "direct"},
-        )
-        solves = tried(arch, comm)
-        assert solves[-1].outcome is Outcome.LIMIT_POINT
-        loads.append(solves[-1].load)
-        counts.append(sum(solve.factorizations for solve in solves))
-    print(f"limit loads {loads}, factorizations {counts}")
-    assert loads[0] == pytest.approx(loads[1], rel=1e-6)
+    series, arcs = (
+        arch_path(tmp_path, 1.0, solver, comm) for solver in ({"continuation": "series"}, {"strategy": "arc-length"})
+    )
+    assert series[-1].outcome is arcs[-1].outcome is Outcome.LIMIT_POINT
+    assert series[-1].load == pytest.approx(arcs[-1].load, rel=1e-6)
+    counts = [sum(solve.factorizations for solve in solves) for solves in (series, arcs)]
+    print(f"limit load {series[-1].load}, factorizations {counts}")
     assert counts[0] < counts[1] / 2
+
+
+def test_steps_do_not_jump_past_a_limit_point(comm: MPI.Intracomm) -> None:
+    """A shallow shell under 20 times the load: solutions of other paths are rejected (limit load 0.74 before)."""
+    roof = Path(__file__).parents[2] / "benchmarks" / "published" / "sze" / "roof.yaml"
+    clamped = [{"region": "x0", "fix": ["x"]}, HELD | {"region": "x1"}, {"region": "y0", "fix": ["y"]}]
+    loads = []
+    for multiple, continuation in ((1.0, "series"), (20.0, "steps")):
+        changes: dict[str, Any] = {
+            "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "30 kPa"},
+            "effects": [GRAVITY | {"acceleration": [0, 0, 0.3 * multiple], "density_in": "reference"}],
+            "mesh.parameters": {"radius": "1 m", "angle": 0.45, "width": "4 cm", "ny": 1},
+            "mesh.shell": {"thickness": "2 cm"},
+            "supports": clamped,
+            "regions": {},
+            "let": {},
+            "quantities": [],
+            "solver": {"continuation": continuation, "linear": "direct"},
+        }
+        solves = tried(hpcinv.load(roof).with_(changes), comm)
+        assert solves[-1].outcome is Outcome.LIMIT_POINT
+        loads.append(multiple * solves[-1].load)
+    assert Outcome.ANOTHER_PATH in {solve.outcome for solve in solves}
+    assert loads[1] == pytest.approx(loads[0], rel=1e-6)
 
 
 def test_without_a_series_load_steps_are_taken(comm: MPI.Intracomm) -> None:

@@ -26,6 +26,7 @@ COARSER = 2.0  # factor of the cell sizes in nested iteration
 _TANGENT = 5e-6  # s for each unknown: assembly
 _SET_UP, _MESH, _TRANSFER = 0.05, 8e-6, 3e-6  # s: one more model; gmsh by coarse unknown; transfer by unknown
 SLENDER = 15.0  # aspect ratio from which approximate minimum fill orders better than nested dissection
+COMPACT = 3.0  # aspect ratio below which factors in single precision serve power series; of thinner bodies they may not
 SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single precision and low rank pay
 # s of a set-up by unknown of degree 1, which is aggregated, and of a higher degree, without its level of degree 1; s of
 # an iteration by unknown. Larger ones favour factors.
@@ -143,8 +144,8 @@ class Forecast:
         if self.operations < SINGLE:
             return self._new_tangents * self.factorization
         refinement = 6e-10 * self.entries + 2e-7 * self.unknowns
-        # Compact bodies have factors in double precision up to low rank (`hpcinv.solver.linear.selection`).
-        is_double = self.shape.aspect < SLENDER and self.operations < LOW_RANK
+        # `hpcinv.solver.linear.selection`
+        is_double = COMPACT <= self.shape.aspect < SLENDER and self.operations < LOW_RANK
         factorization = self.factorization if is_double else self._single_precision_time
         return self._new_tangents * factorization + CORRECTIONS * _REFINEMENTS * refinement
 

@@ -11,6 +11,7 @@ from hpcinv.job.settings import Solver
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.available_memory import available
 from hpcinv.solver.linear.cost_model import (
+    COMPACT,
     CORRECTIONS,
     LOW_RANK,
     SINGLE,
@@ -103,6 +104,11 @@ class Chooser:
         self._is_analysed = False
 
     @property
+    def is_compact(self) -> bool:
+        """True if no extent of the body is much larger than the others."""
+        return self.forecast.shape.aspect < COMPACT
+
+    @property
     def can_factorize(self) -> bool:
         """True if there is memory for the factors L U."""
         return self.forecast.factors <= self.room
@@ -149,7 +155,9 @@ class Chooser:
         # For the series of thin bodies single precision does not suffice, and a series takes two factorizations only.
         # Slender ones are solved by nested iteration, or by steps, which take more.
         series = "series" if self._is_slender else "auto"
-        is_series_likely = solver.strategy == "adaptive" and solver.continuation in ("series", series)
+        is_series_likely = (
+            not self.is_compact and solver.strategy == "adaptive" and solver.continuation in ("series", series)
+        )
         single = low_rank if is_series_likely else is_refined
         precision = str(solver.petsc.get("pc_precision", "single" if single else "double"))
         low_rank = bool(solver.petsc.get("mat_mumps_icntl_35", low_rank))

@@ -96,8 +96,7 @@ def test_memory_is_shared_by_the_ranks_of_a_node(comm: MPI.Intracomm) -> None:
     ("shape", "unknowns", "displacement_form", "mixed_form"),
     [
         (Shape(cut=14_400, aspect=1.0), 1_000_000, "iterative", "iterative"),
-        (Shape(cut=1000, aspect=1.1), 20_000, "iterative", "iterative"),
-        (Shape(cut=790, aspect=1.1), 14_000, "iterative", "direct"),  # the mixed form takes twice the iterations
+        (Shape(cut=1000, aspect=1.1), 20_000, "iterative", "direct"),  # the mixed form takes twice the iterations
         (Shape(cut=500, aspect=1.1), 7_000, "direct", "direct"),
         (Shape(cut=236, aspect=40.0), 82_000, "direct", "direct"),
     ],
@@ -158,11 +157,26 @@ def test_multigrid_of_degree_1_costs_what_was_measured() -> None:
         assert forecast.multigrid_time(set_ups, iterations) == pytest.approx(seconds, rel=0.2)
 
 
+@pytest.mark.parametrize("continuation", ["auto", "series", "steps"])
+@pytest.mark.parametrize(("aspect", "is_compact"), [(1.1, True), (6.0, False)])
+def test_series_take_double_precision_except_on_compact_bodies(
+    aspect: float, is_compact: bool, continuation: str, comm: MPI.Intracomm
+) -> None:
+    """A cube of 15,468 unknowns takes 1.2 times as long with it (`benchmarks/continuation.py`)."""
+    chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)
+    chooser.forecast, chooser.room = Forecast(15_000, 2, Shape(cut=900.0, aspect=aspect), True), 1e12
+    assert chooser.is_compact == is_compact
+    single = is_compact or continuation == "steps"
+    choice = chooser.choose(Solver.model_validate({"linear": "direct", "continuation": continuation}))
+    assert choice.precision == ("single" if single else "double")
+    assert choice.is_refined
+
+
 def test_iterations_cost_the_entries_of_rows() -> None:
-    """A cube of 20,577 unknowns takes 8.5 ms with degree 2, 14 ms with degree 3, where factors take 1.3 as long."""
+    """A cube of 20,577 unknowns takes 8.5 ms with degree 2, 14 ms with degree 3; there, factors take 0.75 as long."""
     quadratic, cubic = (Forecast(20_577, degree, Shape(cut=1026.0, aspect=1.0)) for degree in (2, 3))
     assert cubic.multigrid_time(0, 1) / quadratic.multigrid_time(0, 1) == pytest.approx(14 / 8.5, rel=0.1)
-    assert 1.1 < cubic.direct / cubic.iterative < 1.5
+    assert 0.6 < cubic.direct / cubic.iterative < 0.85
 
 
 def test_slow_multigrid_stops_after_a_fifth_of_the_time_of_factorizations(comm: MPI.Intracomm) -> None:
