@@ -15,8 +15,8 @@ from .comparison import Row, Verdict
 from .references import FOLDER, Reference
 
 PAGE = Path("docs/verification/published.md")
-WIDENED = 5
-"""Rows whose bar was set after they had been seen outside: they count as outside with their first bars."""
+WIDENED = 4
+"""Rows inside whose bar was set after they had been seen outside: they are outside with their first bars."""
 COUNTS = Path("hpcinv/dossier/published.json")
 PICTURE = Path("docs/pictures/published.png")
 VERDICTS: tuple[Verdict, ...] = ("inside", "outside", "not reliable", "failed", "skipped")
@@ -75,7 +75,7 @@ def page(rows: Sequence[Row]) -> str:
         f"{counts['values']} values of {counts['sources']} sources, {counts['recovered']} of them recovered unloaded"
         f" shapes: {summary}.\n\n",
         f"Bars of {WIDENED} rows were set after these had been seen outside; with the first ones"
-        f" {verdicts['inside'] - WIDENED} are inside. Later bars: Elmer's change from p:3 (2 rows of Sze's test 3.4), "
+        f" {verdicts['inside'] - WIDENED} are inside. Later bars: Elmer's change from p:3 (1 row of Sze's test 3.4), "
         "the spread with Abaqus's S9R5 (1 row there), the spread between Sze and MBDyn (test 3.6), and the error of "
         "the z of Mazier's simple shear (`inside-z`).\n",
     ]
