@@ -1,7 +1,8 @@
 """A stand-in for Python that runs ``-m hpcinv …`` in a fork of a server that has imported the stack (`helpers.forks`).
 
-A copy of this file is beside the server's socket; all other programs are left to Python itself. The stand-in passes on
-its arguments, environment, working directory, open files, signals and processors, and ends as the fork does.
+A copy of this file is in the directory of the server's socket; all other programs are left to Python itself. The
+stand-in passes on its arguments, environment, working directory, open files, signals and processors, and ends as the
+fork does.
 """
 
 import marshal
