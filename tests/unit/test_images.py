@@ -9,6 +9,7 @@ import signal
 import struct
 import tracemalloc
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from hpcinv.mesh.crossing_facets import find_overlap
 from hpcinv.mesh.imaging.clean_surfaces import _fill_touching_edges, _parts
 from hpcinv.mesh.imaging.curved_cells import curved
 from hpcinv.mesh.imaging.label_image import read_labels
+from hpcinv.mesh.imaging.mesh_report import report_distance
 from hpcinv.mesh.imaging.wall_sizes import wall_sizes
 from hpcinv.mesh.io import isolated
 from hpcinv.mesh.source import MeshSource
@@ -505,6 +507,21 @@ def test_a_surface_keeps_its_place_and_volume(ending: str, tmp_path: Path) -> No
     assert [g.name for g in source.groups] == ["body", "body|outside"]
     radii = np.linalg.norm(source.points - np.array([100, -20, 3]) * 1e-3, axis=1)
     assert radii.max() == pytest.approx(10e-3, rel=0.05)
+
+
+def test_the_distance_from_given_triangles_is_reported() -> None:
+    """A regular tetrahedron that is 10 % larger than its triangles: 0.1 of its circumradius √3 m."""
+    corners = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
+    facets = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    triangles = pyvista.PolyData.from_regular_faces(corners, facets)
+    cells, one = np.arange(4)[None], np.ones(1, dtype=np.int64)
+    mesh = MeshSource(Path("body.stl"), "tetrahedron", 1, 1.1 * corners, np.arange(4), cells, one, facets, ())
+    said: list[str] = []
+    report_distance(mesh, triangles, said.append)
+    assert said[0].startswith("facets are up to 173 mm from the triangles of the file")
+    assert "a smaller mesh.size is closer" in said[0]
+    report_distance(replace(mesh, points=corners), triangles, said.append)
+    assert "smaller" not in said[1]
 
 
 def cubes() -> pyvista.PolyData:

@@ -20,7 +20,7 @@ from hpcinv.mesh.imaging.given_surface import GivenSurface
 from hpcinv.mesh.imaging.label_boundary import GOOD, ROUGH, Memberships, smoothed
 from hpcinv.mesh.imaging.label_image import Bools, LabelImage, read_labels
 from hpcinv.mesh.imaging.lattice import Lattice, drop_outside, interfaces, lattice_of
-from hpcinv.mesh.imaging.mesh_report import report_mesh, report_sizes
+from hpcinv.mesh.imaging.mesh_report import report_distance, report_mesh, report_sizes
 from hpcinv.mesh.imaging.packages import package
 from hpcinv.mesh.imaging.specks import check_extent, check_thickness, remove_specks, represented_volumes
 from hpcinv.mesh.imaging.surroundings import OUTSIDE, Names, surroundings
@@ -156,6 +156,8 @@ def _meshed(
         mesh = replace(mesh, cells=mirrored(mesh.kind, mesh.degree, mesh.cells))
     report_mesh(mesh, image.frame, report)
     report_sizes(mesh, cubes.sizes, report)
+    if surface is not None:
+        report_distance(mesh, surface, report)
     return mesh
 
 

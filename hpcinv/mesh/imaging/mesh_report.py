@@ -4,6 +4,7 @@ from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
+import pyvista
 
 from hpcinv.mesh.imaging.lattice import scaled_jacobians
 from hpcinv.mesh.imaging.wall_sizes import WallSizes
@@ -12,6 +13,7 @@ from hpcinv.mesh.topology import FacetTable, connected
 from hpcinv.quantity.units import readable
 
 _NOTED = 0.05  # share of the surface at thin walls from which on it is reported
+_FAR = 0.01  # largest distance from given triangles, relative to the smallest extent, without a remedy in the log
 
 
 def report_mesh(source: MeshSource, frame: str, report: Callable[[str], None]) -> None:
@@ -52,6 +54,24 @@ def report_sizes(source: MeshSource, sizes: WallSizes, report: Callable[[str], N
             f"{share:.0%} of the surface is at walls too thin for two cells of {readable(sizes.floor, 'm')};"
             " take a larger mesh.grade or a smaller mesh.size"
         )
+
+
+def report_distance(source: MeshSource, triangles: pyvista.PolyData, report: Callable[[str], None]) -> None:
+    """Report how far the facets of a mesh are from the triangles (m) of the file that it was made from.
+
+    All nodes count, and the middles of the facets' corners.
+    """
+    corners = source.points[source.facets[:, :3]]
+    places = np.concatenate([source.points[np.unique(source.facets)], corners.mean(axis=1)])
+    _, closest = triangles.find_closest_cell(places, return_closest_point=True)
+    distances = np.linalg.norm(places - np.reshape(closest, (-1, 3)), axis=1)
+    usual, largest = np.percentile(distances, 95), distances.max()
+    is_far = largest > _FAR * np.ptp(source.points, axis=0).min()
+    remedy = "; a smaller mesh.size is closer, and a CAD file keeps sharp edges" if is_far else ""
+    report(
+        f"facets are up to {readable(float(largest), 'm')} from the triangles of the file,"
+        f" 95 % of them within {readable(float(usual), 'm')}{remedy}"
+    )
 
 
 def _parts(source: MeshSource) -> int:
