@@ -14,7 +14,6 @@ from typing import Any
 
 import yaml
 
-from helpers.forks import python_for
 from helpers.silicone_beam import beam
 
 ROOT = Path(__file__).parents[2]
@@ -66,9 +65,9 @@ def write_job(path: Path, base: Mapping[str, Any], **changes: Any) -> Path:
     return path
 
 
-def command(ranks: int, *arguments: object, script: Path | None = None, python: str = sys.executable) -> list[str]:
+def command(ranks: int, *arguments: object, script: Path | None = None) -> list[str]:
     program = [str(script)] if script else ["-m", "hpcinv"]
-    return [str(MPIRUN), "-n", str(ranks), python, *program, *map(str, arguments)]
+    return [str(MPIRUN), "-n", str(ranks), sys.executable, *program, *map(str, arguments)]
 
 
 def environment(**changes: str) -> dict[str, str]:
@@ -78,19 +77,13 @@ def environment(**changes: str) -> dict[str, str]:
 
 
 def hpcinv(
-    ranks: int, *arguments: object, cwd: Path, script: Path | None = None, forked: bool = True, **env: str
+    ranks: int, *arguments: object, cwd: Path, script: Path | None = None, **env: str
 ) -> subprocess.CompletedProcess[str]:
-    """Run to the end, in forks of a process that has imported the stack (`helpers.forks`).
-
-    Scripts and ``compile``, whose options set what imports read, have processes of their own.
-    """
-    variables = environment(**env)
-    forked = forked and script is None and arguments[:1] != ("compile",)
-    python = python_for(variables) if forked else sys.executable
+    """Run to the end."""
     return subprocess.run(
-        command(ranks, *arguments, script=script, python=python),
+        command(ranks, *arguments, script=script),
         cwd=cwd,
-        env=variables,
+        env=environment(**env),
         capture_output=True,
         text=True,
         timeout=PATIENCE + 10,
