@@ -195,7 +195,7 @@ def test_other_values_make_the_same_form() -> None:
     assert signature(formula(energy + " + mu*(J - 1)**2", "2 MPa", mu="3 kPa", n=2, d=0.3)) != first
 
 
-@pytest.mark.parametrize("name", sorted(laws().keys() - {"formula", "ogden"}))
+@pytest.mark.parametrize("name", sorted(laws().keys() - {"formula", "hencky", "ogden"}))
 def test_the_printed_formula_of_a_law_is_one_of_this_law(name: str) -> None:
     """With its parameters it has the same moduli."""
     law = laws()[name].model_validate(laws()[name].example)

@@ -95,8 +95,7 @@ class Chooser:
         self._is_shell = is_shell
         has_hexahedra = unknowns.mesh.topology.cell_type.name == "hexahedron"
         self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns), unknowns.p is not None, has_hexahedra)
-        # It decides on precision also where fewer operations are counted: entries then take the time, and are as many.
-        self._block_operations = self.forecast.operations
+        self._block: Forecast | None = None  # the forecast by extents, where an analysis counts fewer operations
         self._flat_share = flat_share(unknowns)
         self.room = _ROOM * available(unknowns.mesh.comm)
         self._is_slender = self.forecast.shape.aspect >= SLENDER
@@ -142,6 +141,7 @@ class Chooser:
         self._is_analysed = True
         operations = operations_of(matrix(), unknowns)
         if operations is not None and _UNLIKE * operations < self.forecast.operations:
+            self._block = self.forecast
             self.forecast = replace(self.forecast, shape=Shape.equal_rod(operations, self.forecast.unknowns))
 
     def choose(self, solver: Solver) -> Choice:
@@ -150,8 +150,10 @@ class Chooser:
             configuration = "iterative" if solver.linear == "iterative" else "direct"
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         chosen = self._choose(solver)
-        low_rank = self._block_operations >= LOW_RANK
-        is_refined = self._block_operations >= SINGLE
+        # Where fewer operations are counted than a block has, entries take the time, and they are as many.
+        operations = (self._block or self.forecast).operations
+        low_rank = operations >= LOW_RANK
+        is_refined = operations >= SINGLE
         # For the series of thin bodies single precision does not suffice, and a series takes two factorizations only.
         # Slender ones are solved by nested iteration, or by steps, which take more.
         series = "series" if self._is_slender else "auto"
