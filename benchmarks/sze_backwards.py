@@ -1,8 +1,8 @@
 """Sze, Liu and Lo's eight shells at their full loads, and back: ``python benchmarks/sze_backwards.py [CASE ...]``.
 
-Each is a round trip of one job, begun forward. The table shows the largest distance of the recovered surface from the
-unloaded one, relative to its diagonal, or why there is none. Where ``benchmarks/published/sze`` has a job of
-shells, it is used.
+Each is solved forward, and its shape file then backwards, without a start. The table shows the largest distance of the
+recovered surface from the unloaded one, relative to its diagonal, or why there is none. Where
+``benchmarks/published/sze`` has a job of shells, it is used.
 
 Source: Sze, Liu & Lo 2004, doi:10.1016/j.finel.2003.11.001.
 """

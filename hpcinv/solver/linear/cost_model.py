@@ -144,7 +144,7 @@ class Forecast:
         if self.operations < SINGLE:
             return self._new_tangents * self.factorization
         refinement = 6e-10 * self.entries + 2e-7 * self.unknowns
-        # `hpcinv.solver.linear.selection`
+        # Compact and slender bodies have factors in single precision (`hpcinv.solver.linear.selection`).
         is_double = COMPACT <= self.shape.aspect < SLENDER and self.operations < LOW_RANK
         factorization = self.factorization if is_double else self._single_precision_time
         return self._new_tangents * factorization + CORRECTIONS * _REFINEMENTS * refinement
