@@ -136,8 +136,10 @@ def _length_by_thickness(surface: MeshSource, thickness: Floats, most: float) ->
     """Return the length of the surface by the least thickness; raises ``MeshError`` if that is too much."""
     extent, least = float(np.linalg.norm(np.ptp(surface.points, axis=0))), float(thickness.min())
     if least > extent:
-        text = f"is {least / extent:.3g} times as thick as its surface is long"
-        _refuse(surface.path, text, "Numbers without a unit are in metres: write a thickness such as '1 mm'.")
+        raise MeshError(
+            f"{surface.path}: the shell is {least / extent:.3g} times as thick as its surface is long",
+            "Numbers without a unit are in metres: write a unit in mesh.shell.thickness, such as '1 mm'.",
+        )
     if extent > most * least:
         shown = f"{extent / least:,.0f}" if least else "infinitely many"
         text = f"is {shown} times as long as the shell is thick (at most {most:,.0f})"
