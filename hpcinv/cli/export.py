@@ -1,4 +1,4 @@
-"""``hpcinv export``: the shape of a run as a closed surface for a printer or a mill, and a mould of it."""
+"""``hpcinv export``: the shape of a run as a closed surface, with a mould of it, or as a mesh for other programs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import check_one_process, length, length_unit
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
+from hpcinv.formats import MESHES
 from hpcinv.quantity.units import readable
+from hpcinv.reading.suffix import suffix_of
 
 if TYPE_CHECKING:
     from hpcinv.mesh.source import MeshSource
@@ -24,17 +26,22 @@ def add_export(commands: Any) -> None:
     export = add_command(
         commands,
         "export",
-        "Write the shape of a finished run as STL, PLY, 3MF or faceted STEP, and a mould of it.",
+        "Write the shape of a finished run as STL, PLY, 3MF or faceted STEP with a mould of it, or as a mesh.",
         examples=(
             "hpcinv export results/pdms-beam --to beam.stl\n"
             "hpcinv export results/pdms-beam --to beam.3mf --scale 1.02 --tolerance '0.02 mm'\n"
-            "hpcinv export results/pdms-beam --to beam.ply --mould mould.stl --wall '8 mm' --split z"
+            "hpcinv export results/pdms-beam --to beam.ply --mould mould.stl --wall '8 mm' --split z\n"
+            "hpcinv export results/pdms-beam --to beam.inp"
         ),
         page="how-to/export.md",
     )
     export.add_argument("run", type=Path, help="directory of the run")
     export.add_argument(
-        "--to", type=Path, required=True, metavar="FILE", help="surface to write or replace (.stl, .ply, .3mf, .step)"
+        "--to",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="surface to write or replace (.stl, .ply, .3mf, .step), or mesh of solid cells (.vtu, .msh, .inp, …)",
     )
     export.add_argument(
         "--shape", default="undeformed", help="undeformed (default), deformed, or the name of a state of the job"
@@ -76,10 +83,12 @@ def _export(options: argparse.Namespace) -> int:
     refit = _refit_distance(options)
     plane = _plane(options, unit)
     check_one_process("export")
+    if suffix_of(options.to) in MESHES:
+        return _export_cells(options, unit)
 
     from hpcinv.workshop.formats import check, write
     from hpcinv.workshop.mould import Split, mould
-    from hpcinv.workshop.run_shapes import left_out, read_shape
+    from hpcinv.workshop.run_shapes import read_shape
     from hpcinv.workshop.solid import region_cells, solid_of, volume_of
 
     split = None if plane is None else Split(*plane)
@@ -102,12 +111,43 @@ def _export(options: argparse.Namespace) -> int:
         _describe(path, solid, unit)
         write(path, solid, options.unit)
     _warn(options, part, split)
+    _warn_of_nodes(options, source)
+    return 0
+
+
+def _export_cells(options: argparse.Namespace, unit: float) -> int:
+    """Write the cells as a mesh."""
+    from hpcinv.workshop.cell_mesh import write_cells
+    from hpcinv.workshop.run_shapes import read_shape
+    from hpcinv.workshop.solid import region_cells, volume_of
+
+    for name in ("tolerance", "mould"):
+        if getattr(options, name) is not None:
+            raise OutputError(f"--{name}: is for surfaces, and {options.to} is a mesh", "Export a surface as well.")
+    if not options.to.parent.is_dir():
+        raise OutputError(f"{options.to}: cannot be written: there is not a directory {options.to.parent}")
+    source = read_shape(options.run, options.shape)
+    cells = None if options.region is None else region_cells(source, options.region)
+    mesh = write_cells(options.to, source, cells, options.scale, unit)
+    volume, body = volume_of(mesh, None), volume_of(source, cells) * options.scale**3
+    print(
+        f"{options.to}: {len(mesh.cells):,} cells ({mesh.kind}, {mesh.nodes_per_cell} nodes) in {options.unit}, volume"
+        f" {readable(volume, 'm^3')}; of the body {readable(body, 'm^3')}, ratio {volume / body:.6f}"
+    )
+    print(f"regions: {', '.join(dict.fromkeys(group.name for group in mesh.groups)) or 'none'}")
+    _warn_of_nodes(options, source)
+    return 0
+
+
+def _warn_of_nodes(options: argparse.Namespace, source: MeshSource) -> None:
+    """Print how far the file of a run is from the body that it computed."""
+    from hpcinv.workshop.run_shapes import left_out
+
     if distance := left_out(options.run, source):
         text = (
             f"{source.path.name} has fewer nodes than the computed body, and is up to {readable(distance, 'm')} from it"
         )
         print(f"warning: {options.to}: {text}; run with 'mesh: {{geometry_degree: 2}}'", file=sys.stderr)
-    return 0
 
 
 def _refit_distance(options: argparse.Namespace) -> float | None:

@@ -13,6 +13,8 @@ FORMATS = {suffix: kind() for kind in MeshFormat.__subclasses__() for suffix in 
 """formats by suffix"""
 SAVED = tuple(sorted(suffix[1:] for suffix, kind in FORMATS.items() if kind.saver or kind.is_partitioned))
 """names of the formats that are written"""
+MESHES = tuple(suffix for suffix, kind in sorted(FORMATS.items()) if kind.saver)
+"""suffixes of formats that one process writes"""
 
 
 def mesh_fault(directory: Path, file: str) -> str:
@@ -31,4 +33,4 @@ def mesh_fault(directory: Path, file: str) -> str:
     return image_fault(path)
 
 
-__all__ = ["FORMATS", "SAVED", "MeshFormat", "mesh_fault"]
+__all__ = ["FORMATS", "MESHES", "SAVED", "MeshFormat", "mesh_fault"]

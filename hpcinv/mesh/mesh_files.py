@@ -62,19 +62,21 @@ def left_out(path: Path, body: Body, coordinates: Floats) -> float:
     has a higher degree, or elements of 20 nodes. The thickness of a shell is not compared.
     """
     source = body.source
-    saves_27 = FORMATS[suffix_of(path)].saves_27_nodes
-    is_serendipity = (
-        source.kind == "hexahedron"
-        and source.degree == 2
-        and (saves_27 == "never" or (saves_27 == "if read" and source.nodes_per_cell != 27))
-    )
-    if source.midsurface or (body.degree == source.degree and not is_serendipity):
+    has_20 = has_20_nodes(path, source)
+    if source.midsurface or (body.degree == source.degree and not has_20):
         return 0.0
     saved = source_node_values(body, coordinates)
-    if is_serendipity:
+    if has_20:
         saved = serendipity(source.kind, body.source_geometry.dofmaps[0], saved)
     distances = np.linalg.norm(values_on_cells(body, saved) - coordinates, axis=1)
     return float(body.mesh.comm.allreduce(float(distances.max(initial=0.0)), op=MPI.MAX))
+
+
+def has_20_nodes(path: Path, source: MeshSource) -> bool:
+    """Return whether a file has hexahedra of 20 nodes for those of degree 2."""
+    saves_27 = FORMATS[suffix_of(path)].saves_27_nodes
+    is_left_out = saves_27 == "never" or (saves_27 == "if read" and source.nodes_per_cell != 27)
+    return is_left_out and (source.kind, source.degree) == ("hexahedron", 2)
 
 
 def save_body(

@@ -7,6 +7,7 @@ import numpy as np
 
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import write_output
+from hpcinv.formats import MESHES
 from hpcinv.reading.suffix import suffix_of
 from hpcinv.workshop.solid import Solid
 from hpcinv.workshop.step import step_content
@@ -25,7 +26,8 @@ UNITS_OF_3MF = {
 def check(path: Path, unit: str) -> None:
     """Raise ``OutputError`` if a solid cannot be written to this path in this unit."""
     if suffix_of(path) not in WRITERS:
-        raise OutputError(f"{path}: the formats of solids are {', '.join(WRITERS)}")
+        text = f"{path}: the formats of solids are {', '.join(WRITERS)}"
+        raise OutputError(text, f"--to also writes meshes of cells: {', '.join(MESHES)}.")
     if suffix_of(path) == ".3mf" and unit not in UNITS_OF_3MF:
         raise OutputError(f"{path}: 3MF knows no unit '{unit}'", f"Its units are {', '.join(UNITS_OF_3MF)}.")
     if not path.parent.is_dir():

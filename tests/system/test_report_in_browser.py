@@ -161,6 +161,17 @@ def test_the_slider_leads_from_one_body_to_the_other(page: Page) -> None:
     assert page.text("#shape-text") == "sagging"
 
 
+def test_the_overlaid_body_veils_no_colours(page: Page) -> None:
+    """At scale 0 the body behind is where the coloured one is."""
+    page.set_all({"symbols": False, "edges": False, "scale": 0})
+    page.set("layout", "over")
+    both = page.pixels()
+    page.set("layout", "one")
+    alone = page.pixels()
+    page.set("edges", True)
+    assert changed(alone, both) < 1e-3
+
+
 def test_the_cut_moves(page: Page) -> None:
     page.set_all({"clip-axis": "x", "clip-side": False})
     shown = []

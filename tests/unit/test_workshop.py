@@ -17,15 +17,22 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.command_line import environment
+from helpers.sheets import sheet
 
 from hpcinv.__main__ import main
 from hpcinv.errors import MeshError, OutputError
+from hpcinv.formats import FORMATS
+from hpcinv.formats import MESHES as SAVED
 from hpcinv.job.job import load
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.sections import MeshSpec, Shell
 from hpcinv.mesh.body import read_source
+from hpcinv.mesh.checks import check
 from hpcinv.mesh.io.gmsh_model import session
+from hpcinv.mesh.midsurface import thicken
+from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.source import MeshSource
 from hpcinv.output.run_directory import RunDirectory
+from hpcinv.workshop.cell_mesh import write_cells
 from hpcinv.workshop.formats import WRITERS, write
 from hpcinv.workshop.mould import Split, mould, undercut
 from hpcinv.workshop.solid import Solid, region_cells, solid_of, volume_of
@@ -175,12 +182,35 @@ def test_files_hold_the_solid(suffix: str, sphere: MeshSource, tmp_path: Path) -
     assert [path.name for path in tmp_path.iterdir()] == [f"a{suffix}"]
 
 
+@pytest.mark.everyday(".inp", ".vtu")
+@pytest.mark.parametrize("suffix", [s for s in dict.fromkeys(FORMATS[s].suffix for s in SAVED) if s != ".mesh"])
+def test_mesh_files_hold_the_thick_body_of_a_shell(suffix: str, tmp_path: Path) -> None:
+    """A part of a cylinder, written in mm, comes back as solid cells of the same volume with the shell's regions."""
+    source = sheet(tmp_path / "sheet.msh", 3, 2, lambda s, t: np.column_stack([np.cos(s), np.sin(s), t]))
+    shell = thicken(source, Shell(thickness=0.1, layers={"core": 3.0, "coat": 1.0}))
+    path = tmp_path / f"thick{suffix}"
+    written = write_cells(path, shell, None, 0.5, 1e-3)
+    read = FILES[suffix](path).convert_to_metres(1e-3)
+    check(read)
+    assert volume_of(read, None) == pytest.approx(volume_of(written, None), rel=1e-9)
+    assert volume_of(read, None) == pytest.approx(0.1 / 8, rel=1e-3)  # area × thickness, halved lengths
+    if suffix == ".cdb":  # its components are nodes
+        return
+    sizes = {group.name: len(group.members) for group in read.groups}
+    assert {"outer": 6, "inner": 6, "core": 6, "coat": 6, "x0": 4, "sheet_outer": 6}.items() <= sizes.items()
+    core = write_cells(path, shell, region_cells(shell, "core"), 1.0, 1.0)
+    assert volume_of(FILES[suffix](path), None) == pytest.approx(volume_of(core, None), rel=1e-9)
+    assert volume_of(core, None) == pytest.approx(0.075 * (1 - 0.0125), rel=1e-3)
+    assert "outer" not in {group.name for group in core.groups}
+
+
 def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
     """In a process of its own, whose files may have 20,000 bytes; libraries would write half a file, or abort."""
     code = """
 import hpcinv.parallel.ranks, lib3mf, resource, sys  # MPI and a first import need files of their own
 from pathlib import Path
 from hpcinv.errors import OutputError
+from hpcinv.workshop.cell_mesh import write_cells
 from hpcinv.workshop.formats import WRITERS, write
 from hpcinv.workshop.solid import Solid
 import numpy as np, pyvista
@@ -294,6 +324,7 @@ def test_mould_of_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
         (["--to", "a.stl", "--mould", "m.stl", "--split", "z=1 m"], "--split z=1000: misses the part"),
         (["--to", "a.stl", "--mould", "m.stl", "--wall", "-1 mm"], "--wall -1 mm: must be above 0"),
         (["--to", "a.stl", "--region", "core"], "has no region of cells 'core'"),
+        (["--to", "a.inp", "--mould", "m.stl"], "--mould: is for surfaces, and a.inp is a mesh"),
     ],
 )
 def test_bad_options_are_one_message(

@@ -54,6 +54,7 @@ class Viewer extends Stage {
     this.solid = new Shape(this.triangles, first, { interior });
     this.other = new Shape(this.triangles, first, { edges: this.solid.edges, interior });
     this.ghost = new Shape(this.triangles, first, { opacity: 0.22, edges: this.solid.edges });
+    this.putBehind(this.ghost);
     this.side = meanSide(first, this.triangles);
     this.shapes = [this.solid, this.other, this.ghost];
     this.scene.add(...this.shapes.map((shape) => shape.group));

@@ -7,6 +7,7 @@ import { shown } from "./fields.js";
 export const element = (id) => document.getElementById(id);
 export const on = (id, event, act) => element(id).addEventListener(event, () => act(element(id)));
 const SVG = "http://www.w3.org/2000/svg";
+const BEHIND = 1; // layer of what is drawn first
 
 export class Stage {
   prepareStage() {
@@ -18,7 +19,10 @@ export class Stage {
     this.camera = new OrthographicCamera(-1, 1, 1, -1, -1, 1);
     this.camera.up.fromArray(this.body.up);
     this.lamp = new DirectionalLight(0xffffff, 2.0);
-    this.scene.add(new AmbientLight(0xffffff, 1.7), this.lamp);
+    const light = new AmbientLight(0xffffff, 1.7);
+    this.scene.add(light, this.lamp);
+    for (const one of [light, this.lamp]) one.layers.enable(BEHIND);
+    this.renderer.autoClear = false;
     this.clip = new Plane();
     this.planes = [];
     this.orbit = new OrbitControls(this.camera, canvas);
@@ -32,6 +36,9 @@ export class Stage {
     document.addEventListener("themechange", () => this.update());
     on("clip-axis", "change", ({ value }) => { if (value !== "none") this.#faceSection("xyz".indexOf(value)); });
   }
+
+  // Lets the other bodies cover a shape wherever it is, so that it veils no colours.
+  putBehind(shape) { shape.group.traverse((part) => part.layers.set(BEHIND)); }
 
   // Keeps the far side of the cut, so that the section is seen.
   #faceSection(k) {
@@ -186,7 +193,12 @@ export class Stage {
       this.pending = false;
       const forward = this.camera.position.clone().sub(this.orbit.target);
       this.lamp.position.copy(forward).applyAxisAngle(this.camera.up, 0.5).add(this.camera.up.clone().multiplyScalar(0.4 * forward.length()));
-      this.renderer.render(this.scene, this.camera);
+      this.renderer.clear();
+      for (const layer of [BEHIND, 0]) {
+        this.camera.layers.set(layer);
+        this.renderer.clearDepth();
+        this.renderer.render(this.scene, this.camera);
+      }
       this.#drawAxes();
     });
   }
