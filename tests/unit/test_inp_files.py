@@ -200,7 +200,7 @@ FAULTS = {
     "1, 2, 3": "line 1 is not a keyword",
     "": "has no keywords",
     "*NODE\n1, 0, 0, 0": "has no solid elements",
-    "*NODE\n1, 0, 0": "line 2: a node has 2 coordinates, not 3",
+    "*NODE\n1": "line 2: a node has no coordinates",
     "*NODE\n1, 0, 0, x": "line 2: '0, 0, x' are not numbers",
     "*NODE\n1, 0, 0, nan": "line 2: has a number that is not finite",
     "*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4": "element 1 has node 1, which is not defined",
