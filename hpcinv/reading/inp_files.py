@@ -28,6 +28,7 @@ _NOT_SOLID = re.compile(
 _FACE = re.compile(r"S([1-6])", re.IGNORECASE)
 _PRESSED = re.compile(r"P([1-6])", re.IGNORECASE)
 _INSTANCE = "instance "  # begins the name of a part that holds the sets of an instance
+_OWN_MESH = "mesh of instance "  # begins the name of a part that holds what is within an instance
 _MOST_GENERATED = 10_000_000  # members of a generated set; more are a damaged line
 
 
@@ -146,7 +147,6 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
     """Return parts by lower-case name (``""``: outside of parts), instances, and keywords that are not used."""
     parts: dict[str, _Part] = {"": _Part()}
     current, instances, ignored = parts[""], list[_Card](), set[str]()
-    in_instance = False
     pressed, single = list[tuple[str, str]](), _Single()
     for card in _cards(path):
         options = card.options
@@ -157,12 +157,13 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
                 current = parts[""]
             case "INSTANCE":
                 instances.append(card)
-                in_instance = True
+                name = options.get("NAME", _needed(card, "PART"))
+                current = parts.setdefault(f"{_OWN_MESH}{name.lower()}", _Part())
             case "END INSTANCE":
-                in_instance = False
-            case "NODE" if not in_instance:
+                current = parts[""]
+            case "NODE":
                 _read_nodes(current, card)
-            case "ELEMENT" if not in_instance:
+            case "ELEMENT":
                 _read_elements(current, card)
             case "NSET" | "ELSET":
                 kind, owner = ("nodes" if card.keyword == "NSET" else "cells"), current
@@ -229,8 +230,11 @@ def _placed(parts: Mapping[str, _Part], instances: list[_Card]) -> list[tuple[_P
         if rows:
             shift[: len(rows[0][:3])] = rows[0][:3]
         instance = card.options.get("NAME", name)
+        inner = parts.get(f"{_OWN_MESH}{instance.lower()}", _Part())
+        if inner.nodes:  # of Abaqus/CAE's independent instances
+            part, inner = inner, _Part()
         own = _Part(part.nodes, part.elements, part.others, dict(part.names), {k: [*v] for k, v in part.sets.items()})
-        for more in (parts.get(f"{_INSTANCE}{instance.lower()}", _Part()), outside):
+        for more in (inner, parts.get(f"{_INSTANCE}{instance.lower()}", _Part()), outside):
             for key, spelled in more.names.items():
                 own.members(key[0], spelled).extend(more.sets[key])
                 own.shared.add(key)

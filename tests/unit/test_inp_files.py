@@ -133,9 +133,16 @@ _top_S3, S3
 """
 
 
-def test_sets_of_an_assembly_belong_to_their_instances(tmp_path: Path) -> None:
+def with_own_meshes(text: str) -> str:
+    """Return the file with the mesh in each instance, as Abaqus/CAE writes independent ones."""
+    begin, end = text.index("*NODE"), text.index("*END PART")
+    return (text[:begin] + text[end:]).replace("*END INSTANCE", text[begin:end] + "*END INSTANCE")
+
+
+@pytest.mark.parametrize("has_own_meshes", [False, True])
+def test_sets_of_an_assembly_belong_to_their_instances(has_own_meshes: bool, tmp_path: Path) -> None:
     path = tmp_path / "a.inp"
-    path.write_text(SEVERAL)
+    path.write_text(with_own_meshes(SEVERAL) if has_own_meshes else SEVERAL)
     source = read(path)
     counts = {g.name: (g.dim, len(g.members)) for g in source.groups}
     assert counts == {
