@@ -29,6 +29,7 @@ _FACE = re.compile(r"S([1-6])", re.IGNORECASE)
 _PRESSED = re.compile(r"P([1-6])", re.IGNORECASE)
 _INSTANCE = "instance "  # begins the name of a part that holds the sets of an instance
 _OWN_MESH = "mesh of instance "  # begins the name of a part that holds what is within an instance
+_GENERATED = "generated"  # marks members of a generated set, whose range may have numbers that are not defined
 _MOST_GENERATED = 10_000_000  # members of a generated set; more are a damaged line
 
 
@@ -230,11 +231,11 @@ def _placed(parts: Mapping[str, _Part], instances: list[_Card]) -> list[tuple[_P
         if rows:
             shift[: len(rows[0][:3])] = rows[0][:3]
         instance = card.options.get("NAME", name)
-        inner = parts.get(f"{_OWN_MESH}{instance.lower()}", _Part())
-        if inner.nodes:  # of Abaqus/CAE's independent instances
-            part, inner = inner, _Part()
+        content = parts.get(f"{_OWN_MESH}{instance.lower()}", _Part())
+        if content.nodes:  # of Abaqus/CAE's independent instances
+            part, content = content, _Part()
         own = _Part(part.nodes, part.elements, part.others, dict(part.names), {k: [*v] for k, v in part.sets.items()})
-        for more in (inner, parts.get(f"{_INSTANCE}{instance.lower()}", _Part()), outside):
+        for more in (content, parts.get(f"{_INSTANCE}{instance.lower()}", _Part()), outside):
             for key, spelled in more.names.items():
                 own.members(key[0], spelled).extend(more.sets[key])
                 own.shared.add(key)
@@ -359,7 +360,7 @@ def _read_set(part: _Part, kind: str, name: str, card: _Card) -> None:
         first, last, step = (*numbers, 1)[:3] if len(numbers) in (2, 3) else (1, 0, 1)
         if step < 1 or not 0 < (last - first) // step + 1 <= _MOST_GENERATED:
             raise Fault(f"line {line}: the generated set has no valid range")
-        members += [(str(tag), "") for tag in range(first, last + 1, step)]
+        members += [(str(tag), _GENERATED) for tag in range(first, last + 1, step)]
 
 
 def _rows(
@@ -371,6 +372,8 @@ def _rows(
     for member, face in _flattened(part, kind, key, frozenset()):
         tag = int(member)
         if kind != "nodes" and tag in part.others:
+            continue
+        if tag not in numbers and face == _GENERATED:
             continue
         if tag not in numbers:
             raise Fault(f"set '{shown(part.names[kind, key])}' has {tag}, which is not defined")

@@ -137,15 +137,26 @@ def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
     ).replace(
         "</Loads>",
         '<surface_load surface="side" type="traction"><scale lc="1">2</scale><traction>0,0,3</traction></surface_load>'
-        '<surface_load surface="side" type="pressure"><pressure>3</pressure><linear>1</linear></surface_load></Loads>',
+        '<surface_load surface="side" type="pressure"><pressure>3</pressure><linear>1</linear></surface_load>'
+        '<nodal_load type="nodal_force" node_set="foot"><value lc="1">0,4,0</value></nodal_load>'
+        '<nodal_load type="nodal_load" node_set="foot"><dof>z</dof><scale>2</scale></nodal_load>'
+        '<body_load type="body force"><force>0,0,9.81</force></body_load></Loads>',
     )
+    more = more.replace("<E>2</E>", "<E>2</E><density>3</density>", 1)
     job, text = job_of(tmp_path, "part.feb", more)
     # the curve is 1/2 at the end
     assert job["supports"][1] == {"region": "wide", "displacement": [None, "1 mm", None]}
     assert job["supports"][2] == {"region": "wide_vertices", "displacement": [None, "1 mm", None]}
     assert job["regions"] == {"wide_vertices": {"vertices": [["0 mm", "2 mm", "2 mm"]]}}
     traction = {"effect": "traction", "region": "side", "traction": ["0 MPa", "0 MPa", "3 MPa"], "area_in": "current"}
-    assert job["effects"] == [{"effect": "pressure", "region": "side", "pressure": "3 MPa"}, traction]
+    # 1 MPa s²/mm² is 1e12 kg/m³, and FEBio counts body forces with the opposite sign
+    gravity = {"effect": "gravity", "acceleration": ["0 mm/s^2", "0 mm/s^2", "-9.81 mm/s^2"]}
+    gravity["density"] = "3000000000000 kg/m^3"
+    nodal = {"effect": "traction", "region": "foot", "area_in": "reference"}
+    # Three nodes with 2 each along y, and with 2 along z, on an area of 1/2.
+    pushed = [nodal | {"traction": ["0 MPa", "12 MPa", "0 MPa"]}, nodal | {"traction": ["0 MPa", "0 MPa", "12 MPa"]}]
+    effects = [{"effect": "pressure", "region": "side", "pressure": "3 MPa"}, traction, gravity, *pushed]
+    assert job["effects"] == effects
     for what in (
         "<ShellDomain name='skin'>",
         "<Discrete>",
@@ -201,6 +212,8 @@ CUBE = """*NODE
 5, 6, 7, 8
 *ELSET, ELSET=BOTH
 ALL, SKIN
+*NSET, NSET=EVERY, GENERATE
+1, 99
 *MATERIAL, NAME=M
 *ELASTIC
 10., 0.3
