@@ -25,6 +25,7 @@ from hpcinv.certificate.unknown_loads_check import (
     stable_motions,
     unknown_loads,
 )
+from hpcinv.certificate.vertex_forces import vertex_forces
 from hpcinv.certificate.volume import volume
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.units import readable
@@ -118,6 +119,7 @@ def certify(
         with freeing(forward.destroy, equations.free_multigrid):
             if is_checked:
                 check("equilibrium", lambda: equilibrium_residual(equations, solution))
+                check("forces at vertices", lambda: vertex_forces(equations, solution))
                 if solution.contacts:
                     check("contact", lambda: contacts(equations, solution))
                 if has_unknowns:

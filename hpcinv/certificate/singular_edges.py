@@ -70,7 +70,7 @@ def singular_edges(job: Job, body: Body, configurations: Mapping[str, Floats] | 
     held = np.zeros((len(exterior), len(job.supports)), dtype=np.int64)
     for number, support in enumerate(job.supports):
         axes = sum(1 << axis for axis, name in enumerate(AXES) if name in support.held) + support.slides * _NORMAL
-        held[np.isin(exterior, body.facets(support.region)), number] = axes
+        held[np.isin(exterior, body.held_facets(support.region)), number] = axes
     numbers = mesh.geometry.index_map().local_to_global(nodes.ravel()).reshape(nodes.shape)
     gathered = mesh.comm.gather((numbers, mesh.geometry.x[nodes], areas, held))
     kind, _ = kind_and_degree(mesh)

@@ -128,12 +128,25 @@ class Body:
     def facets(self, name: str) -> LocalIndices:
         """Local facets of a region; raises ``MeshError`` on all ranks if the region does not exist or has no facets."""
         region = find(self.regions, name, self.source)
+        if region.vertices is not None:
+            advice = "Only supports hold vertices; a load needs facets of the boundary."
+            raise MeshError(f"{self.source.path}: region '{name}' has vertices but no facets", advice)
         if not region.facet_count:
             advice = "Name a physical surface, or a geometric region that contains whole facets of the boundary."
             if self.source.shell is not None:
                 advice = f"Name an edge of the surface, or a face: '{name}|outer', '{name}|inner'."
             raise MeshError(f"{self.source.path}: region '{name}' has cells but no facets", advice)
         return region.facets
+
+    def held_entities(self, name: str) -> tuple[int, LocalIndices]:
+        """Dimension and local numbers of what a support holds: facets of a region, or vertices; as `facets`."""
+        vertices = find(self.regions, name, self.source).vertices
+        return (2, self.facets(name)) if vertices is None else (0, vertices)
+
+    def held_facets(self, name: str) -> LocalIndices:
+        """Local facets that a support holds, none of vertices; as `facets`."""
+        dimension, entities = self.held_entities(name)
+        return entities if dimension == 2 else entities[:0]
 
     def boundary_facets(
         self, name: str, remedy: str = "A surface load needs a region of the boundary."

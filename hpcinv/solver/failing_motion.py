@@ -113,7 +113,7 @@ def _supports(job: Job, body: Body) -> Iterator[str]:
 
 def _area(body: Body, region: str) -> float:
     """Return the area of a region of the boundary (scaled); collective."""
-    facets = body.facets(region)
+    facets = body.held_facets(region)
     facets = facets[facets < body.mesh.topology.index_map(2).size_local]
     _, areas = outer_facets(body.mesh, facets)
     return float(body.mesh.comm.allreduce(float(np.linalg.norm(areas, axis=1).sum())))
