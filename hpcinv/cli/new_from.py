@@ -129,9 +129,7 @@ class _Job:
         """Yield the section of a support, and one of the vertices of its set that span no facet."""
         name = entry["region"]
         region = self._region(name)
-        if region is not None:
-            placed = self._placed(entry)
-            assert placed is not None
+        if region is not None and (placed := self._placed(entry)) is not None:
             yield placed
         vertices = self._lost_vertices(name, region)
         if len(vertices) > _MOST_VERTICES:
