@@ -47,6 +47,8 @@ def rehearse(job: Job) -> None:
     """
     source = read_anywhere(job.mesh, job.resolve, MPI.COMM_SELF)
     moved = [any(s.moves or s.surface for s in step.job.supports) or step.start is not None for step in job.plan]
+    if moved and job.solver.start_shape is not None:
+        moved[0] = True
 
     def compile_step(
         number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver

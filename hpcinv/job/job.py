@@ -407,6 +407,18 @@ class Job(Spec):
         return ""
 
     @property
+    def _unsuited_to_start_shape(self) -> str:
+        """Reason why the path cannot begin with another shape; empty if nothing forbids it."""
+        if self.solver.start is not None:
+            return "cannot be combined with 'start'"
+        if self.mesh.is_partitioned:
+            return "is not possible with a partitioned mesh"
+        first = self.plan[0].job
+        if first.remote_loads:
+            return "is not possible with remote loads"
+        return self._unsuited_to_start
+
+    @property
     def has_derivatives(self) -> bool:
         """True if solutions have derivatives; with contact with a rigid obstacle they have none."""
         return have_derivatives(self.effects, self.states)
@@ -548,6 +560,8 @@ class Job(Spec):
             yield ("solver", "nested_iteration"), text
         if self.solver.start is not None and (text := self._unsuited_to_start):
             yield ("solver", "start"), text
+        if self.solver.start_shape is not None and (text := self._unsuited_to_start_shape):
+            yield ("solver", "start_shape"), text
         given_rest = any(state.given and state.is_rest for state in self.states)
         is_reference = given_rest if self.states else self.directions[0] == "forward"
         mesh, shape = ("reference", "undeformed") if is_reference else ("current", "deformed")

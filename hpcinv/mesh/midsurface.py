@@ -89,17 +89,28 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         cell_tags=_repeated_tags(surface.cell_tags, len(layers)),
         facets=facets,
         groups=distinct_tags(groups),
-        data={
-            name: dataclasses.replace(
-                array, values=np.tile(array.values, (len(columns) if array.place == "nodes" else len(layers), 1))
-            )
-            for name, array in surface.data.items()
-        },
+        data=_data(surface, shell),
         midsurface=surface,
         shell=shell,
         slenderness=_slenderness(surface, float(thickness.mean())) if len(thickness) else 1.0,
         is_thin=length > _THIN,
     )
+
+
+def _data(surface: MeshSource, shell: Shell) -> dict[str, DataArray]:
+    """Return arrays of the body, constant through the thickness or linear from ``NAME_inner`` to ``NAME_outer``."""
+    levels, arrays = np.array(shell.levels), dict[str, DataArray]()
+    for name, array in surface.data.items():
+        times = len(levels) if array.place == "nodes" else len(levels) // 2
+        arrays[name] = dataclasses.replace(array, values=np.tile(array.values, (times, 1)))
+    shares = ((levels - levels[0]) / (levels[-1] - levels[0]))[:, None, None]
+    for name, outer in surface.data.items():
+        stem = name.removesuffix(f"_{OUTER}")
+        inner = surface.data.get(f"{stem}_{INNER}")
+        if stem != name and inner is not None and outer.place == inner.place == "nodes":
+            through = inner.values + shares * (outer.values - inner.values)
+            arrays[stem] = DataArray(stem, "nodes", through.reshape(-1, outer.values.shape[1]))
+    return arrays
 
 
 def _repeated_tags(tags: Ints, times: int) -> Ints:
@@ -210,6 +221,23 @@ def surface_source(
         arrays |= {f"{name}_{OUTER}": columns[-1], f"{name}_{INNER}": columns[0]}
     data |= {name: DataArray(name, "nodes", values) for name, values in arrays.items()}
     return dataclasses.replace(surface, data=data), middle
+
+
+def moved_levels(body: MeshSource, surface: MeshSource) -> Floats:
+    """Return the nodes (n, 3) of a shell whose surface has moved, with the same thickness along the new normals (m).
+
+    Args:
+        surface: the midsurface of the body at other points.
+
+    Raises:
+        MeshError: the moved surface has cells of no area, or folds.
+    """
+    assert body.midsurface is not None
+    levels = body.points.reshape(-1, len(surface.points), 3) - body.midsurface.points
+    through = levels[-1] - levels[0]
+    through = through / np.linalg.norm(through, axis=1, keepdims=True)
+    heights = (levels * through).sum(axis=2, keepdims=True)
+    return np.asarray(surface.points + heights * _normals(surface)).reshape(-1, 3)
 
 
 def _surface_shares(shell: Shell) -> Floats:

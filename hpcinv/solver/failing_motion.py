@@ -16,6 +16,7 @@ from hpcinv.mesh.regions import BOUNDARY
 from hpcinv.mesh.source import Floats
 from hpcinv.model.rigid_motions import Frame
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.spatial_fields import ByFormula, fields_in
 from hpcinv.quantity.units import readable
 from hpcinv.solver.bordering import Bordering
 from hpcinv.solver.equilibrium import Equilibrium
@@ -32,8 +33,8 @@ def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, 
     """Return lines on the motion that the load would cause, after some failures; collective.
 
     It is the one at the unloaded body, or, on a path from another state, at the present one, a solution at a load
-    factor. The state is unchanged, the factors are new. Without a factorization there are no lines; there are two where
-    the supports are to be blamed.
+    factor. The state is unchanged, the factors are new. Without a factorization there are no lines. Further lines name
+    supports that are to be blamed, and effects that are formulas of the unknown body.
     """
     system, comm = equilibrium.system, body.mesh.comm
     x = system.position()
@@ -66,7 +67,18 @@ def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, 
             lines[0] += f"; {share:.0%} of it is rigid: it is nearly free to {free}"
             held = ", ".join(_supports(job, body)) or "none but springs"
             lines.append(f"supports: {held}. Hold a larger part of it, or add springs (elastic-foundation)")
+    if system.scene.kinematics.direction == "inverse" and (names := list(_by_unknown_body(job))):
+        text = "depends on X, Y or Z, which are unknown until the end of the path"
+        lines.append(f"{names[0]} {text}: write it with x, y, z, or as an array of the mesh")
     return lines
+
+
+def _by_unknown_body(job: Job) -> Iterator[str]:
+    """Yield the places of effects' formulas of the reference position."""
+    for number, effect in enumerate(job.effects):
+        for name, (value, _) in effect.quantities().items():
+            if any(not f.formula.names.isdisjoint("XYZ") for f in fields_in(value) if isinstance(f, ByFormula)):
+                yield f"effects[{number}].{name}"
 
 
 def _rigid_part(comm: MPI.Intracomm, points: Floats, motion: Floats, length: float) -> tuple[float, str]:

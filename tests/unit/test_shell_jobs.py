@@ -21,7 +21,7 @@ from hpcinv.mesh.cells import LayerDegree, jacobians, quadrature, quadrature_met
 from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.midsurface import surface_source, thicken
 from hpcinv.mesh.readers import read_surface
-from hpcinv.mesh.source import MeshSource
+from hpcinv.mesh.source import DataArray, MeshSource
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 from hpcinv.pictures import job_picture
@@ -207,6 +207,17 @@ def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None
         shell = Shell(thickness=1e-4 if kind == "too thin" else 10.0)
     with pytest.raises(MeshError, match=message):
         thicken(surface, shell)
+
+
+def test_arrays_of_both_faces_vary_through_the_thickness(sheet: Path) -> None:
+    surface = read_surface(sheet)
+    faces = {name: np.full((len(surface.points), 1), value) for name, value in (("p_inner", 1.0), ("p_outer", 3.0))}
+    surface = replace(surface, data={name: DataArray(name, "nodes", values) for name, values in faces.items()})
+    data = thicken(surface, Shell(thickness=0.1, layers={"core": 3, "coat": 1})).data
+    levels = data["p"].values.reshape(5, len(surface.points))
+    assert levels[:, 0] == pytest.approx([1, 1.75, 2.5, 2.75, 3])
+    assert (levels == levels[:, :1]).all()
+    assert (data["p_inner"].values == 1).all()
 
 
 def test_angle_of_a_fold_does_not_depend_on_the_cells(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pyvista
 from helpers.sheets import Place, flat, save_sheet, save_sphere_octant
 
 import hpcinv
-from hpcinv.errors import SolveError
+from hpcinv.errors import MeshError, SolveError
 from hpcinv.materials import laws
 from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.readers import read_surface
@@ -22,6 +22,7 @@ from hpcinv.results.cell_fields import face_arrays
 YOUNG = 1.2e6
 LINEAR = {"law": "st-venant-kirchhoff", "young": YOUNG, "poisson": 0.0}
 CLAMPED = {"region": "x0", "fix": ["x", "y", "z"]}
+SIDES = {"region": "y0", "fix": ["y"]}
 HALVED = [{"region": "x0", "fix": ["x"]}, {"region": "y0", "fix": ["y"]}]
 DIRECTIONS = [[2 / 3, -1 / 3, 2 / 3], [2 / 3, 2 / 3, -1 / 3], [-1 / 3, 2 / 3, 2 / 3]]
 
@@ -522,6 +523,42 @@ def test_shape_file_gives_the_flat_sheet_back(tmp_path: Path) -> None:
     assert np.abs(unloaded.points - flat_sheet.points).max() < 1e-9
     assert (unloaded.cells == flat_sheet.cells).all()
     assert unloaded.data["thickness"].values == pytest.approx(0.1, abs=1e-10)
+
+
+def test_arch_that_snapped_comes_back_from_a_rough_shape(tmp_path: Path) -> None:
+    """Without a start, another unloaded body carries the weight in the same place."""
+
+    def arch(rise: float) -> Path:
+        def place(s: np.ndarray, t: np.ndarray) -> np.ndarray:
+            return np.column_stack([s, 0.3 * t, rise * (1 - s**2)])
+
+        return save_sheet(tmp_path / f"arch{rise}.msh", 6, 1, place)
+
+    weight = {"effect": "gravity", "density": 1000, "acceleration": [0, 0, -3], "density_in": "reference"}
+    base = {
+        "material": LINEAR,
+        "effects": [weight],
+        "supports": [{"region": "x0", "fix": ["x"]}, {"region": "x1", "fix": ["x", "z"], "hinge": True}, SIDES],
+        "certificate": {"level": "quick"},
+        "output": {"fields": False, "report": False, "mesh": ["msh"]},
+    }
+    mesh = {"file": str(arch(0.1)), "shell": {"thickness": 0.02}}
+    snapped = base | {"analysis": "forward", "mesh": mesh, "solver": {"start_shape": str(arch(-0.12))}}
+    loaded = hpcinv.run(snapped, progress=False, directory=tmp_path / "loaded").solutions[0]
+    assert loaded.u[:, 2].min() < -0.15
+
+    def back(**solver: Any) -> Result:
+        mesh = {"file": str(tmp_path / "loaded" / "shape.msh"), "shell": {"director": "data"}}
+        return hpcinv.run(base | {"analysis": "inverse", "mesh": mesh, "solver": solver}, progress=False)
+
+    rough = back(start_shape=str(arch(0.13)))
+    assert np.abs(rough.solutions[0].other_nodes - loaded.mesh_nodes).max() < 1e-9
+    line = next(line for line in rough.certificate.lines if line.name.startswith("limit points"))
+    assert "arch0.13.msh" in line.note
+    assert np.abs(back().solutions[0].other_nodes - loaded.mesh_nodes).max() > 0.1
+
+    with pytest.raises(MeshError, match=r"the cells of solver\.start_shape are not"):
+        back(start_shape=str(save_sheet(tmp_path / "other.msh", 5, 1, flat(1, 0.3))))
 
 
 @pytest.mark.release
