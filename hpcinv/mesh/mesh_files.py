@@ -73,7 +73,7 @@ def left_out(path: Path, body: Body, coordinates: Floats) -> float:
 
 
 def has_20_nodes(path: Path, source: MeshSource) -> bool:
-    """Return whether a file has hexahedra of 20 nodes for those of degree 2."""
+    """Return whether a file has hexahedra of 20 nodes instead of 27."""
     saves_27 = FORMATS[suffix_of(path)].saves_27_nodes
     is_left_out = saves_27 == "never" or (saves_27 == "if read" and source.nodes_per_cell != 27)
     return is_left_out and (source.kind, source.degree) == ("hexahedron", 2)

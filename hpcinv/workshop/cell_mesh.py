@@ -1,4 +1,4 @@
-"""The cells of a shape as a mesh file for other programs; of a shell those of its thick body."""
+"""The cells of a shape as a mesh file for other programs; of a shell the cells of its thick body."""
 
 from __future__ import annotations
 
