@@ -32,6 +32,9 @@ def unsuited_shell(job: Any) -> Faults:
     if job.mesh.shell.surface_level is None:
         for place in _hinged(job):
             yield place, "is not possible where the surface is inside of a layer: let it be between two, or a face"
+    if not SAVED.issuperset(job.output.mesh or ()):
+        text = "must be msh or vtu, which hold a shell: 'hpcinv export' writes its thick body in other formats"
+        yield ("output", "mesh"), text
     refused = [*_refused(job)]
     if refused:
         keys = ", ".join(dict.fromkeys(dotted_key(place) for place in refused))
@@ -60,8 +63,6 @@ def _refused(job: Any) -> Iterable[KeyPath]:
         yield ("method",)
     if job.solver.linear == "iterative":
         yield ("solver", "linear")
-    if not SAVED.issuperset(job.output.mesh or ()):
-        yield ("output", "mesh")
 
 
 def _hinges(job: Any) -> Faults:

@@ -27,6 +27,7 @@ from hpcinv.mesh.cells import mirrored, scalar_element, sub_entities, vertex_cou
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, distinct_tags
 from hpcinv.mesh.topology import neighbour_signs, unique_rows, vertex_sets
 from hpcinv.quantity.spatial_fields import ByData, ByFormula, Field
+from hpcinv.quantity.units import readable
 
 _KIND, _DEGREE = "quadrilateral", 2
 _SHARPEST = 40.0
@@ -137,27 +138,33 @@ def _thickness(surface: MeshSource, given: float | Field) -> Floats:
         case number:
             values = np.full((len(surface.points), 1), number)
     if not (np.isfinite(values) & (values > 0)).all():
-        node = surface.node_tags[np.argmin((np.isfinite(values) & (values > 0))[:, 0])]
-        text = f"has a thickness that is not positive and finite at node {node}"
-        _refuse(surface.path, text, "Correct mesh.shell.thickness.")
+        worst = np.argmin((np.isfinite(values) & (values > 0))[:, 0])
+        text = f"has a thickness of {values[worst, 0]:.3g} m at {_place(surface.points[worst])}"
+        _refuse(surface.path, text, "Correct mesh.shell.thickness: it must be positive and finite.")
     return np.asarray(values)
 
 
 def _length_by_thickness(surface: MeshSource, thickness: Floats, most: float) -> float:
     """Return the length of the surface by the least thickness; raises ``MeshError`` if that is too much."""
     extent, least = float(np.linalg.norm(np.ptp(surface.points, axis=0))), float(thickness.min())
+    long, thick = readable(extent, "m"), readable(least, "m")
     if least > extent:
         raise MeshError(
-            f"{surface.path}: the shell is {least / extent:.3g} times as thick as its surface is long",
+            f"{surface.path}: the shell is {thick} thick, and its surface only {long} long",
             "Numbers without a unit are in metres: write a unit in mesh.shell.thickness, such as '1 mm'.",
         )
     if extent > most * least:
         shown = f"{extent / least:,.0f}" if least else "infinitely many"
-        text = f"is {shown} times as long as the shell is thick (at most {most:,.0f})"
+        text = f"is {long} long, {shown} times its thickness of {thick} (at most {most:,.0f})"
         _refuse(
             surface.path, text, "Are 'thickness' and mesh.unit right? In thinner shells rounding errors are too large."
         )
     return extent / least
+
+
+def _place(point: Floats) -> str:
+    """Text of a point (3,), in m."""
+    return f"({', '.join(f'{value:.4g}' for value in point)}) m"
 
 
 def _level_name(level: int, shell: Shell) -> str:
@@ -291,10 +298,10 @@ def _oriented(surface: MeshSource) -> Ints:
     direction = np.where(ends[:, :, 0] < ends[:, :, 1], 1, -1) * around
     sharing = np.bincount(place, minlength=len(vertices))
     if (sharing > 2).any():
-        nodes = surface.node_tags[vertices[np.flatnonzero(sharing > 2)[0]]]
+        middle = _place(surface.points[vertices[np.argmax(sharing > 2)]].mean(axis=0))
         raise MeshError(
-            f"{path}: {(sharing > 2).sum()} edges belong to more than two cells (first: nodes {nodes[0]}, {nodes[1]})",
-            "A shell cannot have junctions, since its director has one direction. Mesh a solid instead.",
+            f"{path}: more than two cells meet at {(sharing > 2).sum()} edges (first: at {middle})",
+            "Such a junction has no single director: leave the third sheet out, or mesh a solid.",
         )
     pairs = np.argsort(place, kind="stable").reshape(-1)
     first_of = np.concatenate([[0], np.cumsum(sharing)[:-1]])[sharing == 2]

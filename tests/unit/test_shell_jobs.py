@@ -59,7 +59,7 @@ def job(path: Path, **data: Any) -> dict[str, Any]:
         ({"discretisation": {"quadrature": 6}}, "discretisation.quadrature: is not valid with a shell"),
         ({"method": "sellier"}, "together with method"),
         ({"solver": {"linear": "iterative"}}, "together with solver.linear"),
-        ({"output": {"mesh": ["inp"]}}, "together with output.mesh"),
+        ({"output": {"mesh": ["inp"]}}, "output.mesh: must be msh or vtu, which hold a shell: 'hpcinv export'"),
         ({"supports": [{"region": "x9", "fix": ["x", "y", "z"]}]}, "there is no region 'x9'"),
     ],
 )
@@ -175,11 +175,11 @@ def test_layers_and_thickness_follow_the_job(sheet: Path, place: Any) -> None:
 def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None:
     surface, shell = read_surface(sheet), THIN
     message = {
-        "junction": "edges belong to more than two cells",
-        "fold": "has a fold of 90°",
+        "junction": r"more than two cells meet at \d+ edges \(first: at \([\d.]+, 0, 0\) m\)",
+        "fold": "has a fold of about 90°",
         "strip with one side": "only one side",
-        "too thin": "times as long as the shell is thick",
-        "too thick": "is 2.77 times as thick as its surface is long",
+        "too thin": r"is 3\.61 m long, 36,056 times its thickness of 100 µm",
+        "too thick": r"the shell is 10 m thick, and its surface only 3\.61 m long",
         "name of a face": "has a physical group .outer.",
     }[kind]
     if kind == "junction":
@@ -245,6 +245,31 @@ def test_angle_of_a_fold_does_not_depend_on_the_cells(tmp_path: Path) -> None:
         expected = np.array([np.sin(half), 0, np.cos(half)])
         on_fold = np.isclose(surface.points[:, [0, 2]], 0).all(axis=1)
         assert np.abs(np.abs(columns[on_fold] @ expected) - 1).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("dim", "degree", "message"),
+    [
+        (2, 3, "triangles or quadrilaterals of degree 1 or 2, not Triangle 10"),
+        (3, 1, "a shell cannot be tied to solid cells, and the file has Tetrahedron 4"),
+    ],
+)
+def test_cells_of_other_kinds_are_named(tmp_path: Path, dim: int, degree: int, message: str) -> None:
+    path = tmp_path / "box.msh"
+    with session("box") as gmsh:
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.mesh.generate(dim)
+        gmsh.model.mesh.setOrder(degree)
+        gmsh.write(str(path))
+    with pytest.raises(MeshError, match=message):
+        read_surface(path)
+
+
+def test_thickness_that_is_not_positive_is_placed(sheet: Path) -> None:
+    given = VaryingQuantity("m").read("0.1 - 0.05*x")
+    with pytest.raises(MeshError, match=r"has a thickness of 0 m at \(2, 0, 0\) m\n.*must be positive"):
+        thicken(read_surface(sheet), Shell(thickness=given))
 
 
 @pytest.mark.parametrize("degree", [1, 2])

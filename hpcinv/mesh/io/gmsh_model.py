@@ -111,15 +111,20 @@ def extract_surface(gmsh: Any, path: Path) -> tuple[MeshSource, ...]:
     Groups of surfaces have ``dim`` 3, as groups of cells have, and groups of curves have 2.
 
     Raises:
-        MeshError: there are no triangles or quadrilaterals of degree 1 or 2, or other cells with them.
+        MeshError: there are no triangles or quadrilaterals of degree 1 or 2, or also solid or other cells.
     """
     mesh = gmsh.model.mesh
-    names = sorted(mesh.getElementProperties(t)[0] for t in (*mesh.getElementTypes(2), *mesh.getElementTypes(3)))
+    solid, names = (sorted(mesh.getElementProperties(t)[0] for t in mesh.getElementTypes(d)) for d in (3, 2))
+    if solid:
+        raise MeshError(
+            f"{path}: a shell cannot be tied to solid cells, and the file has {' and '.join(solid)}",
+            "Save the surface alone (gmsh: model.mesh.generate(2)), or mesh all of it as a solid.",
+        )
     degrees = {_SURFACE_CELLS.get(name, ("", 0))[1] for name in names}
     if degrees not in ({1}, {2}):
         raise MeshError(
-            f"{path}: a shell needs triangles or quadrilaterals of one degree, not {' and '.join(names) or 'none'}",
-            "Mesh the surface alone by gmsh's model.mesh.generate(2), with Mesh.SecondOrderIncomplete = 0.",
+            f"{path}: a shell needs triangles or quadrilaterals of degree 1 or 2, not {' and '.join(names) or 'none'}",
+            "Mesh it by gmsh's model.mesh.generate(2) and setOrder(2), with Mesh.SecondOrderIncomplete = 0.",
         )
     parts = []
     for kind, degree in map(_SURFACE_CELLS.__getitem__, names):
