@@ -66,6 +66,8 @@ def singular_edges(job: Job, body: Body, configurations: Mapping[str, Floats] | 
     mesh = body.mesh
     body.place(body.given_nodes)
     exterior = dolfinx.mesh.exterior_facet_indices(mesh.topology).astype(np.int32)
+    if body.source.midsurface is not None:  # these edges act on a strip as wide as the shell is thick
+        exterior = exterior[:0]
     nodes, areas = outer_facets(mesh, exterior)
     held = np.zeros((len(exterior), len(job.supports)), dtype=np.int64)
     for number, support in enumerate(job.supports):

@@ -147,7 +147,8 @@ def _check(equations: Equations, solutions: list[Solution]) -> None:
     _certify(equations, solutions)
     if job.certificate.estimate:
         finer = finer_equations(equations, solution)
-        two_level.correct(equations, solution.direction, finer)  # needed for large bodies
+        if job.mesh.shell is None:
+            two_level.correct(equations, solution.direction, finer)  # needed for large bodies
         equations.put(solution)
     if job.certificate.stability:
         second_variation(equations, known_displacement(equations))  # needed where the body is not stable

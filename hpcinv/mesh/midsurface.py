@@ -24,6 +24,8 @@ from hpcinv.errors import MeshError
 from hpcinv.formats.mesh_format import INNER, OUTER
 from hpcinv.job.sections import Shell
 from hpcinv.mesh.cells import mirrored, scalar_element, sub_entities, vertex_count
+from hpcinv.mesh.facet_groups import join_facets
+from hpcinv.mesh.quadrilaterals import halved
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, distinct_tags
 from hpcinv.mesh.topology import neighbour_signs, unique_rows, vertex_sets
 from hpcinv.quantity.spatial_fields import ByData, ByFormula, Field
@@ -245,6 +247,29 @@ def moved_levels(body: MeshSource, surface: MeshSource) -> Floats:
     through = through / np.linalg.norm(through, axis=1, keepdims=True)
     heights = (levels * through).sum(axis=2, keepdims=True)
     return np.asarray(surface.points + heights * _normals(surface)).reshape(-1, 3)
+
+
+def halved_shell(body: MeshSource) -> MeshSource:
+    """Return the body of a shell with each cell of its surface cut into four.
+
+    Node ``n`` of a level of the given body is node ``n`` of that level. The others have the normals and the thickness
+    of their place, where these are not data of the faces.
+    """
+    surface, shell = body.midsurface, body.shell
+    assert surface is not None
+    assert shell is not None
+    return join_facets(thicken(halved(surface), shell))
+
+
+def halved_values(body: MeshSource, values: Floats) -> Floats:
+    """Return values at the nodes of the `halved_shell` from values (n, k) at the nodes of its body."""
+    surface, shell = body.midsurface, body.shell
+    assert surface is not None
+    assert shell is not None
+    levels, count = len(shell.levels), len(surface.points)
+    columns = values.reshape(levels, count, -1).transpose(1, 0, 2).reshape(count, -1)
+    carried = halved(dataclasses.replace(surface, data={"": DataArray("", "nodes", columns)})).data[""].values
+    return np.asarray(carried.reshape(len(carried), levels, -1).transpose(1, 0, 2).reshape(levels * len(carried), -1))
 
 
 def _surface_shares(shell: Shell) -> Floats:

@@ -176,7 +176,7 @@ def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None
     surface, shell = read_surface(sheet), THIN
     message = {
         "junction": r"more than two cells meet at \d+ edges \(first: at \([\d.]+, 0, 0\) m\)",
-        "fold": "has a fold of about 90°",
+        "fold": "has a fold of 90°",
         "strip with one side": "only one side",
         "too thin": r"is 3\.61 m long, 36,056 times its thickness of 100 µm",
         "too thick": r"the shell is 10 m thick, and its surface only 3\.61 m long",
