@@ -6,7 +6,7 @@ from hpcinv.mesh.cells import FACET_KIND, quadrature, scalar_element
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 
 _DEGREE = 8
-"""Quadrature degree on curved facets, whose area is no polynomial; raised, areas are more exact"""
+"""Quadrature degree on curved facets, whose area is not a polynomial; raised, areas are more exact"""
 
 
 def area_and_centre(source: MeshSource, rows: Ints, points: Floats) -> tuple[float, Floats]:
