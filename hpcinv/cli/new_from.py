@@ -84,6 +84,9 @@ class _Job:
             self._comments.append("No support is taken from the file: state 'supports', such as the line below.")
         if not effects and not any("displacement" in entry for entry in supports):
             self._comments.append("No load is taken from the file: state 'effects'.")
+        if self._vertices:
+            text = "Supports at vertices keep a body in place whose loads balance; hold facets where they carry a load."
+            self._comments.append(text)
         names = [group.name for group in self._source.groups]
         self._comments.append(f"Regions of the mesh: {', '.join(dict.fromkeys(names)) or 'none'}")
         mesh = os.path.relpath(self._options.source.resolve(), self._options.output.resolve().parent)
