@@ -49,6 +49,8 @@ class _Reader:
     def __init__(self, file: Sequence[Keyword], nodes_of_sets: Mapping[str, frozenset[int]]) -> None:
         self._file, self._curves, self._deck = file, _Amplitudes(file), Deck()
         self._sets = nodes_of_sets
+        names = [keyword.parameters.get("NAME", "") for keyword in file if keyword.name == "MATERIAL"]
+        self._materials = {name.lower(): name for name in names}  # case does not count
         self._held_nodes: dict[str, dict[int, tuple[float, float]]] = {}
         self._forces: dict[str, dict[int, float]] = {}  # by node or set, and component
         self._pressed: dict[tuple[int, int], tuple[float, float]] = {}
@@ -75,7 +77,8 @@ class _Reader:
                 case "DENSITY" if keyword.lines:
                     self._densities[material] = number(keyword.lines[0][0], "*DENSITY")
                 case "SOLID SECTION":
-                    deck.materials[keyword.parameters.get("ELSET", "")] = keyword.parameters.get("MATERIAL", "")
+                    name = keyword.parameters.get("MATERIAL", "")
+                    deck.materials[keyword.parameters.get("ELSET", "")] = self._materials.get(name.lower(), name)
                 case "TRANSFORM":
                     self._turned.add(keyword.parameters.get("NSET", "").lower())
                 case "BOUNDARY":

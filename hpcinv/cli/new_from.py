@@ -84,6 +84,9 @@ class _Job:
             self._comments.append("No support is taken from the file: state 'supports', such as the line below.")
         if not effects and not any("displacement" in entry for entry in supports):
             self._comments.append("No load is taken from the file: state 'effects'.")
+        if self._vertices:
+            text = "Supports at vertices keep a body in place whose loads balance; hold facets where they carry a load."
+            self._comments.append(text)
         names = [group.name for group in self._source.groups]
         self._comments.append(f"Regions of the mesh: {', '.join(dict.fromkeys(names)) or 'none'}")
         mesh = os.path.relpath(self._options.source.resolve(), self._options.output.resolve().parent)
@@ -180,6 +183,8 @@ class _Job:
         region = self._region(nodal.region) if nodal.region else None
         groups = [group for group in self._source.groups if group.name == region and group.dim == 2]
         size, resultant = float(np.linalg.norm(forces, axis=1).sum()), forces.sum(axis=0)
+        if not size:
+            return None
         if not groups or float(np.linalg.norm(resultant)) < _BALANCED * size:
             why = "whose resultant vanishes" if groups else "which span no facet: load a spot of facets by a traction"
             self._deck.unused.append(f"{nodal.title}, {why}")
@@ -189,7 +194,7 @@ class _Job:
         area, centre = area_and_centre(self._source, np.concatenate([group.members for group in groups]), points)
         arms = points[[row[tag] for tag in tags]] - centre
         moment = float(np.linalg.norm(np.cross(arms, forces).sum(axis=0)))
-        share = moment / (size * max(float(np.linalg.norm(arms, axis=1).max()), np.finfo(float).tiny))
+        share = moment / (size * float(np.linalg.norm(arms, axis=1).max()))
         text = f"{nodal.title} became a uniform traction on '{region}' with the same resultant"
         more = f"; their moment about its centre, {share:.0%} of their size by the distance, is lost"
         self._comments.append(text + (more if share > _BALANCED else ""))

@@ -27,6 +27,7 @@ _NOT_SOLID = re.compile(
 )
 _FACE = re.compile(r"S([1-6])", re.IGNORECASE)
 _PRESSED = re.compile(r"P([1-6])", re.IGNORECASE)
+_WITHOUT_EFFECT = ("HEADING", "ASSEMBLY", "END ASSEMBLY", "END STEP", "PREPRINT", "RESTART", "OUTPUT")
 _INSTANCE = "instance "  # begins the name of a part that holds the sets of an instance
 _OWN_MESH = "mesh of instance "  # begins the name of a part that holds what is within an instance
 _GENERATED = "generated"  # marks members of a generated set, whose range may have numbers that are not defined
@@ -195,7 +196,7 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
             case "SYSTEM" | "NGEN" | "NFILL" | "ELGEN" | "NCOPY" | "ELCOPY":
                 text = f"line {card.line}: *{card.keyword} is not read"
                 raise Fault(text, "Save the mesh with all its nodes and elements in global coordinates.")
-            case "HEADING" | "ASSEMBLY" | "END ASSEMBLY":
+            case name if name in _WITHOUT_EFFECT or name.endswith((" PRINT", " FILE", " OUTPUT")):
                 pass
             case _:
                 ignored.add(card.keyword)

@@ -117,8 +117,13 @@ def _supports(job: Job, body: Body) -> Iterator[str]:
     """Yield what each support holds, and on what area of the boundary; collective."""
     whole = _area(body, BOUNDARY)
     for support in job.supports:
+        axes, vertices = ", ".join(support.components), body.regions[support.region].vertices
+        if vertices is not None:
+            owned = np.count_nonzero(vertices < body.mesh.topology.index_map(0).size_local)
+            count = body.mesh.comm.allreduce(int(owned))
+            yield f"'{support.region}' holds {axes} at {count} {'vertex' if count == 1 else 'vertices'}"
+            continue
         area = _area(body, support.region)
-        axes = ", ".join(support.components)
         size = f"{area * body.length_scale**2:.3g} m² ({area / whole:.2%} of the surface)"
         yield f"'{support.region}' holds {axes} on {size}"
 

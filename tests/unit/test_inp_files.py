@@ -97,7 +97,7 @@ def test_sets_surfaces_and_instances_are_regions(tmp_path: Path) -> None:
     (top,) = (source.facets[g.members] for g in source.groups if g.name == "Top")
     assert (source.points[top][..., 2] == 2).all()
     assert source.notes == (
-        "not used: HYPERELASTIC, MATERIAL; state them in the job",
+        "only its mesh is read, not HYPERELASTIC, MATERIAL",
         "its elements of 20 nodes were completed to 27",
     )
     shown = FORMATS[".inp"].groups(path)

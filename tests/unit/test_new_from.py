@@ -217,7 +217,7 @@ ALL, SKIN
 *MATERIAL, NAME=M
 *ELASTIC
 10., 0.3
-*SOLID SECTION, ELSET=BOTH, MATERIAL=M
+*SOLID SECTION, ELSET=BOTH, MATERIAL=m
 *BOUNDARY
 1, 1, 3
 2, 2, 3
@@ -228,6 +228,7 @@ ALL, SKIN
 TOP, 3, 2.
 6, 1, 3.
 7, 1, 1.
+TOP, 2, 0.
 2, 1, 2.
 3, 1, 2.
 9, 2, 1.
@@ -268,11 +269,19 @@ def test_an_archive_of_ansys_is_a_job(tmp_path: Path) -> None:
     assert "Not taken from the file: SFE" in text
 
 
+UNITS = ["--unit", "mm", "--stress-unit", "MPa"]
+
+
 @pytest.mark.parametrize(
     ("change", "options", "message"),
     [
         (("", ""), ["--unit", "mm"], "have no units"),
         (("NEO HOOKE", "MARLOW"), ["--unit", "mm", "--stress-unit", "MPa"], "MARLOW"),
+        (
+            ("*HYPERELASTIC, NEO HOOKE\n0.1, 0.2", "*CONDUCTIVITY\n1"),
+            UNITS,
+            "neither *HYPERELASTIC nor *ELASTIC in material",
+        ),
         (("GRAV, 9810.", "GRAV, fast"), ["--unit", "mm", "--stress-unit", "MPa"], "'fast' is not a number"),
     ],
 )

@@ -14,7 +14,9 @@ import hpcinv
 from hpcinv.certificate import Line, Verdict
 from hpcinv.certificate.vertex_forces import NAME
 from hpcinv.errors import JobError, MeshError
+from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
+from hpcinv.solver import failing_motion
 
 POINTS = {"a": [0, 0, 0], "b": [1, 0, 0], "c": [0, 1, 0]}
 REGIONS = {name: {"vertices": [point]} for name, point in POINTS.items()}
@@ -84,3 +86,12 @@ def test_vertices_are_for_supports_alone() -> None:
 def test_a_point_without_a_vertex_is_refused_with_the_nearest(comm: MPI.Intracomm) -> None:
     with pytest.raises(MeshError, match=r"region 'a': there is no vertex at \(0.2, 0, 0\) m; the nearest is at \(0, 0"):
         solve("forward", comm, regions=REGIONS | {"a": {"vertices": [[0.2, 0, 0]]}}, supports=SUPPORTS)
+
+
+def test_a_failed_run_counts_the_vertices_that_hold_it(comm: MPI.Intracomm) -> None:
+    given = job(mesh=box((2, 2, 2)), material=NEO_HOOKEAN, regions=REGIONS, supports=SUPPORTS)
+    body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
+    assert list(failing_motion._supports(given, body))[:2] == [
+        "'a' holds x, y, z at 1 vertex",
+        "'b' holds y, z at 1 vertex",
+    ]

@@ -141,3 +141,22 @@ def test_only_nearly_incompressible_regions_count(comm: MPI.Intracomm) -> None:
     )
     assert line is not None
     assert line.verdict is Verdict.PASS
+
+
+def test_a_body_that_swells_too_far_says_where(comm: MPI.Intracomm) -> None:
+    """A bar of Poisson's ratio 0, whose volume grows as its length F does: F - 1/F = 12."""
+    certificate = hpcinv.run(
+        job(
+            analysis="forward",
+            mesh=box((1, 1, 1)),
+            material={"law": "neo-hookean", "young": 1.0, "poisson": 0.0},
+            supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
+            effects=[{"effect": "traction", "region": "z1", "area_in": "reference", "traction": [0, 0, 6.0]}],
+            certificate=NO_CERTIFICATE,
+        ),
+        comm,
+    ).certificate
+    (line,) = (line for line in certificate.lines if line.name == "largest volume ratio J")
+    assert line.verdict is Verdict.WARN
+    assert line.value == pytest.approx(6 + 37**0.5, rel=1e-9)
+    assert line.note.startswith("beyond it in 100.00% of the volume, most at (")
