@@ -64,7 +64,7 @@ def _points(spec: MeshSpec, path: Path, given: MeshSource) -> Floats:
 
 
 def _has_same_cells(shape: MeshSource, other: MeshSource) -> bool:
-    """Return whether cells have the same nodes; those of a shell may be numbered from another side."""
+    """Return whether cells have the same nodes; in shells they may be numbered from another side."""
     return (
         shape.kind == other.kind
         and len(shape.points) == len(other.points)
