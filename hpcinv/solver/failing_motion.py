@@ -25,7 +25,7 @@ _RIGID = 0.5
 _FAR = 0.1
 """Largest displacement, in lengths of the body, below which the supports are not blamed."""
 _SMALL = 1e-4
-"""Displacement, in lengths of the body, with which a shell is to begin; raised, flat thin ones fail in bending"""
+"""Displacement, in lengths of the body, that a shell begins with; raised, flat thin ones fail in bending"""
 _ALONG = 0.95  # cosine of the angle to an axis up to which a direction is called by its name
 _TURNS = 0.02  # squares of a motion by its rotation, relative to its translation; above it the motion is called a turn
 
