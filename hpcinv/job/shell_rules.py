@@ -23,7 +23,7 @@ def unsuited_shell(job: Any) -> Faults:
     yield from ((("mesh", *place), text) for place, text in _unsuited_mesh(job.mesh))
     spaces = job.discretisation
     if spaces.displacement != 2:
-        yield ("discretisation", "displacement"), "must be 2 in a shell, whose displacement is quadratic in its layer"
+        yield ("discretisation", "displacement"), "must be 2 in a shell, which does not lock: take smaller cells"
     if spaces.quadrature is not None:
         yield (
             ("discretisation", "quadrature"),

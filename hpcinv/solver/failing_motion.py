@@ -25,6 +25,8 @@ _RIGID = 0.5
 """Share of a motion (of its squares) from which it is called rigid; higher, and less firm supports are not named."""
 _FAR = 0.1
 """Largest displacement, in lengths of the body, below which the supports are not blamed."""
+_SMALL = 1e-4
+"""Displacement, in lengths of the body, that a shell begins with; raised, flat thin ones fail in bending"""
 _ALONG = 0.95  # cosine of the angle to an axis up to which a direction is called by its name
 _TURNS = 0.02  # squares of a motion by its rotation, relative to its translation; above it the motion is called a turn
 
@@ -34,7 +36,7 @@ def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, 
 
     It is the one at the unloaded body, or, on a path from another state, at the present one, a solution at a load
     factor. The state is unchanged, the factors are new. Without a factorization there are no lines. Further lines name
-    supports that are to be blamed, and effects that are formulas of the unknown body.
+    supports that are to be blamed, steps of a flat shell, and effects that are formulas of the unknown body.
     """
     system, comm = equilibrium.system, body.mesh.comm
     x = system.position()
@@ -61,7 +63,10 @@ def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, 
     place = _place(np.array(point), body.length_scale)
     text = f"to first order the load moves the body by {readable(largest * body.length_scale, 'm')}"
     lines = [f"After {failures} failed steps: {text}, most at ({place}) m"]
-    if largest > _FAR:
+    if job.mesh.shell is not None and largest > 1.0:
+        first = f"{_SMALL / largest:.0e}, minimum_step: {1e-4 * _SMALL / largest:.0e}"
+        lines.append(f"A sheet hardly resists across itself before it is tense: solver: {{initial_step: {first}}}")
+    elif largest > _FAR:
         share, free = _rigid_part(comm, moved, motion, body.length_scale)
         if share > _RIGID:
             lines[0] += f"; {share:.0%} of it is rigid: it is nearly free to {free}"

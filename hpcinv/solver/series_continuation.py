@@ -99,10 +99,10 @@ class SeriesContinuation:
             kept = _POLISHED * tolerance if is_exact else 0.0
             series = self._expand(load, goal, _ENOUGH, are_near=are_near)
             spent = self._linear.factorizations - before
-            mark = self._linear.inertia_mark()
-            if isinstance(series, Outcome):
+            if isinstance(series, Outcome):  # after a solve that failed there may be no factors
                 yield Solve(load, series, (), spent, strategy=STRATEGY)
                 return
+            mark = self._linear.inertia_mark()
             for solve in self._corrected(series, origin, goal, kept, tolerance, steps):
                 are_near = solve.factorizations > 0
                 solve = self._branched(solve, series, origin, mark, steps.cases)

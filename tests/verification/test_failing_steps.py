@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.sheets import flat, save_sheet
 from helpers.verification import box, job
 
 import hpcinv
@@ -54,6 +56,25 @@ def test_nearly_free_motion_is_named(direction: Any, comm: MPI.Intracomm) -> Non
     unknown = "effects[0].traction depends on X, Y or Z, which are unknown until the end of the path"
     expected = [f"{unknown}: write it with x, y, z, or as an array of the mesh"] if direction == "inverse" else []
     assert formulas == expected
+    equilibrium.destroy()
+
+
+def test_flat_membranes_are_given_a_first_step(tmp_path: Path) -> None:
+    """A clamped square: w = 0.00126 p a⁴/D, which is 13.8 m for a side of 1 m; 2e-4 m of it first."""
+    thickness, young = 1e-3, 1e6
+    given = job(
+        analysis="forward",
+        mesh={"file": str(save_sheet(tmp_path / "sheet.msh", 4, 4, flat(1, 1))), "shell": {"thickness": thickness}},
+        material={"law": "st-venant-kirchhoff", "young": young, "poisson": 0.3},
+        effects=[{"effect": "pressure", "region": "inner", "pressure": 1e-3 * young * thickness}],
+        supports=[{"region": edge, "fix": ["x", "y", "z"]} for edge in ("x0", "x1", "y0", "y1")],
+    )
+    body = build_body(given.mesh, given.regions, MPI.COMM_SELF, resolve=given.resolve)
+    model = Equations(given, body, Timings())
+    equilibrium = model.equilibrium(model.scene("forward"))
+    motion, advice = failing_motion(given, body, equilibrium, 0.0, 4)
+    assert "moves the body by 13.8 m, most at (0.5, 0.5, 0) m" in motion
+    assert advice.endswith("before it is tense: solver: {initial_step: 1e-05, minimum_step: 1e-09}")
     equilibrium.destroy()
 
 

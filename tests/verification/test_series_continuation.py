@@ -15,12 +15,17 @@ from scipy.special import ellipe, ellipk
 
 import hpcinv
 from hpcinv.assembly import taylor_residual
+from hpcinv.mesh import build_body
 from hpcinv.methods import fallbacks
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear import selection
+from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT
+from hpcinv.solver.series_continuation import SeriesContinuation
 
 HELD = {"region": "x0", "fix": ["x", "y", "z"]}
 GRAVITY = {"effect": "gravity", "acceleration": [0, -4, 0], "density": 1000, "density_in": "reference"}
@@ -268,6 +273,24 @@ def test_buckled_column_is_the_elastica(branch: str, side: int, comm: MPI.Intrac
     assert sway == pytest.approx(expected, rel=2e-3)  # shear, and half of a thickness of 1/50
     assert solution.solves[0].strategy == "branch switching"
     assert solution.solves[0].bifurcation == pytest.approx(1 / 300, rel=1e-3)
+
+
+def test_a_series_without_factors_is_one_failed_solve(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tangent that cannot be factorized: the path ends with the reason."""
+    given = job(**BEAM | PATHS["forward"], solver={"linear": "direct"})
+    equations = Equations(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
+    equilibrium = equations.equilibrium(equations.scene("forward"))
+    linear = equilibrium.linear
+
+    def fails(*_: object) -> bool:
+        linear.forget_factors()
+        return False
+
+    for name in ("solve", "back_substitute"):
+        monkeypatch.setattr(linear, name, fails)
+    (solve,) = SeriesContinuation(equilibrium).follow(AdaptiveSteps(1.0, 1e-3), 1e-10, 0.0)
+    assert not solve.outcome.accepted
+    equilibrium.destroy()
 
 
 def test_little_memory_makes_fewer_orders(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:

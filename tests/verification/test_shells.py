@@ -10,6 +10,7 @@ import pyvista
 from helpers.sheets import Place, flat, save_sheet, save_sphere_octant
 
 import hpcinv
+from hpcinv.__main__ import main
 from hpcinv.errors import MeshError, SolveError
 from hpcinv.materials import laws
 from hpcinv.mesh.io.gmsh_model import save_msh
@@ -500,6 +501,33 @@ def test_hemisphere_hangs_from_its_rim_as_a_membrane(tmp_path: Path) -> None:
     assert gap(result) < 1e-12
 
 
+@pytest.mark.release
+def test_flat_disc_is_inflated_as_a_membrane(tmp_path: Path) -> None:
+    """From unstressed, ``w = 0.6534 q^(1/3) R`` for ``q = p R/(E t)`` and ν = 0.3, and back.
+
+    Source: Hencky, Z. Math. Phys. 63, 1915, for small strains; these are 0.01.
+    """
+    thickness, young, q = 2e-4, 1e6, 1e-3
+    octant = read_surface(save_sphere_octant(tmp_path / "octant.msh", 4))
+    x, y, z = octant.points.T
+    from_pole = np.arccos(np.clip(z, 0, 1)) / np.maximum(np.hypot(x, y), 1e-300) / (np.pi / 2)
+    path = tmp_path / "disc.msh"
+    save_msh(path, octant, np.column_stack([from_pole * x, from_pole * y, 0 * z]))
+    result = solve(
+        path,
+        thickness,
+        analysis="round_trip",
+        first="forward",
+        material={"law": "st-venant-kirchhoff", "young": young, "poisson": 0.3},
+        effects=[{"effect": "pressure", "region": "inner", "pressure": q * young * thickness}],
+        supports=[*HALVED, {"region": "z0", "fix": ["x", "y", "z"], "hinge": True}],
+        solver={"initial_step": 1e-8, "minimum_step": 1e-12},
+        quantities=[{"name": "rise", "of": "uz", "at": [0, 0, 0]}],
+    )
+    assert abs(result.quantities["rise"]) / q ** (1 / 3) == pytest.approx(0.6534, rel=2e-3)
+    assert gap(result) < 1e-6
+
+
 @pytest.mark.parametrize(
     "name", [n if n == LINEAR["law"] else pytest.param(n, marks=pytest.mark.release) for n in laws()]
 )
@@ -579,6 +607,22 @@ def test_arch_that_snapped_comes_back_from_a_rough_shape(tmp_path: Path) -> None
 
     with pytest.raises(MeshError, match=r"the cells of solver\.start_shape are not"):
         back(start_shape=str(save_sheet(tmp_path / "other.msh", 5, 1, flat(1, 0.3))))
+
+
+@pytest.mark.release
+@pytest.mark.parametrize("suffix", [".vtu", ".inp"])
+def test_exported_body_sags_as_the_shell(tmp_path: Path, suffix: str) -> None:
+    """The thick body in hexahedra of 27 or 20 nodes is a solid, fully integrated: 1 % stiffer than the shell."""
+    path = save_sheet(tmp_path / "sheet.msh", 8, 4, cylinder(10, 5, 1))
+    gravity = {"effect": "gravity", "density": 1000, "acceleration": [-0.02, 0, 0], "density_in": "reference"}
+    base = job(path, 0.4, analysis="forward", effects=[gravity], supports=[CLAMPED])
+    base["quantities"] = [{"name": "tip", "of": "ux", "on": "x1", "reduce": "mean"}]
+    shell = hpcinv.run(base, progress=False, directory=tmp_path / "run")
+    solid = tmp_path / f"thick{suffix}"
+    assert main(["export", str(tmp_path / "run"), "--shape", "undeformed", "--to", str(solid), "--unit", "m"]) == 0
+    again = hpcinv.run(base | {"mesh": {"file": str(solid)}}, progress=False)
+    assert shell.quantities["tip"] < -0.9
+    assert 0.97 < again.quantities["tip"] / shell.quantities["tip"] < 1
 
 
 @pytest.mark.release

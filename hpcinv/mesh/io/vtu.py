@@ -155,7 +155,8 @@ def _solid_kind(path: Path, names: Mapping[int, str]) -> str:
         return kind
     if not solid:
         raise MeshError(
-            f"{path}: no solid cells", "Save the tetrahedra or hexahedra of the body, not only its surface."
+            f"{path}: no solid cells",
+            "Save the tetrahedra or hexahedra of the body, or give a shell's surface as .msh with 'mesh: {shell: …}'.",
         )
     raise MeshError(
         f"{path}: cells are {' and '.join(sorted(names[number] for number in solid))}",
