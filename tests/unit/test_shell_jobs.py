@@ -51,13 +51,9 @@ def job(path: Path, **data: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (
-            {"accuracy": {"q": "1 mm"}, "quantities": [{"name": "q", "of": "ux", "at": [0, 0, 0]}]},
-            "together with accuracy",
-        ),
         ({"discretisation": {"displacement": 3}}, "discretisation.displacement: must be 2 in a shell"),
         ({"discretisation": {"quadrature": 6}}, "discretisation.quadrature: is not valid with a shell"),
-        ({"method": "sellier"}, "together with method"),
+        ({"expected_shape": {"file": "flat.msh"}}, "together with expected_shape"),
         ({"solver": {"linear": "iterative"}}, "together with solver.linear"),
         ({"output": {"mesh": ["inp"]}}, "together with output.mesh"),
         ({"supports": [{"region": "x9", "fix": ["x", "y", "z"]}]}, "there is no region 'x9'"),
