@@ -53,7 +53,6 @@ def job(path: Path, **data: Any) -> dict[str, Any]:
     [
         ({"discretisation": {"displacement": 3}}, "discretisation.displacement: must be 2 in a shell"),
         ({"discretisation": {"quadrature": 6}}, "discretisation.quadrature: is not valid with a shell"),
-        ({"expected_shape": {"file": "flat.msh"}}, "together with expected_shape"),
         ({"solver": {"linear": "iterative"}}, "together with solver.linear"),
         ({"output": {"mesh": ["inp"]}}, "together with output.mesh"),
         ({"supports": [{"region": "x9", "fix": ["x", "y", "z"]}]}, "there is no region 'x9'"),
