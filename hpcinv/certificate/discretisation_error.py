@@ -215,7 +215,7 @@ def estimate(
     corrected = _corrected(quantities, equations, node_displacement, solution.direction, finer) if has_values else {}
     displacement, delta = u.copy(), u
     delta.x.array[:] -= start.x.array
-    if is_shell:  # the indicators are those of the given cells
+    if is_shell:  # indicators belong to the given cells
         delta = halved_cells.nodal_function(equations.unknowns, node_displacement - solution.u)
     indicators = _cell_indicators(delta, body.length_scale)
     limit = None if edges is None else singular_limit(equations, edges, indicators, delta)

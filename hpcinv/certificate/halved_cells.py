@@ -1,6 +1,6 @@
 """The finer problem of a shell: the same unknowns on cells of half the size.
 
-Spaces of one degree more are no better on thin coarse cells: with full integration they lock, and with the quadrature
+Spaces of one degree more are not better on thin coarse cells: with full integration they lock, and with the quadrature
 of a layer they have motions of little stiffness. The layer of quadratic hexahedra converges on finer surfaces, at
 least with the square of the size of its cells, so that halved cells find three quarters of the error or more. Errors
 across the thickness, which is one layer on both, are left out.
