@@ -10,6 +10,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import Resolution, is_generator, resolution_of
 from hpcinv.mesh.body import Body, build_body, read_source
 from hpcinv.mesh.cells import sub_entities, vertex_count
+from hpcinv.mesh.midsurface import halved_shell
 from hpcinv.mesh.refine.degree import inner_dofs
 from hpcinv.mesh.refine.refinement import refine
 from hpcinv.mesh.source import Floats, Ints, MeshSource
@@ -97,9 +98,10 @@ class Meshes:
         if self.comm.rank == 0:
             given = body.source
             for _ in range(times):
-                given = refine(given).source
+                given = halved_shell(given) if body.build_halved is not None else refine(given).source
         size = None if variant.size is None else variant.size / factor
-        return Variant(variant.resolution, given, True, size, f"each cell cut into {8**times}")
+        parts = (8 if body.build_halved is None else 4) ** times
+        return Variant(variant.resolution, given, True, size, f"each cell cut into {parts}")
 
     def halved_cells(
         self, variant: Variant, body: Body, levels: Ints, segments: Floats | None = None, ratio: float = 0.0

@@ -71,7 +71,8 @@ class Search:
         self.memory = RefinementMemory(comm)
         self.meshes = Meshes(job, comm)
         self.unseen_order: float | None = None
-        self.highest = max(HIGHEST_DEGREE, job.discretisation.displacement)
+        degree = job.discretisation.displacement
+        self.highest = degree if job.mesh.shell is not None else max(HIGHEST_DEGREE, degree)
         self.last: Trial | None = None
         self.findings: list[Finding] = []
         self.assessments: list[Assessment] = []

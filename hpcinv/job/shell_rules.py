@@ -53,14 +53,11 @@ def _unsuited_mesh(mesh: MeshSpec) -> Faults:
 
 def _refused(job: Any) -> Iterable[KeyPath]:
     """Places of what a shell does not have."""
-    for key in ("accuracy", "identify", "expected_shape"):
-        if getattr(job, key):
-            yield (key,)
-    for name, family in job.fibres.items():
-        if family.rule is not None:
-            yield ("fibres", name, "rule")
-    if job.method != "direct":
-        yield ("method",)
+    if job.expected_shape:
+        yield ("expected_shape",)
+    for number, observation in enumerate(job.identify.observations if job.identify else ()):
+        if observation.mesh:
+            yield ("identify", "observations", number, "mesh")
     if job.solver.linear == "iterative":
         yield ("solver", "linear")
 

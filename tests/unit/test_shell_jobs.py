@@ -51,13 +51,8 @@ def job(path: Path, **data: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (
-            {"accuracy": {"q": "1 mm"}, "quantities": [{"name": "q", "of": "ux", "at": [0, 0, 0]}]},
-            "together with accuracy",
-        ),
         ({"discretisation": {"displacement": 3}}, "discretisation.displacement: must be 2 in a shell"),
         ({"discretisation": {"quadrature": 6}}, "discretisation.quadrature: is not valid with a shell"),
-        ({"method": "sellier"}, "together with method"),
         ({"solver": {"linear": "iterative"}}, "together with solver.linear"),
         ({"output": {"mesh": ["inp"]}}, "output.mesh: must be msh or vtu, which hold a shell: 'hpcinv export'"),
         ({"supports": [{"region": "x9", "fix": ["x", "y", "z"]}]}, "there is no region 'x9'"),

@@ -12,6 +12,8 @@ from helpers.sheets import Place, flat, save_sheet, save_sphere_octant
 import hpcinv
 from hpcinv.__main__ import main
 from hpcinv.errors import MeshError, SolveError
+from hpcinv.identification.identification_run import identify
+from hpcinv.job.job import parse
 from hpcinv.materials import laws
 from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.readers import read_surface
@@ -648,6 +650,93 @@ def test_states_and_sensitivities_agree_with_a_solid(tmp_path: Path) -> None:
     both = case(states=[{"name": "a", "given": True, "effects": [pushed(30)]}, {"name": "b", "effects": [pushed(-30)]}])
     assert both.quantities["tip-a"] == pytest.approx(alone.quantities["tip"], abs=1e-13)
     assert both.quantities["tip-b"][1] * both.quantities["tip-a"][1] < 0
+
+
+def weight(acceleration: float) -> dict[str, Any]:
+    return {"effect": "gravity", "density": 1000, "acceleration": [0, 0, acceleration], "density_in": "reference"}
+
+
+@pytest.mark.release
+def test_fixed_points_find_the_direct_shape(tmp_path: Path) -> None:
+    path = save_sheet(tmp_path / "sheet.msh", 4, 1, flat(10, 1))
+    data: dict[str, Any] = {"analysis": "inverse", "effects": [weight(-3e-4)], "supports": [CLAMPED]}
+    direct, fixed = (solve(path, 0.1, method=method, **data).solutions[0].u for method in ("direct", "anderson"))
+    assert np.abs(direct).max() > 0.1
+    assert np.abs(fixed - direct).max() < 1e-8
+
+
+@pytest.mark.release
+def test_modulus_is_identified_by_a_deflection(tmp_path: Path) -> None:
+    """A sheet that hangs is given; the deflection of its end after it was turned over determines its modulus."""
+    data = job(
+        save_sheet(tmp_path / "sheet.msh", 4, 1, flat(10, 1)),
+        0.1,
+        supports=[CLAMPED],
+        states=[
+            {"name": "hanging", "given": True, "effects": [weight(-3e-4)]},
+            {"name": "turned", "effects": [weight(3e-4)]},
+        ],
+        quantities=[{"name": "end", "of": "z", "at": [10, 0.5, 0], "state": "turned"}],
+    )
+    end = hpcinv.run(data, progress=False).quantities["end"]
+    observed = {"name": "end", "quantity": "end", "value": float(end), "sd": 1e-3}
+    unknown = {"material": LINEAR | {"young": 0.7 * YOUNG}}
+    section = {"parameters": {"material.young": None}, "observations": [observed]}
+    found = identify(parse(data | unknown | {"identify": section}, tmp_path / "job.yaml"), MPI.COMM_SELF).estimate
+    assert found.values[0] == pytest.approx(YOUNG, rel=1e-4)
+
+
+@pytest.mark.release
+def test_accuracy_is_met_on_smaller_cells(tmp_path: Path) -> None:
+    def tip(cells: int, **data: Any) -> Result:
+        return solve(
+            save_sheet(tmp_path / "sheet.msh", cells, max(cells // 4, 1), flat(10, 1)),
+            0.1,
+            analysis="inverse",
+            effects=[weight(-3e-4)],
+            supports=[CLAMPED],
+            quantities=[{"name": "tip", "of": "uz", "at": [10, 0.5, 0]}],
+            **data,
+        )
+
+    found, fine = tip(2, accuracy={"tip": "1 mm"}), tip(32)
+    assert found.accuracy is not None
+    assert len(found.accuracy.rows) > 1
+    assert abs(found.quantities["tip"] - fine.quantities["tip"]) < found.accuracy.bounds["tip"] < 1e-3
+
+
+@pytest.mark.release
+def test_fibres_by_a_rule_are_helices(tmp_path: Path) -> None:
+    """Fibres of a tube between the faces of a shell: as by a formula, and back."""
+    path = save_sheet(tmp_path / "tube.msh", 6, 2, cylinder(1, 1, np.pi / 2))
+    law = {"law": "holzapfel-gasser-ogden", "mu": 3e4, "k1": 2e4, "k2": 1.0, "dispersion": 0.1}
+    rule = {"kind": "tube", "inner": "inner", "outer": "outer", "inlet": "y0", "outlet": "y1"}
+    cosine, sine = np.cos(0.5), np.sin(0.5)
+    formulas, rules = dict[str, Any](), dict[str, Any]()
+    for number, sign in ((1, 1), (2, -1)):
+        direction = [f"-{cosine}*y", f"{cosine}*x", f"{sign * sine}*norm(x, y)"]
+        formulas[f"fibre{number}"] = {"direction": direction, "given_on": "current"}
+        rules[f"fibre{number}"] = {"rule": rule | {"helix": 0.5 * sign}, "given_on": "current"}
+    radii = []
+    for fibres in (formulas, rules):
+        result = solve(
+            path,
+            0.1,
+            analysis="round_trip",
+            material=law | {"kappa": "incompressible"},
+            fibres=fibres,
+            effects=[{"effect": "pressure", "region": "inner", "pressure": 3e3}],
+            supports=[
+                {"region": "x0", "fix": ["y"]},
+                {"region": "x1", "fix": ["x"]},
+                {"region": "y0", "fix": ["z"]},
+                {"region": "y1", "fix": ["z"]},
+            ],
+            quantities=[{"name": "widening", "of": "ux", "at": [1, 0, 0.5]}],
+        )
+        radii.append(result.quantities["widening"])
+        assert gap(result) < 1e-9
+    assert radii[1] == pytest.approx(radii[0], rel=1e-3)
 
 
 def point_load(region: str, force: float, band: float, share: str) -> dict[str, Any]:
