@@ -2,8 +2,8 @@
 
 At an equilibrium the path is expanded (`hpcinv.solver.power_series`), all orders with the same factors. Newton's method
 corrects the state at the end of the range, and at the full load it decides as after any load step. A range whose end
-it cannot correct is shortened. Where that leaves less than the smallest load step, such a step is tried; the path ends
-where it fails.
+it cannot correct is shortened. Where ranges are shorter than the smallest load step, such a step is tried at last; the
+path ends where it fails.
 """
 
 from __future__ import annotations
@@ -48,6 +48,13 @@ _TINY = 1e-100
 underflow. With a larger one, the path of such a body would be cut into more ranges."""
 _PATH_TOLERANCE = 1e-8  # of states between expansions; near a limit point of the load it matters
 _LOCATED = 1e-9  # error of a series at a limit point that counts as found; the load there has no error of first order
+_AHEAD = 1.2
+"""Multiple of a range up to which a limit point is looked for. With a smaller one, Newton's method may pass the point
+at the end of a range before it; a larger one finds limit points that do not exist, which shorten the range."""
+_SHORT_RANGES = 3
+"""Successive ranges shorter than the smallest load step, relative to the load, after which the path is thought to end.
+Raised, bounds that the load only nears take more factorizations; lowered, limit points near bifurcations are missed."""
+_NEAR = 3.0  # times the tangent of the path, up to which the solution of a small step belongs to it
 _BEYOND_LIMIT = 0.3  # of the way to a limit point: a solve there confirms it; farther, Newton's method may fail
 _BEFORE_LIMIT = 0.7  # share of the way to a limit point after which the path is expanded again
 _TRIALS = 4  # ends of one range that are tried
@@ -90,7 +97,7 @@ class SeriesContinuation:
         """
         equilibrium, system = self._equilibrium, self._system
         equilibrium.depart(load)
-        is_exact = load == 0.0
+        is_exact, short = load == 0.0, 0
         while load < 1.0:
             goal, before = target_of(load, 1.0, steps.cases), self._linear.factorizations - spent
             system.linearise(load)
@@ -110,20 +117,34 @@ class SeriesContinuation:
                 yield replace(solve, factorizations=solve.factorizations + spent, strategy=strategy)
                 spent = 0
             origin.destroy()
+            is_short = solve.load < goal and solve.load - load < steps.least * solve.load
             is_accepted = solve.outcome.accepted
-            if not (is_accepted or solve.outcome is Outcome.DIVERGED):
+            if not (is_accepted or (is_short and solve.outcome is Outcome.DIVERGED)):
                 return
-            is_short = strategy == STRATEGY and solve.load - load < steps.least and solve.load < goal
             load, is_exact = solve.load if is_accepted else load, False
-            if is_short and (self._limit(series) is None or not is_accepted):
-                target = target_of(load, steps.least, steps.cases)
-                solve = equilibrium.solve(target, tolerance if target == 1.0 else steps.path_tolerance)
-                yield replace(solve, strategy=STRATEGY)
-                load, are_near = target, solve.factorizations > 0
-            if not solve.outcome.accepted:
-                return
+            short = short + 1 if is_short and strategy == STRATEGY and self._limit(series) is None else 0
+            if short == _SHORT_RANGES or not is_accepted:
+                solve = self._small_step(series, load, steps, tolerance)
+                yield solve
+                if not solve.outcome.accepted:
+                    return
+                load, short, are_near = solve.load, 0, solve.factorizations > 0
         if self._side:
             equilibrium.observer.failing(["no other path branches off before the full load"])
+
+    def _small_step(self, series: PowerSeries, load: float, steps: AdaptiveSteps, tolerance: float) -> Solve:
+        """Return the smallest load step from the present state, which shows whether and why the path ends there."""
+        target, origin = target_of(load, steps.least, steps.cases), self._system.position()
+        solve = self._equilibrium.solve(target, tolerance if target == 1.0 else steps.path_tolerance)
+        moved = self._system.position()
+        moved.axpy(-1.0, origin)
+        slope = np.sqrt(self._system.comm.allreduce(series.states[0] @ series.states[0])) / series.loads[0]
+        if norm(moved) > _NEAR * slope * (target - load):
+            solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
+            self._system.set_state(origin)
+        origin.destroy()
+        moved.destroy()
+        return replace(solve, strategy=STRATEGY)
 
     def expand(self, goal: float, wanted: float, *, are_near: bool) -> PowerSeries | Outcome:
         """Return the series at the present state, an equilibrium at load factor 0, or the reason why there is none.
@@ -243,9 +264,9 @@ class SeriesContinuation:
         yield Solve(load, Outcome.LIMIT_POINT, (), 0)
 
     def _limit(self, series: PowerSeries) -> float | None:
-        """Return the parameter of the first maximum of the load in the range."""
+        """Return the parameter of the first maximum of the load in the range, or not far beyond it."""
         a, is_pade = series.range(_ACCURACY)
-        return series.limit(a, pade=is_pade)
+        return series.limit(_AHEAD * a, pade=is_pade)
 
     def _parameter(self, series: PowerSeries, origin: PETSc.Vec, load: float) -> float:
         """Return the parameter of the present state; collective."""
