@@ -3,8 +3,9 @@
 Seconds are processor time of the whole solve, from the first assembly to the solution, analysis and set-up included. A
 solver that takes more than `LIMIT` times as long as the direct one is stopped ("inf"). Every second body is
 held out: constants of the cost model were fitted to the others at most. Reasons of `auto` are printed to stderr.
+On several ranks, each phase counts the seconds of its slowest rank, which include busy waiting.
 
-Command: mpirun -n 1 python benchmarks/solver_choice.py [names …] [--jobs JOB …]
+Command: mpirun -n RANKS python benchmarks/solver_choice.py [names …] [--jobs JOB …]
 """
 
 from __future__ import annotations
@@ -111,6 +112,8 @@ def bodies() -> dict[str, JobData]:
         "sponge P2": body("voxel_body", standing, SOFT, kind="sponge", cells=12, seed=4),
         "leaves P1": body("voxel_body", standing, SOFT, 1, kind="leaves", cells=32, seed=5),
         "heart wall": {**body("ventricle", ventricle, SOFT, size="8 mm"), "material": fibrous, "fibres": fibres},
+        "lattice large": body("voxel_body", standing, SOFT, kind="lattice", cells=31),
+        "rod 50:1 P1": body("box", hanging("x0", 1e-6), SOFT, 1, lx=50, nx=600, ny=12, nz=12),
     }
 
 
@@ -174,7 +177,8 @@ def row(name: str, data: JobData) -> float | None:
         f"{name:34}{unknowns:9}{best['direct']:9.2f}{best['iterative']:9.2f}{best['auto']:9.2f}{ratio:7.2f}"
         f"{krylov:8}  {linear['configuration']}{' after a change' if linear['fallback'] else ''}"
     )
-    print(f"{name}: {linear['why']}", file=sys.stderr, flush=True)
+    if MPI.COMM_WORLD.rank == 0:
+        print(f"{name}: {linear['why']}", file=sys.stderr, flush=True)
     return ratio
 
 

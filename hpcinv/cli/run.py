@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -112,13 +113,12 @@ def _run_in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, 
 
     with launched(options.ranks) as (comm, stop):
         with paused_collection():
-            from hpcinv.certificate import Verdict
-            from hpcinv.driver import run
+            from hpcinv.mesh.io.isolated import reading_ahead
             from hpcinv.output.progress import Level, Progress
             from hpcinv.parallel.ranks import abort, on_root
 
         on_root(comm, _import_console)
-        with Progress(comm, sys.stdout, Level(1 + options.verbose - options.quiet)) as progress:
+        with ExitStack() as ahead, Progress(comm, sys.stdout, Level(1 + options.verbose - options.quiet)) as progress:
 
             def interrupted() -> NoReturn:
                 progress.note("ended by Ctrl-C", Level.VERBOSE)
@@ -127,6 +127,12 @@ def _run_in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, 
 
             end_on_interrupt(interrupted)
             job, directory = on_root(comm, read)
+            if comm.rank == 0:
+                ahead.enter_context(reading_ahead(job.mesh, job.resolve(job.mesh.file)))
+            with paused_collection():
+                from hpcinv.certificate import Verdict
+                from hpcinv.driver import run
+
             if resume and on_root(comm, lambda: directory.is_finished):
                 verdict_text = on_root(comm, lambda: directory.verdict)
                 # The record of another version may not be known here, or be missing.

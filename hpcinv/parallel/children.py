@@ -48,33 +48,47 @@ def ending_with_this(
     return [sys.executable, "-I", "-S", "-c", _LAUNCH, str(os.getpid()), *lists, *command]
 
 
-def run_child(
-    command: Sequence[str],
-    *,
-    keeps_output: bool = True,
-    receive: Callable[[IO[bytes]], None] | None = None,
-    seconds: float | None = None,
-) -> subprocess.CompletedProcess[bytes]:
-    """Run a command to its end, with no input and captured errors; requests to stop do not reach it.
+def start_child(command: Sequence[str], *, keeps_output: bool = True) -> subprocess.Popen[bytes]:
+    """Start a child process for `run_child`, with no input and captured errors; requests to stop do not reach it.
 
     It stays in the group of this process, so that Ctrl-C and the end of a job reach what it starts itself as well.
 
     Args:
         keeps_output: whether its output is captured too.
-        receive: called with its output instead, to read it without a second copy in memory.
-        seconds: on the clock after which it is killed.
 
     Raises:
         OSError: no process can be started.
     """
     # Blocked for gmsh, which sets handlers, and until they are ignored; ignored for shells, which may unblock them.
     with signals_blocked(ASK_TO_STOP):
-        child = subprocess.Popen(
+        return subprocess.Popen(
             ending_with_this(command, ignored=ASK_TO_STOP),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE if keeps_output else subprocess.DEVNULL,
             stderr=subprocess.PIPE,
         )
+
+
+def run_child(
+    command: Sequence[str],
+    *,
+    keeps_output: bool = True,
+    receive: Callable[[IO[bytes]], None] | None = None,
+    seconds: float | None = None,
+    started: subprocess.Popen[bytes] | None = None,
+) -> subprocess.CompletedProcess[bytes]:
+    """Run a child process to its end.
+
+    Args:
+        keeps_output: as for `start_child`.
+        receive: called with its output instead, to read it without a second copy in memory.
+        seconds: on the clock after which it is killed.
+        started: the process, if `start_child` has started it already.
+
+    Raises:
+        OSError: no process can be started.
+    """
+    child = started or start_child(command, keeps_output=keeps_output)
     killer = threading.Timer(seconds, child.kill) if seconds is not None else None
     with child:
         try:

@@ -6,7 +6,8 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import IO, Any
@@ -16,12 +17,16 @@ import numpy.typing as npt
 
 from hpcinv import reading
 from hpcinv.errors import MeshError, OutputError, SystemPartMissing
+from hpcinv.formats import FORMATS
 from hpcinv.job.fingerprint import file_digest
+from hpcinv.job.sections import MeshSpec
 from hpcinv.parallel.available_memory import available
-from hpcinv.parallel.children import run_child
+from hpcinv.parallel.children import run_child, start_child
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.signals import ended_by_signals
 from hpcinv.reading.fault import shown
+from hpcinv.reading.isolated_reader import ACTIONS
+from hpcinv.reading.suffix import suffix_of
 
 _PROGRAM = Path(reading.__file__).with_name("isolated_reader.py")
 _SECONDS = 60  # of processor time for a small file; a damaged one may take as long, if raised
@@ -30,6 +35,9 @@ _WAITING = 10  # time on the clock for each second of processor time; on a busy 
 _COMPLAINT = re.compile(r"ERR\|\s*(?:\w+ \(0x[0-9a-f]+\): )?(.*?)\s*(?:\x1b\[0m)?$", re.MULTILINE)
 
 type Arrays = dict[str, npt.NDArray[Any]]
+
+_started: dict[tuple[str, Path], subprocess.Popen[bytes]] = {}
+"""processes of `reading_ahead`, by action and file"""
 
 
 class _Received:
@@ -80,16 +88,45 @@ def read_isolated(action: str, path: Path, failure: str, advice: str) -> tuple[d
     return received.head, received.arrays
 
 
+@contextmanager
+def reading_ahead(mesh: MeshSpec, path: Path) -> Iterator[None]:
+    """Context in which a process already reads the file of a mesh, while this one imports what will ask for it."""
+    action = "image" if mesh.is_image else "surface" if mesh.is_surface else _action(path)
+    if action:
+        with suppress(OSError, MeshError):  # `run_isolated` meets it again
+            _started[action, path.absolute()] = start_child(_command(action, path)[0])
+    try:
+        yield
+    finally:
+        while _started:  # nobody has asked for it
+            with _started.popitem()[1] as child:
+                child.kill()
+
+
+def _action(path: Path) -> str:
+    """Return the action for a mesh file, which has the name of its reader's module; empty if it has none."""
+    known = FORMATS.get(suffix_of(path))
+    name = known.reader.partition(":")[0].rpartition(".")[2] if known else ""
+    return name if name in ACTIONS else ""
+
+
 def run_isolated(action: str, path: Path, receive: _Received | None = None) -> subprocess.CompletedProcess[bytes]:
     """Run the program on a file, with captured errors, within limits of memory, time and temporary files."""
+    command, seconds = _command(action, path)
+    with ended_by_signals():
+        started = _started.pop((action, path.absolute()), None)
+        return run_child(command, receive=receive, seconds=_WAITING * seconds, started=started)
+
+
+def _command(action: str, path: Path) -> tuple[list[str], int]:
+    """Return the command that runs the program on a file, and its limit of processor time (s)."""
     memory, seconds = available(MPI.COMM_SELF), _SECONDS
     try:
         seconds += int(path.stat().st_size / _BYTES_PER_SECOND)
     except (OSError, ValueError) as error:
         raise MeshError(f"{path}: {getattr(error, 'strerror', error)}", "Is the file readable?") from None
     command = [sys.executable, "-P", str(_PROGRAM), action, str(path.absolute()), str(int(memory)), str(seconds)]
-    with ended_by_signals():
-        return run_child(command, receive=receive, seconds=_WAITING * seconds)
+    return command, seconds
 
 
 def _ending(code: int) -> str:
