@@ -9,11 +9,11 @@ from typing import Any
 
 from hpcinv.cards.abaqus import Keyword, keywords
 from hpcinv.cards.card import CardError, UnknownLaw, number
-from hpcinv.cards.deck import Deck, Measure, NodalForces
+from hpcinv.cards.deck import Deck, Measure, NodalForces, RemoteForce
 from hpcinv.reading.single_conditions import force_groups, held_axes, held_groups, pressed_groups
 
 _NOT_TAKEN = (
-    *("TEMPERATURE", "INITIAL CONDITIONS", "CONTACT PAIR", "TIE", "EQUATION", "COUPLING", "RIGID BODY", "MPC"),
+    *("TEMPERATURE", "INITIAL CONDITIONS", "CONTACT PAIR", "TIE", "EQUATION", "RIGID BODY", "MPC"),
     *("SPRING", "DASHPOT", "MASS", "CONNECTOR SECTION", "SHELL SECTION", "MEMBRANE SECTION", "BEAM SECTION"),
     *("DYNAMIC", "BUCKLE", "FREQUENCY", "VISCO", "HEAT TRANSFER", "COUPLED TEMPERATURE-DISPLACEMENT"),
 )
@@ -54,11 +54,13 @@ class _Reader:
         self._held_nodes: dict[str, dict[int, tuple[float, float]]] = {}
         self._forces: dict[str, dict[int, float]] = {}  # by node or set, and component
         self._pressed: dict[tuple[int, int], tuple[float, float]] = {}
+        self._couplings: dict[int, tuple[str, str]] = {}  # surface and kind by the number of the node
         self._pressed_ever: dict[tuple[int, int], float] = {}
         self._densities: dict[str, float] = {}
         self._held: dict[str, dict[str, float]] = {}
         self._loads: dict[tuple[str, str, str], tuple[list[str], float]] = {}
         self._spelled: dict[str, str] = {}  # sets as they are first named: case does not count
+        self._coupled: tuple[int, str] | None = None  # node and surface of the last coupling
         self._single = Counter[str]()  # conditions on single nodes, by keyword
         self._turned: set[str] = set()  # sets with axes of their own
 
@@ -87,6 +89,8 @@ class _Reader:
                     self._read_loads(keyword, step)
                 case "CLOAD":
                     self._read_forces(keyword, step)
+                case "COUPLING" | "KINEMATIC" | "DISTRIBUTING":
+                    self._read_coupling(keyword)
                 case name if name in _NOT_TAKEN:
                     deck.unused.append(f"*{name}")
                 case name if name in _OF_MATERIALS:
@@ -103,6 +107,9 @@ class _Reader:
         self._add_loads()
         self._add_pressed_elements()
         self._add_forces()
+        deck.unused += [
+            f"*COUPLING of {surface}, on whose node no force acts" for surface, _ in self._couplings.values()
+        ]
         return deck
 
     def _read_conditions(self, keyword: Keyword, step: int) -> None:
@@ -190,13 +197,33 @@ class _Reader:
         if missing := len(self._pressed) - added:
             self._deck.unused.append(f"*DLOAD on {missing:,} faces of single elements, which change in the steps")
 
+    def _read_coupling(self, keyword: Keyword) -> None:
+        """Read a coupling of a surface to a node, of which the next keyword says the kind."""
+        if keyword.name == "COUPLING":
+            node, surface = (keyword.parameters.get(name, "") for name in ("REF NODE", "SURFACE"))
+            is_along_axes = "ORIENTATION" not in keyword.parameters
+            self._coupled = (int(node), surface) if node.isdigit() and is_along_axes else None
+            if self._coupled is None:
+                self._deck.unused.append(f"*COUPLING of {surface}")
+            return
+        if self._coupled is None:
+            return
+        node_number, surface = self._coupled
+        lines = [[entry for entry in line if entry] for line in keyword.lines] or [["1", "3"]]
+        axes = {axis for line in lines if line for axis in held_axes(line)}
+        if keyword.name == "DISTRIBUTING" or axes == set("xyz"):
+            self._couplings[node_number] = surface, keyword.name
+        else:
+            self._deck.unused.append(f"*COUPLING of {surface} along some axes only")
+
     def _read_forces(self, keyword: Keyword, step: int) -> None:
         if keyword.parameters.get("OP", "").upper() == "NEW":
             self._forces.clear()
         factor = self._curves.factor(keyword, step, self._deck)
         for line in keyword.lines:
             component = line[1] if len(line) > 2 else ""
-            if component in ("1", "2", "3"):
+            is_coupled = line[0].isdigit() and int(line[0]) in self._couplings
+            if component in ("1", "2", "3") or (component in ("4", "5", "6") and is_coupled):
                 name = self._spelled.setdefault(line[0].lower(), line[0])
                 self._forces.setdefault(name, {})[int(component) - 1] = number(line[2], "*CLOAD") * factor
             else:
@@ -207,7 +234,9 @@ class _Reader:
         single: dict[int, tuple[float, float, float]] = {}
         by_lower = {name.lower(): name for name in self._sets}
         for name, (x, y, z) in vectors.items():
-            if name.isdigit():
+            if name.isdigit() and int(name) in self._couplings:
+                self._add_coupled(int(name), (x, y, z))
+            elif name.isdigit():
                 single[int(name)] = x, y, z
             elif (region := by_lower.get(name.lower())) is not None:
                 forces = dict.fromkeys(self._sets[region], (x, y, z))
@@ -218,6 +247,17 @@ class _Reader:
             region = name if self._sets.get(name) == nodes else None
             title = f"*CLOAD on {len(nodes):,} single nodes"
             self._deck.forces.append(NodalForces(region, title, {node: single[node] for node in nodes}))
+
+    def _add_coupled(self, node: int, force: tuple[float, float, float]) -> None:
+        surface, kind = self._couplings.pop(node)
+        x, y, z = (self._forces[str(node)].get(i, 0.0) for i in (3, 4, 5))
+        if kind == "KINEMATIC":
+            self._deck.remotes.append(RemoteForce(surface, node, force, (x, y, z)))
+        elif x or y or z:
+            self._deck.unused.append(f"*CLOAD on node {node}: its moment on the distributing *COUPLING of {surface}")
+        else:
+            title = f"*CLOAD on node {node} with a distributing *COUPLING"
+            self._deck.forces.append(NodalForces(surface, title, {node: force}))
 
     def _add_weight(self, acceleration: tuple[float, ...], names: list[str]) -> None:
         """Add the gravity of sets, which is one of the whole body."""

@@ -37,6 +37,21 @@ class NodalForces:
     forces: Mapping[int, tuple[float, float, float]]
 
 
+@dataclass(frozen=True)
+class RemoteForce:
+    """Force and moment on a node that moves a rigid region, in the file's units.
+
+    Attributes:
+        region: name of the region.
+        node: number of the node.
+    """
+
+    region: str
+    node: int
+    force: tuple[float, float, float]
+    moment: tuple[float, float, float]
+
+
 @dataclass
 class Deck:
     """Materials, supports and loads.
@@ -47,6 +62,7 @@ class Deck:
         supports: sections of a job, whose regions are names of sets; numbers with units are `Measure`.
         effects: the same; one on sets of elements names them under ``on``.
         forces: forces at nodes.
+        remotes: forces and moments on rigid regions.
         unused: what is in the file and not in the job.
     """
 
@@ -55,6 +71,7 @@ class Deck:
     supports: list[Mapping[str, Any]] = field(default_factory=list)
     effects: list[Mapping[str, Any]] = field(default_factory=list)
     forces: list[NodalForces] = field(default_factory=list)
+    remotes: list[RemoteForce] = field(default_factory=list)
     unused: list[str] = field(default_factory=list)
 
     def support(self, region: str, values: Mapping[str, float]) -> None:

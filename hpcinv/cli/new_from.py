@@ -14,7 +14,7 @@ from hpcinv.files.names import escaped_line
 from hpcinv.reading.suffix import suffix_of
 
 if TYPE_CHECKING:
-    from hpcinv.cards.deck import Deck, NodalForces
+    from hpcinv.cards.deck import Deck, NodalForces, RemoteForce
     from hpcinv.mesh.source import MeshSource
 
 _MOST_VERTICES = 200
@@ -76,13 +76,14 @@ class _Job:
         import yaml
 
         supports = [support for entry in self._deck.supports for support in self._supports(entry)]
+        supports += [entry for entry in map(self._remote, self._deck.remotes) if entry]
         effects = [entry for entry in map(self._placed, self._deck.effects) if entry]
         effects += [entry for entry in map(self._traction, self._deck.forces) if entry]
         sections = self._materials()
         self._comments += [f"Not taken from the file: {text}" for text in dict.fromkeys(self._deck.unused)]
         if not supports:
             self._comments.append("No support is taken from the file: state 'supports', such as the line below.")
-        if not effects and not any("displacement" in entry for entry in supports):
+        if not effects and not any({"displacement", "remote"} & entry.keys() for entry in supports):
             self._comments.append("No load is taken from the file: state 'effects'.")
         if self._vertices:
             text = "Supports at vertices keep a body in place whose loads balance; hold facets where they carry a load."
@@ -170,6 +171,23 @@ class _Job:
                 found.update(tags[(facets if group.dim == 2 else cells)[group.members]].ravel().tolist())
         return sorted(wanted - found)
 
+    def _remote(self, coupled: RemoteForce) -> dict[str, Any] | None:
+        """Return the support that moves a region by a force and a moment; ``None`` if there is no such region."""
+        from hpcinv.cards.deck import Measure
+
+        region = self._region(coupled.region)
+        tags = self._source.node_tags.tolist()
+        if region is None or coupled.node not in tags:
+            self._deck.unused.append(f"*COUPLING of '{coupled.region}', which has no facet or no node")
+            return None
+        point = self._source.points[tags.index(coupled.node)] / (self._source.unit or 1.0)
+        remote = {
+            "force": [self._with_units(Measure(part, length=2, stress=1)) for part in coupled.force],
+            "moment": [self._with_units(Measure(part, length=3, stress=1)) for part in coupled.moment],
+            "about": [self._with_units(Measure(part, length=1)) for part in point.tolist()],
+        }
+        return {"region": region, "remote": remote}
+
     def _traction(self, nodal: NodalForces) -> dict[str, Any] | None:
         """Return the uniform traction that has the resultant of forces at nodes; ``None`` if there is none."""
         import numpy as np
@@ -215,6 +233,12 @@ class _Job:
                 return f"{value.value:.15g} {self._options.unit}{'/s^2' if value.time else ''}"
             case Measure(length=0, stress=1):
                 return f"{value.value:.15g} {self._options.stress_unit}"
+            case Measure(stress=1, time=0):  # a force or a moment
+                from hpcinv.quantity.units import as_float, parse_unit
+
+                sizes = [as_float(parse_unit(unit)[0]) for unit in (self._options.unit, self._options.stress_unit)]
+                unit = "N" if value.length == 2 else "N m"
+                return f"{value.value * sizes[0] ** value.length * sizes[1]:.15g} {unit}"
             case Measure():  # with seconds: a density is a stress by the square of a velocity
                 from hpcinv.quantity.units import as_float, parse_unit
 

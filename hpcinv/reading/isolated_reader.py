@@ -156,6 +156,7 @@ _open_files: list[IO[bytes]] = []
 def limit(limits: Limits) -> None:
     """Limit memory, processor time and files of this process, in case of wrong sizes in a file."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    sys.dont_write_bytecode = True  # within the limit of files, Python 3.12 leaves a part, which no later run can read
     taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     for kind, most in (
         (resource.RLIMIT_AS, taken + _LIBRARIES + limits.memory),

@@ -39,6 +39,10 @@ class VoxelGrid:
     counts: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
+_MOST_LABELS = 2000
+"""Labels of a segmentation; atlases of brains have up to 1100. Raised, more scans are taken for segmentations"""
+
+
 def checked(grid: VoxelGrid) -> VoxelGrid:
     """Return the grid with its labels, in the smallest type of whole numbers; raise ``Fault`` if it is not one."""
     numbers = grid.numbers
@@ -49,6 +53,9 @@ def checked(grid: VoxelGrid) -> VoxelGrid:
         raise Fault("has no voxels", _AGAIN)
     check_frame(grid.spacing, grid.origin, grid.axes)
     labels, counts = _labels(numbers)
+    if len(labels) > _MOST_LABELS:
+        text = f"has {len(labels):,} different values, from {labels[0]:,} to {labels[-1]:,}, as a scan has"
+        raise Fault(text, "Give a segmentation, not the scan itself.")
     kind = np.result_type(np.min_scalar_type(labels[0]), np.min_scalar_type(labels[-1]))
     kind = kind if kind.kind in "iu" else np.dtype(np.int64)
     return replace(grid, numbers=numbers.astype(kind), labels=labels.astype(kind), counts=counts)

@@ -7,6 +7,8 @@ import gzip
 import os
 import re
 import struct
+import subprocess
+import sys
 import time
 import zlib
 from collections.abc import Callable
@@ -23,6 +25,7 @@ from hpcinv.mesh.imaging.closed_surface import read_closed, signed_volume
 from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.io import isolated
 from hpcinv.mesh.io.surface_files import read_triangles
+from hpcinv.reading import isolated_reader
 from hpcinv.sweep.sweep_plan import load_sweep
 
 SimpleITK = pytest.importorskip("SimpleITK")
@@ -410,3 +413,16 @@ def test_pipes_are_refused_and_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.stl")
     with pytest.raises(MeshError, match=r"a\.stl: is not a regular file"):
         read_triangles(tmp_path / "a.stl")
+
+
+def test_a_reader_with_little_memory_leaves_no_partial_bytecode(tmp_path: Path) -> None:
+    """Its limit on the size of files also holds for what Python writes when a module is imported."""
+    program = Path(isolated_reader.__file__)
+    environment = {**os.environ, "PYTHONPYCACHEPREFIX": str(tmp_path / "bytecode")}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    image = tmp_path / "a.nrrd"
+    image.write_bytes(b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 9 9 9\nencoding: raw\n\n" + bytes(729))
+    subprocess.run(
+        [sys.executable, program, "image", image, "1000", "60"], env=environment, capture_output=True, check=True
+    )
+    assert not list((tmp_path / "bytecode").rglob("voxel_files*"))

@@ -381,6 +381,10 @@ def many_islands() -> np.ndarray:
         (lambda: ball() * (np.indices((24, 24, 24)).sum(axis=0) % 2), "in walls of less than two voxels"),
         (many_islands, "of the label 'ball' is in 8 islands"),
         (lambda: ball() * np.float32(0.5), "its values are not whole numbers"),
+        (
+            lambda: np.arange(3000).reshape(10, 15, 20) - 99,
+            "has 3,000 different values, from -99 to 2,900, as a scan has",
+        ),
     ],
 )
 def test_unmeshable_images_are_reported(voxels: Callable[[], np.ndarray], fault: str, tmp_path: Path) -> None:

@@ -261,6 +261,33 @@ def test_conditions_on_single_nodes_and_elements_become_regions(tmp_path: Path) 
     load(tmp_path / "part.yaml")
 
 
+def test_couplings_become_remote_loads(tmp_path: Path) -> None:
+    text = CUBE.replace(
+        "*STEP\n", "*SURFACE, NAME=UP\n1, S2\n*COUPLING, REF NODE=9, SURFACE=UP\n*KINEMATIC\n1, 3\n*STEP\n"
+    )
+    text = text.replace("9, 2, 1.\n", "9, 2, 1.\n9, 4, 2.\n").replace("TOP, 3, 2.\n", "")
+    job, head = job_of(tmp_path, "part.inp", text)
+    remote = {
+        "force": ["0 N", "1 N", "0 N"],
+        "moment": ["0.002 N m", "0 N m", "0 N m"],
+        "about": ["1 mm", "1 mm", "9 mm"],
+    }
+    assert job["supports"][-1] == {"region": "UP", "remote": remote}
+    assert "COUPLING" not in head
+    spread = text.replace("*KINEMATIC\n1, 3\n", "*DISTRIBUTING\n1, 3\n").replace("9, 4, 2.\n", "")
+    job, head = job_of(tmp_path, "part.inp", spread, "--force")
+    assert {
+        "effect": "traction",
+        "region": "UP",
+        "traction": ["0 MPa", "0.25 MPa", "0 MPa"],
+        "area_in": "reference",
+    } in (job["effects"])
+    assert "*CLOAD on node 9 with a distributing *COUPLING became a uniform traction on 'UP'" in head
+    turned = text.replace("SURFACE=UP\n*K", "SURFACE=UP, ORIENTATION=O\n*K")
+    _, head = job_of(tmp_path, "part.inp", turned, "--force")
+    assert "Not taken from the file: *COUPLING of UP" in head
+
+
 def test_an_archive_of_ansys_is_a_job(tmp_path: Path) -> None:
     job, text = job_of(tmp_path, "part.cdb", CDB)
     assert job["material"] == {"law": "neo-hookean", "young": "2.5 MPa", "poisson": 0.3}

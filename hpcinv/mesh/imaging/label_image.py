@@ -118,21 +118,24 @@ def labels_in(path: Path, unit: float) -> str:
     return described(read_voxels(path), unit)
 
 
+_MOST_LISTED = 200
+"""Labels that a message lists; raised, messages on scans of 256 grey values are pages long"""
+
+
 def described(grid: VoxelGrid, unit: float) -> str:
-    """List all labels of an image but 0 with their volumes.
+    """List the labels of an image but 0 with their volumes.
 
     Args:
         unit: length unit (m) of the image.
     """
     voxel = float(grid.spacing.prod()) * unit**3
     names = {number: f" '{name}'" for name, number in grid.names.items()}
-    every = zip(grid.labels.tolist(), grid.counts.tolist(), strict=True)
-    return (
-        ", ".join(
-            f"{label}{names.get(label, '')} ({readable(count * voxel, 'm^3')})" for label, count in every if label
-        )
-        or "none but 0"
-    )
+    every = [(label, count) for label, count in zip(grid.labels.tolist(), grid.counts.tolist(), strict=True) if label]
+    texts = [
+        f"{label}{names.get(label, '')} ({readable(count * voxel, 'm^3')})" for label, count in every[:_MOST_LISTED]
+    ]
+    more = f" and {len(every) - _MOST_LISTED:,} more" if len(every) > _MOST_LISTED else ""
+    return ", ".join(texts) + more or "none but 0"
 
 
 def _numbered(
