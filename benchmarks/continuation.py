@@ -134,7 +134,7 @@ def difference(steps: Run, other: Run) -> str:
     if not steps.load == other.load == 1.0:
         return ""
     u, v = steps.displacement, other.displacement
-    return f"{np.abs(u - v).max() / np.abs(u).max():.0e}"
+    return f"{np.abs(u - v).max() / (np.abs(u).max() or 1.0):.0e}"
 
 
 def main() -> None:

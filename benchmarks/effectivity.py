@@ -4,7 +4,9 @@ Command: python benchmarks/effectivity.py [--divisions 2 4] [--displacement 2 3]
 
 Slabs with singular edges (corner, cantilever, slot, pad, window; not by default) are compared with graded meshes of a
 program of its own (`slabs/plane_strain.py`). Degree 1 is for bodies whose pressure is not an unknown: column, bars and
-patch. Errors below 1e-8 of the value come from Newton's method, and have no effectivity.
+patch. Shells (not by default) are compared with closed forms or a fine mesh, where the largest displacement of a node
+is compared too; their divisions are cells along the first axis. Errors below 1e-8 of the value come from Newton's
+method, and have no effectivity.
 """
 
 from __future__ import annotations
@@ -12,10 +14,13 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 import hpcinv.parallel.runtime  # its import order first
 
@@ -31,6 +36,8 @@ from helpers import thick_sphere as sphere  # noqa: E402
 from helpers.closed_forms import NEO_HOOKEAN, root  # noqa: E402
 from helpers.verification import box, job  # noqa: E402
 from promises import LAM, SLABS, exact_of, slab  # noqa: E402
+from scipy.spatial import cKDTree  # noqa: E402
+from shell_scenes import SCENES, Scene  # noqa: E402
 
 import hpcinv  # noqa: E402
 
@@ -262,13 +269,47 @@ def cases(bodies: list[str], divisions: list[int], degrees: list[int]) -> Iterat
                 yield f"beam | {shape} tetrahedra | 2 | {size}", beam(size, geometry, ESTIMATE), exact
 
 
+def shell_rows(name: str, scene: Scene, divisions: list[int], finest: int) -> Iterator[str]:
+    """Yield rows of a shell, whose error is the difference from a closed form or from a fine mesh."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "shell.msh"
+
+        def solved(n: int, **certificate: Any) -> Any:
+            scene.save(path, n)
+            return hpcinv.run(scene.as_job(path) | {"certificate": ESTIMATE | certificate}, progress=False)
+
+        fine = solved(finest, estimate=False)
+        nodes = cKDTree(fine.solutions[0].mesh_nodes)
+        for n in divisions:
+            result = solved(n)
+            solution, estimate = result.solutions[0], result.estimate
+            distance, nearest = nodes.query(solution.mesh_nodes)
+            is_common = distance < 0.1 * float(scene.shell["thickness"])
+            offsets = (fine.solutions[0].u[nearest] - solution.u)[is_common]
+            value, exact = result.quantities["q"], scene.exact.get("q", fine.quantities["q"])
+            pairs = {"q": (exact - value, estimate.quantities["q"], abs(exact))}
+            largest = float(np.linalg.norm(offsets, axis=1).max())
+            pairs["largest"] = largest, estimate.shape, solution.largest_displacement
+            for quantity, (true, estimated, scale) in pairs.items():
+                ratio = f"{estimated / true:.2f}" if math.isfinite(estimated) else "not decided"
+                yield f"| {name} | {n} | {quantity} | {true / scale:.1e} | {estimated / scale:.1e} | {ratio} |"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--divisions", type=int, nargs="+", default=[2, 4])
     parser.add_argument("--displacement", type=int, nargs="+", default=[2, 3])
     bodies = [*WALLS, *BARS, "beam"]
-    parser.add_argument("--bodies", nargs="+", choices=[*bodies, *SLABS], default=bodies)
+    parser.add_argument("--bodies", nargs="+", choices=[*bodies, *SLABS, "shells"], default=bodies)
+    parser.add_argument("--finest", type=int, default=32, help="cells of the fine mesh of a shell (default 32)")
     options = parser.parse_args()
+    if "shells" in options.bodies:
+        print("| shell | cells | quantity | true error, relative | estimated | effectivity |")
+        print("|---|---|---|---|---|---|")
+        for name, scene in SCENES.items():
+            for row in shell_rows(name, scene, options.divisions, options.finest):
+                print(row, flush=True)
+        return
     print("| body | cells | degree | divisions | quantity | true error | estimated | effectivity |")
     print("|---|---|---|---|---|---|---|---|")
     for name, data, exact in cases(options.bodies, options.divisions, options.displacement):

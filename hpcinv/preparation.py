@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hpcinv.accuracy import AccuracyRecord, Search
+from hpcinv.accuracy import AccuracyRecord
 from hpcinv.certificate import Estimate
 from hpcinv.errors import Interrupted
 from hpcinv.job.job import Job
@@ -102,6 +102,8 @@ def _end_if_asked(comm: MPI.Intracomm, stop: Observer) -> None:
 
 def _searched(job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer) -> Prepared:
     """Return the equations on a mesh and in spaces that meet the accuracy that the job demands; collective."""
+    from hpcinv.accuracy.search import Search
+
     with progress.phase("searching", "for mesh and degree"):
         record, best = Search(job, workspace.comm, timings, progress.note, stop).run()
     job, equations = best.job, [best.equations] * len(best.job.plan)

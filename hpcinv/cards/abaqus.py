@@ -77,7 +77,8 @@ def read(text: str, name: str | None = None) -> Card:
             raise UnknownLaw(f"*{keyword.name} has no counterpart{_REMEDIES.get(keyword.name, '')}")
     laws = [keyword for keyword in behaviour if keyword.name in _LAWS]
     if len(laws) != 1:
-        raise CardError(f"has {len(laws) or 'no'} *HYPERELASTIC{f' in material {selected}' if selected else ''}")
+        count = f"{len(laws)} *HYPERELASTIC" if laws else "neither *HYPERELASTIC nor *ELASTIC"
+        raise CardError(f"has {count}{f' in material {selected}' if selected else ''}")
     title, law = _isotropic(laws[0]) if laws[0].name == "HYPERELASTIC" else _anisotropic(laws[0])
     notes = tuple(
         f"*{k.name} is not part of the law: {_WITHOUT_EFFECT[k.name]}" for k in behaviour if k.name in _WITHOUT_EFFECT

@@ -4,22 +4,16 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from hpcinv.cards.abaqus import Keyword, keywords
 from hpcinv.cards.card import CardError, UnknownLaw, number
-from hpcinv.cards.deck import Deck, Measure
+from hpcinv.cards.deck import Deck, Measure, NodalForces
+from hpcinv.reading.single_conditions import force_groups, held_axes, held_groups, pressed_groups
 
-_NAMED = {
-    "ENCASTRE": "xyz",
-    "PINNED": "xyz",
-    "XSYMM": "x",
-    "YSYMM": "y",
-    "ZSYMM": "z",
-}
-"""components that a named condition of a solid holds"""
 _NOT_TAKEN = (
-    *("CLOAD", "TEMPERATURE", "INITIAL CONDITIONS", "CONTACT PAIR", "TIE", "EQUATION", "COUPLING", "RIGID BODY", "MPC"),
+    *("TEMPERATURE", "INITIAL CONDITIONS", "CONTACT PAIR", "TIE", "EQUATION", "COUPLING", "RIGID BODY", "MPC"),
     *("SPRING", "DASHPOT", "MASS", "CONNECTOR SECTION", "SHELL SECTION", "MEMBRANE SECTION", "BEAM SECTION"),
     *("DYNAMIC", "BUCKLE", "FREQUENCY", "VISCO", "HEAT TRANSFER", "COUPLED TEMPERATURE-DISPLACEMENT"),
 )
@@ -31,12 +25,15 @@ _OF_MATERIALS = (
 
 
 def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
-    """Return what the file says at the end of its last step; conditions on single nodes are not used.
+    """Return what the file says at the end of its last step.
+
+    Args:
+        nodes_of_sets: numbers of nodes by name of the set, also of the sets of ``hpcinv.reading.single_conditions``.
 
     Raises:
         CardError: a number is damaged.
     """
-    return _Reader(list(keywords(text))).deck()
+    return _Reader(list(keywords(text)), nodes_of_sets).deck()
 
 
 class _Reader:
@@ -46,10 +43,18 @@ class _Reader:
         held: displacements by set, of the conditions that hold so far.
         loads: the lines of ``*DLOAD`` and ``*DSLOAD`` that hold so far, with the size of their amplitude, by keyword,
             set and kind of load: a later step replaces them.
+        held_nodes, forces, pressed: conditions on single nodes and elements that hold so far, with their amplitudes.
     """
 
-    def __init__(self, file: Sequence[Keyword]) -> None:
+    def __init__(self, file: Sequence[Keyword], nodes_of_sets: Mapping[str, frozenset[int]]) -> None:
         self._file, self._curves, self._deck = file, _Amplitudes(file), Deck()
+        self._sets = nodes_of_sets
+        names = [keyword.parameters.get("NAME", "") for keyword in file if keyword.name == "MATERIAL"]
+        self._materials = {name.lower(): name for name in names}  # case does not count
+        self._held_nodes: dict[str, dict[int, tuple[float, float]]] = {}
+        self._forces: dict[str, dict[int, float]] = {}  # by node or set, and component
+        self._pressed: dict[tuple[int, int], tuple[float, float]] = {}
+        self._pressed_ever: dict[tuple[int, int], float] = {}
         self._densities: dict[str, float] = {}
         self._held: dict[str, dict[str, float]] = {}
         self._loads: dict[tuple[str, str, str], tuple[list[str], float]] = {}
@@ -63,6 +68,8 @@ class _Reader:
             match keyword.name:
                 case "STEP":
                     step += 1
+                case "ELEMENT" if not (kind := keyword.parameters.get("TYPE", "").upper()).startswith("C3D"):
+                    deck.unused.append(f"elements of type {kind}")
                 case "MATERIAL":
                     material = keyword.parameters.get("NAME", "")
                 case "ELASTIC" if keyword.lines and len(keyword.lines[0]) > 1:
@@ -70,13 +77,16 @@ class _Reader:
                 case "DENSITY" if keyword.lines:
                     self._densities[material] = number(keyword.lines[0][0], "*DENSITY")
                 case "SOLID SECTION":
-                    deck.materials[keyword.parameters.get("ELSET", "")] = keyword.parameters.get("MATERIAL", "")
+                    name = keyword.parameters.get("MATERIAL", "")
+                    deck.materials[keyword.parameters.get("ELSET", "")] = self._materials.get(name.lower(), name)
                 case "TRANSFORM":
                     self._turned.add(keyword.parameters.get("NSET", "").lower())
                 case "BOUNDARY":
                     self._read_conditions(keyword, step)
                 case "DLOAD" | "DSLOAD":
                     self._read_loads(keyword, step)
+                case "CLOAD":
+                    self._read_forces(keyword, step)
                 case name if name in _NOT_TAKEN:
                     deck.unused.append(f"*{name}")
                 case name if name in _OF_MATERIALS:
@@ -89,41 +99,60 @@ class _Reader:
                 deck.support(name, values)
         for name in sorted(self._turned - {name.lower() for name in self._held}):
             deck.unused.append(f"*TRANSFORM of '{name}': a support on its nodes has other axes than in the file")
+        self._add_supports_of_nodes()
         self._add_loads()
+        self._add_pressed_elements()
+        self._add_forces()
         return deck
 
     def _read_conditions(self, keyword: Keyword, step: int) -> None:
         if keyword.parameters.get("OP", "").upper() == "NEW":
             self._held.clear()
+            self._held_nodes.clear()
         kind = keyword.parameters.get("TYPE", "DISPLACEMENT").upper()
         special = [name for name in ("FIXED", "USER", "SUBMODEL") if name in keyword.parameters]
         if special or kind != "DISPLACEMENT":
             self._deck.unused.append(f"*BOUNDARY, {special[0] if special else f'TYPE={kind}'}")
             return
         factor = self._curves.factor(keyword, step, self._deck)
-        for name, values in self._conditions(keyword):
-            entry = self._held.setdefault(self._spelled.setdefault(name.lower(), name), {})
-            entry.update({axis: value * factor for axis, value in values.items()})
-
-    def _conditions(self, keyword: Keyword) -> Iterator[tuple[str, dict[str, float]]]:
-        """Yield the set and the displacements of each line of ``*BOUNDARY``."""
         for line in keyword.lines:
-            name, *entries = [entry for entry in line if entry] or [""]
-            if name.isdigit() or not entries:
-                self._single["*BOUNDARY"] += 1
-            elif entries[0].upper() in _NAMED:
-                yield name, dict.fromkeys(_NAMED[entries[0].upper()], 0.0)
+            name, *entries = [*line, ""][: max(2, len(line))]
+            try:
+                values = held_axes(entries)
+            except ValueError:
+                raise CardError(f"*BOUNDARY: {', '.join(line)!r} names no components") from None
+            if name.isdigit():
+                for axis, value in values.items():
+                    self._held_nodes.setdefault(axis, {})[int(name)] = value, factor
             else:
-                first, last, value = _range(entries)
-                axes = [axis for place, axis in enumerate("xyz", 1) if first <= place <= last]
-                yield name, dict.fromkeys(axes, value)
+                entry = self._held.setdefault(self._spelled.setdefault(name.lower(), name), {})
+                entry.update({axis: value * factor for axis, value in values.items()})
+
+    def _add_supports_of_nodes(self) -> None:
+        """Add the supports of single nodes by the sets that the reader of the mesh makes of them."""
+        raw = {axis: {node: value for node, (value, _) in nodes.items()} for axis, nodes in self._held_nodes.items()}
+        added = dict.fromkeys(raw, 0)
+        for name, values, nodes in held_groups(raw):
+            factors = {self._held_nodes[axis][node][1] for axis in values for node in nodes}
+            if self._sets.get(name) == nodes and len(factors) == 1:
+                (factor,) = factors
+                self._deck.support(name, {axis: value * factor for axis, value in values.items()})
+                for axis in values:
+                    added[axis] += len(nodes)
+        if missing := sum(len(nodes) - added[axis] for axis, nodes in raw.items()):
+            self._deck.unused.append(f"*BOUNDARY of single nodes ({missing:,} components), which change in the steps")
 
     def _read_loads(self, keyword: Keyword, step: int) -> None:
         if keyword.parameters.get("OP", "").upper() == "NEW":
+            self._pressed.clear()
             self._loads = {key: load for key, load in self._loads.items() if key[0] != keyword.name}
         factor = self._curves.factor(keyword, step, self._deck)
         for line in keyword.lines:
-            if line[0].isdigit():
+            if line[0].isdigit() and len(line) > 2 and _PRESSED.fullmatch(line[1].upper()):
+                place = int(line[0]), int(line[1][1:])
+                self._pressed[place] = number(line[2], "*DLOAD"), factor
+                self._pressed_ever[place] = self._pressed[place][0]
+            elif line[0].isdigit():
                 self._single[f"*{keyword.name}"] += 1
             elif len(line) > 1:
                 name = self._spelled.setdefault(line[0].lower(), line[0])
@@ -139,6 +168,8 @@ class _Reader:
             elif keyword == "DLOAD" and _PRESSED.fullmatch(kind) and len(line) > 2:
                 pressure = Measure(number(line[2], "*DLOAD") * factor, stress=1)
                 deck.effects.append({"effect": "pressure", "region": f"{name}-{kind}", "pressure": pressure})
+            elif keyword == "DLOAD" and kind == "CENTRIF" and len(line) > 8:
+                self._add_rotation([number(entry, "*DLOAD") for entry in line[2:9]], factor, name)
             elif keyword == "DLOAD" and kind == "GRAV" and len(line) > 5:
                 size, *direction = (number(entry, "*DLOAD") for entry in line[2:6])
                 weights.setdefault(tuple(size * factor * entry for entry in direction), []).append(name)
@@ -147,15 +178,68 @@ class _Reader:
         for acceleration, names in weights.items():
             self._add_weight(acceleration, names)
 
+    def _add_pressed_elements(self) -> None:
+        """Add the pressures on single elements by the sets that the reader of the mesh makes of them."""
+        added = 0
+        for name, value, places in pressed_groups(self._pressed_ever):
+            now = [self._pressed.get(place) for place in places]
+            if None not in now and len(set(now)) == 1 and now[0] is not None and now[0][0] == value:
+                pressure = Measure(value * now[0][1], stress=1)
+                self._deck.effects.append({"effect": "pressure", "region": name, "pressure": pressure})
+                added += len(places)
+        if missing := len(self._pressed) - added:
+            self._deck.unused.append(f"*DLOAD on {missing:,} faces of single elements, which change in the steps")
+
+    def _read_forces(self, keyword: Keyword, step: int) -> None:
+        if keyword.parameters.get("OP", "").upper() == "NEW":
+            self._forces.clear()
+        factor = self._curves.factor(keyword, step, self._deck)
+        for line in keyword.lines:
+            component = line[1] if len(line) > 2 else ""
+            if component in ("1", "2", "3"):
+                name = self._spelled.setdefault(line[0].lower(), line[0])
+                self._forces.setdefault(name, {})[int(component) - 1] = number(line[2], "*CLOAD") * factor
+            else:
+                self._deck.unused.append(f"*CLOAD, {', '.join(line)}")
+
+    def _add_forces(self) -> None:
+        vectors = {name: tuple(force.get(i, 0.0) for i in range(3)) for name, force in self._forces.items()}
+        single: dict[int, tuple[float, float, float]] = {}
+        by_lower = {name.lower(): name for name in self._sets}
+        for name, (x, y, z) in vectors.items():
+            if name.isdigit():
+                single[int(name)] = x, y, z
+            elif (region := by_lower.get(name.lower())) is not None:
+                forces = dict.fromkeys(self._sets[region], (x, y, z))
+                self._deck.forces.append(NodalForces(region, f"*CLOAD on {name}", forces))
+            else:
+                self._deck.unused.append(f"*CLOAD on {name}, which has no node of the mesh")
+        for name, nodes in force_groups(single):
+            region = name if self._sets.get(name) == nodes else None
+            title = f"*CLOAD on {len(nodes):,} single nodes"
+            self._deck.forces.append(NodalForces(region, title, {node: single[node] for node in nodes}))
+
     def _add_weight(self, acceleration: tuple[float, ...], names: list[str]) -> None:
         """Add the gravity of sets, which is one of the whole body."""
+        components = [Measure(component, length=1, time=-2) for component in acceleration]
+        self._add_mass({"effect": "gravity", "acceleration": components}, "GRAV", names)
+
+    def _add_rotation(self, data: list[float], factor: float, name: str) -> None:
+        """Add a centrifugal force by the square of the velocity (1/s²), a point of the axis, and its direction."""
+        square, *rest = data
+        speed = f"{(square * factor) ** 0.5:.15g} rad/s"
+        centre = [Measure(component, length=1) for component in rest[:3]]
+        effect = {"effect": "centrifugal", "angular_velocity": speed, "axis": rest[3:], "centre": centre}
+        self._add_mass(effect, "CENTRIF", [name])
+
+    def _add_mass(self, effect: Mapping[str, Any], kind: str, names: list[str]) -> None:
+        """Add a load on the mass of sets, with the density."""
         used = [self._densities[m] for m in self._deck.materials.values() if m in self._densities]
         if not any(used):
-            self._deck.unused.append(f"*DLOAD, GRAV on {', '.join(names)}: no material has a *DENSITY")
+            self._deck.unused.append(f"*DLOAD, {kind} on {', '.join(names)}: no material has a *DENSITY")
             return
-        components = [Measure(component, length=1, time=-2) for component in acceleration]
         mass = Measure(next(filter(None, used)), length=-2, stress=1, time=2)
-        self._deck.effects.append({"effect": "gravity", "acceleration": components, "density": mass, "on": names})
+        self._deck.effects.append({**effect, "density": mass, "on": names})
         if len(set(used)) > 1:
             self._deck.unused.append("further *DENSITY: the job has one; give densities by region")
 
@@ -216,9 +300,3 @@ def _linear(keyword: Keyword, material: str) -> tuple[float, float]:
         raise UnknownLaw(f"*ELASTIC of material {material} depends on temperature; keep one line of data")
     young, poisson = (number(entry, "*ELASTIC") for entry in keyword.lines[0][:2])
     return young, poisson
-
-
-def _range(entries: list[str]) -> tuple[float, float, float]:
-    first = number(entries[0], "*BOUNDARY")
-    last = number(entries[1], "*BOUNDARY") if len(entries) > 1 else first
-    return first, last, number(entries[2], "*BOUNDARY") if len(entries) > 2 else 0.0

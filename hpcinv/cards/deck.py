@@ -23,6 +23,20 @@ class Measure:
     time: int = 0
 
 
+@dataclass(frozen=True)
+class NodalForces:
+    """Forces at nodes: components by number of the node, in the file's units of stress by its square of lengths.
+
+    Attributes:
+        region: name of a node set; ``None`` if the file has none of these nodes.
+        title: keyword and place in the file.
+    """
+
+    region: str | None
+    title: str
+    forces: Mapping[int, tuple[float, float, float]]
+
+
 @dataclass
 class Deck:
     """Materials, supports and loads.
@@ -32,6 +46,7 @@ class Deck:
         linear: Young's modulus and Poisson's ratio of materials without another law, by name.
         supports: sections of a job, whose regions are names of sets; numbers with units are `Measure`.
         effects: the same; one on sets of elements names them under ``on``.
+        forces: forces at nodes.
         unused: what is in the file and not in the job.
     """
 
@@ -39,6 +54,7 @@ class Deck:
     linear: dict[str, tuple[float, float]] = field(default_factory=dict)
     supports: list[Mapping[str, Any]] = field(default_factory=list)
     effects: list[Mapping[str, Any]] = field(default_factory=list)
+    forces: list[NodalForces] = field(default_factory=list)
     unused: list[str] = field(default_factory=list)
 
     def support(self, region: str, values: Mapping[str, float]) -> None:

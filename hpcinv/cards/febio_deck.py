@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
 from hpcinv.cards.card import CardError, number
-from hpcinv.cards.deck import Deck, Measure
+from hpcinv.cards.deck import Deck, Measure, NodalForces
 from hpcinv.cards.entry import vector
 from hpcinv.cards.febio import root_of
 from hpcinv.cards.febio_curves import LoadCurves
@@ -25,11 +25,12 @@ def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
     Raises:
         CardError: it is not XML, or a number is damaged.
     """
-    return _Reader(root_of(text)).deck()
+    return _Reader(root_of(text), nodes_of_sets).deck()
 
 
 class _Reader:
-    def __init__(self, root: ET.Element) -> None:
+    def __init__(self, root: ET.Element, nodes_of_sets: Mapping[str, frozenset[int]]) -> None:
+        self._sets = nodes_of_sets
         self._root, self._deck, self._curves = root, Deck(), LoadCurves(root)
         steps = root.findall("Step/step") or root.findall("Step")  # several in format 2.5
         self._last = steps[-1:]
@@ -110,10 +111,58 @@ class _Reader:
             area_in = "reference" if is_dead else "current"
             effect = {"effect": "traction", "region": region, "traction": components, "area_in": area_in}
             self._deck.effects.append(effect)
+        elif load.tag == "nodal_load" and (nodal := self._nodal_force(load)) is not None:
+            name = _AS_NODES.sub("", load.get("node_set", ""))
+            forces = dict.fromkeys(self._sets.get(name, frozenset()), nodal)
+            self._deck.forces.append(NodalForces(name, f"<nodal_load> on {name}", forces))
+        elif load.tag == "body_load" and not load.get("elem_set") and (force := self._body_force(load)) is not None:
+            self._add_weight(force)
         else:
             what = "a dead pressure" if kind == "pressure" and is_dead else f"type='{kind}'"
             place = region or load.get("node_set") or load.get("elem_set") or ""
             self._deck.unused.append(f"<{load.tag}> {what}{f' on {place}' if place else ''}")
+
+    def _nodal_force(self, load: ET.Element) -> tuple[float, float, float] | None:
+        """Return the force at each node of a load; ``None`` if it is something else."""
+        axis = (load.findtext("dof") or load.get("bc") or "").strip()
+        size = load.find("scale") if load.find("scale") is not None else load.find("value")
+        if size is None:
+            return None
+        factor, name = self._factor(size, "nodal_load", load.get("node_set", "")), load.get("node_set", "")
+        if axis in tuple("xyz"):
+            x, y, z = (factor * number(size.text or "1", "nodal_load") * (axis == other) for other in "xyz")
+        elif load.get("type") == "nodal_force" and name:
+            x, y, z = (factor * entry for entry in vector(size.text, "nodal_load"))
+        else:
+            return None
+        return x, y, z
+
+    def _body_force(self, load: ET.Element) -> tuple[float, ...] | None:
+        """Return the acceleration of a body force, whose sign is the opposite in these files."""
+        kind, force = load.get("type", ""), load.find("force")
+        if kind == "body force" and force is not None and force.get("type", "const") == "const":
+            factor = self._factor(force, kind, "the body")
+            return tuple(0.0 - factor * entry for entry in vector(force.text, "force"))
+        if kind == "const":
+            items = [load.find(axis) for axis in "xyz"]
+            return tuple(
+                0.0
+                if item is None
+                else 0.0 - self._factor(item, kind, "the body") * number(item.text or "1", "body_load")
+                for item in items
+            )
+        return None
+
+    def _add_weight(self, acceleration: tuple[float, ...]) -> None:
+        densities = {number(entry.text or "", "density") for entry in self._root.findall("Material/material/density")}
+        if not any(densities):
+            self._deck.unused.append("<body_load>: no material has a <density>")
+            return
+        components = [Measure(component, length=1, time=-2) for component in acceleration]
+        mass = Measure(max(densities), length=-2, stress=1, time=2)
+        self._deck.effects.append({"effect": "gravity", "acceleration": components, "density": mass})
+        if len(densities) > 1:
+            self._deck.unused.append("further <density>: the job has one; give densities by region")
 
     def _factor(self, item: ET.Element, what: str, region: str) -> float:
         """Return the value of the load curve of an entry at the end; 1 without one."""

@@ -25,6 +25,7 @@ from hpcinv.certificate.unknown_loads_check import (
     stable_motions,
     unknown_loads,
 )
+from hpcinv.certificate.vertex_forces import vertex_forces
 from hpcinv.certificate.volume import volume
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.units import readable
@@ -85,12 +86,6 @@ def certify(
             what = "the pressure of a cavity" if solution.cavities else "the motion under a remote load"
             yield skipped(DISCRETISATION, f"is not estimated where {what} is unknown")
             return
-        if any(support.hinge for support in solution.job.supports):
-            yield skipped(DISCRETISATION, "is not estimated with a hinge, whose line has no nodes in the finer spaces")
-            return
-        if equations.unknowns.has_directors:
-            yield skipped(DISCRETISATION, "is not estimated in a shell this thin: compare with a finer mesh")
-            return
         if estimated is None and solution.job.certificate.estimate:
             estimated = estimate(equations, solution, computed, given, observer)
         yield _discretisation(equations, solution, estimated, uncertain)
@@ -118,6 +113,7 @@ def certify(
         with freeing(forward.destroy, equations.free_multigrid):
             if is_checked:
                 check("equilibrium", lambda: equilibrium_residual(equations, solution))
+                check("forces at vertices", lambda: vertex_forces(equations, solution))
                 if solution.contacts:
                     check("contact", lambda: contacts(equations, solution))
                 if has_unknowns:
@@ -162,6 +158,9 @@ def _discretisation(equations: Equations, solution: Solution, estimated: Estimat
         return skipped(
             DISCRETISATION, needed if solution.job.certificate.estimate else "switched off: certificate.estimate"
         )
+    if not isfinite(estimated.shape) and estimated.finer is not Estimate.finer:
+        note = f"could not be estimated: Newton's method does not converge {estimated.finer}"
+        return Line(DISCRETISATION, None, "", "must be finite", Verdict.UNDECIDED, note)
     if not isfinite(estimated.shape):
         note = "could not be estimated: at the points of a finer quadrature the solution is not admissible"
         return Line(DISCRETISATION, None, "", "must be finite", Verdict.WARN, note)
@@ -176,7 +175,8 @@ def _discretisation(equations: Equations, solution: Solution, estimated: Estimat
             note += ", and a solve in spaces of one degree more takes too long: raise discretisation.displacement"
         return replace(line, note=note, verdict=Verdict.UNDECIDED)
     if estimated.is_solved:
-        note += "; found by a solve in spaces of one degree more"
+        note += f"; found by a solve {estimated.finer}"
+        line = replace(line, note=note)
     if estimated.unreliable:
         note += f"; not reliable at singular fibres: {', '.join(estimated.unreliable)}"
         line = replace(line, note=note)

@@ -12,8 +12,8 @@ estimate leaves that error out, and says so.
 
 One Newton step says little of a correction that is as large as the displacement. The finer problem is then solved, so
 that a certificate fails for an error that was found, and not for one that was extrapolated. That solve ends where it
-takes more than a share of the time of the solve; the line is then not decided. In a shell four Newton
-steps are made, since one stretches what it bends.
+takes more than a share of the time of the solve; the line is then not decided. Shells have another finer problem,
+which is always solved (`hpcinv.certificate.halved_cells`).
 
 At re-entrant edges and at edges of supports it finds a part of the error only, and is multiplied by what is missing
 (`hpcinv.certificate.singular_limit`).
@@ -38,7 +38,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from hpcinv.certificate import two_level
+from hpcinv.certificate import halved_cells, two_level
 from hpcinv.certificate.extension import extend
 from hpcinv.certificate.singular_edges import FIBRES, SingularEdges, singular_edges
 from hpcinv.certificate.singular_limit import SingularLimit, singular_limit
@@ -72,8 +72,8 @@ LEAST = 1.0
 """Seconds that the finer solve may take in any case, since starting a run takes longer."""
 _OVERHEAD = 0.02  # seconds of an iteration in a body of few unknowns
 
-_SHELL_STEPS = 4
-"""Newton steps in a shell, which stretches in a linear step that bends it; raised, the estimate takes longer"""
+_SHELL_TANGENTS = 10
+"""Tangents that the finer solve of a shell may take in any case; raised, more lines are decided"""
 
 
 @dataclass(frozen=True)
@@ -84,11 +84,13 @@ class Correction:
         nodes: correction of the local geometry nodes of the rest shape, (n, 3) in m.
         displacement: corrected displacement of the given state in the finer spaces, in m.
         without_geometry: as in `Estimate`, of further states.
+        finer_nodes: of a shell: the corrected rest shape at the nodes of the finer problem, (m, 3) in m.
     """
 
     nodes: Floats
     displacement: fem.Function
     without_geometry: str
+    finer_nodes: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,8 @@ class Estimate:
         unknowns: number of unknowns of the finer spaces.
         limit: effect of singular edges; the errors are corrected for it; ``None`` without one.
         segments: ends (n, 2, 3) m of these edges, the same on all ranks.
-        is_solved: whether the finer problem was solved, since its correction was too large for one Newton step.
+        finer: where the finer problem is solved, as text for a note.
+        is_solved: whether the finer problem was solved: of a shell, or with a correction too large for one Newton step.
         is_too_dear: whether that was left out or given up, since it takes too long.
         without_geometry: why the error of the geometry is left out; empty if it is included.
         unreliable: names of the quantities at a point where fibres are singular.
@@ -118,6 +121,7 @@ class Estimate:
     unknowns: int
     limit: SingularLimit | None = None
     segments: Floats | None = None
+    finer: str = "in spaces of one degree more"
     is_solved: bool = False
     is_too_dear: bool = False
     without_geometry: str = ""
@@ -178,23 +182,30 @@ def estimate(
     unreliable = at_singular_fibres(solution.job.quantities, equations.body, edges)
     scale = displacement_scale(equations, solution).length
     finer = finer_equations(equations, solution, given)
-    body, forecast = finer.body, finer_forecast(equations)
+    body, is_shell = finer.body, equations.body.source.midsurface is not None
+    forecast = finer.chooser.forecast if is_shell else finer_forecast(equations)
     start = finer.state().displacement
     state, is_solved, is_too_dear = finer.unknowns.state.x.array, False, False
     is_affordable = forecast.least <= equations.chooser.room
-    is_shell = body.source.midsurface is not None
-    is_large = forecast.operations > two_level.MANY and not is_shell  # iterations make one step, which is not enough
-    if not (is_large and two_level.correct(equations, solution.direction, finer, observer)):
+    is_large = forecast.operations > two_level.MANY
+    if is_shell:
+        if not is_affordable:
+            return None
+        tangents = max(_SHELL_TANGENTS, _tangents_of_finer_solve(equations, solution, forecast))
+        is_solved = halved_cells.solve(equations, solution, finer, _Budget(observer, tangents))
+        stop_if_asked(body.mesh.comm, observer)
+    elif not (is_large and two_level.correct(equations, solution.direction, finer, observer)):
         if not is_affordable:
             return None
         equilibrium = finer.equilibrium(finer.scene(solution.direction))
-        for _ in range(_SHELL_STEPS if is_shell else 1):
-            equilibrium.correct(1.0)
+        equilibrium.correct(1.0)
         equilibrium.destroy()
     u, node_displacement, moved, largest = _moved(equations, solution, finer, given)
-    if is_affordable and not largest <= LINEAR * scale:
+    if is_shell and not is_solved:
+        largest = np.inf
+    elif is_affordable and not largest <= LINEAR * scale and not is_solved:
         corrected = state.copy()
-        budget = _Budget(observer, _tangents_of_finer_solve(equations, solution))
+        budget = _Budget(observer, _tangents_of_finer_solve(equations, solution, forecast))
         if is_solved := not budget.is_spent and _solve(finer, solution.direction, budget):
             u, node_displacement, moved, largest = _moved(equations, solution, finer, given)
         else:
@@ -204,6 +215,8 @@ def estimate(
     corrected = _corrected(quantities, equations, node_displacement, solution.direction, finer) if has_values else {}
     displacement, delta = u.copy(), u
     delta.x.array[:] -= start.x.array
+    if is_shell:  # indicators belong to the given cells
+        delta = halved_cells.nodal_function(equations.unknowns, node_displacement - solution.u)
     indicators = _cell_indicators(delta, body.length_scale)
     limit = None if edges is None else singular_limit(equations, edges, indicators, delta)
     # A correction as large as the displacement is not one of edges.
@@ -217,12 +230,22 @@ def estimate(
         limit=limit,
         segments=edges.segments if edges else None,
         unknowns=finer.unknowns.size,
+        finer=halved_cells.DESCRIPTION if is_shell else Estimate.finer,
         is_solved=is_solved,
         is_too_dear=is_too_dear,
         without_geometry=_finer_body(equations, solution, given)[1],
         unreliable=unreliable,
-        correction=Correction(moved, displacement, _omitted_geometry(equations)) if isfinite(largest) else None,
+        correction=_correction(equations, solution, finer, moved, displacement) if isfinite(largest) else None,
     )
+
+
+def _correction(
+    equations: Equations, solution: Solution, finer: Equations, moved: Floats, displacement: fem.Function
+) -> Correction:
+    nodes = None
+    if finer.body is equations.body.__dict__.get("halved"):
+        nodes = finer.body.nodes + solution.sign * finer.unknowns.geometry_values(displacement)
+    return Correction(moved, displacement, _omitted_geometry(equations), nodes)
 
 
 class _Budget(IterationObserver):
@@ -249,10 +272,10 @@ class _Budget(IterationObserver):
         return self.is_spent or super().stop_asked()
 
 
-def _tangents_of_finer_solve(equations: Equations, solution: Solution) -> int:
+def _tangents_of_finer_solve(equations: Equations, solution: Solution, finer: Forecast) -> int:
     """Return how many tangents the solve of the finer problem may take; collective."""
     ranks = equations.body.mesh.comm.size
-    given, finer = equations.chooser.forecast, finer_forecast(equations)
+    given = equations.chooser.forecast
     solve = solution.factorizations * (given.tangent(ranks) + _OVERHEAD)
     return int(max(SHARE * solve, LEAST) / (finer.tangent(ranks) + _OVERHEAD))
 
@@ -274,8 +297,10 @@ def _moved(
         these nodes, (n, 3); length of the largest one, infinite if one is not finite. All in m.
     """
     u = finer.state().displacement
-    # A finer geometry has the nodes of the given one at the same places of the cells.
-    node_displacement = equations.unknowns.geometry_values(u)
+    if equations.body.source.midsurface is not None:
+        node_displacement = halved_cells.given_values(equations.body, finer.unknowns.geometry_values(u))
+    else:  # a finer geometry has the nodes of the given one at the same places of the cells
+        node_displacement = equations.unknowns.geometry_values(u)
     moved = solution.sign * (node_displacement - solution.u)
     if given is not None:
         moved += given.nodes
@@ -308,11 +333,15 @@ def _omitted_geometry(equations: Equations) -> str:
 
 
 def finer_equations(equations: Equations, solution: Solution, given: Correction | None = None) -> Equations:
-    """Return equations in spaces of one degree more, on the finer geometry if one is known; collective.
+    """Return equations in spaces of one degree more, on the finer geometry if one is known; of a shell on halved cells.
+
+    Collective.
 
     Their state is the solution on the mesh on which it was computed, or, with the correction of the rest shape, on the
     corrected one. The state of the given equations is the solution there too.
     """
+    if equations.body.source.midsurface is not None:
+        return _on_halved_cells(equations, solution, given)
     with equations.timings("mesh"):
         body, _ = _finer_body(equations, solution, given)
     finer = Equations(one_degree_more(solution.job), body, equations.timings)
@@ -329,6 +358,30 @@ def finer_equations(equations: Equations, solution: Solution, given: Correction 
     if state.pressure is not None:
         assert solution.pressure is not None
         interpolate(solution.pressure, state.pressure)
+    finer.put(state)
+    finer.unknowns.state.x.scatter_forward()
+    return finer
+
+
+def _on_halved_cells(equations: Equations, solution: Solution, given: Correction | None) -> Equations:
+    """Return equations of a shell on halved cells, in the state of the solution; collective."""
+    body, unknowns = equations.body, equations.unknowns
+    with equations.timings("mesh"):
+        finer = Equations(solution.job, body.halved, equations.timings)
+    equations.put(solution.moved_to(_nodes(solution, given)))
+    corrected = None if given is None else given.finer_nodes
+    nodes = halved_cells.refined_values(body, solution.mesh_nodes) if corrected is None else corrected
+    state = finer.unloaded(nodes=None if solution.is_on_given_mesh else nodes)
+
+    def refined(displacement: fem.Function) -> fem.Function:
+        return halved_cells.refined_function(body, unknowns, displacement, finer.unknowns)
+
+    if (other := solution.given_displacement) is not None:
+        state = replace(state, given_displacement=refined(other) if given is None else given.displacement)
+    state = replace(state, displacement=refined(solution.displacement))
+    if solution.pressure is not None:
+        pressure = halved_cells.refined_pressure(body, unknowns, solution.pressure, finer.unknowns)
+        state = replace(state, pressure=pressure)
     finer.put(state)
     finer.unknowns.state.x.scatter_forward()
     return finer

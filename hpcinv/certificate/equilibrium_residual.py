@@ -21,6 +21,8 @@ _GROWTH = 1e-6
 _RIGID = 1e-10
 """Share of the tangent times the displacements below which forces are errors of a rigid motion; raised, they may be
 loads of a thin body"""
+_ROUNDED = 1e-11
+"""The same for the residual, which Newton's method leaves in nearly rigid motions; raised, fewer of these fail"""
 
 
 def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[Line]:
@@ -45,7 +47,7 @@ def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[L
         _strain(equations.unknowns, comm)
         stiff = norm(equilibrium.system.forces(1.0) - full) / _GROWTH
         equations.put(solution)
-        if load < _RIGID * stiff:
+        if load < _RIGID * stiff or left < _ROUNDED * stiff:
             load, balanced = stiff, "all parts move rigidly: this is relative to forces of strains of this size"
     equations.release(equilibrium)
     if left > WARN * load:  # loads may balance each other at each point

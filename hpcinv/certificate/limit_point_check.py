@@ -22,8 +22,12 @@ def limit_points(equations: Equations, solution: Solution, stability: Line) -> I
 
     A spurious mode changes the sign of the determinant too: where the line on ``stability`` did not exclude that, a
     change of sign in the mixed form is not decided. Nor is one on a path from another state, along which the nodal
-    forces that hold the body there are taken away: no load of the job is such forces.
+    forces that hold the body there are taken away: no load of the job is such forces. From a rough shape, the sign
+    says nothing at all.
     """
+    if solution.start and solution.start == solution.job.solver.start_shape:
+        yield skipped(LIMIT_POINTS, f"the path began with the shape '{solution.start}', not with the given body")
+        return
     is_stability_known = stability.verdict not in (Verdict.UNDECIDED, Verdict.SKIPPED)
     may_be_spurious = equations.unknowns.p is not None and not is_stability_known
     line = _line(solution, equations.unknowns.unloaded_sign, may_be_spurious=may_be_spurious)

@@ -66,11 +66,13 @@ def singular_edges(job: Job, body: Body, configurations: Mapping[str, Floats] | 
     mesh = body.mesh
     body.place(body.given_nodes)
     exterior = dolfinx.mesh.exterior_facet_indices(mesh.topology).astype(np.int32)
+    if body.source.midsurface is not None:  # these edges act on a strip as wide as the shell is thick
+        exterior = exterior[:0]
     nodes, areas = outer_facets(mesh, exterior)
     held = np.zeros((len(exterior), len(job.supports)), dtype=np.int64)
     for number, support in enumerate(job.supports):
         axes = sum(1 << axis for axis, name in enumerate(AXES) if name in support.held) + support.slides * _NORMAL
-        held[np.isin(exterior, body.facets(support.region)), number] = axes
+        held[np.isin(exterior, body.held_facets(support.region)), number] = axes
     numbers = mesh.geometry.index_map().local_to_global(nodes.ravel()).reshape(nodes.shape)
     gathered = mesh.comm.gather((numbers, mesh.geometry.x[nodes], areas, held))
     kind, _ = kind_and_degree(mesh)

@@ -45,6 +45,7 @@ def symmetry_planes(job: Job, body: Body, given: Floats, moved: Floats) -> list[
     for support in job.supports:
         held[support.region] = held.get(support.region, set()).union(support.components)
     alone = [s for s in job.supports if s.fix is not None and len(held[s.region]) == 1]
+    alone = [s for s in alone if body.held_entities(s.region)[0] == 2]
     planes = (_plane(body, s.region, _direction(body, s, given), given, moved) for s in alone)
     return [plane for plane in planes if plane is not None]
 

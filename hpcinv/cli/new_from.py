@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +14,13 @@ from hpcinv.files.names import escaped_line
 from hpcinv.reading.suffix import suffix_of
 
 if TYPE_CHECKING:
-    from hpcinv.cards.deck import Deck
+    from hpcinv.cards.deck import Deck, NodalForces
     from hpcinv.mesh.source import MeshSource
 
+_MOST_VERTICES = 200
+"""Vertices of a support that a job lists; raised, jobs may become very long"""
+_BALANCED = 0.01
+"""Share of the forces at nodes below which their resultant, or their moment, counts as none"""
 _PROGRAMS = {".inp": "abaqus", ".feb": "febio", ".cdb": "ansys"}
 
 
@@ -63,20 +68,25 @@ class _Job:
         self._options, self._program, self._source, self._deck, self._text = options, program, source, deck, text
         self._sets = sets
         self._regions = {group.name.lower(): group.name for group in source.groups}
+        self._vertices: dict[str, dict[str, Any]] = {}  # regions of vertices, by name
         self._comments = [f"Made by hpcinv new job --from {options.source}; read what it says, and change it."]
 
     def text(self) -> str:
         """Return the job as YAML with comments."""
         import yaml
 
-        supports = [entry for entry in map(self._placed, self._deck.supports) if entry]
+        supports = [support for entry in self._deck.supports for support in self._supports(entry)]
         effects = [entry for entry in map(self._placed, self._deck.effects) if entry]
+        effects += [entry for entry in map(self._traction, self._deck.forces) if entry]
         sections = self._materials()
         self._comments += [f"Not taken from the file: {text}" for text in dict.fromkeys(self._deck.unused)]
         if not supports:
             self._comments.append("No support is taken from the file: state 'supports', such as the line below.")
         if not effects and not any("displacement" in entry for entry in supports):
             self._comments.append("No load is taken from the file: state 'effects'.")
+        if self._vertices:
+            text = "Supports at vertices keep a body in place whose loads balance; hold facets where they carry a load."
+            self._comments.append(text)
         names = [group.name for group in self._source.groups]
         self._comments.append(f"Regions of the mesh: {', '.join(dict.fromkeys(names)) or 'none'}")
         mesh = os.path.relpath(self._options.source.resolve(), self._options.output.resolve().parent)
@@ -84,6 +94,7 @@ class _Job:
             "job": self._options.output.stem,
             "analysis": "forward",
             "mesh": {"file": mesh, "unit": self._options.unit},
+            **({"regions": self._vertices} if self._vertices else {}),
             **sections,
             "effects": effects,
             "supports": supports or [{"region": self._anywhere(), "fix": ["x", "y", "z"]}],
@@ -110,8 +121,6 @@ class _Job:
             if region is None:
                 self._deck.unused.append(f"{what} on '{entry['region']}', which spans no facet of the mesh")
                 return None
-            if what == "support" and (lost := self._lost(region)):
-                self._deck.unused.append(f"support on {lost} of '{region}', which span no facet of the mesh")
             placed["region"] = region
         elif names := [name for name in entry.get("on", ()) if name]:
             members = {cell for name in names for cell in self._cells(name)}
@@ -119,20 +128,78 @@ class _Job:
                 self._comments.append(f"{entry['effect']} on {', '.join(names)} acts on the whole body in this job.")
         return placed
 
-    def _lost(self, region: str) -> str:
-        """Return how many vertices of a node set are on no facet and cell of its region; empty text if all are."""
+    def _supports(self, entry: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+        """Yield the section of a support, and one of the vertices of its set that span no facet."""
+        name = entry["region"]
+        region = self._region(name)
+        if region is not None and (placed := self._placed(entry)) is not None:
+            yield placed
+        vertices = self._lost_vertices(name, region)
+        if len(vertices) > _MOST_VERTICES:
+            text = f"support on {len(vertices):,} vertices of '{name}', which span no facet of the mesh"
+            self._deck.unused.append(text)
+        elif vertices:
+            own = self._named_vertices(f"{name}_vertices", vertices)
+            yield {key: self._with_units(value) for key, value in entry.items()} | {"region": own}
+        elif region is None:
+            self._deck.unused.append(f"support on '{name}', which has no vertex of the mesh")
+
+    def _named_vertices(self, name: str, tags: list[int]) -> str:
+        """Return the name of a region of vertices, which has the form of an identifier."""
+        own = re.sub(r"\W", "_", name, flags=re.ASCII)
+        own = own if own[:1].isalpha() else f"set_{own}"
+        unit, row = self._source.unit or 1.0, {tag: i for i, tag in enumerate(self._source.node_tags.tolist())}
+        points = self._source.points[[row[tag] for tag in tags]] / unit
+        places = [[f"{x + 0.0:.12g} {self._options.unit}" for x in point] for point in points.tolist()]
+        self._vertices[own] = {"vertices": places}
+        return own
+
+    def _lost_vertices(self, name: str, region: str | None) -> list[int]:
+        """Return the numbers of the vertices of a node set that are on no facet and cell of its region."""
         from hpcinv.mesh.cells import FACET_KIND, vertex_count
 
         source, tags = self._source, self._source.node_tags
         cells = source.cells[:, : vertex_count(source.kind)]
         facets = source.facets[:, : vertex_count(FACET_KIND[source.kind])]
-        wanted = self._sets.get(region, frozenset()) & set(tags[cells].ravel().tolist())
+        spelled = {own.lower(): own for own in self._sets}
+        members = self._sets.get(spelled.get(name.lower(), ""), frozenset())
+        wanted = members & set(tags[cells].ravel().tolist())
         found: set[int] = set()
         for group in source.groups:
             if group.name == region:
                 found.update(tags[(facets if group.dim == 2 else cells)[group.members]].ravel().tolist())
-        lost = len(wanted - found)
-        return f"{lost:,} of {len(wanted):,} vertices" if lost else ""
+        return sorted(wanted - found)
+
+    def _traction(self, nodal: NodalForces) -> dict[str, Any] | None:
+        """Return the uniform traction that has the resultant of forces at nodes; ``None`` if there is none."""
+        import numpy as np
+
+        from hpcinv.cards.deck import Measure
+        from hpcinv.mesh.facet_area import area_and_centre
+
+        row = {tag: i for i, tag in enumerate(self._source.node_tags.tolist())}
+        tags = [tag for tag in nodal.forces if tag in row]
+        forces = np.array([nodal.forces[tag] for tag in tags]).reshape(-1, 3)
+        region = self._region(nodal.region) if nodal.region else None
+        groups = [group for group in self._source.groups if group.name == region and group.dim == 2]
+        size, resultant = float(np.linalg.norm(forces, axis=1).sum()), forces.sum(axis=0)
+        if not size:
+            return None
+        if not groups or float(np.linalg.norm(resultant)) < _BALANCED * size:
+            why = "whose resultant vanishes" if groups else "which span no facet: load a spot of facets by a traction"
+            self._deck.unused.append(f"{nodal.title}, {why}")
+            return None
+        unit = self._source.unit or 1.0
+        points = self._source.points / unit
+        area, centre = area_and_centre(self._source, np.concatenate([group.members for group in groups]), points)
+        arms = points[[row[tag] for tag in tags]] - centre
+        moment = float(np.linalg.norm(np.cross(arms, forces).sum(axis=0)))
+        share = moment / (size * float(np.linalg.norm(arms, axis=1).max()))
+        text = f"{nodal.title} became a uniform traction on '{region}' with the same resultant"
+        more = f"; their moment about its centre, {share:.0%} of their size by the distance, is lost"
+        self._comments.append(text + (more if share > _BALANCED else ""))
+        components = [self._with_units(Measure(float(part), stress=1)) for part in resultant / area]
+        return {"effect": "traction", "region": region, "traction": components, "area_in": "reference"}
 
     def _cells(self, name: str) -> list[int]:
         """Return the rows of the cells of a set."""

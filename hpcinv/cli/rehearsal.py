@@ -47,6 +47,8 @@ def rehearse(job: Job) -> None:
     """
     source = read_anywhere(job.mesh, job.resolve, MPI.COMM_SELF)
     moved = [any(s.moves or s.surface for s in step.job.supports) or step.start is not None for step in job.plan]
+    if moved and job.solver.start_shape is not None:
+        moved[0] = True
 
     def compile_step(
         number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver
@@ -145,7 +147,8 @@ def _check(equations: Equations, solutions: list[Solution]) -> None:
     _certify(equations, solutions)
     if job.certificate.estimate:
         finer = finer_equations(equations, solution)
-        two_level.correct(equations, solution.direction, finer)  # needed for large bodies
+        if job.mesh.shell is None:
+            two_level.correct(equations, solution.direction, finer)  # needed for large bodies
         equations.put(solution)
     if job.certificate.stability:
         second_variation(equations, known_displacement(equations))  # needed where the body is not stable

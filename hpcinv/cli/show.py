@@ -14,7 +14,7 @@ from hpcinv.cli.options import port
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
-from hpcinv.job.sections import IMAGES
+from hpcinv.job.sections import IMAGES, Support
 from hpcinv.pictures.colours import COLOURS, Colour
 
 if TYPE_CHECKING:
@@ -224,5 +224,6 @@ def _job_and_body(path: Path, unit: str | None) -> tuple[Job | None, Body]:
         parts = [part for solve in job.plan for part in (*solve.job.supports, *solve.job.effects)]
         for part in parts:
             if (name := getattr(part, "region", None)) is not None:
-                body.facets(name)  # raises MeshError if the mesh lacks it
+                # Raises MeshError if the mesh lacks it.
+                body.held_entities(name) if isinstance(part, Support) else body.facets(name)
     return job, body

@@ -9,8 +9,8 @@ _NAMED = re.compile(
     r"^\s*\*\s*(?:NODE|ELEMENT|NSET|ELSET|SURFACE)\b[^\n]*?\b(?:NSET|ELSET|NAME)\s*=\s*\"?([^,\"\n]+)", re.I | re.M
 )
 _SEVERAL = re.compile(r"^\s*\*\s*INSTANCE\b", re.I | re.M)
-_PRESSED = r".+-P[1-6]"
-"""faces of the elements of a set, by a line of ``*DLOAD``"""
+_CONDITIONS = (r".+-P[1-6]", r"held-[xyz]+(=.+)?", r"(loaded|pressed)(-\d+)?")
+"""faces of the elements of a set, by a line of ``*DLOAD``, and what lines on single nodes and elements hold or load"""
 _LARGEST = 200 * 2**20
 """bytes of a file that is searched for names; raised, ``validate`` may take seconds"""
 
@@ -28,4 +28,4 @@ class Inp(MeshFormat):
         text = path.read_text(encoding="latin-1")
         if _SEVERAL.search(text):
             return None
-        return Groups(frozenset(name.strip() for name in _NAMED.findall(text)), patterns=(_PRESSED,))
+        return Groups(frozenset(name.strip() for name in _NAMED.findall(text)), patterns=_CONDITIONS)

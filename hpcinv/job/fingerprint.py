@@ -137,6 +137,8 @@ def content_key(job: Job, digest: Callable[[Path], str] = file_digest, **circums
         | circumstances
     )
     content |= {name: part for name, part in job.model_dump(mode="json", include=_OPTIONAL).items() if part}
+    if job.solver.start_shape is not None:
+        content["start_shape"] = digest(job.resolve(job.solver.start_shape))
     if job.mesh.surface_error is not None:
         content["surface_error"] = job.mesh.surface_error.model_dump(mode="json")
     if (expected := job.expected_shape) is not None:

@@ -33,7 +33,7 @@ from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
 from hpcinv.job.preamble import read_preamble
 from hpcinv.job.region_names import unknown_regions
-from hpcinv.job.region_rules import EXCEPT, RegionRule, RegionUnion
+from hpcinv.job.region_rules import EXCEPT, RegionRule, RegionUnion, VertexSet
 from hpcinv.job.remote_load import RemoteLoad, unsuited_remote_loads
 from hpcinv.job.sections import REGION_NAMES, ExpectedShape, Motion, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
@@ -110,7 +110,8 @@ class Job(Spec):
     regions: Mapping[Name, RegionRule] = {}
     """parts of the given body by conditions on x, y, z, the outer normal nx, ny, nz, and the number of the cavity; or
     unions of regions and groups of the mesh by their names, such as {skin: [endo, epi]}; or the facet nearest to a
-    point with all that is smooth with it, such as {foot: {smooth: [0, 0, 2 mm], angle: 30 deg}}"""
+    point with all that is smooth with it, such as {foot: {smooth: [0, 0, 2 mm], angle: 30 deg}}; or vertices, for
+    supports of a body whose loads balance, such as {corner: {vertices: [[0, 0, 0]]}}"""
     plugins: ListOf[str] = ()
     """Python files, by paths relative to the job file, that define further laws and effects"""
     files: ListOf[str] = ()
@@ -406,6 +407,18 @@ class Job(Spec):
         return ""
 
     @property
+    def _unsuited_to_start_shape(self) -> str:
+        """Reason why the path cannot begin with another shape; empty if nothing forbids it."""
+        if self.solver.start is not None:
+            return "cannot be combined with 'start'"
+        if self.mesh.is_partitioned:
+            return "is not possible with a partitioned mesh"
+        first = self.plan[0].job
+        if first.remote_loads:
+            return "is not possible with remote loads"
+        return self._unsuited_to_start
+
+    @property
     def has_derivatives(self) -> bool:
         """True if solutions have derivatives; with contact with a rigid obstacle they have none."""
         return have_derivatives(self.effects, self.states)
@@ -473,6 +486,9 @@ class Job(Spec):
             later = [m for m in rule.names if m in names[i:]] if isinstance(rule, RegionUnion) else []
             if later:
                 raise Problems(((name,), f"names '{later[0]}', which is not defined above it; change the order"))
+            members = rule.names if isinstance(rule, RegionUnion) else ()
+            if single := [m for m in members if isinstance(regions.get(m), VertexSet)]:
+                raise Problems(((name,), f"names '{single[0]}', which is a set of vertices: only supports hold these"))
         return regions
 
     @field_validator("states")
@@ -544,6 +560,8 @@ class Job(Spec):
             yield ("solver", "nested_iteration"), text
         if self.solver.start is not None and (text := self._unsuited_to_start):
             yield ("solver", "start"), text
+        if self.solver.start_shape is not None and (text := self._unsuited_to_start_shape):
+            yield ("solver", "start_shape"), text
         given_rest = any(state.given and state.is_rest for state in self.states)
         is_reference = given_rest if self.states else self.directions[0] == "forward"
         mesh, shape = ("reference", "undeformed") if is_reference else ("current", "deformed")
@@ -555,6 +573,10 @@ class Job(Spec):
         """Faults of laws, effects and supports that other sections do not allow."""
         for where, law in self.laws.items():
             yield from rules.below(tuple(where.split(".", 1)), rules.unknown_families(law, self.fibres))
+        single = {name for name, rule in self.regions.items() if isinstance(rule, VertexSet)}
+        yield from rules.below(("effects",), rules.loaded_vertices(self.effects, single))
+        for i, state in enumerate(self.states):
+            yield from rules.below(("states", i, "effects"), rules.loaded_vertices(state.effects, single))
         if not self.states:
             needed, where = set(self.directions), f"with 'analysis: {self.analysis}'"
             faults = rules.unsuited_effects(

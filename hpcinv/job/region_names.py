@@ -17,9 +17,7 @@ from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.reading.suffix import suffix_of
 
 THIN = "has points or lines only, no whole facet"
-THIN_REMEDY = (
-    "Hold the facets around them, such as regions: {spot: 'norm(x - 5 mm, y, z) < 2 mm'} (how-to/supports.md)."
-)
+THIN_REMEDY = "Hold the facets around it, or its vertices if the loads balance: regions: {a: {vertices: [[0, 0, 0]]}}"
 """what to do about a group of points or curves"""
 _BOUNDARY = "boundary"
 

@@ -1,7 +1,7 @@
-"""How a job defines a region: by a condition on places and normals, by others, or as a smooth face around a point."""
+"""How a job defines a region: by a condition on places and normals, by others, as a smooth face, or by vertices."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -70,24 +70,65 @@ class SmoothFace:
         return f"smooth face at ({place}) m within {math.degrees(self.angle):g} deg"
 
 
+@dataclass(frozen=True)
+class VertexSet:
+    """The vertices of the mesh at some points, which only supports can hold.
+
+    Attributes:
+        points: m.
+    """
+
+    points: tuple[tuple[float, float, float], ...]
+
+    @property
+    def plain(self) -> dict[str, object]:
+        """The mapping as a job writes it, in SI units."""
+        return {"vertices": [list(point) for point in self.points]}
+
+    def __str__(self) -> str:
+        return f"{len(self.points)} vertices"
+
+
+def _vertex_set(value: Mapping[object, object]) -> VertexSet:
+    """Raise ``ValueError`` unless the mapping is a list of points."""
+    points = value["vertices"]
+    if (
+        value.keys() - {"vertices"}
+        or not isinstance(points, list | tuple)
+        or not points
+        or not all(map(_is_point, points))
+    ):
+        raise ValueError(f"must be such as {{vertices: [[0, 0, 0], [10 mm, 0, 0]]}}, not {shown(value)}")
+    return VertexSet(tuple(_coordinates(point) for point in points))
+
+
+def _is_point(value: object) -> bool:
+    return isinstance(value, list | tuple) and len(value) == 3
+
+
+def _coordinates(value: Sequence[object]) -> tuple[float, float, float]:
+    x, y, z = (_POINT.parse(component) for component in value)
+    return x, y, z
+
+
 def _smooth_face(value: Mapping[object, object]) -> SmoothFace:
     """Raise ``ValueError`` unless the mapping is a point and perhaps an angle."""
     point, angle = value.get("smooth"), value.get("angle", ANGLE)
-    is_point = isinstance(point, list | tuple) and len(point) == 3
-    if not is_point or value.keys() - {"smooth", "angle"}:
+    if not _is_point(point) or value.keys() - {"smooth", "angle"}:
         raise ValueError(f"must be such as {{smooth: [0, 0, 2 mm], angle: 30 deg}}, not {shown(value)}")
     assert isinstance(point, list | tuple)  # for mypy
-    x, y, z = (_POINT.parse(component) for component in point)
-    return SmoothFace((x, y, z), _ANGLE.parse(angle))
+    return SmoothFace(_coordinates(point), _ANGLE.parse(angle))
 
 
 class _Rule:
-    """Annotation of a condition, a list of names, or a smooth face."""
+    """Annotation of a condition, a list of names, a smooth face, or vertices."""
 
     @staticmethod
-    def _read(value: object, info: ValidationInfo) -> Expression | RegionUnion | SmoothFace:
-        if isinstance(value, RegionUnion | SmoothFace):
+    def _read(value: object, info: ValidationInfo) -> Expression | RegionUnion | SmoothFace | VertexSet:
+        if isinstance(value, RegionUnion | SmoothFace | VertexSet):
             return value
+        if isinstance(value, Mapping) and "vertices" in value:
+            return _vertex_set(value)
         if isinstance(value, Mapping) and "smooth" in value:
             return _smooth_face(value)
         if not isinstance(value, list | tuple):
@@ -102,9 +143,9 @@ class _Rule:
 
     @staticmethod
     def _plain(
-        rule: Expression | RegionUnion | SmoothFace, info: SerializationInfo
+        rule: Expression | RegionUnion | SmoothFace | VertexSet, info: SerializationInfo
     ) -> str | list[str] | dict[str, object]:
-        if isinstance(rule, SmoothFace):
+        if isinstance(rule, SmoothFace | VertexSet):
             return rule.plain
         return rule.entries if isinstance(rule, RegionUnion) else rule.plain(info)
 
@@ -115,16 +156,20 @@ class _Rule:
     def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: Any) -> JsonSchemaValue:
         names = {"type": "array", "items": {"type": "string"}, "minItems": 1}
         number = {"type": ["string", "number"]}
+        point = {"type": "array", "items": number, "minItems": 3, "maxItems": 3}
         face = {
             "type": "object",
-            "properties": {
-                "smooth": {"type": "array", "items": number, "minItems": 3, "maxItems": 3},
-                "angle": number,
-            },
+            "properties": {"smooth": point, "angle": number},
             "required": ["smooth"],
             "additionalProperties": False,
         }
-        return {"anyOf": [number, names, face]}
+        vertices = {
+            "type": "object",
+            "properties": {"vertices": {"type": "array", "items": point, "minItems": 1}},
+            "required": ["vertices"],
+            "additionalProperties": False,
+        }
+        return {"anyOf": [number, names, face, vertices]}
 
 
-RegionRule = Annotated[Expression | RegionUnion | SmoothFace, _Rule()]
+RegionRule = Annotated[Expression | RegionUnion | SmoothFace | VertexSet, _Rule()]

@@ -79,6 +79,14 @@ def unsuited_effects(
             yield (i, *place), text
 
 
+def loaded_vertices(effects: Sequence[Effect], single: Collection[str]) -> Faults:
+    """Faults of effects on regions that are ``single`` vertices."""
+    for i, effect in enumerate(effects):
+        for name, key in effect.surfaces.items():
+            if name in single:
+                yield (i, key), f"'{name}' is a set of vertices, which only supports can hold: name facets"
+
+
 def unsuited_supports(supports: Sequence[Support], effects: Sequence[Effect], cases: Collection[str]) -> Faults:
     """Faults of supports that leave the body free, refer to unknown load cases, or repeat each other."""
     holding = [support for support in supports if support.remote is None]

@@ -16,7 +16,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
-from hpcinv.files.untrusted import REFUSED, applies, option_fault
+from hpcinv.files.untrusted import REFUSED, FileBeside, applies, option_fault
 from hpcinv.formats import SAVED
 from hpcinv.quantity.schema import Faults, ListOf, Spec, raise_if_any, shown
 
@@ -126,6 +126,9 @@ class Solver(Spec):
     start: str | None = Field(default=None, exclude_if=lambda start: start is None)
     """directory by 'hpcinv sweep teach', relative to the job: the solve begins with a solution predicted from the cases
     of a sweep"""
+    start_shape: FileBeside | None = Field(default=None, exclude_if=lambda start_shape: start_shape is None)
+    """mesh file with the cells of the mesh: the computed body as it is roughly known. The path begins there instead of
+    at the given body, and the nodal forces that would hold it there are taken away"""
     petsc: Mapping[str, PetscValue] = {}
     """PETSc options by name, without the dash"""
 

@@ -33,7 +33,7 @@ from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.io.cad import cad_mesh
 from hpcinv.mesh.io.length_unit import check_unit
 from hpcinv.mesh.label_groups import add_label_groups
-from hpcinv.mesh.midsurface import thicken
+from hpcinv.mesh.midsurface import halved_shell, thicken
 from hpcinv.mesh.orientation import consistently_oriented
 from hpcinv.mesh.readers import FILES, GENERATORS, read_surface
 from hpcinv.mesh.refine.degree import change_degree
@@ -65,6 +65,7 @@ class Body:
     source: MeshSource
     source_geometry: dolfinx.mesh.Geometry
     read_finer_geometry: Callable[[], FinerGeometry] | None = None  # to be called on rank 0
+    build_halved: Callable[[], Body] | None = None  # of a shell; collective
     given_nodes: Floats = field(init=False)
 
     def __post_init__(self) -> None:
@@ -106,6 +107,12 @@ class Body:
         assert source is not None
         return replace_geometry(self, source), ""
 
+    @cached_property
+    def halved(self) -> Body:
+        """A shell with each cell of its surface cut into four; collective at the first access."""
+        assert self.build_halved is not None
+        return self.build_halved()
+
     @property
     def degree(self) -> int:
         """Degree of the geometry of ``mesh``."""
@@ -128,12 +135,25 @@ class Body:
     def facets(self, name: str) -> LocalIndices:
         """Local facets of a region; raises ``MeshError`` on all ranks if the region does not exist or has no facets."""
         region = find(self.regions, name, self.source)
+        if region.vertices is not None:
+            advice = "Only supports hold vertices; a load needs facets of the boundary."
+            raise MeshError(f"{self.source.path}: region '{name}' has vertices but no facets", advice)
         if not region.facet_count:
             advice = "Name a physical surface, or a geometric region that contains whole facets of the boundary."
             if self.source.shell is not None:
                 advice = f"Name an edge of the surface, or a face: '{name}|outer', '{name}|inner'."
             raise MeshError(f"{self.source.path}: region '{name}' has cells but no facets", advice)
         return region.facets
+
+    def held_entities(self, name: str) -> tuple[int, LocalIndices]:
+        """Dimension and local numbers of what a support holds: facets of a region, or vertices; as `facets`."""
+        vertices = find(self.regions, name, self.source).vertices
+        return (2, self.facets(name)) if vertices is None else (0, vertices)
+
+    def held_facets(self, name: str) -> LocalIndices:
+        """Local facets that a support holds, none of vertices; as `facets`."""
+        dimension, entities = self.held_entities(name)
+        return entities if dimension == 2 else entities[:0]
 
     def boundary_facets(
         self, name: str, remedy: str = "A surface load needs a region of the boundary."
@@ -270,7 +290,13 @@ def build_body(
     )
     named = build_regions(mesh, source, regions, length_scale)
     finer = None if source.is_partitioned else lambda: read_finer_geometry(spec, resolve(spec.file), source)
-    body = Body(mesh, length_scale, named, partition_of(mesh, method), source, mesh.geometry, finer)
+
+    def build_halved() -> Body:
+        cut = None if comm.rank else halved_shell(source)
+        return build_body(spec, regions, comm, resolve=resolve, degree=degree, given=cut)
+
+    halved = None if source.midsurface is None else build_halved
+    body = Body(mesh, length_scale, named, partition_of(mesh, method), source, mesh.geometry, finer, halved)
     return body.raise_degree(degree)
 
 

@@ -24,6 +24,8 @@ from hpcinv.errors import MeshError
 from hpcinv.formats.mesh_format import INNER, OUTER
 from hpcinv.job.sections import Shell
 from hpcinv.mesh.cells import mirrored, scalar_element, sub_entities, vertex_count
+from hpcinv.mesh.facet_groups import join_facets
+from hpcinv.mesh.quadrilaterals import halved
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, distinct_tags
 from hpcinv.mesh.topology import neighbour_signs, unique_rows, vertex_sets
 from hpcinv.quantity.spatial_fields import ByData, ByFormula, Field
@@ -90,17 +92,28 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         cell_tags=_repeated_tags(surface.cell_tags, len(layers)),
         facets=facets,
         groups=distinct_tags(groups),
-        data={
-            name: dataclasses.replace(
-                array, values=np.tile(array.values, (len(columns) if array.place == "nodes" else len(layers), 1))
-            )
-            for name, array in surface.data.items()
-        },
+        data=_data(surface, shell),
         midsurface=surface,
         shell=shell,
         slenderness=_slenderness(surface, float(thickness.mean())) if len(thickness) else 1.0,
         is_thin=length > _THIN,
     )
+
+
+def _data(surface: MeshSource, shell: Shell) -> dict[str, DataArray]:
+    """Return arrays of the body, constant through the thickness or linear from ``NAME_inner`` to ``NAME_outer``."""
+    levels, arrays = np.array(shell.levels), dict[str, DataArray]()
+    for name, array in surface.data.items():
+        times = len(levels) if array.place == "nodes" else len(levels) // 2
+        arrays[name] = dataclasses.replace(array, values=np.tile(array.values, (times, 1)))
+    shares = ((levels - levels[0]) / (levels[-1] - levels[0]))[:, None, None]
+    for name, outer in surface.data.items():
+        stem = name.removesuffix(f"_{OUTER}")
+        inner = surface.data.get(f"{stem}_{INNER}")
+        if stem != name and inner is not None and outer.place == inner.place == "nodes":
+            through = inner.values + shares * (outer.values - inner.values)
+            arrays[stem] = DataArray(stem, "nodes", through.reshape(-1, outer.values.shape[1]))
+    return arrays
 
 
 def _repeated_tags(tags: Ints, times: int) -> Ints:
@@ -219,6 +232,46 @@ def surface_source(
     return dataclasses.replace(surface, data=data), middle
 
 
+def moved_levels(body: MeshSource, surface: MeshSource) -> Floats:
+    """Return the nodes (n, 3) of a shell whose surface has moved, with the same thickness along the new normals (m).
+
+    Args:
+        surface: the midsurface of the body at other points.
+
+    Raises:
+        MeshError: the moved surface has cells of no area, or folds.
+    """
+    assert body.midsurface is not None
+    levels = body.points.reshape(-1, len(surface.points), 3) - body.midsurface.points
+    through = levels[-1] - levels[0]
+    through = through / np.linalg.norm(through, axis=1, keepdims=True)
+    heights = (levels * through).sum(axis=2, keepdims=True)
+    return np.asarray(surface.points + heights * _normals(surface)).reshape(-1, 3)
+
+
+def halved_shell(body: MeshSource) -> MeshSource:
+    """Return the body of a shell with each cell of its surface cut into four.
+
+    Node ``n`` of a level of the given body is node ``n`` of that level. The others have the normals and the thickness
+    of their place, where these are not data of the faces.
+    """
+    surface, shell = body.midsurface, body.shell
+    assert surface is not None
+    assert shell is not None
+    return join_facets(thicken(halved(surface), shell))
+
+
+def halved_values(body: MeshSource, values: Floats) -> Floats:
+    """Return values at the nodes of the `halved_shell` from values (n, k) at the nodes of its body."""
+    surface, shell = body.midsurface, body.shell
+    assert surface is not None
+    assert shell is not None
+    levels, count = len(shell.levels), len(surface.points)
+    columns = values.reshape(levels, count, -1).transpose(1, 0, 2).reshape(count, -1)
+    carried = halved(dataclasses.replace(surface, data={"": DataArray("", "nodes", columns)})).data[""].values
+    return np.asarray(carried.reshape(len(carried), levels, -1).transpose(1, 0, 2).reshape(levels * len(carried), -1))
+
+
 def _surface_shares(shell: Shell) -> Floats:
     """Shares of the levels in a quantity at the surface, which is quadratic in each layer."""
     levels, place = np.array(shell.levels), shell.surface_place
@@ -294,32 +347,57 @@ def _oriented(surface: MeshSource) -> Ints:
 
 
 def _normals(surface: MeshSource) -> Floats:
-    """Unit normals (n, 3) at the nodes: means over the cells around each.
+    """Unit normals (n, 3) at the nodes: means over the cells around each, weighted by their angles there.
+
+    So they do not depend on how many cells a side of an edge has.
 
     Raises:
         MeshError: cells of no area, or a fold.
+
+    Source: Thürmer & Wüthrich, J. Graph. Tools 3, 43–46, 1998, doi:10.1080/10867651.1998.10487487.
     """
     element = scalar_element(_KIND, _DEGREE)
     gradients: Floats = element.tabulate(1, element.points)[1:, :, :, 0]
     tangents = np.einsum("dpn,cni->dcpi", gradients, surface.points[surface.cells])
     normals = np.cross(tangents[0], tangents[1])
     lengths = np.linalg.norm(normals, axis=2, keepdims=True)
-    if not (lengths > 1e-12 * np.linalg.norm(tangents, axis=3).prod(axis=0)[..., None]).all():
+    sizes = np.linalg.norm(tangents, axis=3).prod(axis=0)[..., None]
+    if not (lengths > 1e-12 * sizes).all():
         _refuse(surface.path, "has cells without area", "Mesh it again with another size.")
     normals = normals / lengths
+    # The angle of a cell is between its edges at a vertex, and 180° at other nodes.
+    inward = 1 - 2 * element.points
+    inner_products = (tangents[0] * tangents[1]).sum(axis=2, keepdims=True) * inward.prod(axis=1)[:, None]
+    angles = np.where((inward == 0).any(axis=1)[:, None], np.pi, np.arctan2(lengths, inner_products))
     sums = np.zeros_like(surface.points)
-    np.add.at(sums, surface.cells, normals)
+    np.add.at(sums, surface.cells, angles * normals)
     means = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)
     cosines = (normals * means[surface.cells]).sum(axis=2)
-    if cosines.min() < np.cos(np.radians(_SHARPEST / 2)):
-        cell, local = np.unravel_index(cosines.argmin(), cosines.shape)
-        angle = 2 * np.degrees(np.arccos(np.clip(cosines.min(), -1, 1)))
-        node = surface.node_tags[surface.cells[cell, local]]
-        text = (
-            f"has a fold of about {angle:.0f}° at node {node}, where a shell has no normal (at most {_SHARPEST:.0f}°)"
-        )
-        _refuse(surface.path, text, "Round it off with cells of degree 2 and a finer mesh, or mesh a solid.")
+    # Two normals differ by at most twice the largest difference from the mean.
+    suspicious = np.unique(surface.cells[cosines < np.cos(np.radians(_SHARPEST / 2))])
+    if len(suspicious):
+        angle, node = _sharpest(surface.cells, normals, suspicious)
+        if angle > _SHARPEST:
+            tag = surface.node_tags[node]
+            text = f"has a fold of {angle:.0f}° at node {tag}, where a shell has no normal (at most {_SHARPEST:.0f}°)"
+            _refuse(surface.path, text, "Round it off with cells of degree 2 and a finer mesh, or mesh a solid.")
     return np.asarray(means)
+
+
+def _sharpest(cells: Ints, normals: Floats, nodes: Ints) -> tuple[float, int]:
+    """Return the largest angle (degrees) between normals (c, p, 3) of cells (c, p) at one of some nodes, and the node.
+
+    Args:
+        nodes: ascending.
+    """
+    is_there = np.isin(cells, nodes)
+    entries, vectors = cells[is_there], normals[is_there]
+    order = np.argsort(entries, kind="stable")
+    starts = np.searchsorted(entries[order], nodes)
+    around = np.split(vectors[order], starts[1:])
+    cosines = np.array([(part @ part.T).min() for part in around])
+    sharpest = int(cosines.argmin())
+    return float(np.degrees(np.arccos(np.clip(cosines[sharpest], -1, 1)))), int(nodes[sharpest])
 
 
 def _refuse(path: Path, text: str, advice: str) -> NoReturn:

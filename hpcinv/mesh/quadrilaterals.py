@@ -55,10 +55,20 @@ def quadrilaterals(surfaces: Sequence[MeshSource]) -> MeshSource:
     Args:
         surfaces: the cells of each kind, triangles or quadrilaterals of degree 1 or 2, with the same nodes and edges.
     """
-    first = surfaces[0]
     if [(s.kind, s.degree) for s in surfaces] == [("quadrilateral", 2)]:
-        return first
-    split = any(surface.kind == "triangle" for surface in surfaces)
+        return surfaces[0]
+    parted = _parted(surfaces, split=any(surface.kind == "triangle" for surface in surfaces))
+    return dataclasses.replace(parted, notes=(*parted.notes, _note(surfaces, len(parted.cells))))
+
+
+def halved(surface: MeshSource) -> MeshSource:
+    """Return a surface with each quadrilateral of degree 2 cut into four; its first nodes are the given ones."""
+    return _parted([surface], split=True)
+
+
+def _parted(surfaces: Sequence[MeshSource], *, split: bool) -> MeshSource:
+    """Return the quadrilaterals of all cells, cut into several or not."""
+    first = surfaces[0]
     patterns = [_Pattern.of_cell(s.kind, s.degree, split=split) for s in surfaces]
     edge = _Pattern.of_cell("interval", first.degree, split=split)
     count = len(first.points)
@@ -103,7 +113,6 @@ def quadrilaterals(surfaces: Sequence[MeshSource]) -> MeshSource:
         facets=facets,
         groups=_groups(surfaces, [len(p.parts) for p in patterns], len(edge.parts)),
         data=_data(surfaces, [len(p.parts) for p in patterns], interpolated),
-        notes=(*first.notes, _note(surfaces, len(cells))),
     )
 
 

@@ -1,6 +1,6 @@
 """Named parts of a body: physical groups of the mesh, geometric conditions of the job, and the whole boundary."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import dolfinx
@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from hpcinv.errors import HpcinvError, MeshError
 from hpcinv.job.region_names import THIN, THIN_REMEDY
-from hpcinv.job.region_rules import RegionRule, RegionUnion, SmoothFace
+from hpcinv.job.region_rules import RegionRule, RegionUnion, SmoothFace, VertexSet
 from hpcinv.mesh.boundary_shells import LocalIndices as LocalIndices
 from hpcinv.mesh.boundary_shells import Mesh as Mesh
 from hpcinv.mesh.boundary_shells import cavities, outer_facets
@@ -18,6 +18,7 @@ from hpcinv.mesh.cells import FACET_KIND, vertex_count
 from hpcinv.mesh.label_groups import integer_arrays
 from hpcinv.mesh.smooth_faces import smooth_face
 from hpcinv.mesh.source import MASK_BITS, Ints, MeshSource
+from hpcinv.mesh.vertex_sets import nearest_vertices
 from hpcinv.parallel.runtime import MPI, agree
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.suggestions import did_you_mean
@@ -28,7 +29,10 @@ _OF_FACETS = {"nx", "ny", "nz", "cavity"}
 
 @dataclass(frozen=True)
 class Region:
-    """A named set of facets and cells: local indices of this rank, and their numbers on all ranks together."""
+    """A named set of facets and cells: local indices of this rank, and their numbers on all ranks together.
+
+    A set of vertices has none of these, and ``vertices``.
+    """
 
     name: str
     origin: str  # "physical", "geometric", "union" or "built in"
@@ -36,6 +40,7 @@ class Region:
     cells: LocalIndices
     facet_count: int
     cell_count: int
+    vertices: LocalIndices | None = None
 
 
 def build_regions(
@@ -83,6 +88,11 @@ def build_regions(
             mask = smooth_face(mesh, exterior, np.array(condition.point) / length_scale, condition.angle)
             regions[name] = _region(mesh, name, "geometric", exterior[mask], none)
             continue
+        if isinstance(condition, VertexSet):
+            vertices, far = nearest_vertices(mesh, np.array(condition.points) / length_scale)
+            regions[name] = Region(name, "geometric", none, none, 0, 0, vertices)
+            problems += [f"region '{name}': {text}" for text in _far_from(condition, far * length_scale)]
+            continue
         if "cavity" in condition.names and cavity is None:
             cavity = cavities(mesh, exterior)
         try:
@@ -109,6 +119,14 @@ def build_regions(
     return regions
 
 
+def _far_from(rule: VertexSet, nearest: npt.NDArray[np.float64]) -> Iterator[str]:
+    """Yield a message for each point that has no vertex, with the ``nearest`` one (n, 3) m; NaN where there is one."""
+    for point, vertex in zip(rule.points, nearest, strict=True):
+        if np.isfinite(vertex).all():
+            at, other = (", ".join(f"{x:.6g}" for x in place) for place in (point, vertex))
+            yield f"there is no vertex at ({at}) m; the nearest is at ({other}) m"
+
+
 def _joined(parts: list[LocalIndices]) -> LocalIndices:
     return np.concatenate([np.zeros(0, dtype=np.int32), *parts])
 
@@ -128,8 +146,8 @@ def _holds(
 
 
 def is_facet_condition(rule: RegionRule) -> bool:
-    """Return whether a rule is one of outer normals or cavities, which only facets have, or a smooth face."""
-    return isinstance(rule, SmoothFace) or (isinstance(rule, Expression) and bool(rule.names & _OF_FACETS))
+    """Return whether a rule is one of outer normals or cavities, which only facets have, a smooth face, or vertices."""
+    return isinstance(rule, SmoothFace | VertexSet) or (isinstance(rule, Expression) and bool(rule.names & _OF_FACETS))
 
 
 def _facet_mask(

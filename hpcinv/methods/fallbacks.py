@@ -31,6 +31,7 @@ from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Series, Steps, follow
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import Observer
+from hpcinv.solver.series_continuation import STRATEGY as SERIES
 from hpcinv.solver.series_continuation import SeriesContinuation
 
 EFFORT = {"bulk-modulus": 150, "arc-length": 80, "load steps": 100, "line-search": 50, "anderson": 100}
@@ -77,16 +78,18 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
             yield last
         if load == 1.0 or (last is not None and last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
             return
-    path = follow(
-        problem.equilibrium,
-        steps,
-        solver.tolerance,
-        load=load,
-        passed=passed,
-        stop_early=stop_early,
-        series=series,
-        farthest=farthest,
-    )
+    path: Iterator[Solve] = iter(())
+    if not (isinstance(steps, AdaptiveSteps) and last is not None and last.load - load < 2 * steps.least):
+        path = follow(
+            problem.equilibrium,
+            steps,
+            solver.tolerance,
+            load=load,
+            passed=passed,
+            stop_early=stop_early,
+            series=series,
+            farthest=farthest,
+        )
     for last in path:
         load = last.load if last.outcome.accepted else load
         passed += last.limit_point
@@ -97,6 +100,8 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
     ended_early = stop_early and isinstance(steps, AdaptiveSteps) and last.load - load >= 2 * steps.least
     if ended_early:  # at a likely limit point
         names = ["arc-length", "load steps", *(name for name in names if name != "arc-length")]
+    elif last.strategy == SERIES:  # which has followed the path by its length, to the end
+        names = [name for name in names if name != "arc-length"]
     for name in names:
         if last.outcome.accepted or passed or _is_final(last, load):
             return

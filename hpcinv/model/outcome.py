@@ -11,7 +11,7 @@ class Outcome(enum.Enum):
     DIVERGED = "Newton's corrections grew"
     INVERTED = "an element would turn inside out (det F ≤ 0)"
     OUTSIDE_LAW = "the strain would leave the range of the material law"
-    VOLUME_CHANGED = "an incompressible element would halve or double its volume"
+    VOLUME_CHANGED = "incompressible material would halve or double its volume"
     TOO_NONLINEAR = "the step is too long for Newton's method"
     NOT_FINITE = "the residual is not finite: a law left its domain, or an element turned inside out"
     ITERATION_LIMIT = "Newton's method took too many iterations"

@@ -101,10 +101,10 @@ class Supports:
         for number, spec in enumerate(job.supports):
             place = f"{job.place('supports')}[{number}]"
             with naming_field(f"{place}.region"):
-                facets = body.facets(spec.region)
+                held = body.held_entities(spec.region)
             if spec.remote is not None:
                 space = unknowns.displacement_space
-                nodes = fem.locate_dofs_topological(space, body.mesh.topology.dim - 1, facets)
+                nodes = fem.locate_dofs_topological(space, 2, body.facets(spec.region))
                 self.remote_faces[number] = RemoteFace(spec.region, space, nodes, unknowns)
             if spec.slides:
                 slide = _slide(spec, place, body, unknowns)
@@ -117,7 +117,7 @@ class Supports:
                     continue
                 part = unknowns.displacement_component(axis)
                 scalar, _ = part.collapse()
-                dofs = fem.locate_dofs_topological((part, scalar), body.mesh.topology.dim - 1, facets)
+                dofs = fem.locate_dofs_topological((part, scalar), *held)
                 if spec.hinge:
                     kept = np.isin(dofs[1], _surface_nodes(scalar, body))
                     dofs = [part_dofs[kept] for part_dofs in dofs]
@@ -352,9 +352,9 @@ class Supports:
 
 def _slide(spec: Support, place: str, body: Body, unknowns: Unknowns) -> Slide:
     """Return the nodes of a support that slide, on the mesh at its given coordinates; collective."""
-    space, facets = unknowns.displacement_space, body.facets(spec.region)
+    space = unknowns.displacement_space
     if spec.normal is not None:
-        nodes = fem.locate_dofs_topological(space, body.mesh.topology.dim - 1, facets)
+        nodes = fem.locate_dofs_topological(space, *body.held_entities(spec.region))
         normals = np.tile(np.array(spec.normal) / np.linalg.norm(spec.normal), (len(nodes), 1))
         return Slide(f"{place}.fix", spec.region, space, nodes, normals)
     if spec.surface is None or spec.fitted_surface:
@@ -371,7 +371,8 @@ def _slide(spec: Support, place: str, body: Body, unknowns: Unknowns) -> Slide:
         if spec.surface is None:
             return Slide(f"{place}.fix", spec.region, space, nodes, normals)
     else:
-        nodes = fem.locate_dofs_topological(space, body.mesh.topology.dim - 1, facets)
+        facets = body.facets(spec.region)
+        nodes = fem.locate_dofs_topological(space, 2, facets)
         normals = np.zeros((len(nodes), 3))
     points = space.tabulate_dof_coordinates()[nodes] * body.length_scale
     corners = body.mesh.geometry.x[np.unique(entities_to_geometry(body.mesh, 2, facets))] * body.length_scale

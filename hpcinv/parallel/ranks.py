@@ -41,6 +41,10 @@ def _prepare_environment() -> None:
     keep_freed_memory()
 
 
+_LONGER, _LONGEST = 1.2, 2e-3
+"""Growth of the pauses of a rank that waits, and the longest one (s). It begins late by 20 % of its waiting at most;
+longer pauses delay it more, shorter ones take more of a processor that other ranks use."""
+
 _prepare_environment()
 
 import mpi4py  # noqa: E402  (in that environment)
@@ -101,7 +105,7 @@ def wait_for_all(comm: MPI.Intracomm, patience: float = math.inf) -> bool:
         if time.monotonic() > deadline:
             return False
         time.sleep(pause)
-        pause = min(2 * pause, 1e-2)
+        pause = min(_LONGER * pause, _LONGEST)
     return True
 
 

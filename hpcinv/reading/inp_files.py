@@ -4,6 +4,7 @@ Numbers of nodes and elements are unique within a part. A part that has several 
 Sources: *Abaqus Keywords Guide*; Dhondt, *CalculiX CrunchiX User's Manual*, "Element types".
 """
 
+import contextlib
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.reading.fault import Fault, shown
+from hpcinv.reading.single_conditions import force_groups, held_axes, held_groups, pressed_groups
 
 FACES = {
     4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
@@ -20,10 +22,15 @@ FACES = {
 }
 """vertices of the faces S1, S2, … of an element, by its number of vertices"""
 _SOLID = re.compile(r"C3D(4|10|8|20|27)[A-Z]*")
-_FLAT = re.compile(r"(?:CPS|CPE|CAX|S|STRI|M3D|SFM3D|R3D|DS|T3D|B3|C1D)\w*", re.ASCII)
+_NOT_SOLID = re.compile(
+    r"(?:CPS|CPE|CAX|S|STRI|M3D|SFM3D|R3D|DS|T3D|B3|C1D|MASS|ROTARYI|DASHPOT|GAP|DCOUP|CONN)\w*|D", re.ASCII
+)
 _FACE = re.compile(r"S([1-6])", re.IGNORECASE)
 _PRESSED = re.compile(r"P([1-6])", re.IGNORECASE)
+_WITHOUT_EFFECT = ("HEADING", "ASSEMBLY", "END ASSEMBLY", "END STEP", "PREPRINT", "RESTART", "OUTPUT")
 _INSTANCE = "instance "  # begins the name of a part that holds the sets of an instance
+_OWN_MESH = "mesh of instance "  # begins the name of a part that holds what is within an instance
+_GENERATED = "generated"  # marks members of a generated set, whose range may have numbers that are not defined
 _MOST_GENERATED = 10_000_000  # members of a generated set; more are a damaged line
 
 
@@ -50,6 +57,44 @@ class _Card:
     keyword: str
     options: Mapping[str, str]
     rows: list[tuple[int, list[str]]]
+
+
+@dataclass
+class _Single:
+    """Supports and loads of single nodes and elements; a later line replaces an earlier one."""
+
+    held: dict[str, dict[int, float]] = field(default_factory=dict)
+    forces: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    pressed: dict[tuple[int, int], float] = field(default_factory=dict)
+
+    def read(self, card: _Card) -> None:
+        """Read the lines that name a node or an element by its number; damaged ones are read elsewhere."""
+        for _, row in card.rows:
+            if row[0].isdigit() and len(row) > 1:
+                with contextlib.suppress(ValueError):
+                    self._read_line(card.keyword, int(row[0]), row[1:])
+
+    def _read_line(self, keyword: str, number: int, row: list[str]) -> None:
+        if keyword == "BOUNDARY":
+            for axis, value in held_axes(row).items():
+                self.held.setdefault(axis, {})[number] = value
+        elif keyword == "CLOAD" and row[0] in ("1", "2", "3") and len(row) > 1:
+            force = list(self.forces.get(number, (0.0, 0.0, 0.0)))
+            force[int(row[0]) - 1] = float(row[1].lower().replace("d", "e"))
+            self.forces[number] = (force[0], force[1], force[2])
+        elif keyword == "DLOAD" and (match := _PRESSED.fullmatch(row[0])) and len(row) > 1:
+            self.pressed[number, int(match[1])] = float(row[1].lower().replace("d", "e"))
+
+    def add_sets(self, part: _Part) -> None:
+        """Add a set for each of their regions, of what is defined, if the file has no set of its name."""
+        nodes = {name: nodes for name, _, nodes in held_groups(self.held)} | dict(force_groups(self.forces))
+        for name, members in nodes.items():
+            if ("nodes", name) not in part.sets:
+                part.members("nodes", name).extend((str(node), "") for node in sorted(members & part.nodes.keys()))
+        for name, _, places in pressed_groups(self.pressed):
+            if ("faces", name) not in part.sets:
+                known = sorted(place for place in places if place[0] in part.elements)
+                part.members("faces", name).extend((str(element), f"S{face}") for element, face in known)
 
 
 def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -104,8 +149,7 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
     """Return parts by lower-case name (``""``: outside of parts), instances, and keywords that are not used."""
     parts: dict[str, _Part] = {"": _Part()}
     current, instances, ignored = parts[""], list[_Card](), set[str]()
-    in_instance = False
-    pressed = list[tuple[str, str]]()
+    pressed, single = list[tuple[str, str]](), _Single()
     for card in _cards(path):
         options = card.options
         match card.keyword:
@@ -115,12 +159,13 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
                 current = parts[""]
             case "INSTANCE":
                 instances.append(card)
-                in_instance = True
+                name = options.get("NAME", _needed(card, "PART"))
+                current = parts.setdefault(f"{_OWN_MESH}{name.lower()}", _Part())
             case "END INSTANCE":
-                in_instance = False
-            case "NODE" if not in_instance:
+                current = parts[""]
+            case "NODE":
                 _read_nodes(current, card)
-            case "ELEMENT" if not in_instance:
+            case "ELEMENT":
                 _read_elements(current, card)
             case "NSET" | "ELSET":
                 kind, owner = ("nodes" if card.keyword == "NSET" else "cells"), current
@@ -140,6 +185,10 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
                 for _, row in card.rows:
                     if len(row) > 1 and not row[0].isdigit() and (match := _PRESSED.fullmatch(row[1])):
                         pressed.append((row[0], match[1]))
+                single.read(card)
+            case "BOUNDARY" | "CLOAD":
+                ignored.add(card.keyword)
+                single.read(card)
             case "INCLUDE":
                 raise Fault(
                     f"line {card.line}: includes another file", "Put its lines in their place: one file is read."
@@ -147,7 +196,7 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
             case "SYSTEM" | "NGEN" | "NFILL" | "ELGEN" | "NCOPY" | "ELCOPY":
                 text = f"line {card.line}: *{card.keyword} is not read"
                 raise Fault(text, "Save the mesh with all its nodes and elements in global coordinates.")
-            case "HEADING" | "ASSEMBLY" | "END ASSEMBLY":
+            case name if name in _WITHOUT_EFFECT or name.endswith((" PRINT", " FILE", " OUTPUT")):
                 pass
             case _:
                 ignored.add(card.keyword)
@@ -157,6 +206,7 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
             if ("cells", name.lower()) not in outside.sets:  # of shells
                 continue
             outside.members("faces", f"{name}-P{face}").append((name, f"S{face}"))
+        single.add_sets(outside)
     if instances and (outside.nodes or outside.elements):
         raise Fault("has nodes outside of its parts", "Save one part, or the assembly with its parts.")
     if not instances and len(parts) == 2:
@@ -182,8 +232,11 @@ def _placed(parts: Mapping[str, _Part], instances: list[_Card]) -> list[tuple[_P
         if rows:
             shift[: len(rows[0][:3])] = rows[0][:3]
         instance = card.options.get("NAME", name)
+        content = parts.get(f"{_OWN_MESH}{instance.lower()}", _Part())
+        if content.nodes:  # of Abaqus/CAE's independent instances
+            part, content = content, _Part()
         own = _Part(part.nodes, part.elements, part.others, dict(part.names), {k: [*v] for k, v in part.sets.items()})
-        for more in (parts.get(f"{_INSTANCE}{instance.lower()}", _Part()), outside):
+        for more in (content, parts.get(f"{_INSTANCE}{instance.lower()}", _Part()), outside):
             for key, spelled in more.names.items():
                 own.members(key[0], spelled).extend(more.sets[key])
                 own.shared.add(key)
@@ -263,9 +316,10 @@ def _read_nodes(part: _Part, card: _Card) -> None:
     group = part.members("nodes", card.options["NSET"]) if card.options.get("NSET") else []
     for line, row in card.rows:
         tag, *position = _tags(row[:1], line) + _numbers(row[1:4], line)
-        if len(position) != 3:
-            raise Fault(f"line {line}: a node has {len(position)} coordinates, not 3")
-        part.nodes[int(tag)] = (position[0], position[1], position[2])
+        if not position:
+            raise Fault(f"line {line}: a node has no coordinates")
+        x, y, z = [*position, 0.0, 0.0][:3]  # those left out are zero
+        part.nodes[int(tag)] = (x, y, z)
         group.append((str(int(tag)), ""))
 
 
@@ -273,8 +327,11 @@ def _read_elements(part: _Part, card: _Card) -> None:
     kind = _needed(card, "TYPE").upper()
     solid = _SOLID.fullmatch(kind)
     if solid is None:
-        if _FLAT.fullmatch(kind):  # membranes, shells and beams, such as the surface elements of mesh programs
-            part.others.update(_tags(row[:1], line)[0] for line, row in card.rows if row[0])
+        if _NOT_SOLID.fullmatch(kind):  # such as the surface elements of mesh programs, springs and masses
+            tags = [_tags(row[:1], line)[0] for line, row in card.rows if row[0]]
+            part.others.update(tags)
+            if card.options.get("ELSET"):
+                part.members("cells", card.options["ELSET"]).extend((str(tag), "") for tag in tags)
             return
         text = f"line {card.line}: elements {shown(kind)} are not supported"
         raise Fault(text, "Use C3D4, C3D10, C3D8, C3D20 or C3D27, also with H, R, I or M.")
@@ -304,7 +361,7 @@ def _read_set(part: _Part, kind: str, name: str, card: _Card) -> None:
         first, last, step = (*numbers, 1)[:3] if len(numbers) in (2, 3) else (1, 0, 1)
         if step < 1 or not 0 < (last - first) // step + 1 <= _MOST_GENERATED:
             raise Fault(f"line {line}: the generated set has no valid range")
-        members += [(str(tag), "") for tag in range(first, last + 1, step)]
+        members += [(str(tag), _GENERATED) for tag in range(first, last + 1, step)]
 
 
 def _rows(
@@ -316,6 +373,8 @@ def _rows(
     for member, face in _flattened(part, kind, key, frozenset()):
         tag = int(member)
         if kind != "nodes" and tag in part.others:
+            continue
+        if tag not in numbers and face == _GENERATED:
             continue
         if tag not in numbers:
             raise Fault(f"set '{shown(part.names[kind, key])}' has {tag}, which is not defined")

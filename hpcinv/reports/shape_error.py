@@ -9,7 +9,7 @@ from hpcinv.quantity.units import readable
 CAUSES: Mapping[str, str] = {
     "mesh": "the mesh",
     "surface": "the given surface",
-    "round trip": "the round trip, which does not close",
+    "round trip": "the round trip",
 }
 """what a cause is called in sentences"""
 

@@ -10,6 +10,7 @@ from hpcinv.reports.shape_error import CAUSES, REMEDIES, ShapeError, shape_error
 
 MEANINGS: Mapping[str, str] = {
     "equilibrium residual": "Unbalanced forces in the loaded body, relative to the load.",
+    "force on supports at vertices": "A solid has no finite displacement under a force at a point.",
     "smallest volume ratio": "Strongest compression of the material anywhere; at zero an element is inverted.",
     "largest volume ratio": "Strongest swelling of the material anywhere.",
     "volume ratio not explained": "Volume change of nearly incompressible material that its pressure does not cause.",
@@ -35,6 +36,7 @@ MEANINGS: Mapping[str, str] = {
 
 LINE_REMEDIES: Mapping[str, str] = {
     "equilibrium residual": "Lower solver.tolerance; near the limit of a law, rounding errors leave this much.",
+    "force on supports at vertices": "Let the loads balance, or hold a spot of facets (how-to/supports.md).",
     "smallest volume ratio": "Check load and moduli, or refine the mesh where J is small ('hpcinv show --colour J').",
     "largest volume ratio": "Check load and moduli, or refine the mesh where J is large ('hpcinv show --colour J').",
     "volume ratio not explained": "Use smaller cells, or 'discretisation: {displacement: 3}'.",
@@ -48,6 +50,7 @@ LINE_REMEDIES: Mapping[str, str] = {
     "round trip": "Read the line on stability: the return solve may lead to another state.",
     "stability": "Check supports, direction of the load and stiffness.",
     "limit points": "Compare with smaller steps (solver.initial_step), or with 'limit_points: 0'.",
+    "shape files": "Use 'mesh: {geometry_degree: 2}', a format with all nodes (msh, vtu), or smaller cells.",
     "loads on parts": "Remove the load or the support.",
     "contact": "Refine the mesh where the body touches, and check the place of the obstacle.",
 }

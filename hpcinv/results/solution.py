@@ -36,7 +36,7 @@ class Solution(State):
         contacts: contacts of the job, in its order.
         cavities: cavities of unknown pressure; `job` has the pressures that were found as given ones.
         remote_loads: regions under remote loads; `job` has the motions that were found as given ones.
-        start: name of the state at which the load path began; empty if that was the unloaded body.
+        start: state or shape file where the load path began; empty for the unloaded body.
         coarse: report of the solve on coarser cells before it, ``None`` without one.
     """
 

@@ -5,8 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from pathlib import Path
 
+from dolfinx.fem import Function
+
+from hpcinv.effects import Direction
 from hpcinv.job.job import PlannedSolve
+from hpcinv.mesh.data import as_function
+from hpcinv.mesh.source import DataArray
+from hpcinv.mesh.start_shape import start_nodes
 from hpcinv.methods import solve_direction
 from hpcinv.methods.method import UNLOADED, Start
 from hpcinv.methods.nested_iteration import CoarseSolve, solve_nested
@@ -83,12 +90,15 @@ def _solution(
     start = observer.start(number, equations)
     if step.start is not None:
         start = replace(start, origin=earlier[step.start].fields)
+    start_shape = step.job.solver.start_shape if number == 0 else None
+    if start_shape is not None:
+        start = replace(start, origin=_fields_at(step.job.resolve(start_shape), equations, step.direction))
     with observer.solving():
         solved, coarse = solve(number, step, equations, start, observer)
         observer.check(earlier, solved, step)
         scene = equations.scene(step.direction)
         solution = solution_of(equations, step.direction, scene, solved.solves, solved.load, solved.linear)
-    start_state = "" if step.start is None else earlier[step.start].state
+    start_state = start_shape or "" if step.start is None else earlier[step.start].state
     if solved.cavities:
         pressures = {cavity.name: cavity.pressure for cavity in solved.cavities}
         solution = replace(solution, job=step.job.with_pressures(pressures), cavities=solved.cavities)
@@ -96,6 +106,16 @@ def _solution(
         motions = {load.support: load.motion for load in solved.remote_loads}
         solution = replace(solution, job=solution.job.with_motions(motions), remote_loads=solved.remote_loads)
     return replace(solution, start=start_state, coarse=coarse)
+
+
+def _fields_at(path: Path, equations: Equations, direction: Direction) -> tuple[Function, Function | None]:
+    """Return displacement (m) and pressure (zero) of the computed body in the shape of a mesh file; collective."""
+    body, (u, p) = equations.body, equations.unloaded().fields
+    nodes = start_nodes(equations.job.mesh, path, body)
+    sign = equations.scene(direction).kinematics.sign
+    u.interpolate(as_function(body, DataArray("start_shape", "nodes", sign * (nodes - body.given_nodes))))
+    u.x.scatter_forward()
+    return u, p
 
 
 def solve_step(number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver) -> _Solved:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from hpcinv.effects import Direction
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.newton import Solve
+from hpcinv.solver.series_continuation import STRATEGY as SERIES
 
 
 class Diagnosis(enum.Enum):
@@ -32,7 +33,7 @@ class Diagnosis(enum.Enum):
         "Refine poor elements where the body is squeezed or bends most, or lower the load.",
     )
     VOLUME_CHANGED = (
-        "an incompressible element would halve or double its volume",
+        "incompressible material would halve or double its volume",
         "Refine the mesh there; if that does not help, the load cannot be carried.",
     )
     LOSS_OF_STABILITY = (
@@ -111,7 +112,7 @@ _DECISIVE = {
     Diagnosis.FORWARD_FAILED,
 }
 _DEGENERATE = {Diagnosis.INVERTED, Diagnosis.VOLUME_CHANGED}
-# Strategies whose last outcome is used for the diagnosis, in order of preference.
+# Strategies whose last outcome is used for the diagnosis, in order of preference. Power series count as load steps.
 _PREFERRED = ("arc-length", "load steps")
 
 
@@ -143,7 +144,7 @@ def _last_outcome(solves: Sequence[Solve]) -> Outcome:
     """Return the last outcome of the preferred strategy; `Outcome.STEP_LIMIT` only if there is no other."""
     if solves[-1].outcome is Outcome.LIMIT_POINT:
         return Outcome.LIMIT_POINT
-    last = {solve.strategy: solve.outcome for solve in solves}
+    last = {"load steps" if solve.strategy == SERIES else solve.strategy: solve.outcome for solve in solves}
     ends = [last[s] for s in _PREFERRED if s in last and not last[s].accepted] or [solves[-1].outcome]
     return next((end for end in ends if end is not Outcome.STEP_LIMIT), ends[0])
 

@@ -85,7 +85,8 @@ class Equations(DiscreteModel):
         if self._like is not None:
             return self._like.chooser
         degree, is_shell = self.job.discretisation.displacement, self.job.mesh.shell is not None
-        return Chooser(self.unknowns, degree, is_shell=is_shell)
+        stiffness = max(law.stiffness_ratio or 1.0 for law in self.job.laws.values())
+        return Chooser(self.unknowns, degree, is_shell=is_shell, stiffness=stiffness)
 
     def equilibrium(self, scene: Scene, observer: Observer = SILENT) -> Equilibrium:
         """Return the equations of a scene with the solver of the job."""

@@ -16,6 +16,7 @@ from hpcinv.mesh.regions import BOUNDARY
 from hpcinv.mesh.source import Floats
 from hpcinv.model.rigid_motions import Frame
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.spatial_fields import ByFormula, fields_in
 from hpcinv.quantity.units import readable
 from hpcinv.solver.bordering import Bordering
 from hpcinv.solver.equilibrium import Equilibrium
@@ -34,8 +35,8 @@ def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, 
     """Return lines on the motion that the load would cause, after some failures; collective.
 
     It is the one at the unloaded body, or, on a path from another state, at the present one, a solution at a load
-    factor. The state is unchanged, the factors are new. Without a factorization there are no lines; there are two where
-    the supports are to be blamed, or the steps of a flat shell.
+    factor. The state is unchanged, the factors are new. Without a factorization there are no lines. Further lines name
+    supports that are to be blamed, steps of a flat shell, and effects that are formulas of the unknown body.
     """
     system, comm = equilibrium.system, body.mesh.comm
     x = system.position()
@@ -71,7 +72,18 @@ def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, 
             lines[0] += f"; {share:.0%} of it is rigid: it is nearly free to {free}"
             held = ", ".join(_supports(job, body)) or "none but springs"
             lines.append(f"supports: {held}. Hold a larger part of it, or add springs (elastic-foundation)")
+    if system.scene.kinematics.direction == "inverse" and (names := list(_by_unknown_body(job))):
+        text = "depends on X, Y or Z, which are unknown until the end of the path"
+        lines.append(f"{names[0]} {text}: write it with x, y, z, or as an array of the mesh")
     return lines
+
+
+def _by_unknown_body(job: Job) -> Iterator[str]:
+    """Yield the places of effects' formulas of the reference position."""
+    for number, effect in enumerate(job.effects):
+        for name, (value, _) in effect.quantities().items():
+            if any(not f.formula.names.isdisjoint("XYZ") for f in fields_in(value) if isinstance(f, ByFormula)):
+                yield f"effects[{number}].{name}"
 
 
 def _rigid_part(comm: MPI.Intracomm, points: Floats, motion: Floats, length: float) -> tuple[float, str]:
@@ -110,15 +122,20 @@ def _supports(job: Job, body: Body) -> Iterator[str]:
     """Yield what each support holds, and on what area of the boundary; collective."""
     whole = _area(body, BOUNDARY)
     for support in job.supports:
+        axes, vertices = ", ".join(support.components), body.regions[support.region].vertices
+        if vertices is not None:
+            owned = np.count_nonzero(vertices < body.mesh.topology.index_map(0).size_local)
+            count = body.mesh.comm.allreduce(int(owned))
+            yield f"'{support.region}' holds {axes} at {count} {'vertex' if count == 1 else 'vertices'}"
+            continue
         area = _area(body, support.region)
-        axes = ", ".join(support.components)
         size = f"{area * body.length_scale**2:.3g} m² ({area / whole:.2%} of the surface)"
         yield f"'{support.region}' holds {axes} on {size}"
 
 
 def _area(body: Body, region: str) -> float:
     """Return the area of a region of the boundary (scaled); collective."""
-    facets = body.facets(region)
+    facets = body.held_facets(region)
     facets = facets[facets < body.mesh.topology.index_map(2).size_local]
     _, areas = outer_facets(body.mesh, facets)
     return float(body.mesh.comm.allreduce(float(np.linalg.norm(areas, axis=1).sum())))

@@ -59,13 +59,16 @@ class LinearSolver:
 
     def _use(self, name: str) -> LinearConfiguration:
         configuration: LinearConfiguration
+        choice = self.choice
+        # Of bodies that turn far, only the first inverse tangent is symmetric: factors L U of all have one analysis.
+        may_be_symmetric = choice.nearly_symmetric or self.system.scene.kinematics.direction == "forward"
         if name == "iterative":
             configuration = Iterative(self.system.scene)
-            configuration.test.most = self.choice.most
+            configuration.test.most = choice.most
         elif self._is_refined:
-            choice = self.choice
             configuration = Refined(
                 self.system.scene.unknowns,
+                symmetric=may_be_symmetric,
                 low_rank=choice.low_rank,
                 precision=choice.precision,
                 minimum_fill=choice.minimum_fill,
@@ -74,8 +77,8 @@ class LinearSolver:
         else:
             configuration = Direct(
                 self.system.scene.unknowns,
-                symmetric=not self.choice.is_own,
-                minimum_fill=self.choice.minimum_fill,
+                symmetric=may_be_symmetric and not choice.is_own,
+                minimum_fill=choice.minimum_fill,
             )
         self._factorized, self._released = -1, -1
         self.options.use(configuration.options)

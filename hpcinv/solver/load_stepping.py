@@ -4,6 +4,9 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+import numpy.typing as npt
+
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps, trace
 from hpcinv.solver.equilibrium import Equilibrium
@@ -125,8 +128,8 @@ def follow(
     Args:
         passed: number of limit points between the unloaded body and the present state.
         stop_early: stop where a limit point is likely, before the smallest step is reached.
-        series: continues adaptive steps where one fails, or is expected to; if that ends early, steps
-            follow from where it began.
+        series: continues adaptive steps where one fails, or is expected to. If that ends early, long steps from where
+            it began may step over the states at which it ends; other steps follow from there.
         farthest: ratio of the first correction of a step to its prediction, above which that is expected.
     """
     equilibrium.system.begin_unloaded()
@@ -140,8 +143,17 @@ def follow(
         ahead.sign = equilibrium.system.scene.unknowns.unloaded_sign
     predict = equilibrium.predictor.predict
     spent = 0  # factorizations that are not part of a report yet
+    end: _EndOfSeries | None = None
     while load < 1.0:
         target = target_of(load, step, steps.cases)
+        if end is not None and end.tries > end.most:
+            load, state.array[:], step, has_tangent, ahead.sign = end.load, end.values, end.step, False, end.sign
+            equilibrium.depart(load)
+            yield from end.reports(spent)
+            if step < steps.least:
+                return
+            end, spent = None, 0
+            continue
         accepted = state.array.copy()
         predicted = None
         if has_tangent or isinstance(steps, AdaptiveSteps):
@@ -154,6 +166,11 @@ def follow(
                     state.array[:] = accepted
                     target = target_of(load, shorter, steps.cases)
                     predicted = predict(target).including(predicted)
+                if end is not None and target <= end.load:
+                    end.tries += 1
+                    if end.tries > end.most:
+                        state.array[:], spent = accepted, predicted.factorizations
+                        continue
         wanted = tolerance if target == 1.0 else steps.path_tolerance
         tangents = equilibrium.system.tangents
         solve = equilibrium.solve(target, wanted, predicted=predicted, farthest=farthest)
@@ -173,13 +190,15 @@ def follow(
         if not is_refused:
             yield solve
         if series is not None and not (solve.outcome.accepted or solve.outcome.is_final):
-            last, begun = None, load
+            last, begun, sign = None, load, ahead.sign
             for last in series(load, solve):
-                load = last.load if last.outcome.accepted else load
+                if last.outcome.accepted:
+                    load, sign = last.load, (last.signs or (sign,))[-1]
                 yield last
             if last is not None and (load == 1.0 or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
                 return
-            # Steps begin where the series did: they may pass states at which every path near by ends.
+            if last is not None and load > begun:
+                end = _EndOfSeries(last, load, state.array.copy(), sign)
             series, farthest, load, state.array[:] = None, math.inf, begun, accepted
             if is_refused:  # the step is tried all the same
                 has_tangent = last is None
@@ -188,7 +207,37 @@ def follow(
         if not solve.outcome.accepted and (
             step < steps.least or solve.outcome.is_final or (stop_early and ahead.is_likely(load))
         ):
-            return
+            if end is None or load > end.load or solve.outcome.is_final:
+                return
+            end.tries = end.most + 1
+
+
+@dataclass
+class _EndOfSeries:
+    """End of a power series before the full load.
+
+    Attributes:
+        last: its last solve, which failed.
+        load, values, sign: of its state, and of the tangent's determinant there.
+        tries: number of steps from its beginning that end before. Beyond `most`, steps go on from the end.
+    """
+
+    last: Solve
+    load: float
+    values: npt.NDArray[np.float64]
+    sign: int
+    tries: int = 0
+
+    most = 1  # with more of them, steps repeat the series instead of stepping over its end
+
+    @property
+    def step(self) -> float:
+        return (self.last.load - self.load) / 2
+
+    def reports(self, spent: int) -> Iterator[Solve]:
+        """Yield the state at the end as a solution again, and the last solve, which took ``spent`` factorizations."""
+        yield Solve(self.load, Outcome.CONVERGED, (), 0, strategy=self.last.strategy)
+        yield replace(self.last, iterations=(), factorizations=spent, signs=())
 
 
 def target_of(load: float, step: float, cases: int) -> float:

@@ -2,7 +2,8 @@
 
 At an equilibrium the path is expanded (`hpcinv.solver.power_series`), all orders with the same factors. Newton's method
 corrects the state at the end of the range, and at the full load it decides as after any load step. A range whose end
-it cannot correct is shortened.
+it cannot correct is shortened. Where that leaves less than the smallest load step, such a step is tried; the path ends
+where it fails.
 """
 
 from __future__ import annotations
@@ -102,16 +103,25 @@ class SeriesContinuation:
                 yield Solve(load, series, (), spent, strategy=STRATEGY)
                 return
             mark = self._linear.inertia_mark()
-            for solve in self._corrected(series, origin, goal, kept, tolerance, steps.path_tolerance):
+            for solve in self._corrected(series, origin, goal, kept, tolerance, steps):
                 are_near = solve.factorizations > 0
                 solve = self._branched(solve, series, origin, mark, steps.cases)
                 strategy = SWITCHED if solve.strategy == SWITCHED else STRATEGY
                 yield replace(solve, factorizations=solve.factorizations + spent, strategy=strategy)
                 spent = 0
             origin.destroy()
+            is_accepted = solve.outcome.accepted
+            if not (is_accepted or solve.outcome is Outcome.DIVERGED):
+                return
+            is_short = strategy == STRATEGY and solve.load - load < steps.least and solve.load < goal
+            load, is_exact = solve.load if is_accepted else load, False
+            if is_short and (self._limit(series) is None or not is_accepted):
+                target = target_of(load, steps.least, steps.cases)
+                solve = equilibrium.solve(target, tolerance if target == 1.0 else steps.path_tolerance)
+                yield replace(solve, strategy=STRATEGY)
+                load, are_near = target, solve.factorizations > 0
             if not solve.outcome.accepted:
                 return
-            load, is_exact = solve.load, False
         if self._side:
             equilibrium.observer.failing(["no other path branches off before the full load"])
 
@@ -124,16 +134,16 @@ class SeriesContinuation:
         return self._expand(0.0, goal, wanted, are_near=are_near)
 
     def _corrected(
-        self, series: PowerSeries, origin: PETSc.Vec, goal: float, kept: float, tolerance: float, path_tolerance: float
+        self, series: PowerSeries, origin: PETSc.Vec, goal: float, kept: float, tolerance: float, steps: AdaptiveSteps
     ) -> Iterator[Solve]:
         """Yield the solves at the end of the range of a series, until one is accepted or all trials have failed.
 
         Args:
             kept: error of the series that the present factors may correct.
         """
-        equilibrium, system = self._equilibrium, self._system
+        equilibrium, system, path_tolerance = self._equilibrium, self._system, steps.path_tolerance
         a, is_pade = series.range(_ACCURACY)
-        limit = series.limit(a, pade=is_pade)
+        limit = self._limit(series)
         if limit is not None and series.load_at(series.weights(limit, pade=is_pade)) < goal:
             if series.error(limit, pade=is_pade) <= _LOCATED:
                 yield from self._end_at_limit(series, origin, limit, a, path_tolerance, is_pade=is_pade)
@@ -156,7 +166,14 @@ class SeriesContinuation:
             yield solve
             if solve.outcome.accepted or solve.outcome.is_final:
                 return
-            a *= _SHORTER
+            if solve.outcome is not Outcome.VOLUME_CHANGED:
+                a *= _SHORTER
+                continue
+            a = self._physical(series, origin, a, steps.least / 4, is_pade=is_pade)
+            load = series.load_at(series.weights(a, pade=is_pade))
+            if load - series.load < steps.least:
+                yield Solve(load, solve.outcome, (), 0)
+                return
 
     def _branched(self, solve: Solve, series: PowerSeries, origin: PETSc.Vec, mark: int, cases: int) -> Solve:
         """Return a solve with the bifurcation before it, if the series has one and the inertia of the tangent changes.
@@ -225,6 +242,11 @@ class SeriesContinuation:
         yield Solve(load, Outcome.CONVERGED, (), spent, limit_point=True)
         yield Solve(load, Outcome.LIMIT_POINT, (), 0)
 
+    def _limit(self, series: PowerSeries) -> float | None:
+        """Return the parameter of the first maximum of the load in the range."""
+        a, is_pade = series.range(_ACCURACY)
+        return series.limit(a, pade=is_pade)
+
     def _parameter(self, series: PowerSeries, origin: PETSc.Vec, load: float) -> float:
         """Return the parameter of the present state; collective."""
         x = self._system.state.x.petsc_vec
@@ -260,6 +282,23 @@ class SeriesContinuation:
             if self._system.fault() is not None:
                 return a * (number - 0.5) / _CHECKS
         return a
+
+    def _physical(self, series: PowerSeries, origin: PETSc.Vec, a: float, width: float, *, is_pade: bool) -> float:
+        """Return the part of a range at whose end the state becomes unphysical, to a width in load factors."""
+        low, high = 0.0, a
+        low_load, high_load = series.load, series.load_at(series.weights(a, pade=is_pade))
+        while high_load - low_load > width:
+            middle = (low + high) / 2
+            weights = series.weights(middle, pade=is_pade)
+            load = series.load_at(weights)
+            self._system.set_load(load)
+            self._move(series, origin, weights)
+            if self._system.fault_of_solution() is None:
+                low, low_load = middle, load
+            else:
+                high, high_load = middle, load
+        self._system.set_state(origin)
+        return low
 
     def _move(self, series: PowerSeries, origin: PETSc.Vec, weights: Reals) -> None:
         x = origin.copy()

@@ -235,11 +235,11 @@ def check_not_enclosed(job: Job, body: Body) -> None:
     faces = np.abs(areas) > _FLAT * np.linalg.norm(areas, axis=1, keepdims=True)
     faces[~_are_flat(body, facets, areas)] = True  # curved: nothing is known of the normals
     for i, axis in enumerate(AXES):
-        held = [body.facets(support.region) for support in job.supports if axis in support.held]
+        held = [body.held_facets(support.region) for support in job.supports if axis in support.held]
         faces[np.isin(facets, np.concatenate(held)) if held else slice(0), i] = False
     for support in job.supports:
         if support.slides:
-            slides = np.isin(facets, body.facets(support.region))
+            slides = np.isin(facets, body.held_facets(support.region))
             if support.normal is not None:
                 sizes = np.linalg.norm(areas, axis=1) * np.linalg.norm(support.normal)
                 slides &= np.abs(areas @ np.array(support.normal)) >= (1 - _FLAT) * sizes

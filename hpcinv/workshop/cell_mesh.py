@@ -1,4 +1,4 @@
-"""The cells of a shape as a mesh file for other programs; of a shell the cells of its thick body."""
+"""The cells of a shape, or of the thick body of a shell, as a mesh file for other programs."""
 
 from __future__ import annotations
 

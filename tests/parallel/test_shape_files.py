@@ -19,6 +19,7 @@ from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.output.shape_files import ShapeFile, lines_of, notes_of
 from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.reports.wording import remedy
 
 FORMATS_OF_FILES = [name for name in SAVED if not FORMATS[f".{name}"].is_partitioned]
 
@@ -81,6 +82,8 @@ def test_lines_name_the_files_and_the_remedy() -> None:
     assert first.startswith("shape.msh, .inp: up to 300 µm from the computed body: straight between its vertices")
     assert second.startswith("shape-rest.inp: up to 1 mm from the computed body: without some nodes")
     lines = list(lines_of(files))
-    assert [(line.state, line.verdict.value) for line in lines] == [("", "pass"), ("rest", "pass")]
+    assert [(line.state, line.verdict.value) for line in lines] == [("", "pass"), ("rest", "warning")]
+    (line,) = lines_of({"shape.msh": replace(straight[0], left_out=6e-4)})
+    assert remedy({"name": line.name, "verdict": line.verdict.value}).startswith("Use 'mesh: {geometry_degree: 2}'")
     assert "mesh: {geometry_degree: 2}" in lines[0].note
     assert not list(lines_of({"shape.vtu": near, "shape.msh": replace(straight[0], left_out=1e-6)}))

@@ -87,7 +87,7 @@ HOPELESS = {
     "flattened": (flattened, Diagnosis.INVERTED),
     "column": (column, Diagnosis.LOSS_OF_STABILITY),
     "few iterations": (
-        lambda: bar(NEO_HOOKEAN, 3.0, maximum_iterations=2, minimum_step=0.5, rescue=[]),
+        lambda: bar(NEO_HOOKEAN, 3.0, maximum_iterations=2, minimum_step=0.5, rescue=[], continuation="steps"),
         Diagnosis.ITERATION_LIMIT,
     ),
 }

@@ -62,7 +62,7 @@ def test_parts_sets_and_surfaces_are_regions(text: str, tmp_path: Path) -> None:
     assert surfaces == {"top": 1, "foot": 1, "Object": 10}
     assert source.node_tags.tolist() == [1, 2, 3, 4, 11, 12, 13, 14, 21, 22, 23, 24]
     assert source.cell_tags.tolist() == [1, 5]
-    assert source.notes == ("not used: Material; state them in the job",)
+    assert source.notes == ("only its mesh is read, not Material",)
     shown = FORMATS[".feb"].groups(path)
     assert shown is not None
     assert {"lower", "both", "top", "foot", "Object"} <= shown.names

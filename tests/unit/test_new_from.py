@@ -108,9 +108,12 @@ def test_an_input_file_of_abaqus_is_a_job(tmp_path: Path) -> None:
         {"effect": "pressure", "region": "Side", "pressure": "0.01 MPa"},
         {"effect": "gravity", "acceleration": ["0 mm/s^2", "0 mm/s^2", "-9810 mm/s^2"], "density": "1000 kg/m^3"},
     ]
-    assert job["supports"] == [{"region": "Foot", "displacement": ["0 mm", "0 mm", "0.5 mm"]}]
-    assert "Not taken from the file: *CLOAD" in text
-    assert "support on 'Tip', which spans no facet" in text
+    assert job["supports"] == [
+        {"region": "Foot", "displacement": ["0 mm", "0 mm", "0.5 mm"]},
+        {"region": "Tip_vertices", "fix": ["x"]},
+    ]
+    assert job["regions"] == {"Tip_vertices": {"vertices": [["10 mm", "10 mm", "10 mm"]]}}
+    assert "Not taken from the file: *CLOAD on 1 single nodes, which span no facet" in text
 
 
 def test_a_model_of_febio_is_a_job(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -134,13 +137,26 @@ def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
     ).replace(
         "</Loads>",
         '<surface_load surface="side" type="traction"><scale lc="1">2</scale><traction>0,0,3</traction></surface_load>'
-        '<surface_load surface="side" type="pressure"><pressure>3</pressure><linear>1</linear></surface_load></Loads>',
+        '<surface_load surface="side" type="pressure"><pressure>3</pressure><linear>1</linear></surface_load>'
+        '<nodal_load type="nodal_force" node_set="foot"><value lc="1">0,4,0</value></nodal_load>'
+        '<nodal_load type="nodal_load" node_set="foot"><dof>z</dof><scale>2</scale></nodal_load>'
+        '<body_load type="body force"><force>0,0,9.81</force></body_load></Loads>',
     )
+    more = more.replace("<E>2</E>", "<E>2</E><density>3</density>", 1)
     job, text = job_of(tmp_path, "part.feb", more)
     # the curve is 1/2 at the end
     assert job["supports"][1] == {"region": "wide", "displacement": [None, "1 mm", None]}
+    assert job["supports"][2] == {"region": "wide_vertices", "displacement": [None, "1 mm", None]}
+    assert job["regions"] == {"wide_vertices": {"vertices": [["0 mm", "2 mm", "2 mm"]]}}
     traction = {"effect": "traction", "region": "side", "traction": ["0 MPa", "0 MPa", "3 MPa"], "area_in": "current"}
-    assert job["effects"] == [{"effect": "pressure", "region": "side", "pressure": "3 MPa"}, traction]
+    # 1 MPa s²/mm² is 1e12 kg/m³, and FEBio counts body forces with the opposite sign
+    gravity = {"effect": "gravity", "acceleration": ["0 mm/s^2", "0 mm/s^2", "-9.81 mm/s^2"]}
+    gravity["density"] = "3000000000000 kg/m^3"
+    nodal = {"effect": "traction", "region": "foot", "area_in": "reference"}
+    # Three nodes with 2 each along y, and with 2 along z, on an area of 1/2.
+    pushed = [nodal | {"traction": ["0 MPa", "12 MPa", "0 MPa"]}, nodal | {"traction": ["0 MPa", "0 MPa", "12 MPa"]}]
+    effects = [{"effect": "pressure", "region": "side", "pressure": "3 MPa"}, traction, gravity, *pushed]
+    assert job["effects"] == effects
     for what in (
         "<ShellDomain name='skin'>",
         "<Discrete>",
@@ -148,7 +164,6 @@ def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
         "<surface_load> a dead pressure on side",
         "<bc type='prescribed displacement'> on foot",
         "load curve 7 of the pressure on side: there is no load curve 7",
-        "support on 1 of 4 vertices of 'wide', which span no facet of the mesh",
     ):
         assert f"Not taken from the file: {what}" in text
 
@@ -156,7 +171,7 @@ def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
 def test_steps_and_amplitudes_count_at_their_end(tmp_path: Path) -> None:
     later = "*STEP\n*STATIC\n0.1, 3.\n*DLOAD\nbody, GRAV, 4905., 0,0,-1\n*CLOAD\n5, 2, 1.\n*END STEP\n"
     text = INP.replace("*STEP\n", "*AMPLITUDE, NAME=Half\n0., 0., 2., 1.\n*TRANSFORM, NSET=foot\n1,1,0,-1,1,0\n*STEP\n")
-    text = text.replace("*DSLOAD\n", "*DSLOAD, amplitude=half\n").replace("Tip, 1\n", "5, 1\n5, 2\n")
+    text = text.replace("*DSLOAD\n", "*DSLOAD, amplitude=half\n").replace("Tip, 1\n", "5, 1\n5, 2\n4, pinned\n")
     text = text.replace("*DLOAD\n", "*ELSET, ELSET=Upper\n2\n*DLOAD\nUpper, P3, 2.\n") + later
     job, head = job_of(tmp_path, "part.inp", text)
     load(tmp_path / "part.yaml")
@@ -167,12 +182,83 @@ def test_steps_and_amplitudes_count_at_their_end(tmp_path: Path) -> None:
         {"effect": "gravity", "acceleration": ["0 mm/s^2", "0 mm/s^2", "-4905 mm/s^2"], "density": "1000 kg/m^3"},
     ]
     assert "support on 'foot', whose components are along the axes of *TRANSFORM" in head
-    assert "*BOUNDARY of single nodes or elements (2)" in head
+    supports = {entry["region"]: entry["fix"] for entry in job["supports"]}
+    assert supports == {"held_xy_vertices": ["x", "y"], "held_z_vertices": ["z"]}
+    assert job["regions"]["held_z_vertices"] == {"vertices": [["0 mm", "0 mm", "10 mm"]]}
     assert head.count("*CLOAD") == 1
     linear = text.replace("*HYPERELASTIC, NEO HOOKE\n0.1, 0.2", "*ELASTIC\n2., 0.3\n*PLASTIC\n1., 0.")
     job, head = job_of(tmp_path, "part.inp", linear, "--force")
     assert job["material"] == {"law": "neo-hookean", "young": "2 MPa", "poisson": 0.3}
     assert "Not taken from the file: *PLASTIC of material Rubber" in head
+
+
+CUBE = """*NODE
+1, 0
+2, 2
+3, 2, 2
+4, 0, 2
+5, 0, 0, 2
+6, 2, 0, 2
+7, 2, 2, 2
+8, 0, 2, 2
+9, 1, 1, 9
+*ELEMENT, TYPE=C3D8, ELSET=ALL
+1, 1,2,3,4,5,6,7,8
+*ELEMENT, TYPE=S4, ELSET=SKIN
+2, 1,2,3,4
+*ELEMENT, TYPE=MASS, ELSET=POINT
+3, 9
+*NSET, NSET=TOP
+5, 6, 7, 8
+*ELSET, ELSET=BOTH
+ALL, SKIN
+*NSET, NSET=EVERY, GENERATE
+1, 99
+*MATERIAL, NAME=M
+*ELASTIC
+10., 0.3
+*SOLID SECTION, ELSET=BOTH, MATERIAL=m
+*BOUNDARY
+1, 1, 3
+2, 2, 3
+3, 3
+4, 3
+*STEP
+*CLOAD
+TOP, 3, 2.
+6, 1, 3.
+7, 1, 1.
+TOP, 2, 0.
+2, 1, 2.
+3, 1, 2.
+9, 2, 1.
+*DLOAD
+1, P3, 0.5
+*END STEP
+"""
+
+
+def test_conditions_on_single_nodes_and_elements_become_regions(tmp_path: Path) -> None:
+    job, head = job_of(tmp_path, "part.inp", CUBE)
+    # 4 forces of 2 on an area of 4; 8 on the face x = 2, whose moment (higher nodes have no more) is not lost
+    assert job["effects"] == [
+        {"effect": "pressure", "region": "pressed", "pressure": "0.5 MPa"},
+        {"effect": "traction", "region": "TOP", "traction": ["0 MPa", "0 MPa", "2 MPa"], "area_in": "reference"},
+        {"effect": "traction", "region": "loaded-1", "traction": ["2 MPa", "0 MPa", "0 MPa"], "area_in": "reference"},
+    ]
+    assert "*CLOAD on 4 single nodes became a uniform traction on 'loaded-1' with the same resultant; their mom" in head
+    assert "Not taken from the file: *CLOAD on 1 single nodes, which span no facet" in head
+    assert "Not taken from the file: elements of type MASS" in head
+    assert job["supports"] == [
+        {"region": "held_x_vertices", "fix": ["x"]},
+        {"region": "held_y_vertices", "fix": ["y"]},
+        {"region": "held-z", "fix": ["z"]},
+    ]
+    assert job["regions"] == {
+        "held_x_vertices": {"vertices": [["0 mm", "0 mm", "0 mm"]]},
+        "held_y_vertices": {"vertices": [["0 mm", "0 mm", "0 mm"], ["2 mm", "0 mm", "0 mm"]]},
+    }
+    load(tmp_path / "part.yaml")
 
 
 def test_an_archive_of_ansys_is_a_job(tmp_path: Path) -> None:
@@ -183,11 +269,19 @@ def test_an_archive_of_ansys_is_a_job(tmp_path: Path) -> None:
     assert "Not taken from the file: SFE" in text
 
 
+UNITS = ["--unit", "mm", "--stress-unit", "MPa"]
+
+
 @pytest.mark.parametrize(
     ("change", "options", "message"),
     [
         (("", ""), ["--unit", "mm"], "have no units"),
         (("NEO HOOKE", "MARLOW"), ["--unit", "mm", "--stress-unit", "MPa"], "MARLOW"),
+        (
+            ("*HYPERELASTIC, NEO HOOKE\n0.1, 0.2", "*CONDUCTIVITY\n1"),
+            UNITS,
+            "neither *HYPERELASTIC nor *ELASTIC in material",
+        ),
         (("GRAV, 9810.", "GRAV, fast"), ["--unit", "mm", "--stress-unit", "MPa"], "'fast' is not a number"),
     ],
 )

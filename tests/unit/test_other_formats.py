@@ -275,7 +275,7 @@ def test_fields_and_sets_of_nastran(tmp_path: Path) -> None:
     assert source.points.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     found = {(group.dim, group.name) for group in source.groups}
     assert found == {(3, "rubber"), (2, "property-30"), (2, "foot"), (2, "set-5"), (2, "set-6"), (3, "set-11")}
-    assert source.notes == ("not used: MAT1; state them in the job",)
+    assert source.notes == ("only its mesh is read, not MAT1",)
 
 
 def test_elements_without_a_property_in_nastran(tmp_path: Path) -> None:
@@ -337,7 +337,7 @@ def test_degenerate_bricks_and_ranges_of_ansys(tmp_path: Path) -> None:
     assert (source.kind, source.cell_tags.tolist()) == ("tetrahedron", [5])
     assert volume(source) == pytest.approx(1 / 6)
     assert {(g.dim, g.name, len(g.members)) for g in source.groups} == {(2, "FOOT", 1), (3, "BODY", 1)}
-    assert source.notes == ("not used: MP; state them in the job",)
+    assert source.notes == ("only its mesh is read, not MP",)
     path.write_text(cdb((1, 2, 3, 3, 4, 4, 4, 2)))
     with pytest.raises(MeshError, match="element 5 is a prism or a pyramid"):
         read(path)

@@ -21,7 +21,7 @@ from hpcinv.mesh.cells import LayerDegree, jacobians, quadrature, quadrature_met
 from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.midsurface import surface_source, thicken
 from hpcinv.mesh.readers import read_surface
-from hpcinv.mesh.source import MeshSource
+from hpcinv.mesh.source import DataArray, MeshSource
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 from hpcinv.pictures import job_picture
@@ -176,7 +176,7 @@ def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None
     surface, shell = read_surface(sheet), THIN
     message = {
         "junction": r"more than two cells meet at \d+ edges \(first: at \([\d.]+, 0, 0\) m\)",
-        "fold": "has a fold of about 90°",
+        "fold": "has a fold of 90°",
         "strip with one side": "only one side",
         "too thin": r"is 3\.61 m long, 36,056 times its thickness of 100 µm",
         "too thick": r"the shell is 10 m thick, and its surface only 3\.61 m long",
@@ -207,6 +207,44 @@ def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None
         shell = Shell(thickness=1e-4 if kind == "too thin" else 10.0)
     with pytest.raises(MeshError, match=message):
         thicken(surface, shell)
+
+
+def test_arrays_of_both_faces_vary_through_the_thickness(sheet: Path) -> None:
+    surface = read_surface(sheet)
+    faces = {name: np.full((len(surface.points), 1), value) for name, value in (("p_inner", 1.0), ("p_outer", 3.0))}
+    surface = replace(surface, data={name: DataArray(name, "nodes", values) for name, values in faces.items()})
+    data = thicken(surface, Shell(thickness=0.1, layers={"core": 3, "coat": 1})).data
+    levels = data["p"].values.reshape(5, len(surface.points))
+    assert levels[:, 0] == pytest.approx([1, 1.75, 2.5, 2.75, 3])
+    assert (levels == levels[:, :1]).all()
+    assert (data["p_inner"].values == 1).all()
+
+
+def test_angle_of_a_fold_does_not_depend_on_the_cells(tmp_path: Path) -> None:
+    """A bent sheet has one triangle on one side of a node and two on the other; the director bisects the fold."""
+    path = tmp_path / "bent.msh"
+    sheet = np.array([[0, 0, 0], [0, 1, 0], [1, 1, 0], [1, 0, 0], [-1, 0, 0], [-1, 1, 0]], dtype=float)
+    for angle in (90, 30):
+        turned = np.radians(180 - angle)
+        points = sheet.copy()
+        points[4:, ::2] = np.cos(turned), np.sin(turned)
+        with session("bent") as gmsh:
+            entity = gmsh.model.addDiscreteEntity(2)
+            gmsh.model.mesh.addNodes(2, entity, np.arange(1, 7), points.ravel())
+            gmsh.model.mesh.addElementsByType(entity, 2, [], [1, 3, 2, 1, 4, 3, 1, 2, 5, 2, 6, 5])
+            gmsh.model.addPhysicalGroup(2, [entity], name="sheet")
+            gmsh.write(str(path))
+        surface = read_surface(path)
+        if angle > 40:
+            with pytest.raises(MeshError, match=f"has a fold of {angle}°"):
+                thicken(surface, THIN)
+            continue
+        body = thicken(surface, THIN)
+        columns = (body.points[-len(surface.points) :] - body.points[: len(surface.points)]) / THIN.thickness
+        half = np.radians(angle / 2)
+        expected = np.array([np.sin(half), 0, np.cos(half)])
+        on_fold = np.isclose(surface.points[:, [0, 2]], 0).all(axis=1)
+        assert np.abs(np.abs(columns[on_fold] @ expected) - 1).max() < 1e-12
 
 
 @pytest.mark.parametrize(

@@ -18,11 +18,11 @@ from helpers.mesh_cases import spec
 from helpers.verification import box, job
 
 import hpcinv as package
-from hpcinv.accuracy import Search
 from hpcinv.accuracy.accuracy_record import AccuracyStep, Ending
 from hpcinv.accuracy.decision import errors_of
 from hpcinv.accuracy.marking import plan
 from hpcinv.accuracy.meshes import Meshes, is_straight
+from hpcinv.accuracy.search import Search
 from hpcinv.accuracy.trial import attempt, guess_from
 from hpcinv.certificate import Verdict
 from hpcinv.certificate.discretisation_error import estimate

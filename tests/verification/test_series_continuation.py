@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.paths import cube, tried
+from helpers.paths import OCTANT, SPHERE, cube, tried
 from helpers.verification import Solved, box, job
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
@@ -114,6 +114,25 @@ def test_limit_load_is_located(analysis: str, comm: MPI.Intracomm) -> None:
     assert last.outcome is Outcome.LIMIT_POINT
     assert extremum.limit_point
     assert extremum.load * share == pytest.approx(1.0, rel=1e-6)
+
+
+def test_steps_do_not_repeat_a_series_that_ends(comm: MPI.Intracomm) -> None:
+    """A sphere under more pressure than it can carry; without a series, it takes 32 factorizations."""
+    sphere = job(
+        mesh=SPHERE,
+        material={"law": "mooney-rivlin", "c1": 0.5, "c2": 0.0, "d1": "incompressible"},
+        effects=[{"effect": "pressure", "region": "inner", "pressure": 2.5}],
+        supports=OCTANT,
+        solver={"linear": "direct"},
+    )
+    *solves, reached, last = tried(sphere, comm)
+    count = sum(solve.factorizations for solve in (*solves, reached, last))
+    print(f"load factor {reached.load:.6f}, {count} factorizations")
+    assert last.outcome is Outcome.VOLUME_CHANGED
+    assert reached.outcome.accepted
+    assert reached.load == max(solve.load for solve in solves if solve.outcome.accepted)
+    assert {solve.strategy for solve in solves} == {"power series", "load steps"}
+    assert count < 25
 
 
 ARCH = """

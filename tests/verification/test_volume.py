@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.command_line import NO_CERTIFICATE
 from helpers.thick_sphere import sphere
@@ -12,7 +13,11 @@ from helpers.verification import box, job
 import hpcinv
 from hpcinv.certificate import Line, Verdict
 from hpcinv.certificate.volume import UNACCOUNTED
+from hpcinv.mesh import build_body
+from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equations import Equations
 
 INCOMPRESSIBLE = {"law": "neo-hookean", "mu": 1.0, "lam": "incompressible"}
 
@@ -42,6 +47,30 @@ def sheared(material: Any, divisions: int, force: float, *, effects: tuple[Any, 
         certificate=NO_CERTIFICATE,
         **changes,
     )
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize(("width", "outcome"), [(0.12, None), (0.3, Outcome.VOLUME_CHANGED)])
+def test_volume_that_changes_at_a_point_only_is_physical(
+    width: float, outcome: Outcome | None, comm: MPI.Intracomm
+) -> None:
+    """A cube of 8³ cells with a displacement around one of its nodes; elsewhere it is not deformed."""
+    cube = sheared(INCOMPRESSIBLE, 8, 0.0)
+    model = Equations(cube, build_body(cube.mesh, cube.regions, comm, resolve=cube.resolve), Timings())
+    system = model.equilibrium(model.scene("forward")).system
+    u, _ = model.unknowns.state.split()
+
+    def around_middle(x: np.ndarray) -> np.ndarray:
+        middle = np.array([[0.5], [0.5], [0.5]]) / model.body.length_scale
+        distances = np.linalg.norm(x - middle, axis=0) * model.body.length_scale
+        size = 0.8 * width * np.exp(-((distances / width) ** 2)) / model.body.length_scale
+        return np.stack([size, 0 * size, 0 * size])
+
+    u.interpolate(around_middle)
+    model.unknowns.state.x.scatter_forward()
+    assert 0 < system.min_mesh_J() < 0.5
+    assert system.fault_of_solution() is outcome
+    model.destroy()
 
 
 @pytest.mark.everyday("incompressible", "moduli that vary")
@@ -112,3 +141,22 @@ def test_only_nearly_incompressible_regions_count(comm: MPI.Intracomm) -> None:
     )
     assert line is not None
     assert line.verdict is Verdict.PASS
+
+
+def test_a_body_that_swells_too_far_says_where(comm: MPI.Intracomm) -> None:
+    """A bar of Poisson's ratio 0, whose volume grows as its length F does: F - 1/F = 12."""
+    certificate = hpcinv.run(
+        job(
+            analysis="forward",
+            mesh=box((1, 1, 1)),
+            material={"law": "neo-hookean", "young": 1.0, "poisson": 0.0},
+            supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
+            effects=[{"effect": "traction", "region": "z1", "area_in": "reference", "traction": [0, 0, 6.0]}],
+            certificate=NO_CERTIFICATE,
+        ),
+        comm,
+    ).certificate
+    (line,) = (line for line in certificate.lines if line.name == "largest volume ratio J")
+    assert line.verdict is Verdict.WARN
+    assert line.value == pytest.approx(6 + 37**0.5, rel=1e-9)
+    assert line.note.startswith("beyond it in 100.00% of the volume, most at (")

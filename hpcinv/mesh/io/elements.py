@@ -55,7 +55,7 @@ def _source_of_elements(path: Path, arrays: Mapping[str, npt.NDArray[Any]], igno
     cells, points, tags = arrays["cells"], arrays["points"], arrays["node_tags"]
     kind = "tetrahedron" if cells.shape[1] in (4, 10) else "hexahedron"
     degree = 1 if cells.shape[1] in (4, 8) else 2
-    notes = [f"not used: {', '.join(ignored)}; state them in the job"] if ignored else []
+    notes = [f"only its mesh is read, not {', '.join(ignored)}"] if ignored else []
     if cells.shape[1] == 20:
         cells, points, tags = _completed(cells, points, tags)
         notes.append("its elements of 20 nodes were completed to 27")

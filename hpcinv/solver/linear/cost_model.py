@@ -34,9 +34,9 @@ _AGGREGATION, _LEVEL, _ITERATION = 14e-6, 5.2e-6, 6e-7
 # Mean number of nodes in a row, by degree from 1, in regular meshes of tetrahedra and of hexahedra. Products with the
 # tangent, and its products by interpolations, take a time in proportion.
 _ROWS = (15, 29, 49, 75), (27, 64, 125, 216)
-# Krylov iterations of a correction of a cube of 20,000 to 160,000 unknowns; higher ones favour factors. Bodies in the
-# displacement form have moderate Poisson's ratios.
+# Krylov iterations of a correction of a cube of 20,000 to 160,000 unknowns; higher ones favour factors.
 _DISPLACEMENT_KRYLOV, _MIXED_KRYLOV = 9, 18
+_STIFF = 10.0  # bulk by shear modulus from which the displacement form takes iterations by the root of that ratio
 _FLAT = 100.0  # cubed norm of a cell's edges by its volume: 5 for equal orthogonal edges, 100 for a height of 1/35
 _REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
 
@@ -71,6 +71,7 @@ class Forecast:
         degree: polynomial degree of the displacement.
         is_mixed: whether the pressure is an unknown.
         has_hexahedra: whether the cells are hexahedra.
+        stiffness: largest ratio of bulk to shear modulus.
     """
 
     unknowns: int
@@ -78,6 +79,7 @@ class Forecast:
     shape: Shape
     is_mixed: bool = False
     has_hexahedra: bool = False
+    stiffness: float = 1.0
 
     def degree_forecast(self, degree: int) -> Forecast:
         """Return the forecast for spaces of another degree on the same body."""
@@ -183,7 +185,7 @@ class Forecast:
     @property
     def krylov(self) -> float:
         """Krylov iterations of one correction."""
-        cube = _MIXED_KRYLOV if self.is_mixed else _DISPLACEMENT_KRYLOV
+        cube = _MIXED_KRYLOV if self.is_mixed else _DISPLACEMENT_KRYLOV * math.sqrt(max(self.stiffness / _STIFF, 1.0))
         return cube * math.pow(self.shape.aspect, 0.25)
 
 

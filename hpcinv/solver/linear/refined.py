@@ -41,7 +41,7 @@ class Refined(Direct):
     Args:
         precision: of the factors, "single" or "double".
         low_rank: whether to compress blocks of the factors.
-        unknowns, minimum_fill: as for `Direct`.
+        unknowns, symmetric, minimum_fill: as for `Direct`.
         nearly_symmetric: whether nearly symmetric tangents are factorized by L D Lᵀ too.
     """
 
@@ -54,10 +54,11 @@ class Refined(Direct):
         *,
         low_rank: bool,
         precision: str = "single",
+        symmetric: bool = True,
         minimum_fill: bool = False,
         nearly_symmetric: bool = False,
     ) -> None:
-        super().__init__(unknowns, minimum_fill=minimum_fill)
+        super().__init__(unknowns, symmetric=symmetric, minimum_fill=minimum_fill)
         if nearly_symmetric:
             self.asymmetry = _NEARLY
         self._low_rank, self._precision, self._has_own_tolerance = low_rank, precision, False

@@ -86,15 +86,19 @@ class Used:
 class Chooser:
     """Rule for the choice, for the unknowns of one model; collective.
 
+    Args:
+        stiffness: largest ratio of bulk to shear modulus in the body.
+
     Attributes:
         forecast: forecast of the cost of both solvers.
         room: memory (bytes) of all ranks for it.
     """
 
-    def __init__(self, unknowns: Unknowns, degree: int, *, is_shell: bool = False) -> None:
+    def __init__(self, unknowns: Unknowns, degree: int, *, is_shell: bool = False, stiffness: float = 1.0) -> None:
         self._is_shell = is_shell
         has_hexahedra = unknowns.mesh.topology.cell_type.name == "hexahedron"
-        self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns), unknowns.p is not None, has_hexahedra)
+        shape, is_mixed = shape_of(unknowns), unknowns.p is not None
+        self.forecast = Forecast(unknowns.size, degree, shape, is_mixed, has_hexahedra, stiffness)
         self._block: Forecast | None = None  # the forecast by extents, where an analysis counts fewer operations
         self._flat_share = flat_share(unknowns)
         self.room = _ROOM * available(unknowns.mesh.comm)

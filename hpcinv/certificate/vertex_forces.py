@@ -1,0 +1,40 @@
+"""Forces of supports on single vertices, which should only keep a body in place whose loads balance.
+
+In a solid, the displacement under a force at a point grows without limit as cells become smaller.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from hpcinv.certificate.check import Line, upper_bound_line
+from hpcinv.parallel.runtime import MPI
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
+
+NAME = "force on supports at vertices, relative to the load"
+_WARN = 1e-3  # of the load: its error of the displacement is far below what the discretisation error may be
+
+
+def vertex_forces(equations: Equations, solution: Solution) -> Iterator[Line]:
+    """Compare the sizes of reactions at vertices with the nodal loads and reactions, each summed; collective."""
+    held = {name for name, region in equations.body.regions.items() if region.vertices is not None}
+    held &= {support.region for support in solution.job.supports}
+    if not held:
+        return
+    comm, dofs = equations.body.mesh.comm, equations.unknowns.owned_displacement_dofs
+
+    def total(forces: np.ndarray) -> float:
+        sizes = np.linalg.norm(forces[dofs].reshape(-1, 3), axis=1)
+        return float(comm.allreduce(float(sizes.sum()), op=MPI.SUM))
+
+    equations.put(solution)
+    equilibrium = equations.equilibrium(equations.scene(solution.direction))
+    none, full = equilibrium.system.forces(0.0), equilibrium.system.forces(1.0)
+    load = max(total(full - none), total(full))
+    share = total(equations.supports.held_part(full, held)) / load if load else 0.0
+    equations.release(equilibrium)
+    yield upper_bound_line(NAME, share, _WARN, math.inf, note=f"on {', '.join(sorted(held))}")

@@ -1,0 +1,73 @@
+"""Nodes of a body in a shape that is roughly known, from a mesh file with the same cells."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from hpcinv.errors import MeshError
+from hpcinv.formats import FORMATS
+from hpcinv.job.sections import MeshSpec
+from hpcinv.mesh.body import Body, local_node_values
+from hpcinv.mesh.io.length_unit import check_unit
+from hpcinv.mesh.midsurface import moved_levels
+from hpcinv.mesh.readers import FILES, read_surface
+from hpcinv.mesh.refine.degree import change_degree
+from hpcinv.mesh.source import Floats, MeshSource
+from hpcinv.parallel.runtime import on_root
+from hpcinv.reading.suffix import suffix_of
+
+
+def start_nodes(spec: MeshSpec, path: Path, body: Body) -> Floats:
+    """Return the local geometry nodes (n, 3) of a body in m, in the shape of a mesh file; collective.
+
+    The file of a shell has its surface. The thickness is the given body's, along the normals of that surface.
+
+    Raises:
+        MeshError: on all ranks, if the file is not a mesh with the cells of the body.
+    """
+    points = np.empty((0, 3))
+
+    def read_on_root() -> None:
+        nonlocal points
+        points = _points(spec, path, body.source)
+
+    on_root(body.mesh.comm, read_on_root)
+    return local_node_values(body, points)
+
+
+def _points(spec: MeshSpec, path: Path, given: MeshSource) -> Floats:
+    """Return the nodes (n, 3) of a source in the shape of a file, in m."""
+    if suffix_of(path) not in FILES:
+        raise MeshError(f"{path}: solver.start_shape must be a mesh file ({', '.join(FILES)})", "Give its shape file.")
+    try:
+        shape = read_surface(path) if given.shell is not None else FILES[suffix_of(path)](path)
+    except OSError as exc:
+        raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
+    if not FORMATS[suffix_of(path)].is_partitioned:
+        check_unit(path, shape.unit, spec.unit)
+        shape = shape.convert_to_metres(spec.unit)
+    shape = shape.drop_unused_nodes()
+    if spec.geometry_degree is not None and given.shell is None:
+        shape = change_degree(shape, spec.geometry_degree)
+    of_body = given if given.midsurface is None else given.midsurface
+    if not _has_same_cells(shape, of_body):
+        raise MeshError(
+            f"{path}: the cells of solver.start_shape are not the cells of {given.path}",
+            "Move the nodes of that mesh, and keep their numbers and the order of the cells.",
+        )
+    if given.midsurface is None:
+        return shape.points
+    return moved_levels(given, dataclasses.replace(given.midsurface, path=path, points=shape.points))
+
+
+def _has_same_cells(shape: MeshSource, other: MeshSource) -> bool:
+    """Return whether cells have the same nodes; cells of a shell may be numbered from another side."""
+    return (
+        shape.kind == other.kind
+        and len(shape.points) == len(other.points)
+        and shape.cells.shape == other.cells.shape
+        and bool((np.sort(shape.cells, axis=1) == np.sort(other.cells, axis=1)).all())
+    )

@@ -1,0 +1,39 @@
+"""Vertices of a mesh at given points."""
+
+import dolfinx
+import numpy as np
+
+from hpcinv.mesh.boundary_shells import LocalIndices, Mesh
+from hpcinv.mesh.bounding_box import extent
+from hpcinv.mesh.source import Floats
+
+_NEAR = 1e-3
+"""Distance of a vertex from a point, relative to the body, up to which it is meant; raised, points may be less exact"""
+
+
+def nearest_vertices(mesh: Mesh, points: Floats) -> tuple[LocalIndices, Floats]:
+    """Return the vertices of this rank, also ghosts, that are nearest to points (n, 3); collective.
+
+    Returns:
+        The vertices, and for each point the nearest vertex (n, 3) if it is too far, else NaN.
+    """
+    topology = mesh.topology
+    for pair in ((0, 3), (3, 0)):
+        topology.create_connectivity(*pair)
+    count = topology.index_map(0).size_local + topology.index_map(0).num_ghosts
+    vertices = np.arange(count, dtype=np.int32)
+    nodes = dolfinx.mesh.entities_to_geometry(mesh, 0, vertices).ravel()
+    places, numbers = mesh.geometry.x[nodes], np.asarray(mesh.geometry.input_global_indices)[nodes]
+    low, high = extent(mesh.comm, mesh.geometry.x)
+    near = _NEAR * float(np.linalg.norm(high - low))
+    chosen, far = list[LocalIndices](), np.full((len(points), 3), np.nan)
+    for row, point in enumerate(points):
+        distances = np.linalg.norm(places - point, axis=1)
+        # The number decides between equal distances, the same on any number of ranks.
+        best = min(zip(distances.tolist(), numbers.tolist(), places.tolist(), strict=True), default=None)
+        distance, number, place = min(found for found in mesh.comm.allgather(best) if found is not None)
+        if distance > near:
+            far[row] = place
+        else:
+            chosen.append(vertices[numbers == number])
+    return np.unique(np.concatenate([vertices[:0], *chosen])), far
