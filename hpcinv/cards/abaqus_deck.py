@@ -107,9 +107,7 @@ class _Reader:
         self._add_loads()
         self._add_pressed_elements()
         self._add_forces()
-        deck.unused += [
-            f"*COUPLING of {surface}, on whose node no force acts" for surface, _ in self._couplings.values()
-        ]
+        deck.unused += [f"*COUPLING of {surface} to a node without a force" for surface, _ in self._couplings.values()]
         return deck
 
     def _read_conditions(self, keyword: Keyword, step: int) -> None:
@@ -198,7 +196,7 @@ class _Reader:
             self._deck.unused.append(f"*DLOAD on {missing:,} faces of single elements, which change in the steps")
 
     def _read_coupling(self, keyword: Keyword) -> None:
-        """Read a coupling of a surface to a node, of which the next keyword says the kind."""
+        """Read a coupling of a surface to a node; the next keyword says its kind."""
         if keyword.name == "COUPLING":
             node, surface = (keyword.parameters.get(name, "") for name in ("REF NODE", "SURFACE"))
             is_along_axes = "ORIENTATION" not in keyword.parameters
