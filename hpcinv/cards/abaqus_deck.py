@@ -107,7 +107,7 @@ class _Reader:
         self._add_loads()
         self._add_pressed_elements()
         self._add_forces()
-        deck.unused += [f"*COUPLING of {surface}: no force acts on its node" for surface, _ in self._couplings.values()]
+        deck.unused += [f"*COUPLING of {surface} to a node without a force" for surface, _ in self._couplings.values()]
         return deck
 
     def _read_conditions(self, keyword: Keyword, step: int) -> None:
