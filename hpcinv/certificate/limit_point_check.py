@@ -97,8 +97,8 @@ def _load_of_jump(solves: Sequence[Solve], sign: int) -> float | None:
     """Return the load of the first load step that may have left the path, ``None`` if there is none.
 
     A step that fails is halved; halves that end where the tangent has its sign again, after states where it has not,
-    may end beyond a limit point. Slender bodies overshoot in other steps: those count if they move the body much farther
-    than the tangent predicts.
+    may end beyond a limit point. Slender bodies overshoot in other steps: those count if they move the body much
+    farther than the tangent predicts.
     """
     has_failed = False
     for solve in solves:
