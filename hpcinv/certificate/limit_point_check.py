@@ -81,8 +81,8 @@ def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
     if all(solve_signs[-1] == start_sign for solve_signs in signs):
         if (load := _load_of_jump(solution.solves, start_sign)) is not None:
             note = (
-                f"on the step to load factor {load:.4g}, Newton's method passed states with another sign: it may have"
-                " left the path (continuation: series follows it)"
+                f"the step to load factor {load:.4g} may have left the path: the body moved farther than the tangent"
+                " predicts, or Newton's method passed states with another sign (continuation: series follows it)"
             )
             return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.UNDECIDED, note)
         # A coarse solve with a limit point on its path, or another sign at the end of it, is not used.
@@ -101,13 +101,16 @@ def _load_of_jump(solves: Sequence[Solve], sign: int) -> float | None:
     """Return the load of the first load step that may have left the path, ``None`` if there is none.
 
     A step that fails is halved; halves that end where the tangent has its sign again, after states where it has not,
-    may end beyond a limit point. Steps that were not shortened are not suspected: slender bodies overshoot in them.
+    may end beyond a limit point. Slender bodies overshoot in other steps: those count if they move the body much
+    farther than the tangent predicts.
     """
     has_failed = False
     for solve in solves:
         if not solve.outcome.accepted:
             has_failed = True
-        elif has_failed and solve.strategy == "load steps" and any(passed != sign for passed in solve.signs[1:-1]):
+            continue
+        is_shortened = has_failed and solve.strategy == "load steps"
+        if solve.may_have_jumped or (is_shortened and any(passed != sign for passed in solve.signs[1:-1])):
             return solve.load
     return None
 

@@ -83,6 +83,11 @@ class LimitPointAhead:
     failures: list[tuple[float, float]] = field(default_factory=list)
     sign: int = 0
 
+    farther = 2.5
+    """Ratio of a step to its prediction above which it may have passed limit points. It is 2 on the way to one, where
+    the load is a parabola, and 3.5 to 6 where a shallow arch snaps through. Lowered, more steps are checked by series.
+    """
+
     def has_jumped(self, solve: Solve) -> bool:
         """Return whether a step, shortened after failures farther on, has left the path; else note its sign.
 
@@ -175,8 +180,12 @@ def follow(
         tangents = equilibrium.system.tangents
         solve = equilibrium.solve(target, wanted, predicted=predicted, farthest=farthest)
         solve, spent = replace(solve, factorizations=solve.factorizations + spent), 0
-        if solve.outcome.accepted and isinstance(steps, AdaptiveSteps) and ahead.has_jumped(solve):
-            solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
+        if solve.outcome.accepted and isinstance(steps, AdaptiveSteps) and predicted is not None:
+            moved = state.petsc_vec.array - accepted[: state.petsc_vec.local_size]
+            length = math.sqrt(equilibrium.system.comm.allreduce(float(moved @ moved)))
+            solve = replace(solve, may_have_jumped=length > ahead.farther * predicted.length > 0)
+            if ahead.has_jumped(solve) or (solve.may_have_jumped and series is not None):
+                solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
         is_refused = solve.outcome is Outcome.TOO_NONLINEAR
         step = target - load if is_refused else steps.next_step(solve, target - load)
         if solve.outcome.accepted:

@@ -40,6 +40,7 @@ class Solve:
         limit_point: whether the load has an extremum along the path here.
         bifurcation: load factor between the last accepted solve and this one at which other paths branch off.
         mode: unit vector along which the largest displacement of such a path begins.
+        may_have_jumped: whether a load step moved the body so far that it may have left the path (`load_stepping`).
     """
 
     load: float
@@ -53,6 +54,7 @@ class Solve:
     limit_point: bool = False
     bifurcation: float | None = None
     mode: tuple[float, ...] = ()
+    may_have_jumped: bool = False
 
 
 def is_given_up(solves: Sequence[Solve], patience: int) -> bool:

@@ -15,6 +15,9 @@ from scipy.special import ellipe, ellipk
 
 import hpcinv
 from hpcinv.assembly import taylor_residual
+from hpcinv.certificate import Verdict
+from hpcinv.certificate.limit_point_check import LIMIT_POINTS
+from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
 from hpcinv.methods import fallbacks
 from hpcinv.model.outcome import Outcome
@@ -154,16 +157,42 @@ def build(gmsh):
 
 def arch_path(place: Path, multiple: float, solver: dict[str, str], comm: MPI.Intracomm) -> list[Solve]:
     """Solves of an arch under a multiple of its weight."""
+    return tried(arch(place, multiple, solver), comm)
+
+
+def arch(place: Path, multiple: float, solver: dict[str, str], **data: Any) -> Job:
     (place / "arch.py").write_text(ARCH)
-    arch = job(
+    return job(
         analysis="forward",
         mesh={"file": str(place / "arch.py")},
         material={"law": "neo-hookean", "mu": "10 kPa", "lam": "30 kPa"},
         effects=[GRAVITY | {"acceleration": [0, -0.05 * multiple, 0]}],
         supports=[HELD, HELD | {"region": "x1"}],
         solver=solver | {"linear": "direct"},
+        **data,
     )
-    return tried(arch, comm)
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.98, Verdict.PASS), (2.5, Verdict.UNDECIDED)])
+def test_jump_in_the_first_load_step_is_seen(
+    share: float, verdict: Verdict, comm: MPI.Intracomm, run_directory: Path
+) -> None:
+    """Snap-through: the tangent has the same sign on both sides, and at each state that Newton's method passes.
+
+    The limit load is 0.628 of the weight.
+    """
+    certificate = {"level": "quick", "estimate": False, "overlap": False}
+    steps = arch(run_directory, 0.6281884 * share, {"continuation": "steps"}, certificate=certificate)
+    result = hpcinv.run(steps, comm)
+    (solve,) = result.solutions[0].solves
+    assert solve.outcome.accepted
+    assert set(solve.signs) == {1}
+    (line,) = (line for line in result.certificate.lines if line.name == LIMIT_POINTS)
+    assert line.verdict is verdict
+    if share > 1:
+        last = arch_path(run_directory, 0.6281884 * share, {"continuation": "auto"}, comm)[-1]
+        assert last.outcome is Outcome.LIMIT_POINT
+        assert last.load == pytest.approx(1 / share, rel=1e-5)
 
 
 def test_limit_load_of_a_shallow_arch(comm: MPI.Intracomm, tmp_path: Path) -> None:
