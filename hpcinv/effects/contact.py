@@ -15,9 +15,8 @@ from hpcinv.quantity.quantity import Size
 from hpcinv.quantity.units import Dimension
 
 PENALTY = 2.0**6
-"""Penalty of a rigid obstacle at first, if none is given, in units of shear modulus over length of the body; thin shells
-have a lower one. If raised, the pressure settles in fewer updates, and points of slender bodies go in and out of
-contact."""
+"""Penalty of a rigid obstacle at first, if none is given, in units of shear modulus over length of the body; lower for
+thin shells. If raised, the pressure settles in fewer updates, and points of slender bodies go in and out of contact."""
 QUADRATURE = 4
 """Least degree of quadrature on facets, whose points resolve the edge of the area in contact."""
 TOLERANCE = 2.0**-16
