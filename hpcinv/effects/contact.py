@@ -15,8 +15,8 @@ from hpcinv.quantity.quantity import Size
 from hpcinv.quantity.units import Dimension
 
 PENALTY = 2.0**6
-"""Penalty of a rigid obstacle at first, if none is given, in units of shear modulus over length of the body. If it is
-raised, the pressure settles in fewer updates, and points of slender bodies go in and out of contact."""
+"""Penalty of a rigid obstacle at first, if none is given, in units of shear modulus over length of the body; lower for
+thin shells. If raised, the pressure settles in fewer updates, and points of slender bodies go in and out of contact."""
 QUADRATURE = 4
 """Least degree of quadrature on facets, whose points resolve the edge of the area in contact."""
 TOLERANCE = 2.0**-16
@@ -66,7 +66,7 @@ class Contact(Effect):
     """known contact pressure, for an inverse analysis"""
     penalty: StiffnessField | None = None
     """pressure per penetration of a rigid obstacle in each solve; by default 64 shear moduli per length of the body,
-    which grow up to 64 times that; 0 with a known pressure"""
+    less for shells thinner than 1/50 of it, which grow up to 64 times that; 0 with a known pressure"""
     penetration: Size | None = None
     """largest penetration of a rigid obstacle at vertices; by default 1/65536 of the length of the body"""
 

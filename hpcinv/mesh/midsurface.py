@@ -96,6 +96,7 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         midsurface=surface,
         shell=shell,
         slenderness=_slenderness(surface, float(thickness.mean())) if len(thickness) else 1.0,
+        thickness=float(thickness.mean()) if len(thickness) else 0.0,
         is_thin=length > _THIN,
     )
 
