@@ -18,7 +18,7 @@ from helpers.verification import box, job
 from petsc4py import PETSc
 
 import hpcinv
-from hpcinv.certificate import Line, Verdict, inertia, lower_bound_line, upper_bound_line
+from hpcinv.certificate import Line, Verdict, inertia, limit_point_check, lower_bound_line, upper_bound_line
 from hpcinv.certificate.certify import DISCRETISATION
 from hpcinv.certificate.check import Certificate, skipped
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
@@ -32,6 +32,8 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import solution_of
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.linear.factorization import Direct
+from hpcinv.solver.linear.refined import Refined
 from hpcinv.solver.load_stepping import follow
 from hpcinv.solver.newton import Solve
 
@@ -529,13 +531,26 @@ def test_free_growth_has_no_limit_point(stretch: float, pressures: dict[str, int
     ],
 )
 def test_signs_of_the_tangent_are_compared_between_equilibria(
-    signs: list[tuple[int, ...]], start: str, unloaded: int, verdict: Verdict
+    signs: list[tuple[int, ...]], start: str, unloaded: int, verdict: Verdict, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(limit_point_check, "_precise_sign", lambda *_: 0)
     solves = tuple(Solve(1.0, Outcome.CONVERGED, (), 1, of_solve) for of_solve in signs)
     model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=unloaded, p=None))
-    solution: Any = SimpleNamespace(solves=solves, start=start)
+    own = SimpleNamespace(solver=SimpleNamespace(start_shape=None))
+    solution: Any = SimpleNamespace(solves=solves, start=start, job=own)
     (path_line,) = limit_points(model, solution, skipped("stability", ""))
     assert path_line.verdict is verdict
+
+
+@pytest.mark.parametrize(("wrong", "verdict"), [(Refined, Verdict.UNDECIDED), (Direct, Verdict.WARN)])
+def test_sign_of_single_precision_is_compared_with_double(
+    wrong: type, verdict: Verdict, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Single precision alone has another sign than the unloaded body, or (by `Direct`, its base) both have."""
+    monkeypatch.setattr(wrong, "sign_of_determinant", lambda *_: -1)
+    single = {"linear": "direct", "continuation": "steps", "petsc": {"pc_precision": "single"}}
+    lines = hpcinv.run(column(1, certificate={"estimate": False}, solver=single)).certificate.lines
+    assert next(line for line in lines if line.name == LIMIT_POINTS).verdict is verdict
 
 
 @pytest.mark.parametrize(
@@ -565,7 +580,10 @@ def test_shortened_steps_that_passed_another_sign_are_not_decided(
         (("power series",), (-1,), Verdict.WARN),
     ],
 )
-def test_load_rises_along_power_series(strategies: list[str], signs: tuple[int, ...], verdict: Verdict) -> None:
+def test_load_rises_along_power_series(
+    strategies: list[str], signs: tuple[int, ...], verdict: Verdict, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(limit_point_check, "_precise_sign", lambda *_: 0)
     solves = tuple(Solve(1.0, Outcome.CONVERGED, (), 1, signs, strategy=strategy) for strategy in strategies)
     model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=1, p=None))
     solution: Any = SimpleNamespace(solves=solves, start="")
