@@ -345,6 +345,7 @@ def finer_equations(equations: Equations, solution: Solution, given: Correction 
     with equations.timings("mesh"):
         body, _ = _finer_body(equations, solution, given)
     finer = Equations(one_degree_more(solution.job), body, equations.timings)
+    finer.take_supports_as_checked()
     contacts = finer.scene(solution.direction).contacts
     contacts.restore(solution.contacts, finer.scales, partial(transfer_function, body.mesh))
     nodes = _nodes(solution, given)
@@ -368,6 +369,7 @@ def _on_halved_cells(equations: Equations, solution: Solution, given: Correction
     body, unknowns = equations.body, equations.unknowns
     with equations.timings("mesh"):
         finer = Equations(solution.job, body.halved, equations.timings)
+        finer.take_supports_as_checked()
     equations.put(solution.moved_to(_nodes(solution, given)))
     corrected = None if given is None else given.finer_nodes
     nodes = halved_cells.refined_values(body, solution.mesh_nodes) if corrected is None else corrected

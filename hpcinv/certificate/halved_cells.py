@@ -1,9 +1,9 @@
 """The finer problem of a shell: the same unknowns on cells of half the size.
 
 Spaces of one degree more do not help on thin coarse cells: with full integration they lock, and with the quadrature
-of a layer they have motions of little stiffness. The layer of quadratic hexahedra converges on finer surfaces, at
-least with the square of the size of its cells, so that halved cells find three quarters of the error or more. Errors
-across the thickness, which is one layer on both, are left out.
+of a layer they have motions of little stiffness. The layer of quadratic hexahedra converges on finer surfaces; where
+the error falls with the square of the size of the cells, halved ones find three quarters of it. Errors across the
+thickness, which is one layer on both, are left out.
 """
 
 from __future__ import annotations
@@ -22,9 +22,18 @@ from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.methods import solve_direction
 from hpcinv.methods.method import NESTED, UNLOADED, Guess, sign_of
 from hpcinv.model.spaces import Unknowns
+from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.observer import Observer
+
+_ROUGH = 1e-3
+"""Tolerance of the first solve, which shows how large the error is; lowered, large errors take more iterations"""
+_SHARE = 0.01
+"""Error of the finer solution, relative to the change from the given one; raised, estimates have fewer digits"""
+_CLOSE = 3.0
+"""Ratio to that up to which a solution is kept; lowered, a change that was a little smaller is solved for again"""
 
 DESCRIPTION = "on cells of half the size"
 """Text for a note: where a finer problem of a shell is solved."""
@@ -92,16 +101,37 @@ def solve(equations: Equations, solution: Solution, finer: Equations, observer: 
     sign = finer.unknowns.unloaded_sign if sign_of(solution.solves) == equations.unknowns.unloaded_sign else 0
     scene = finer.scene(solution.direction)
     if not scene.contacts.is_iterated:
-        state = finer.state()
-        pressure = None if state.pressure is None else state.pressure.x.array.copy()
         equilibrium = finer.equilibrium(scene, observer)
         equilibrium.depart(0.0)
-        found = Guess(state.displacement.x.array.copy(), pressure, sign, NESTED).solve(finer, equilibrium)
+        was_found = _corrected(finer, equilibrium, sign)
         equilibrium.destroy()
-        if found.outcome.accepted:
+        if was_found:
             return True
     solved = solve_direction(finer, solution.direction, UNLOADED, observer)
     finer.destroy()
     signs = solved.solves[-1].signs if solved.solves else ()
     # With another sign, a branching point is between the two, and the path has led to another solution.
     return solved.load == 1.0 and not (sign and signs and signs[-1] != sign)
+
+
+def _corrected(finer: Equations, equilibrium: Equilibrium, sign: int) -> bool:
+    """Solve from the present state, as exactly as an estimate needs it; return whether that was accepted."""
+    start, tolerance, most = equilibrium.system.position(), _ROUGH, finer.job.solver.tolerance
+    while True:
+        state = finer.state()
+        pressure = None if state.pressure is None else state.pressure.x.array.copy()
+        guess = Guess(state.displacement.x.array.copy(), pressure, sign, NESTED, keeps_factors=tolerance < _ROUGH)
+        if not guess.solve(finer, equilibrium, tolerance).outcome.accepted:
+            start.destroy()
+            return False
+        x = equilibrium.system.position()
+        size = norm(x)
+        start.aypx(-1.0, x)
+        change = norm(start)
+        start.aypx(-1.0, x)
+        x.destroy()
+        wanted = max(_SHARE * change / size if size else 0.0, most)
+        if tolerance <= _CLOSE * wanted:
+            start.destroy()
+            return True
+        tolerance = wanted

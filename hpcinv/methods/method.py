@@ -38,11 +38,14 @@ class Guess:
     strategy: str = GUESS
     keeps_factors: bool = False
 
-    def solve(self, equations: Equations, equilibrium: Equilibrium) -> Solve:
+    def solve(self, equations: Equations, equilibrium: Equilibrium, tolerance: float | None = None) -> Solve:
         """Solve equations at full load from the guess.
 
         The solution is not accepted where the tangent's determinant has another sign than in the similar problem: a
         limit point or a branching point lies between the two, and the path from the unloaded body has another solution.
+
+        Args:
+            tolerance: estimated error of the solution relative to its norm; the job's without it.
         """
         u, p = equations.unloaded().fields
         u.x.array[:] = self.displacement
@@ -50,7 +53,8 @@ class Guess:
             p.x.array[:] = self.pressure
         equations.put_fields((u, p))
         predicted = self._prediction(equilibrium) if self.keeps_factors else None
-        solve = equilibrium.solve(1.0, equations.job.solver.tolerance, predicted=predicted, begins_near=True)
+        wanted = equations.job.solver.tolerance if tolerance is None else tolerance
+        solve = equilibrium.solve(1.0, wanted, predicted=predicted, begins_near=True)
         if predicted is not None:
             predicted.origin.destroy()
         solve = replace(solve, strategy=self.strategy)

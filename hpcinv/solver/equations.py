@@ -65,6 +65,10 @@ class Equations(DiscreteModel):
             check_not_enclosed(self.job, self.body)
         self._are_supports_checked = system is not None or not self._has_springs
 
+    def take_supports_as_checked(self) -> None:
+        """Leave the check of the supports out, since other equations of this body have had it."""
+        self._are_supports_checked = True
+
     @contextmanager
     def _naming_job(self) -> Iterator[None]:
         """Add the file of the job, and its state if there are several, to a ``MeshError`` about supports."""
