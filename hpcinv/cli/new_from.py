@@ -6,6 +6,7 @@ import argparse
 import os
 import re
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ from hpcinv.reading.suffix import suffix_of
 
 if TYPE_CHECKING:
     from hpcinv.cards.deck import Deck, NodalForces, RemoteForce
-    from hpcinv.mesh.source import MeshSource
+    from hpcinv.mesh.source import Floats, MeshSource
 
 _MOST_VERTICES = 200
 """Vertices of a support that a job lists; raised, jobs may become very long"""
@@ -129,6 +130,16 @@ class _Job:
                 self._comments.append(f"{entry['effect']} on {', '.join(names)} acts on the whole body in this job.")
         return placed
 
+    @cached_property
+    def _row(self) -> Mapping[int, int]:
+        """Row of each node by its number."""
+        return {tag: row for row, tag in enumerate(self._source.node_tags.tolist())}
+
+    @cached_property
+    def _points(self) -> Floats:
+        """Nodes (n, 3) in the unit of the file."""
+        return self._source.points / (self._source.unit or 1.0)
+
     def _supports(self, entry: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         """Yield the section of a support, and one of the vertices of its set that span no facet."""
         name = entry["region"]
@@ -149,8 +160,7 @@ class _Job:
         """Return the name of a region of vertices, which has the form of an identifier."""
         own = re.sub(r"\W", "_", name, flags=re.ASCII)
         own = own if own[:1].isalpha() else f"set_{own}"
-        unit, row = self._source.unit or 1.0, {tag: i for i, tag in enumerate(self._source.node_tags.tolist())}
-        points = self._source.points[[row[tag] for tag in tags]] / unit
+        points = self._points[[self._row[tag] for tag in tags]]
         places = [[f"{x + 0.0:.12g} {self._options.unit}" for x in point] for point in points.tolist()]
         self._vertices[own] = {"vertices": places}
         return own
@@ -176,11 +186,10 @@ class _Job:
         from hpcinv.cards.deck import Measure
 
         region = self._region(coupled.region)
-        tags = self._source.node_tags.tolist()
-        if region is None or coupled.node not in tags:
+        if region is None or coupled.node not in self._row:
             self._deck.unused.append(f"*COUPLING of '{coupled.region}', which has no facet or no node")
             return None
-        point = self._source.points[tags.index(coupled.node)] / (self._source.unit or 1.0)
+        point = self._points[self._row[coupled.node]]
         remote = {
             "force": [self._with_units(Measure(part, length=2, stress=1)) for part in coupled.force],
             "moment": [self._with_units(Measure(part, length=3, stress=1)) for part in coupled.moment],
@@ -195,7 +204,7 @@ class _Job:
         from hpcinv.cards.deck import Measure
         from hpcinv.mesh.facet_area import area_and_centre
 
-        row = {tag: i for i, tag in enumerate(self._source.node_tags.tolist())}
+        row, points = self._row, self._points
         tags = [tag for tag in nodal.forces if tag in row]
         forces = np.array([nodal.forces[tag] for tag in tags]).reshape(-1, 3)
         region = self._region(nodal.region) if nodal.region else None
@@ -207,8 +216,6 @@ class _Job:
             why = "whose resultant vanishes" if groups else "which span no facet: load a spot of facets by a traction"
             self._deck.unused.append(f"{nodal.title}, {why}")
             return None
-        unit = self._source.unit or 1.0
-        points = self._source.points / unit
         area, centre = area_and_centre(self._source, np.concatenate([group.members for group in groups]), points)
         arms = points[[row[tag] for tag in tags]] - centre
         moment = float(np.linalg.norm(np.cross(arms, forces).sum(axis=0)))

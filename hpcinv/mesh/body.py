@@ -221,10 +221,7 @@ def read_source(
 
             source = image_mesh(path, spec, report)
         else:
-            source = FILES[suffix_of(path)](path) if spec.shell is None else read_surface(path)
-            if not FORMATS[suffix_of(path)].is_partitioned:  # partitioned meshes are in metres
-                check_unit(path, source.unit, spec.unit)
-                source = source.convert_to_metres(spec.unit)
+            source = read_mesh_file(spec, path)
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     check_nodes(source)
@@ -235,6 +232,15 @@ def read_source(
     source = _with_sets(source, spec, path).drop_unused_nodes()
     source = join_facets(source if spec.shell is None else thicken(source, spec.shell))
     return source if spec.geometry_degree is None else change_degree(source, spec.geometry_degree)
+
+
+def read_mesh_file(spec: MeshSpec, path: Path) -> MeshSource:
+    """Read a mesh file, of a shell its surface, in metres; not collective."""
+    source = FILES[suffix_of(path)](path) if spec.shell is None else read_surface(path)
+    if FORMATS[suffix_of(path)].is_partitioned:  # in metres
+        return source
+    check_unit(path, source.unit, spec.unit)
+    return source.convert_to_metres(spec.unit)
 
 
 def _with_sets(source: MeshSource, spec: MeshSpec, path: Path) -> MeshSource:

@@ -8,12 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.errors import MeshError
-from hpcinv.formats import FORMATS
 from hpcinv.job.sections import MeshSpec
-from hpcinv.mesh.body import Body, local_node_values
-from hpcinv.mesh.io.length_unit import check_unit
+from hpcinv.mesh.body import Body, local_node_values, read_mesh_file
 from hpcinv.mesh.midsurface import moved_levels
-from hpcinv.mesh.readers import FILES, read_surface
+from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.parallel.runtime import on_root
@@ -43,12 +41,9 @@ def _points(spec: MeshSpec, path: Path, given: MeshSource) -> Floats:
     if suffix_of(path) not in FILES:
         raise MeshError(f"{path}: solver.start_shape must be a mesh file ({', '.join(FILES)})", "Give its shape file.")
     try:
-        shape = read_surface(path) if given.shell is not None else FILES[suffix_of(path)](path)
+        shape = read_mesh_file(spec, path)
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
-    if not FORMATS[suffix_of(path)].is_partitioned:
-        check_unit(path, shape.unit, spec.unit)
-        shape = shape.convert_to_metres(spec.unit)
     shape = shape.drop_unused_nodes()
     if spec.geometry_degree is not None and given.shell is None:
         shape = change_degree(shape, spec.geometry_degree)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.reading.fault import Fault, shown
-from hpcinv.reading.single_conditions import force_groups, held_axes, held_groups, pressed_groups
+from hpcinv.reading.single_conditions import force_groups, fortran_number, held_axes, held_groups, pressed_groups
 
 FACES = {
     4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
@@ -80,10 +80,10 @@ class _Single:
                 self.held.setdefault(axis, {})[number] = value
         elif keyword == "CLOAD" and row[0] in ("1", "2", "3") and len(row) > 1:
             force = list(self.forces.get(number, (0.0, 0.0, 0.0)))
-            force[int(row[0]) - 1] = float(row[1].lower().replace("d", "e"))
+            force[int(row[0]) - 1] = fortran_number(row[1])
             self.forces[number] = (force[0], force[1], force[2])
         elif keyword == "DLOAD" and (match := _PRESSED.fullmatch(row[0])) and len(row) > 1:
-            self.pressed[number, int(match[1])] = float(row[1].lower().replace("d", "e"))
+            self.pressed[number, int(match[1])] = fortran_number(row[1])
 
     def add_sets(self, part: _Part) -> None:
         """Add a set for each of their regions, of what is defined, if the file has no set of its name."""

@@ -79,15 +79,15 @@ def held_axes(entries: Sequence[str]) -> dict[str, float]:
     """
     if entries[0].upper() in _NAMED:
         return dict.fromkeys(_NAMED[entries[0].upper()], 0.0)
-    first = last = _number(entries[0])
+    first = last = fortran_number(entries[0])
     if len(entries) > 1 and entries[1]:
-        last = _number(entries[1])
-    value = _number(entries[2]) if len(entries) > 2 and entries[2] else 0.0
+        last = fortran_number(entries[1])
+    value = fortran_number(entries[2]) if len(entries) > 2 and entries[2] else 0.0
     return {axis: value for place, axis in enumerate("xyz", 1) if first <= place <= last}
 
 
-def _number(text: str) -> float:
-    """Return a number, whose exponent may be Fortran's ``D``."""
+def fortran_number(text: str) -> float:
+    """Return a finite number, whose exponent may be Fortran's ``D``; raise ``ValueError`` for others."""
     value = float(text.upper().replace("D", "E"))
     if not isfinite(value):
         raise ValueError(f"{text!r} is not a number")
