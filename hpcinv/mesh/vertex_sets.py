@@ -30,7 +30,11 @@ def nearest_vertices(mesh: Mesh, points: Floats) -> tuple[LocalIndices, Floats]:
     for row, point in enumerate(points):
         distances = np.linalg.norm(places - point, axis=1)
         # The number decides between equal distances, the same on any number of ranks.
-        best = min(zip(distances.tolist(), numbers.tolist(), places.tolist(), strict=True), default=None)
+        best = None
+        if count:
+            nearest = np.flatnonzero(distances == distances.min())
+            i = nearest[numbers[nearest].argmin()]
+            best = float(distances[i]), int(numbers[i]), places[i].tolist()
         distance, number, place = min(found for found in mesh.comm.allgather(best) if found is not None)
         if distance > near:
             far[row] = place
