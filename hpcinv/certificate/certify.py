@@ -159,7 +159,7 @@ def _discretisation(equations: Equations, solution: Solution, estimated: Estimat
             DISCRETISATION, needed if solution.job.certificate.estimate else "switched off: certificate.estimate"
         )
     if not isfinite(estimated.shape) and estimated.finer is not Estimate.finer:
-        note = f"could not be estimated: Newton's method does not converge {estimated.finer}"
+        note = f"could not be estimated: no solution on this path was found {estimated.finer} in the time allowed"
         return Line(DISCRETISATION, None, "", "must be finite", Verdict.UNDECIDED, note)
     if not isfinite(estimated.shape):
         note = "could not be estimated: at the points of a finer quadrature the solution is not admissible"

@@ -243,7 +243,7 @@ def _correction(
     equations: Equations, solution: Solution, finer: Equations, moved: Floats, displacement: fem.Function
 ) -> Correction:
     nodes = None
-    if finer.body is equations.body.__dict__.get("halved"):
+    if equations.body.source.midsurface is not None:
         nodes = finer.body.nodes + solution.sign * finer.unknowns.geometry_values(displacement)
     return Correction(moved, displacement, _omitted_geometry(equations), nodes)
 
