@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.errors import MeshError
+from hpcinv.files.names import exists
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body import Body, local_node_values, read_mesh_file
 from hpcinv.mesh.midsurface import moved_levels
@@ -40,6 +41,8 @@ def _points(spec: MeshSpec, path: Path, given: MeshSource) -> Floats:
     """Return the nodes (n, 3) of a source in the shape of a file, in m."""
     if suffix_of(path) not in FILES:
         raise MeshError(f"{path}: solver.start_shape must be a mesh file ({', '.join(FILES)})", "Give its shape file.")
+    if not exists(path):
+        raise MeshError(f"{path}: no such file", "solver.start_shape is relative to the job file.")
     try:
         shape = read_mesh_file(spec, path)
     except OSError as exc:

@@ -616,6 +616,8 @@ def test_arch_that_snapped_comes_back_from_a_rough_shape(tmp_path: Path) -> None
     assert "arch0.13.msh" in line.note
     assert np.abs(back().solutions[0].other_nodes - loaded.mesh_nodes).max() > 0.1
 
+    with pytest.raises(MeshError, match=r"none\.msh: no such file\n.*solver\.start_shape is relative"):
+        back(start_shape="none.msh")
     with pytest.raises(MeshError, match=r"the cells of solver\.start_shape are not"):
         back(start_shape=str(save_sheet(tmp_path / "other.msh", 5, 1, flat(1, 0.3))))
 
