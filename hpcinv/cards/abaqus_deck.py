@@ -260,7 +260,7 @@ class _Reader:
     def _add_weight(self, acceleration: tuple[float, ...], names: list[str]) -> None:
         """Add the gravity of sets, which is one of the whole body."""
         components = [Measure(component, length=1, time=-2) for component in acceleration]
-        self._add_mass({"effect": "gravity", "acceleration": components}, "GRAV", names)
+        self._add_mass_load({"effect": "gravity", "acceleration": components}, "GRAV", names)
 
     def _add_rotation(self, data: list[float], factor: float, name: str) -> None:
         """Add a centrifugal force by the square of the velocity (1/s²), a point of the axis, and its direction."""
@@ -268,18 +268,12 @@ class _Reader:
         speed = f"{(square * factor) ** 0.5:.15g} rad/s"
         centre = [Measure(component, length=1) for component in rest[:3]]
         effect = {"effect": "centrifugal", "angular_velocity": speed, "axis": rest[3:], "centre": centre}
-        self._add_mass(effect, "CENTRIF", [name])
+        self._add_mass_load(effect, "CENTRIF", [name])
 
-    def _add_mass(self, effect: Mapping[str, Any], kind: str, names: list[str]) -> None:
-        """Add a load on the mass of sets, with the density."""
+    def _add_mass_load(self, effect: Mapping[str, Any], kind: str, names: list[str]) -> None:
+        """Add a load on the mass of sets."""
         used = [self._densities[m] for m in self._deck.materials.values() if m in self._densities]
-        if not any(used):
-            self._deck.unused.append(f"*DLOAD, {kind} on {', '.join(names)}: no material has a *DENSITY")
-            return
-        mass = Measure(next(filter(None, used)), length=-2, stress=1, time=2)
-        self._deck.effects.append({**effect, "density": mass, "on": names})
-        if len(set(used)) > 1:
-            self._deck.unused.append("further *DENSITY: the job has one; give densities by region")
+        self._deck.mass_load({**effect, "on": names}, used, f"*DLOAD, {kind} on {', '.join(names)}", "*DENSITY")
 
 
 class _Amplitudes:

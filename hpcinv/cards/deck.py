@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -81,3 +81,17 @@ class Deck:
             self.supports.append({"region": region, "displacement": components})
         elif values:
             self.supports.append({"region": region, "fix": sorted(values)})
+
+    def mass_load(self, effect: Mapping[str, Any], densities: Sequence[float], load: str, entry: str) -> None:
+        """Add a load on mass with the first density that is not zero; without one it is not used.
+
+        Args:
+            load, entry: names of the load and of a density in the file.
+        """
+        if not any(densities):
+            self.unused.append(f"{load}: no material has a {entry}")
+            return
+        mass = Measure(next(filter(None, densities)), length=-2, stress=1, time=2)
+        self.effects.append({**effect, "density": mass})
+        if len(set(densities)) > 1:
+            self.unused.append(f"further {entry}: the job has one; give densities by region")

@@ -155,14 +155,9 @@ class _Reader:
 
     def _add_weight(self, acceleration: tuple[float, ...]) -> None:
         densities = {number(entry.text or "", "density") for entry in self._root.findall("Material/material/density")}
-        if not any(densities):
-            self._deck.unused.append("<body_load>: no material has a <density>")
-            return
         components = [Measure(component, length=1, time=-2) for component in acceleration]
-        mass = Measure(max(densities), length=-2, stress=1, time=2)
-        self._deck.effects.append({"effect": "gravity", "acceleration": components, "density": mass})
-        if len(densities) > 1:
-            self._deck.unused.append("further <density>: the job has one; give densities by region")
+        effect = {"effect": "gravity", "acceleration": components}
+        self._deck.mass_load(effect, sorted(densities, reverse=True), "<body_load>", "<density>")
 
     def _factor(self, item: ET.Element, what: str, region: str) -> float:
         """Return the value of the load curve of an entry at the end; 1 without one."""

@@ -114,7 +114,8 @@ def build_regions(
         low, high = (", ".join(f"{v:g}" for v in corner) for corner in extent(mesh.comm, points))
         raise MeshError(
             "\n".join(f"{source.path}: {p}" for p in problems),
-            f"The mesh extends from ({low}) to ({high}) m; a condition must hold at all vertices of a facet.",
+            f"The mesh extends from ({low}) to ({high}) m; a condition must hold at all vertices of a facet, and a"
+            " listed point must be a vertex.",
         )
     return regions
 
