@@ -230,13 +230,13 @@ class _Reader:
     def _add_forces(self) -> None:
         vectors = {name: tuple(force.get(i, 0.0) for i in range(3)) for name, force in self._forces.items()}
         single: dict[int, tuple[float, float, float]] = {}
-        by_lower = {name.lower(): name for name in self._sets}
+        spelled_sets = {name.lower(): name for name in self._sets}
         for name, (x, y, z) in vectors.items():
             if name.isdigit() and int(name) in self._couplings:
                 self._add_coupled(int(name), (x, y, z))
             elif name.isdigit():
                 single[int(name)] = x, y, z
-            elif (region := by_lower.get(name.lower())) is not None:
+            elif (region := spelled_sets.get(name.lower())) is not None:
                 forces = dict.fromkeys(self._sets[region], (x, y, z))
                 self._deck.forces.append(NodalForces(region, f"*CLOAD on {name}", forces))
             else:

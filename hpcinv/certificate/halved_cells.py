@@ -47,13 +47,13 @@ def refined_values(given: Body, values: Floats) -> Floats:
 def given_values(given: Body, values: Floats) -> Floats:
     """Return values at the local geometry nodes of ``given`` from values (n, k) at the nodes of `Body.halved`."""
 
-    def at_given(source: MeshSource, rows: Floats) -> Floats:
+    def kept_rows(source: MeshSource, rows: Floats) -> Floats:
         assert given.source.shell is not None
         levels = len(given.source.shell.levels)
         count = len(given.source.points) // levels
         return rows.reshape(levels, -1, rows.shape[1])[:, :count].reshape(levels * count, -1)
 
-    return _carried(given.halved, given, values, at_given)
+    return _carried(given.halved, given, values, kept_rows)
 
 
 def _carried(source: Body, target: Body, values: Floats, rule: Callable[[MeshSource, Floats], Floats]) -> Floats:
@@ -81,12 +81,12 @@ def refined_pressure(given: Body, unknowns: Unknowns, pressure: fem.Function, fi
     find it."""
     nodes, geometry = scalar_element("hexahedron", given.degree), unknowns.mesh.geometry
     values = np.zeros((len(geometry.x), 1))
-    at_nodes = unknowns.scalar_elements[1].basix_element.tabulate(0, nodes.points)[0, :, :, 0]
-    values[geometry.dofmaps[0], 0] = pressure.x.array[pressure.function_space.dofmap.list] @ at_nodes.T
+    nodal_basis = unknowns.scalar_elements[1].basix_element.tabulate(0, nodes.points)[0, :, :, 0]
+    values[geometry.dofmaps[0], 0] = pressure.x.array[pressure.function_space.dofmap.list] @ nodal_basis.T
     values = refined_values(given, values)
     p = fem.Function(finer.pressure_space, name="pressure")
-    at_points = nodes.tabulate(0, finer.scalar_elements[1].basix_element.points)[0, :, :, 0]
-    p.x.array[p.function_space.dofmap.list] = values[finer.mesh.geometry.dofmaps[0], 0] @ at_points.T
+    pressure_basis = nodes.tabulate(0, finer.scalar_elements[1].basix_element.points)[0, :, :, 0]
+    p.x.array[p.function_space.dofmap.list] = values[finer.mesh.geometry.dofmaps[0], 0] @ pressure_basis.T
     return p
 
 

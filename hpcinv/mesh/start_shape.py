@@ -50,8 +50,8 @@ def _points(spec: MeshSpec, path: Path, given: MeshSource) -> Floats:
     shape = shape.drop_unused_nodes()
     if spec.geometry_degree is not None and given.shell is None:
         shape = change_degree(shape, spec.geometry_degree)
-    of_body = given if given.midsurface is None else given.midsurface
-    if not _has_same_cells(shape, of_body):
+    body_cells = given if given.midsurface is None else given.midsurface
+    if not _has_same_cells(shape, body_cells):
         raise MeshError(
             f"{path}: the cells of solver.start_shape are not the cells of {given.path}",
             "Move the nodes of that mesh, and keep their numbers and the order of the cells.",

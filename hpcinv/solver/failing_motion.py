@@ -73,13 +73,13 @@ def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, 
     elif job.mesh.shell is not None and largest > 1.0:
         first = f"{_SMALL / largest:.0e}, minimum_step: {1e-4 * _SMALL / largest:.0e}"
         lines.append(f"A sheet hardly resists across itself before it is tense: solver: {{initial_step: {first}}}")
-    if system.scene.kinematics.direction == "inverse" and (names := list(_by_unknown_body(job))):
+    if system.scene.kinematics.direction == "inverse" and (names := list(_unknown_position_formulas(job))):
         text = "depends on X, Y or Z, which are unknown until the end of the path"
         lines.append(f"{names[0]} {text}: write it with x, y, z, or as an array of the mesh")
     return lines
 
 
-def _by_unknown_body(job: Job) -> Iterator[str]:
+def _unknown_position_formulas(job: Job) -> Iterator[str]:
     """Yield the places of effects' formulas of the reference position."""
     for number, effect in enumerate(job.effects):
         for name, (value, _) in effect.quantities().items():

@@ -238,8 +238,8 @@ def test_angle_of_a_fold_does_not_depend_on_the_cells(tmp_path: Path) -> None:
         columns = (body.points[-len(surface.points) :] - body.points[: len(surface.points)]) / THIN.thickness
         half = np.radians(angle / 2)
         expected = np.array([np.sin(half), 0, np.cos(half)])
-        on_fold = np.isclose(surface.points[:, [0, 2]], 0).all(axis=1)
-        assert np.abs(np.abs(columns[on_fold] @ expected) - 1).max() < 1e-12
+        fold_nodes = np.isclose(surface.points[:, [0, 2]], 0).all(axis=1)
+        assert np.abs(np.abs(columns[fold_nodes] @ expected) - 1).max() < 1e-12
 
 
 @pytest.mark.parametrize(

@@ -111,7 +111,7 @@ def extract_surface(gmsh: Any, path: Path) -> tuple[MeshSource, ...]:
     Groups of surfaces have ``dim`` 3, as groups of cells have, and groups of curves have 2.
 
     Raises:
-        MeshError: there are no triangles or quadrilaterals of degree 1 or 2, or also solid or other cells.
+        MeshError: there are solid cells, or surface cells other than triangles and quadrilaterals of degree 1 or 2.
     """
     mesh = gmsh.model.mesh
     solid, names = (sorted(mesh.getElementProperties(t)[0] for t in mesh.getElementTypes(d)) for d in (3, 2))
