@@ -343,6 +343,32 @@ def test_error_estimate_agrees_with_a_finer_mesh(tmp_path: Path, comm: MPI.Intra
     assert result.estimate.shape == pytest.approx(largest, rel=0.8)
 
 
+def test_error_estimate_of_a_ring_that_bends_far_has_the_right_sign(tmp_path: Path) -> None:
+    """Newton's method comes near to a state that is too stiff by as much, and leaves it again."""
+
+    def solved(cells: int, **certificate: Any) -> Result:
+        path = save_sheet(
+            tmp_path / f"{cells}.msh",
+            cells,
+            cells // 4,
+            lambda s, t: np.column_stack([np.sin(np.pi / 2 * s), 0.2 * t, np.cos(np.pi / 2 * s)]),
+        )
+        return solve(
+            path,
+            0.01,
+            analysis="forward",
+            material={"law": "neo-hookean", "young": 1e6, "poisson": 0.3},
+            effects=[{"effect": "traction", "region": "x0", "traction": [0, 0, -20], "area_in": "reference"}],
+            supports=[{"region": edge, "fix": [axis]} for edge, axis in (("x0", "x"), ("x1", "z"), ("y0", "y"))],
+            quantities=[{"name": "q", "of": "uz", "at": [0, 0, 1]}],
+            certificate={"level": "quick", "overlap": False} | certificate,
+        )
+
+    coarse, fine = solved(4, estimate=True), solved(8)
+    assert coarse.estimate is not None
+    assert coarse.estimate.quantities["q"] == pytest.approx(fine.quantities["q"] - coarse.quantities["q"], rel=0.05)
+
+
 @pytest.mark.parallel([2])
 @pytest.mark.parametrize("face", ["inner", pytest.param("outer", marks=pytest.mark.release)])
 def test_pressure_acts_on_the_faces_of_a_thick_cylinder(tmp_path: Path, comm: MPI.Intracomm, face: str) -> None:
