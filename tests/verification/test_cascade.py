@@ -132,7 +132,7 @@ def test_the_cascade_goes_on_to_the_next_and_gives_up_in_bounds(
 
 @pytest.mark.release
 def test_no_rescue_is_tried_beyond_a_limit_point(comm: MPI.Intracomm) -> None:
-    """Beyond a limit point, where no body can be in the state, and where the first tangent is singular."""
+    """Beyond a limit point, and where no body can be in the state."""
     beyond_fold = attempts(tried(cube(1.25), comm))
     no_shape = job(
         mesh=SPHERE,
@@ -140,18 +140,11 @@ def test_no_rescue_is_tried_beyond_a_limit_point(comm: MPI.Intracomm) -> None:
         effects=[{"effect": "pressure", "region": "inner", "pressure": 2.5}],
         supports=OCTANT,
     )
-    nowhere_to_go = job(
-        analysis="forward",
-        mesh=box((2, 1, 1), hexahedra=True),
-        material={"law": "neo-hookean", "mu": 1e3, "lam": "incompressible"},
-        supports=[{"region": "boundary", "displacement": ["0.1*y", 0, 0]}],
-    )
     print(beyond_fold)
     assert [attempt.strategy for attempt in beyond_fold] == ["arc-length"]
-    assert {solve.strategy for solve in tried(nowhere_to_go, comm)} == {"load steps"}
-    # The limit load of a body that keeps no volume beyond it looks like a limit point from below.
+    # Load steps take the largest load for a limit point; the power series, which follows them, ends there.
     solves = tried(no_shape, comm)
-    assert {solve.strategy for solve in solves} <= {"load steps", "arc-length"}
+    assert {solve.strategy for solve in solves} == {"load steps", "power series"}
     assert solves[-1].outcome is Outcome.VOLUME_CHANGED
 
 
