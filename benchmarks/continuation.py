@@ -2,10 +2,10 @@
 
 Jobs are solved by ``solver: {continuation: steps}``, ``series`` and ``auto``, with factors and without nested iteration
 and certificate. Of each the table has factorizations, failed solves in brackets, and processor seconds of set-up and
-solution in a warm process, on this rank. Where the full load is not reached, the load factor stands first. The last two
-columns are the seconds of ``auto`` over the seconds of ``steps``, and the largest difference of their displacements,
-relative to the largest. Scenes of SANM are solved if ``HPCINV_SCENES`` names their folder
-(`benchmarks/published/sanm`).
+solution in a warm process, on this rank. Where the full load is not reached, the load factor stands first; "refused"
+is a job that the program does not solve in this way. The last two columns are the seconds of ``auto`` over the seconds
+of ``steps``, and the largest difference of their displacements, relative to the largest. Scenes of SANM are solved if
+``HPCINV_SCENES`` names their folder (`benchmarks/published/sanm`).
 
 Command: mpirun -n 1 python benchmarks/continuation.py [jobs …]
 """
@@ -54,9 +54,16 @@ ARCH = {
     "let": {},
     "quantities": [{"name": "crown", "of": "uz", "at": [0, 0, 0]}],
 }
+ROOF = {"mesh.shell": {"thickness": "6.35 mm"}, "let.force": "3 kN*share/4/(6.35 mm*2.54 m*cell)"}
+ARC_LENGTH = {"solver": {"strategy": "arc-length", "limit_points": 2}}
 CHANGED: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("shallow arch", "sze/roof.yaml", ARCH),
     ("roof, full load", "sze/roof.yaml", {"let.share": 1.0}),
+    ("roof of 6.35 mm", "sze/roof.yaml", ROOF),
+    ("the same by arc length", "sze/roof.yaml", ROOF | ARC_LENGTH),
+    ("slit ring, 2 × 24 cells", "sze/slit.yaml", {"mesh.parameters": {"across": 2, "around": 24}}),
+    ("balloon, 1.34 × its largest pressure", "balloon/balloon.yaml", {"effects[0].pressure": "12 kPa"}),
+    ("balloon, volume beyond that", "balloon/filled-beyond.yaml", {}),
     ("column, 1.2 × Euler", EULER, {"let.multiple": 1.2}),
     ("column, 300 × Euler", EULER, {"let.multiple": 300}),
 )
@@ -108,7 +115,7 @@ def jobs() -> Iterator[tuple[str, Job]]:
         yield name, beam
         yield f"{name}, weight ×4", beam.with_({"effects[0].acceleration": gravity})
     for name in PUBLISHED:
-        yield Path(name).stem, hpcinv.load(RESULTS / f"{name}.yaml")
+        yield Path(name).stem, by_load(hpcinv.load(RESULTS / f"{name}.yaml"))
     for name, file, changes in CHANGED:
         yield name, hpcinv.load(RESULTS / file).with_(changes)
     for name, data in LARGER.items():
@@ -116,12 +123,28 @@ def jobs() -> Iterator[tuple[str, Job]]:
             yield f"{name}, {analysis}", parse({**data, "analysis": analysis}, ROOT / "benchmarks" / "bodies.yaml")
     for path in sorted((ROOT / "jobs" / "hard").glob("*.yaml")):
         if REFUSED not in path.read_text(encoding="utf-8"):
-            yield path.stem, hpcinv.load(path)
+            yield path.stem, by_load(hpcinv.load(path))
+
+
+def by_load(job: Job) -> Job:
+    """Return the job without the settings that ask for another continuation."""
+    solver = job.data.get("solver", {})
+    return job.with_({"solver": {key: value for key, value in solver.items() if key not in STRATEGY}})
+
+
+def attempted(job: Job, continuation: str, comm: MPI.Intracomm) -> Run | None:
+    """Return the run, ``None`` where the program refuses the job."""
+    try:
+        return solved(job, continuation, comm)
+    except HpcinvError:
+        return None
 
 
 def solved(job: Job, continuation: str, comm: MPI.Intracomm) -> Run:
-    own = {key: value for key, value in job.data.get("solver", {}).items() if key not in STRATEGY}
-    job = job.with_({"solver": own | SETTINGS | {"continuation": continuation}})
+    solver = job.data.get("solver", {}) | SETTINGS
+    if continuation != "steps" or "strategy" not in solver:
+        solver["continuation"] = continuation
+    job = job.with_({"solver": solver})
     begin = time.process_time()
     equations = Equations(job, build_body(job.mesh, job.regions, comm, resolve=job.resolve), Timings())
     method = DirectMethod(equations, job.directions[0])
@@ -130,8 +153,12 @@ def solved(job: Job, continuation: str, comm: MPI.Intracomm) -> Run:
     return Run(solves, equations.unknowns.displacement().x.array.copy(), time.process_time() - begin)
 
 
-def difference(steps: Run, other: Run) -> str:
-    if not steps.load == other.load == 1.0:
+def ratio(steps: Run | None, other: Run | None) -> str:
+    return "" if steps is None or other is None else f"{other.seconds / steps.seconds:.2f}"
+
+
+def difference(steps: Run | None, other: Run | None) -> str:
+    if steps is None or other is None or not steps.load == other.load == 1.0:
         return ""
     u, v = steps.displacement, other.displacement
     return f"{np.abs(u - v).max() / (np.abs(u).max() or 1.0):.0e}"
@@ -141,20 +168,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", help="names in the table, or files of jobs; left out, all")
     names = parser.parse_args().names
-    files = [(Path(name).stem, hpcinv.load(Path(name))) for name in names if name.endswith(".yaml")]
+    files = [(Path(name).stem, by_load(hpcinv.load(Path(name)))) for name in names if name.endswith(".yaml")]
     chosen = files or [entry for entry in jobs() if not names or entry[0] in names]
     comm = MPI.COMM_WORLD
     say(comm, "| job | load steps | power series | auto | auto ÷ steps | difference |")
     say(comm, "|---|---|---|---|---|---|")
     for name, job in chosen:
-        try:
-            solved(job, "auto", comm)  # loads kernels
-            steps, series, auto = (solved(job, continuation, comm) for continuation in CONTINUATIONS)
-        except HpcinvError as error:
-            say(comm, f"| {name} | not set up: {type(error).__name__} |||||")
-            continue
-        ratio = f"{auto.seconds / steps.seconds:.2f}"
-        say(comm, f"| {name} | {steps} | {series} | {auto} | {ratio} | {difference(steps, auto)} |")
+        attempted(job, "auto", comm)  # loads kernels
+        runs = steps, _, auto = [attempted(job, continuation, comm) for continuation in CONTINUATIONS]
+        columns = " | ".join("refused" if run is None else str(run) for run in runs)
+        say(comm, f"| {name} | {columns} | {ratio(steps, auto)} | {difference(steps, auto)} |")
 
 
 def say(comm: MPI.Intracomm, line: str) -> None:
