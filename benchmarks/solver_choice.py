@@ -150,8 +150,8 @@ def measured(data: JobData, linear: str, limit: float, workspace: Workspace) -> 
     return sum(float(phases[name]["max"]) for name in {*SOLVER, "set-up"} if name in phases), result.statistics
 
 
-def row(name: str, data: JobData) -> float | None:
-    """Print the line of one body; return the time of `auto` by the better one's."""
+def row(name: str, data: JobData, least_rounds: int) -> float | None:
+    """Print the line of one body, the least times of all rounds; return the time of `auto` by the better one's."""
     with Workspace(MPI.COMM_WORLD) as workspace:
         first = measured(data, "direct", math.inf, workspace)
         if isinstance(first, str):
@@ -159,7 +159,7 @@ def row(name: str, data: JobData) -> float | None:
             return None
         times = {"direct": [first[0]], "iterative": [], "auto": []}
         used: dict[str, Any] = {"direct": first[1]}
-        rounds = 1 if first[0] > SHORT else 3
+        rounds = least_rounds if first[0] > SHORT else max(least_rounds, 3)
         for linear in ("iterative", "auto", "direct") * rounds:
             if linear == "direct" and rounds == 1:
                 continue
@@ -191,6 +191,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", help="bodies; all without names")
     parser.add_argument("--jobs", nargs="*", type=Path, default=[], help="further jobs, with their direction")
+    parser.add_argument("--rounds", type=int, default=1, help="least number of rounds; times are their least (1)")
     options = parser.parse_args()
     vars(hpcinv.parallel.timings)["time"] = SimpleNamespace(perf_counter=time.process_time)
     say(f"{'body':34}{'unknowns':>9}{'direct':>9}{'iterat.':>9}{'auto':>9}{'ratio':>7}{'Krylov':>8}  auto's choice")
@@ -200,7 +201,7 @@ def main() -> None:
         if options.names and name not in options.names and name not in scenes:
             continue
         analysis = data.get("analysis", ("inverse", "forward")[number // 2 % 2])
-        ratio = row(f"{name}, {analysis}", {**data, "analysis": analysis})
+        ratio = row(f"{name}, {analysis}", {**data, "analysis": analysis}, options.rounds)
         if ratio is not None:
             ratios[("fitted", "held out")[number % 2]].append(ratio)
     for kind, values in ratios.items():

@@ -101,7 +101,7 @@ class Equations(DiscreteModel):
             with self._naming_job():
                 system = System(scene, self.supports, self.timings, like)
             with self.timings("set-up"):
-                self.chooser.analyse(solver, lambda: system.matrix, self.unknowns)
+                self.chooser.analyse(solver, self.unknowns)
             linear = LinearSolver(
                 system, solver.petsc, self.chooser.choose(solver), f"{self.job.path or UNNAMED}: solver.petsc"
             )

@@ -38,15 +38,24 @@ _ROWS = (15, 29, 49, 75), (27, 64, 125, 216)
 _DISPLACEMENT_KRYLOV, _MIXED_KRYLOV = 9, 18
 _STIFF = 10.0  # bulk by shear modulus from which the displacement form takes iterations by the root of that ratio
 _FLAT = 100.0  # cubed norm of a cell's edges by its volume: 5 for equal orthogonal edges, 100 for a height of 1/35
+# Volume of solid bodies by the product of their extents: 0.79 to 0.91 for blocks and organs, at most 0.56 for lattices,
+# sponges and trees, 1.3 for a mesh that is graded towards a corner. A wider range saves analyses and may miss branches.
+_FILLED = 0.7, 1.15
+_FLATTENED = 2.0  # ratio of the shorter extents above which a body is a plate, whose separators are smaller
 _REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
 
 
 @dataclass(frozen=True)
 class Shape:
-    """Number of unknowns in a cut across the longest extent of a body, and that extent by the root of the cut area."""
+    """Number of unknowns in a cut across the longest extent of a body, and that extent by the root of the cut area.
+
+    Attributes:
+        is_solid: whether the body fills the extents of a rod or a cube, so that no separator is clearly smaller.
+    """
 
     cut: float
     aspect: float
+    is_solid: bool = False
 
     @classmethod
     def equal_rod(cls, operations: float, unknowns: int) -> Shape:
@@ -72,6 +81,7 @@ class Forecast:
         is_mixed: whether the pressure is an unknown.
         has_hexahedra: whether the cells are hexahedra.
         stiffness: largest ratio of bulk to shear modulus.
+        extents: shape of the body, where ``shape`` is the rod with as many operations. It decides on the precision.
     """
 
     unknowns: int
@@ -80,12 +90,18 @@ class Forecast:
     is_mixed: bool = False
     has_hexahedra: bool = False
     stiffness: float = 1.0
+    extents: Shape | None = None
 
     def degree_forecast(self, degree: int) -> Forecast:
         """Return the forecast for spaces of another degree on the same body."""
         finer = degree / self.degree
         shape = replace(self.shape, cut=self.shape.cut * finer**2)
         return replace(self, unknowns=round(self.unknowns * finer**3), degree=degree, shape=shape)
+
+    @property
+    def block(self) -> Forecast:
+        """The forecast by the extents of the body."""
+        return self if self.extents is None else replace(self, shape=self.extents, extents=None)
 
     @property
     def coarser(self) -> Forecast:
@@ -143,11 +159,12 @@ class Forecast:
     @property
     def direct(self) -> float:
         """Time of the factorizations (s), and of their refinement."""
-        if self.operations < SINGLE:
+        block = self.block
+        if block.operations < SINGLE:
             return self._new_tangents * self.factorization
         refinement = 6e-10 * self.entries + 2e-7 * self.unknowns
         # Compact and slender bodies have factors in single precision (`hpcinv.solver.linear.selection`).
-        is_double = COMPACT <= self.shape.aspect < SLENDER and self.operations < LOW_RANK
+        is_double = COMPACT <= block.shape.aspect < SLENDER and block.operations < LOW_RANK
         factorization = self.factorization if is_double else self._single_precision_time
         return self._new_tangents * factorization + CORRECTIONS * _REFINEMENTS * refinement
 
@@ -195,10 +212,16 @@ def shape_of(unknowns: Unknowns) -> Shape:
     nodes = comm.allreduce(len(x))
     centre = comm.allreduce(x.sum(axis=0)) / nodes
     spread = np.linalg.eigvalsh(comm.allreduce((x - centre).T @ (x - centre)) / nodes)
-    length = float(np.sqrt(12 * spread[-1]))  # exact for a rod or a block
+    extents = np.sqrt(12 * np.maximum(spread, 0.0))  # exact for a rod or a block
+    length = float(extents[-1])
     volume = float(comm.allreduce(_volume(unknowns), op=MPI.SUM))
     spacing = (volume / nodes) ** (1 / 3)
-    return Shape(cut=unknowns.size * spacing / length, aspect=max(length / (volume / length) ** 0.5, 1.0))
+    is_filled = _FILLED[0] * extents.prod() < volume < _FILLED[1] * extents.prod()
+    return Shape(
+        cut=unknowns.size * spacing / length,
+        aspect=max(length / (volume / length) ** 0.5, 1.0),
+        is_solid=bool(is_filled and extents[1] < _FLATTENED * extents[0]),
+    )
 
 
 def flat_share(unknowns: Unknowns) -> float:

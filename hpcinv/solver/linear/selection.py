@@ -1,10 +1,8 @@
 """Choice of the linear solver's configuration: by the job, or by size, shape and available memory."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-
-from petsc4py import PETSc
 
 from hpcinv.effects import Direction
 from hpcinv.job.settings import Solver
@@ -99,7 +97,6 @@ class Chooser:
         has_hexahedra = unknowns.mesh.topology.cell_type.name == "hexahedron"
         shape, is_mixed = shape_of(unknowns), unknowns.p is not None
         self.forecast = Forecast(unknowns.size, degree, shape, is_mixed, has_hexahedra, stiffness)
-        self._block: Forecast | None = None  # the forecast by extents, where an analysis counts fewer operations
         self._flat_share = flat_share(unknowns)
         self.room = _ROOM * available(unknowns.mesh.comm)
         self._is_slender = self.forecast.shape.aspect >= SLENDER
@@ -109,7 +106,7 @@ class Chooser:
     @property
     def is_compact(self) -> bool:
         """True if no extent of the body is much larger than the others."""
-        return self.forecast.shape.aspect < COMPACT
+        return self.forecast.block.shape.aspect < COMPACT
 
     @property
     def can_factorize(self) -> bool:
@@ -126,10 +123,10 @@ class Chooser:
         """True if there is memory for a waiting hierarchy, another one, and the fields of finer spaces."""
         return _KEPT * self.forecast.multigrid <= self.room
 
-    def analyse(self, solver: Solver, matrix: Callable[[], PETSc.Mat], unknowns: Unknowns) -> None:
+    def analyse(self, solver: Solver, unknowns: Unknowns) -> None:
         """Count operations by a symbolic analysis where the extents of the body do not decide; collective.
 
-        They are a block's, and a body of branches or with holes has smaller separators.
+        A body of branches or with holes has smaller separators than a block of its extents.
         """
         if (
             solver.linear != "auto"
@@ -137,16 +134,17 @@ class Chooser:
             or not self.can_factorize
             or self._is_analysed
             or self._is_shell
+            or self.forecast.shape.is_solid
             or self._flat_share >= _FLAT_SHARE
         ):
             return
         if not _WORTH < self.forecast.direct / self.forecast.iterative < _OBVIOUS:
             return
         self._is_analysed = True
-        operations = operations_of(matrix(), unknowns)
+        operations = operations_of(unknowns)
         if operations is not None and _UNLIKE * operations < self.forecast.operations:
-            self._block = self.forecast
-            self.forecast = replace(self.forecast, shape=Shape.equal_rod(operations, self.forecast.unknowns))
+            shape = Shape.equal_rod(operations, self.forecast.unknowns)
+            self.forecast = replace(self.forecast, shape=shape, extents=self.forecast.shape)
 
     def choose(self, solver: Solver) -> Choice:
         """Return the configuration that ``solver.linear`` names, or the faster one for which there is memory."""
@@ -155,7 +153,7 @@ class Chooser:
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         chosen = self._choose(solver)
         # Where fewer operations are counted than a block has, entries take the time, and they are as many.
-        operations = (self._block or self.forecast).operations
+        operations = self.forecast.block.operations
         low_rank = operations >= LOW_RANK
         is_refined = operations >= SINGLE
         # For the series of thin bodies single precision does not suffice, and a series takes two factorizations only.
