@@ -21,6 +21,7 @@ from hpcinv.cards.card import (
     shown,
     triangle,
 )
+from hpcinv.reading.included_files import joined_lines
 
 PROGRAM = "Abaqus"
 _PER_LINE = 8
@@ -89,20 +90,13 @@ def read(text: str, name: str | None = None) -> Card:
 def keywords(text: str) -> Iterator[Keyword]:
     """Yield the keywords of an input file; comments are left out."""
     keyword: Keyword | None = None
-    head = ""
-    for line in text.splitlines():
-        stripped = line.strip()
-        if not stripped or stripped.startswith("**"):
-            continue
-        if head or stripped.startswith("*"):
-            head += stripped
-            if head.endswith(","):  # continued on the next line
-                continue
+    for _, line in joined_lines(text.splitlines()):
+        if line.startswith("*"):
             if keyword is not None:
                 yield keyword
-            keyword, head = _keyword(head), ""
+            keyword = _keyword(line)
         elif keyword is not None:
-            keyword.lines.append([entry.strip() for entry in stripped.removesuffix(",").split(",")])
+            keyword.lines.append([entry.strip() for entry in line.removesuffix(",").split(",")])
     if keyword is not None:
         yield keyword
 

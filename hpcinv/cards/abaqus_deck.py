@@ -83,6 +83,8 @@ class _Reader:
                     deck.materials[keyword.parameters.get("ELSET", "")] = self._materials.get(name.lower(), name)
                 case "TRANSFORM":
                     self._turned.add(keyword.parameters.get("NSET", "").lower())
+                case "BOUNDARY" | "DLOAD" | "DSLOAD" | "CLOAD" if not (keyword.lines or "OP" in keyword.parameters):
+                    deck.unused.append(f"*{keyword.name}, which has no line of data")
                 case "BOUNDARY":
                     self._read_conditions(keyword, step)
                 case "DLOAD" | "DSLOAD":

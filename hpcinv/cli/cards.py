@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.errors import JobError, OutputError
+from hpcinv.reading.suffix import suffix_of
 
 if TYPE_CHECKING:
     from hpcinv.cards.card import Card
@@ -71,18 +72,31 @@ def _read_card(options: argparse.Namespace) -> str:
 
 def _card_text(argument: str) -> tuple[str, str]:
     """Return place, for messages, and text of a card: of a file, of standard input, or the argument itself."""
-    from hpcinv.cards.card import LARGEST
-    from hpcinv.quantity.csv_rows import text_of
-
     if argument == "-":
         return "standard input", sys.stdin.read()
     text = argument.replace("\\n", "\n")
     if text.lstrip().startswith(("*", "<")) or "\n" in text:
         return "the card", text
     try:
-        return argument, text_of(Path(argument), LARGEST)
+        return argument, file_text(Path(argument))
     except ValueError as error:
         raise JobError(f"{argument}: {error}") from None
+
+
+def file_text(path: Path) -> str:
+    """Return the text of a card's file, with the files that an input file includes; ``ValueError`` if there is none."""
+    from hpcinv.cards.card import LARGEST
+    from hpcinv.quantity.csv_rows import text_of
+    from hpcinv.reading.fault import Fault
+    from hpcinv.reading.included_files import lines_of
+
+    text = text_of(path, LARGEST)
+    if suffix_of(path) != ".inp" or "INPUT" not in text.upper():
+        return text
+    try:
+        return "\n".join(line.text for line in lines_of(path))
+    except Fault as fault:
+        raise ValueError(f"{fault.text}. {fault.advice}") from None
 
 
 def _unit(option: str | None, stated: str) -> str:

@@ -29,11 +29,11 @@ def job_from(options: argparse.Namespace) -> str:
     """Return the content of a job."""
     import importlib
 
-    from hpcinv.cards.card import LARGEST, CardError
+    from hpcinv.cards.card import CardError
+    from hpcinv.cli.cards import file_text
     from hpcinv.cli.mesh_input import length_unit
     from hpcinv.mesh.io.isolated import read_isolated
     from hpcinv.mesh.readers import FILES
-    from hpcinv.quantity.csv_rows import text_of
 
     path: Path = options.source
     program = _PROGRAMS.get(suffix_of(path))
@@ -47,7 +47,7 @@ def job_from(options: argparse.Namespace) -> str:
     tags = arrays["node_tags"]
     sets = {key[6:]: frozenset(tags[rows].tolist()) for key, rows in arrays.items() if key.startswith("nodes:")}
     try:
-        text = text_of(path, LARGEST)
+        text = file_text(path)
         deck: Deck = importlib.import_module(f"hpcinv.cards.{program}_deck").read_deck(text, sets)
         return _Job(options, program, source, deck, text, sets).text()
     except CardError as error:

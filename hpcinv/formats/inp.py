@@ -4,6 +4,8 @@ import re
 from pathlib import Path
 
 from hpcinv.formats.mesh_format import Groups, MeshFormat
+from hpcinv.reading.fault import Fault
+from hpcinv.reading.included_files import included_by, lines_of
 
 _NAMED = re.compile(
     r"^\s*\*\s*(?:NODE|ELEMENT|NSET|ELSET|SURFACE)\b[^\n]*?\b(?:NSET|ELSET|NAME)\s*=\s*\"?([^,\"\n]+)", re.I | re.M
@@ -25,7 +27,14 @@ class Inp(MeshFormat):
         """Groups by the names of sets and surfaces; unknown in an assembly, whose sets belong to instances."""
         if path.stat().st_size > _LARGEST:
             return None
-        text = path.read_text(encoding="latin-1")
+        try:
+            text = "\n".join(line.text for line in lines_of(path))
+        except Fault:  # reported by the reader
+            return None
         if _SEVERAL.search(text):
             return None
         return Groups(frozenset(name.strip() for name in _NAMED.findall(text)), patterns=_CONDITIONS)
+
+    def data_files(self, path: Path) -> list[str]:
+        """Files that it includes."""
+        return included_by(path)

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.errors import SystemPartMissing
-from hpcinv.quantity.csv_rows import Row, content_of, decoded, rows_of
+from hpcinv.quantity.csv_rows import Row, content_of, rows_of
 from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.reading.decoding import decoded
 
 _UNPACKED = 10
 """Unpacked size of a workbook as a multiple of the limit of files; raised, a hostile one can fill more memory."""

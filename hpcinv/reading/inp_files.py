@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.reading.fault import Fault, shown
+from hpcinv.reading.included_files import lines_of
 from hpcinv.reading.single_conditions import force_groups, fortran_number, held_axes, held_groups, pressed_groups
 
 FACES = {
@@ -53,10 +54,10 @@ class _Part:
 
 @dataclass
 class _Card:
-    line: int
+    place: str
     keyword: str
     options: Mapping[str, str]
-    rows: list[tuple[int, list[str]]]
+    rows: list[tuple[str, list[str]]]
 
 
 @dataclass
@@ -171,7 +172,7 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
                 kind, owner = ("nodes" if card.keyword == "NSET" else "cells"), current
                 if instance := options.get("INSTANCE"):
                     if instance.lower() not in {known.options.get("NAME", "").lower() for known in instances}:
-                        raise Fault(f"line {card.line}: there is no instance '{shown(instance)}'")
+                        raise Fault(f"{card.place}: there is no instance '{shown(instance)}'")
                     owner = parts.setdefault(f"{_INSTANCE}{instance.lower()}", _Part())
                 _read_set(owner, kind, _needed(card, card.keyword), card)
             case "SURFACE" if options.get("TYPE", "ELEMENT").upper() == "ELEMENT":
@@ -189,12 +190,8 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
             case "BOUNDARY" | "CLOAD":
                 ignored.add(card.keyword)
                 single.read(card)
-            case "INCLUDE":
-                raise Fault(
-                    f"line {card.line}: includes another file", "Put its lines in their place: one file is read."
-                )
             case "SYSTEM" | "NGEN" | "NFILL" | "ELGEN" | "NCOPY" | "ELCOPY":
-                text = f"line {card.line}: *{card.keyword} is not read"
+                text = f"{card.place}: *{card.keyword} is not read"
                 raise Fault(text, "Save the mesh with all its nodes and elements in global coordinates.")
             case name if name in _WITHOUT_EFFECT or name.endswith((" PRINT", " FILE", " OUTPUT")):
                 pass
@@ -224,10 +221,10 @@ def _placed(parts: Mapping[str, _Part], instances: list[_Card]) -> list[tuple[_P
         name = _needed(card, "PART")
         part = parts.get(name.lower())
         if part is None:
-            raise Fault(f"line {card.line}: there is no part '{shown(name)}'")
-        rows = [_numbers(row, line) for line, row in card.rows]
+            raise Fault(f"{card.place}: there is no part '{shown(name)}'")
+        rows = [_numbers(row, place) for place, row in card.rows]
         if len(rows) > 1:
-            raise Fault(f"line {card.line}: the instance is rotated", "Save the mesh in global coordinates.")
+            raise Fault(f"{card.place}: the instance is rotated", "Save the mesh in global coordinates.")
         shift = np.zeros(3)
         if rows:
             shift[: len(rows[0][:3])] = rows[0][:3]
@@ -259,65 +256,56 @@ def _placed(parts: Mapping[str, _Part], instances: list[_Card]) -> list[tuple[_P
 def _cards(path: Path) -> Iterator[_Card]:
     """Yield the keywords with their lines of data."""
     card: _Card | None = None
-    with path.open(encoding="latin-1") as file:
-        number, pending = 0, ""
-        for number, text in enumerate(file, 1):
-            line = text.strip()
-            if not line or line.startswith("**"):
-                continue
-            if line.startswith("*") or pending:
-                line = pending + line
-                pending = line if line.endswith(",") and not pending.endswith(line) else ""
-                if pending:
-                    continue
-                if card is not None:
-                    yield card
-                card = _keyword(line, number)
-            elif card is None:
-                raise Fault(f"line {number} is not a keyword", "Input files begin with a keyword such as *NODE.")
-            else:
-                card.rows.append((number, [entry.strip().strip('"') for entry in line.rstrip(",").split(",")]))
+    for place, line in lines_of(path):
+        if line.startswith("*"):
+            if card is not None:
+                yield card
+            card = _keyword(line, place)
+        elif card is None:
+            raise Fault(f"{place} is not a keyword", "Input files begin with a keyword such as *NODE.")
+        else:
+            card.rows.append((place, [entry.strip().strip('"') for entry in line.rstrip(",").split(",")]))
     if card is None:
         raise Fault("has no keywords", "Is it an input file of Abaqus or CalculiX?")
     yield card
 
 
-def _keyword(line: str, number: int) -> _Card:
+def _keyword(line: str, place: str) -> _Card:
     keyword, *options = (entry.strip() for entry in line[1:].split(","))
     pairs = (option.partition("=") for option in options if option)
     values = {name.strip().upper(): value.strip().strip('"') for name, _, value in pairs}
-    return _Card(number, " ".join(keyword.upper().split()), values, [])
+    return _Card(place, " ".join(keyword.upper().split()), values, [])
 
 
 def _needed(card: _Card, option: str) -> str:
     if not (value := card.options.get(option, "")):
-        raise Fault(f"line {card.line}: *{card.keyword} needs {option}=")
+        raise Fault(f"{card.place}: *{card.keyword} needs {option}=")
     return value
 
 
-def _numbers(row: list[str], line: int) -> list[float]:
+def _numbers(row: list[str], place: str) -> list[float]:
     try:
         values = [float(entry.lower().replace("d", "e")) for entry in row if entry]
     except ValueError:
-        raise Fault(f"line {line}: '{shown(', '.join(row))}' are not numbers") from None
+        raise Fault(f"{place}: '{shown(', '.join(row))}' are not numbers") from None
     if not np.isfinite(values).all():
-        raise Fault(f"line {line}: has a number that is not finite")
+        raise Fault(f"{place}: has a number that is not finite")
     return values
 
 
-def _tags(row: list[str], line: int) -> list[int]:
+def _tags(row: list[str], place: str) -> list[int]:
     try:
         return [int(entry) for entry in row if entry]
     except ValueError:
-        raise Fault(f"line {line}: '{shown(', '.join(row))}' are not whole numbers") from None
+        raise Fault(f"{place}: '{shown(', '.join(row))}' are not whole numbers") from None
 
 
 def _read_nodes(part: _Part, card: _Card) -> None:
     group = part.members("nodes", card.options["NSET"]) if card.options.get("NSET") else []
-    for line, row in card.rows:
-        tag, *position = _tags(row[:1], line) + _numbers(row[1:4], line)
+    for place, row in card.rows:
+        tag, *position = _tags(row[:1], place) + _numbers(row[1:4], place)
         if not position:
-            raise Fault(f"line {line}: a node has no coordinates")
+            raise Fault(f"{place}: a node has no coordinates")
         x, y, z = [*position, 0.0, 0.0][:3]  # those left out are zero
         part.nodes[int(tag)] = (x, y, z)
         group.append((str(int(tag)), ""))
@@ -328,39 +316,39 @@ def _read_elements(part: _Part, card: _Card) -> None:
     solid = _SOLID.fullmatch(kind)
     if solid is None:
         if _NOT_SOLID.fullmatch(kind):  # such as the surface elements of mesh programs, springs and masses
-            tags = [_tags(row[:1], line)[0] for line, row in card.rows if row[0]]
+            tags = [_tags(row[:1], place)[0] for place, row in card.rows if row[0]]
             part.others.update(tags)
             if card.options.get("ELSET"):
                 part.members("cells", card.options["ELSET"]).extend((str(tag), "") for tag in tags)
             return
-        text = f"line {card.line}: elements {shown(kind)} are not supported"
+        text = f"{card.place}: elements {shown(kind)} are not supported"
         raise Fault(text, "Use C3D4, C3D10, C3D8, C3D20 or C3D27, also with H, R, I or M.")
     count = int(solid[1])
     group = part.members("cells", card.options["ELSET"]) if card.options.get("ELSET") else []
     pending: list[int] = []
-    for line, row in card.rows:
-        pending += _tags(row, line)
+    for place, row in card.rows:
+        pending += _tags(row, place)
         if len(pending) < count + 1:
             continue
         if len(pending) > count + 1:
-            raise Fault(f"line {line}: an element {shown(kind)} has {count} nodes, not {len(pending) - 1}")
+            raise Fault(f"{place}: an element {shown(kind)} has {count} nodes, not {len(pending) - 1}")
         part.elements[pending[0]] = pending[1:]
         group.append((str(pending[0]), ""))
         pending = []
     if pending:
-        raise Fault(f"line {card.rows[-1][0]}: element {pending[0]} has {len(pending) - 1} nodes, not {count}")
+        raise Fault(f"{card.rows[-1][0]}: element {pending[0]} has {len(pending) - 1} nodes, not {count}")
 
 
 def _read_set(part: _Part, kind: str, name: str, card: _Card) -> None:
     members = part.members(kind, name)
-    for line, row in card.rows:
+    for place, row in card.rows:
         if "GENERATE" not in card.options:
             members += [(entry, "") for entry in row if entry]
             continue
-        numbers = _tags(row, line)
+        numbers = _tags(row, place)
         first, last, step = (*numbers, 1)[:3] if len(numbers) in (2, 3) else (1, 0, 1)
         if step < 1 or not 0 < (last - first) // step + 1 <= _MOST_GENERATED:
-            raise Fault(f"line {line}: the generated set has no valid range")
+            raise Fault(f"{place}: the generated set has no valid range")
         members += [(str(tag), _GENERATED) for tag in range(first, last + 1, step)]
 
 

@@ -16,7 +16,8 @@ from helpers.mesh_cases import spec
 
 import hpcinv
 from hpcinv.errors import MeshError
-from hpcinv.formats import FORMATS
+from hpcinv.formats import FORMATS, mesh_fault
+from hpcinv.job.fingerprint import file_digest
 from hpcinv.mesh import read_source, reorder_to_source
 from hpcinv.mesh.mesh_files import UnstorableMesh, save
 from hpcinv.mesh.source import MeshSource
@@ -215,7 +216,9 @@ FAULTS = {
     "*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4, 5": "line 2: an element C3D4 has 4 nodes, not 5",
     "*ELEMENT, TYPE=C3D15\n1, 1": "line 1: elements C3D15 are not supported",
     "*ELEMENT\n1, 1": "line 1: *ELEMENT needs TYPE=",
-    "*INCLUDE, INPUT=a.inp": "line 1: includes another file",
+    "*INCLUDE, INPUT=sub/b.inp": "line 1: includes 'sub/b.inp', which does not exist",
+    "*NODE, INPUT=a.inp": "line 1: 'a.inp' includes itself",
+    "*INCLUDE": "line 1: *INCLUDE needs INPUT=",
     "*SYSTEM\n1,0,0": "line 1: *SYSTEM is not read",
     "*INSTANCE, NAME=a, PART=b\n*END INSTANCE": "line 1: there is no part 'b'",
     "{tet}*ELSET, ELSET=a\na": "set 'a' contains itself",
@@ -238,6 +241,28 @@ def test_faults_are_named_with_their_line(text: str, message: str, tmp_path: Pat
         read(path)
     assert str(path) in refused.value.message
     assert message in refused.value.message
+
+
+def test_included_files_are_read_in_their_place(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    nodes, elements = TET.split("*ELEMENT")
+    body, inner = tmp_path / "body.inp", tmp_path / "sub" / "mesh.inc"
+    body.write_text("*HEADING\na\n*INCLUDE,\n INPUT=sub\\mesh.inc\n*NSET, NSET=Füße,\n*NSET, NSET=Füße\n1, 2, 3\n")
+    inner.write_text(f'*Node, input="my nodes.txt"\n*ELEMENT{elements}')
+    (tmp_path / "sub" / "my nodes.txt").write_text(nodes.removeprefix("*NODE\n"), encoding="utf-16")
+    source = read(body)
+    assert len(source.points) == 4
+    assert [group.name for group in source.groups] == ["Füße"]
+    assert FORMATS[".inp"].groups(body).names == {"Füße"}  # type: ignore[union-attr]
+    digest = file_digest(body)
+    (tmp_path / "sub" / "my nodes.txt").write_text(nodes.removeprefix("*NODE\n").replace("1,0,0", "1,0,1"))
+    assert file_digest(body) != digest
+    inner.write_text("*INCLUDE, INPUT=body.inp")
+    with pytest.raises(MeshError, match=r"mesh\.inc, line 1: 'body\.inp' includes itself"):
+        read(body)
+    body.write_text(f"*INCLUDE, INPUT={tmp_path.parent / 'a.inc'}")
+    (tmp_path.parent / "a.inc").write_text(TET)
+    assert "leads out of the directory" in mesh_fault(tmp_path, "body.inp")
 
 
 def test_damaged_files_get_a_message_or_are_read(tmp_path: Path) -> None:

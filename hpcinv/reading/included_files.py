@@ -1,0 +1,107 @@
+"""Lines of input files of Abaqus and CalculiX, with those of the files that they include.
+
+``*INCLUDE, INPUT=FILE`` stands for the lines of a file, ``INPUT=FILE`` of ``*NODE``, ``*ELEMENT`` and ``*AMPLITUDE``
+for their lines of data. Names are relative to the directory of the input file, or else of the file that includes them.
+Source: *Abaqus Keywords Guide*, ``*INCLUDE``, ``*NODE``.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from io import StringIO
+from pathlib import Path
+from typing import NamedTuple
+
+from hpcinv.reading.decoding import decoded
+from hpcinv.reading.fault import Fault, shown
+
+_INPUT = re.compile(r",\s*INPUT\s*=\s*(\"[^\"]*\"?|[^,]*)", re.IGNORECASE)
+_INCLUDING = re.compile(r"\*\s*(INCLUDE|NODE|ELEMENT|AMPLITUDE)\s*(?:,|$)", re.IGNORECASE)
+_DEEPEST = 20
+"""Levels of files in one another; Abaqus has at most five. Raised, a hostile file takes longer to be refused."""
+
+
+class Line(NamedTuple):
+    """A line of a file: its place, for messages, and its text without blanks at its ends."""
+
+    place: str
+    text: str
+
+
+def lines_of(path: Path) -> Iterator[Line]:
+    """Yield the lines that are neither empty nor comments; a keyword that is continued is one line.
+
+    Raises:
+        Fault: a file is missing, includes itself, or is not text.
+    """
+    yield from _lines(path, path.parent, ())
+
+
+def included_by(path: Path) -> list[str]:
+    """Return the names of all files that a file includes, relative to its directory, as far as they can be read."""
+    names: list[str] = []
+    try:
+        for line in _lines(path, path.parent, (), names):
+            del line
+    except (Fault, OSError):  # reported by the reader
+        pass
+    return list(dict.fromkeys(names))
+
+
+def _lines(path: Path, home: Path, above: tuple[Path, ...], names: list[str] | None = None) -> Iterator[Line]:
+    try:
+        text = decoded(path.read_bytes())[0]
+    except ValueError:
+        raise Fault(_place(above, path, "is not a text file"), "Save it as text, in UTF-8.") from None
+    inner = (*above, path.resolve())
+    for number, head in joined_lines(StringIO(text, newline=None)):
+        place = _place(above, path, f"line {number}")
+        including = _INCLUDING.match(head)
+        is_include = including is not None and including[1].upper() == "INCLUDE"
+        if not is_include:
+            yield Line(place, head)
+        if including is not None and (included := _INPUT.search(head)):
+            file = _found(included[1].strip().strip('"').strip(), home, path.parent, place, names)
+            if file.resolve() in inner or len(inner) > _DEEPEST:
+                raise Fault(f"{place}: '{shown(file.name)}' includes itself", "Remove the line.")
+            yield from _lines(file, home, inner, names)
+        elif is_include:
+            raise Fault(f"{place}: *INCLUDE needs INPUT=")
+
+
+def joined_lines(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
+    """Yield lines with their numbers, without empty ones and comments; a keyword is continued after a comma."""
+    head, number = "", 0
+    for number, line in enumerate(lines, 1):
+        stripped = line.strip()
+        if not stripped or stripped.startswith("**"):
+            continue
+        if head and stripped.startswith("*"):  # nothing has followed the comma
+            yield number - 1, head.rstrip(", ")
+            head = ""
+        if head or stripped.startswith("*"):
+            head += stripped
+            if head.endswith(","):
+                continue
+            yield number, head
+            head = ""
+        else:
+            yield number, stripped
+    if head:
+        yield number, head.rstrip(", ")
+
+
+def _place(above: tuple[Path, ...], path: Path, text: str) -> str:
+    """Return a place in a file; the file that is not included is named by the message."""
+    return f"{shown(path.name)}, {text}" if above else text
+
+
+def _found(name: str, home: Path, beside: Path, place: str, names: list[str] | None) -> Path:
+    """Return the file of a name, which may be spelled as Windows does."""
+    spellings = dict.fromkeys((name, name.replace("\\", "/")))
+    for file in (directory / spelled for spelled in spellings for directory in dict.fromkeys((home, beside))):
+        if file.is_file():
+            if names is not None:
+                names.append(str(file.relative_to(home) if file.is_relative_to(home) else file))
+            return file
+    advice = f"Put '{shown(Path(name.replace(chr(92), '/')).name)}' next to the file, and name it so."
+    raise Fault(f"{place}: includes '{shown(name)}', which does not exist", advice)
