@@ -34,11 +34,11 @@ _GRADIENT = Slot(0, 3, is_gradient=True)
 
 
 class TangentProduct:
-    """The volume part of ``K = ∂R/∂x`` at the present state of a scene, applied to vectors; methods are collective.
+    """The volume part of ``K = ∂R/∂x`` at the present state of a weak form, applied to vectors; methods are collective.
 
     Args:
         moduli: of the residual.
-        given: unknowns of the scene.
+        given: unknowns of the weak form.
         unknowns: spaces of the vectors.
         degree: of a quadrature that integrates products of gradients in these spaces.
     """

@@ -197,7 +197,7 @@ def estimate(
     elif not (is_large and two_level.correct(equations, solution.direction, finer, observer)):
         if not is_affordable:
             return None
-        equilibrium = finer.equilibrium(finer.scene(solution.direction))
+        equilibrium = finer.equilibrium(finer.weak_form(solution.direction))
         equilibrium.correct(1.0)
         equilibrium.destroy()
     u, node_displacement, moved, largest = _moved(equations, solution, finer, given)
@@ -346,7 +346,7 @@ def finer_equations(equations: Equations, solution: Solution, given: Correction 
         body, _ = _finer_body(equations, solution, given)
     finer = Equations(one_degree_more(solution.job), body, equations.timings)
     finer.take_supports_as_checked()
-    contacts = finer.scene(solution.direction).contacts
+    contacts = finer.weak_form(solution.direction).contacts
     contacts.restore(solution.contacts, finer.scales, partial(transfer_function, body.mesh))
     nodes = _nodes(solution, given)
     equations.put(solution.moved_to(nodes))
@@ -403,7 +403,7 @@ def _corrected(
     Args:
         u: its displacement (m) at the nodes of the equations' body.
     """
-    body, better = finer.body, solution_of(finer, direction, finer.scene(direction), ())
+    body, better = finer.body, solution_of(finer, direction, finer.weak_form(direction), ())
     nodal_solution = replace(better, mesh_nodes=equations.body.nodes, u=u)
     node_quantities = [q for q in quantities if q.on is not None and not q.uses_quadrature]
     others = _moved_into_body([q for q in quantities if q not in node_quantities], equations.body, body)

@@ -51,9 +51,9 @@ class ForwardFactors:
     @cached_property
     def multigrid(self) -> MultigridSolver:
         """A solver for the same matrix, where factors are not `affordable`; collective at the first access."""
-        self._equations.destroy()  # matrices of other scenes take as much memory as this one
+        self._equations.destroy()  # matrices of other weak forms take as much memory as this one
         with self.tangent() as equilibrium, self._equations.timings("factorization"):
-            return MultigridSolver(equilibrium.system.matrix, equilibrium.system.scene)
+            return MultigridSolver(equilibrium.system.matrix, equilibrium.system.weak_form)
 
     @property
     def affordable(self) -> bool:
@@ -73,7 +73,7 @@ class ForwardFactors:
         """Context with the forward tangent assembled; the equations have the solution's mesh and state in it."""
         equations, solution = self._equations, self.solution
         equations.put(solution.moved_to(solution.reference_nodes))
-        equilibrium = equations.equilibrium(equations.scene("forward", known_displacement(equations)))
+        equilibrium = equations.equilibrium(equations.weak_form("forward", known_displacement(equations)))
         equilibrium.system.linearise(1.0)
         try:
             yield equilibrium

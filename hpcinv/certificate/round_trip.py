@@ -101,7 +101,7 @@ def solved_back(equations: Equations, solution: Solution, forward: ForwardFactor
     if not forward.affordable:
         forward.destroy()  # the tangent of multigrid is assembled again
     equations.put(other_body)
-    equilibrium = equations.equilibrium(equations.scene(way_back(solution)), observer)
+    equilibrium = equations.equilibrium(equations.weak_form(way_back(solution)), observer)
     last = equilibrium.solve(1.0, max(solution.job.solver.tolerance, _ACCURACY), begins_near=True)
     equations.release(equilibrium)
     if last.outcome.accepted:
@@ -135,7 +135,7 @@ class _WayBack:
         equations.put(solution.moved_to(solution.other_nodes))
         self._share = _KNOWN if isinstance(solver, SymmetricFactors) else _ROUGHLY_KNOWN
         unknowns = equations.unknowns
-        self._system = System(equations.scene(way_back(solution)), equations.supports, equations.timings)
+        self._system = System(equations.weak_form(way_back(solution)), equations.supports, equations.timings)
         self._system.set_load(1.0)
         self._u = unknowns.owned_displacement_dofs
         self._p = np.zeros(0, dtype=np.int32) if unknowns.p is None else unknowns.owned_pressure_dofs
@@ -211,9 +211,9 @@ class _Relabelling:
     def __init__(self, equations: Equations, solution: Solution) -> None:
         unknowns, mesh = equations.unknowns, equations.body.mesh
         equations.put(solution.moved_to(solution.reference_nodes))
-        scene = equations.scene("forward")
+        weak_form = equations.weak_form("forward")
         with equations.timings("compile"):
-            means = CellMeans([(scene.H, None)], mesh, scene.quadrature_degree)
+            means = CellMeans([(weak_form.H, None)], mesh, weak_form.quadrature_degree)
         with equations.timings("evaluation"):
             H = means()
         cells = mesh.topology.index_map(3).size_local

@@ -68,7 +68,7 @@ def _iteration_line(equations: Equations, forward: ForwardFactors, observer: Obs
         return _stable(lowest.asymmetry, how)
     with assembled(equations, forward.solution) as matrix:
         with equations.timings("factorization"):
-            solver = MultigridSolver(matrix, equations.scene("forward", known_displacement(equations)))
+            solver = MultigridSolver(matrix, equations.weak_form("forward", known_displacement(equations)))
         with freeing(solver.destroy):
             again = lowest_eigenvalue(solver, equations.supports, equations.timings, lowest.direction, observer)
     confirmed = None if again is None else Confirmed(int(again.is_negative), again.asymmetry)

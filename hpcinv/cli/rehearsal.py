@@ -55,7 +55,7 @@ def rehearse(job: Job) -> None:
     ) -> tuple[SolvedDirection, None]:
         """Compile the kernels of a solve; its solution is the body that does not move."""
         equilibrium = method_for(equations, step.direction).equilibrium
-        equilibrium.system.scene.parameters.set_load(1.0)
+        equilibrium.system.weak_form.parameters.set_load(1.0)
         equilibrium.system.compile()
         equilibrium.compile(prescribed_motion=moved[number])
         equations.release(equilibrium)
@@ -136,7 +136,7 @@ def _certify_after_way_back(equations: Equations, solutions: list[Solution]) -> 
 
 
 def _compile_way_back(equations: Equations, solution: Solution) -> None:
-    equilibrium = equations.equilibrium(equations.scene(way_back(solution)))
+    equilibrium = equations.equilibrium(equations.weak_form(way_back(solution)))
     equilibrium.system.compile()
     equations.release(equilibrium)
 
@@ -152,7 +152,7 @@ def _check(equations: Equations, solutions: list[Solution]) -> None:
         equations.put(solution)
     if job.certificate.stability:
         second_variation(equations, known_displacement(equations))  # needed where the body is not stable
-        Iterative(equations.scene("forward")).pressure_scale()  # needed where factors are not affordable
+        Iterative(equations.weak_form("forward")).pressure_scale()  # needed where factors are not affordable
     if job.certificate.round_trip == "near" and len(solutions) == 1:  # needed where corrections do not settle
         _compile_way_back(equations, solution)
 

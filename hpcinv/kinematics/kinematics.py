@@ -36,7 +36,7 @@ from hpcinv.kinematics.stable_functions import log1p_remainder
 from hpcinv.kinematics.staged_derivatives import stage
 
 LABEL = Label(1_000_000)
-"""Label of `Kinematics.H`. UFL's running number would change the kernels of each scene, and a small number might be
+"""Label of `Kinematics.H`. UFL's running number would change the kernels of each weak form, and a small number might be
 used by a variable of a law."""
 
 
@@ -325,7 +325,7 @@ class Kinematics(ABC):
         """Return the integral over the current area of a region of the boundary.
 
         Args:
-            least_degree: quadrature degree, if the scene's is lower.
+            least_degree: quadrature degree, if the one of the weak form is lower.
         """
         return integrand * self.areas[1] * self.integration.surface(region, least_degree)
 
@@ -333,7 +333,7 @@ class Kinematics(ABC):
         """Return ``∫ vector · n da`` over a region of the boundary, with the outward unit normal ``n``.
 
         Args:
-            least_degree: quadrature degree, if the scene's is lower.
+            least_degree: quadrature degree, if the one of the weak form is lower.
         """
         n_da = self.reference_and_current(self._normal, self._area_vector)[1]
         return ufl.inner(vector, n_da) * self.integration.surface(region, least_degree)

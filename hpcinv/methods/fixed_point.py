@@ -61,7 +61,7 @@ class FixedPointMethod(Method):
         settings: FixedPointSettings | None = None,
     ) -> None:
         self.equations, self.settings = equations, settings or equations.job.fixed_point
-        self.equilibrium = equations.equilibrium(equations.scene("forward"), observer)
+        self.equilibrium = equations.equilibrium(equations.weak_form("forward"), observer)
         with equations.timings("set-up"):
             self.mesh = MovableMesh(equations.body, equations.unknowns, equations.quadrature_degree)
         update = UPDATES[rule or equations.job.method]

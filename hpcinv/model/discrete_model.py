@@ -1,4 +1,4 @@
-"""The discrete model of a job on one body: spaces, supports, scales and scenes."""
+"""The discrete model of a job on one body: spaces, supports, scales and weak forms."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.model.cell_layers import layers_of_cells
 from hpcinv.model.field_checks import check_fields, shear_modulus
 from hpcinv.model.fields import BodyFields
-from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.state import State
 from hpcinv.model.supports import Supports
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.nondimensional import Scales, power_of_two
@@ -31,7 +31,7 @@ may be far from 1, as the tolerances of singular tangents expect them."""
 
 
 class DiscreteModel:
-    """Spaces, supports, scales and scenes of a reuse group of jobs (`reuse_group_of`) on one body.
+    """Spaces, supports, scales and weak forms of a reuse group of jobs (`reuse_group_of`) on one body.
 
     They are made once, with their compiled kernels. `put` sets the mesh's coordinates, the unknowns, the parameters and
     the supports. Apart from it, only a solver changes the unknowns.
@@ -49,9 +49,9 @@ class DiscreteModel:
 
     def __init__(self, job: Job, body: Body, timings: Timings, like: DiscreteModel | None = None) -> None:
         self.job, self.body, self.timings = job, body, timings
-        self._scenes: dict[tuple[Direction, bool], Scene] = {}
+        self._weak_forms: dict[tuple[Direction, bool], WeakForm] = {}
         self._given: Function | None = None  # displacement of the given state, if something is given there (scaled)
-        self._kept: Function | None = None  # for the next use, since scenes refer to it
+        self._kept: Function | None = None  # for the next use, since weak forms refer to it
         self._given_displacement: Function | None = None
         self.quadrature_degree = _quadrature(job, body.source)
         body.place(body.given_nodes)
@@ -160,9 +160,9 @@ class DiscreteModel:
             if not 1 / _NEAR <= scales.stress / self.scales.stress <= _NEAR:
                 self.scales = scales
             self.supports.update_parameters(job)
-            for scene in self._scenes.values():
-                scene.update_parameters(job, self.scales)
-                scene.contacts.reset()
+            for weak_form in self._weak_forms.values():
+                weak_form.update_parameters(job, self.scales)
+                weak_form.contacts.reset()
 
     def _attach(self, given_displacement: Function | None) -> None:
         """Attach to the material what is given on the current body of the given state."""
@@ -179,25 +179,25 @@ class DiscreteModel:
         """True if the present state is not the given one, and something is given on the current body of that."""
         return self._given is not None
 
-    def scene(self, direction: Direction, known: Function | None = None, quadrature: int | None = None) -> Scene:
-        """Return the scene in one direction; it is evaluated at the coordinates of the mesh at that time.
+    def weak_form(self, direction: Direction, known: Function | None = None, quadrature: int | None = None) -> WeakForm:
+        """Return the weak form in one direction; it is evaluated at the coordinates of the mesh at that time.
 
         Args:
-            known: as for `Scene`.
+            known: as for `WeakForm`.
             quadrature: quadrature degree, by default the degree of the job.
         """
         self.supports.set_sign(KINEMATICS[direction].sign)
         is_kept = known is None and quadrature is None
         key = direction, self._given is not None
-        if is_kept and key in self._scenes:
-            return self._scenes[key]
+        if is_kept and key in self._weak_forms:
+            return self._weak_forms[key]
         known = self._given if known is None else known
         kinematics, degree = KINEMATICS[direction], quadrature or self.quadrature_degree
         with self.timings("compile"):
-            scene = Scene(self.job, self.fields, self.unknowns, kinematics, degree, self.scales, known)
+            weak_form = WeakForm(self.job, self.fields, self.unknowns, kinematics, degree, self.scales, known)
         if is_kept:
-            self._scenes[key] = scene
-        return scene
+            self._weak_forms[key] = weak_form
+        return weak_form
 
     def largest_displacement(self) -> float:
         """Return the largest displacement of the present state at any degree of freedom, in m; collective."""

@@ -235,9 +235,9 @@ def _changes(
     references: Mapping[str, ReferenceChange],
     prescribed: Mapping[str, Sequence[Floats]],
 ) -> dict[str, Change]:
-    """Return the derivatives of the solution and of the scene's parameters, by the key of the job's parameter."""
-    scene = equations.scene(solution.direction)
-    equilibrium = equations.equilibrium(scene)
+    """Return derivatives of the solution and of the parameters of the weak form, by the key of the job's parameter."""
+    weak_form = equations.weak_form(solution.direction)
+    equilibrium = equations.equilibrium(weak_form)
     system = equilibrium.system
     system.linearise(1.0)
     position, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
@@ -266,9 +266,9 @@ def _changes(
 def _explicit(
     equations: Equations, system: System, parameter: Parameter, prescribed: Mapping[str, Sequence[Floats]], b: PETSc.Vec
 ) -> ParameterDirection:
-    """Set ``b`` to the right-hand side for a parameter; return the direction in which it moves the scene's."""
-    owner, place, job, scene = parameter.owner, parameter.place, equations.job, system.scene
-    unchanged = scene.parameters.direction({})
+    """Set ``b`` to the right-hand side for a parameter; return the direction in which it moves the parameters."""
+    owner, place, job, weak_form = parameter.owner, parameter.place, equations.job, system.weak_form
+    unchanged = weak_form.parameters.direction({})
     if parameter.where not in job.owners:  # of another state
         b.set(0.0)
         return unchanged
@@ -278,9 +278,9 @@ def _explicit(
         equations.supports.scale(1.0)
         return unchanged
     with equations.timings("compile"):
-        derivative = scene.parameter_derivative
+        derivative = weak_form.parameter_derivative
     local = parameter.where.removeprefix(job.place("effects").removesuffix("effects"))
-    direction = scene.parameters.direction({local: owner.rates(place)})
+    direction = weak_form.parameters.direction({local: owner.rates(place)})
     with equations.timings("residual"):
         derivative.assemble(direction, b)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)

@@ -69,7 +69,7 @@ class ReferenceChange:
 
 @dataclass(frozen=True)
 class Change:
-    """Derivatives by one parameter (SI): of the scene's parameters (scaled), displacement (m) and pressure (Pa).
+    """Derivatives by one parameter (SI): of the weak form's parameters (scaled), displacement (m) and pressure (Pa).
 
     ``u`` is the displacement's at the local geometry nodes, (n, 3); ``reference`` is for further states.
     """
@@ -89,10 +89,10 @@ def slopes(
     Collective.
     """
     equations.put(solution)
-    scene, body = equations.scene(solution.direction), equations.body
+    weak_form, body = equations.weak_form(solution.direction), equations.body
     quantities = [quantity for quantity in equations.job.quantities if not quantity.is_reaction]
-    scene.parameters.set_load(1.0)
-    fields = fields_for(quantities, body, scene, equations.scales)
+    weak_form.parameters.set_load(1.0)
+    fields = fields_for(quantities, body, weak_form, equations.scales)
 
     def values_at(change: Change, shift: float) -> dict[str, Floats]:
         moved, wanted = solution, quantities
@@ -106,7 +106,7 @@ def slopes(
             pressure=_moved(solution.pressure, change.pressure, shift),
         )
         equations.put(moved)
-        with scene.parameters.moved(change.direction, shift):
+        with weak_form.parameters.moved(change.direction, shift):
             return {name: np.array(v) for name, v in values_of(wanted, body, moved, fields).items()}
 
     is_kinked = has_kinks(equations.job)

@@ -73,7 +73,7 @@ def model(comm: MPI.Intracomm, source: MeshSource, held: Mapping[str, str], **ch
     given = source if comm.rank == 0 else source.header()
     body = build_body(case.mesh, case.regions, comm, given=given)
     equations = Equations(case, body, Timings())
-    equations.equilibrium(equations.scene("inverse")).destroy()
+    equations.equilibrium(equations.weak_form("inverse")).destroy()
     return equations
 
 

@@ -1,4 +1,4 @@
-"""The scene: virtual work of one body under the material laws and effects of the job, in either direction.
+"""The weak form of equilibrium of one body under the material laws and effects of a job, in either direction.
 
 Equilibrium is stated once, on the reference body,
 
@@ -33,6 +33,7 @@ from hpcinv.kinematics.kinematics import Deformation, Kinematics, OtherState
 from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.kinematics.transverse_shear import corrected_for_shear
 from hpcinv.materials import MaterialLaw
+from hpcinv.model.cell_means import PartExpressions, StateMeans
 from hpcinv.model.contacts import Contacts
 from hpcinv.model.external_work import external_work
 from hpcinv.model.field_checks import shear_modulus
@@ -41,7 +42,6 @@ from hpcinv.model.measures import Integration
 from hpcinv.model.nominal_displacement import NominalDisplacement
 from hpcinv.model.obstacle_passage import Passages
 from hpcinv.model.parameters import ParameterDerivative, Parameters
-from hpcinv.model.scene_means import PartExpressions, SceneMeans
 from hpcinv.model.spaces import Unknowns
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.nondimensional import Scales
@@ -87,8 +87,8 @@ class Part:
         return 1 / self.shear_modulus + (0 if self.volumetric_modulus is None else 1 / self.volumetric_modulus)
 
 
-class Scene:
-    """Material, effects and kinematics composed into one residual.
+class WeakForm:
+    """Virtual work of materials, effects and kinematics, as one residual.
 
     Args:
         known: fixed displacement (scaled) of the state in which fibres, strains, fields and densities are given on the
@@ -197,14 +197,14 @@ class Scene:
         return self.contacts.passages(self.unknowns)
 
     @cached_property
-    def means(self) -> SceneMeans:
+    def means(self) -> StateMeans:
         """Compiled means over cells, volume ratios and strain energy, to be evaluated in any state."""
         volume = self.kinematics.volumes[0]
         parts = [
             PartExpressions(cells, sigma, self.J, part.energy * volume)
             for part, (sigma, cells) in zip(self.parts, self.cauchy_stress, strict=True)
         ]
-        return SceneMeans(parts, self.prestrain_stress, self.unknowns.mesh, self.quadrature_degree)
+        return StateMeans(parts, self.prestrain_stress, self.unknowns.mesh, self.quadrature_degree)
 
     @cached_property
     def nominal_displacement(self) -> NominalDisplacement:
@@ -299,7 +299,7 @@ def _modulus(job: Job, fields: BodyFields, scales: Scales) -> float:
 
 
 def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:
-    """Return laws, effects and families of fibres with their names in the job or its state, in the order of a scene."""
+    """Return laws, effects and families of fibres with their names in the job or its state, in a fixed order."""
     effects = ((f"effects[{i}]", effect) for i, effect in enumerate(job.effects))
     return [*job.laws.items(), *effects, *job.families.items()]
 
