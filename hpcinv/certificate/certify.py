@@ -90,14 +90,14 @@ def certify(
             estimated = estimate(equations, solution, computed, given, observer)
         yield _discretisation(equations, solution, estimated, uncertain)
 
-    def way_back() -> Iterable[Line]:
+    def return_lines() -> Iterable[Line]:
         if len(solutions) == 1:
             checked = round_trip(equations, solution, forward, observer)
         else:
             checked = iter([closure_error(equations, solution, solutions[1].u)])
         largest = max(uncertain, 0.0 if estimated is None or not isfinite(estimated.shape) else estimated.shape)
         checked = judged_with_given_numbers(checked) if has_unknowns and len(solutions) == 1 else checked
-        return (_way_back(line, displacement_scale(equations, solution).length, largest) for line in checked)
+        return (_return_line(line, displacement_scale(equations, solution).length, largest) for line in checked)
 
     def stable_state() -> Iterable[Line]:
         checked = stability(equations, forward, observer)
@@ -125,7 +125,7 @@ def certify(
             if is_checked:
                 check("cells", lambda: cells(equations, solution))
             check("overlap", lambda: self_overlap(equations, solution))
-            check("round trip", way_back)
+            check("round trip", return_lines)
             (stable,) = check("stability", stable_state)
             if solution.remote_loads and is_checked and solution.job.certificate.stability:
                 check("remote loads", lambda: stable_motions(equations, forward))
@@ -141,7 +141,7 @@ def certify(
     return Certificate(tuple(lines)), estimated
 
 
-def _way_back(line: Line, scale: float, largest: float) -> Line:
+def _return_line(line: Line, scale: float, largest: float) -> Line:
     """Return the line on the round trip, relative to ``scale``, judged by the largest other error of the shape (m)."""
     if line.verdict is not Verdict.WARN or (line.value or 0.0) * scale > largest:
         return line

@@ -330,7 +330,7 @@ def test_forces_balance(comm: MPI.Intracomm) -> None:
 
 @pytest.mark.parametrize("geometry_degree", [1, 2])
 @pytest.mark.parametrize("start", ["near", "path"])
-def test_the_way_back_closes_on_straight_cells_too(start: str, geometry_degree: int, comm: MPI.Intracomm) -> None:
+def test_the_return_solve_closes_on_straight_cells_too(start: str, geometry_degree: int, comm: MPI.Intracomm) -> None:
     """The computed body has the degree of the displacement, whatever degree the given cells have."""
     result = hpcinv.run(cantilever(geometry_degree, NO_CERTIFICATE | {"round_trip": start}), comm)
     closure = line(result, "round trip")
@@ -339,7 +339,7 @@ def test_the_way_back_closes_on_straight_cells_too(start: str, geometry_degree: 
     assert closure.verdict is Verdict.PASS
 
 
-def test_a_way_back_that_is_not_found_is_not_decided(comm: MPI.Intracomm) -> None:
+def test_a_return_solve_that_fails_is_not_decided(comm: MPI.Intracomm) -> None:
     """A soft block carries itself in the shape that is given; Newton's method does not find the path to it."""
     result = hpcinv.run(
         job(
