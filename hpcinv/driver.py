@@ -168,8 +168,8 @@ def _solve(prepared: Prepared, outputs: _Outputs, solved: _Solved) -> None:
                 quantities = carried(quantities, body, solution.mesh_nodes)
             solved.quantities |= evaluate(quantities, body, solution, equations)
             if parameters := job.differentiated:
-                given = None if step.mesh is None else (solved.solutions[0], next(iter(solved.slopes.values())))
-                solved.slopes[step.shape] = sensitivities(equations, solution, parameters, given)
+                first = None if step.mesh is None else (solved.solutions[0], next(iter(solved.slopes.values())))
+                solved.slopes[step.shape] = sensitivities(equations, solution, parameters, first)
             solved.spreads.add(step.shape, equations, solution)
             outputs.store.write_shape(job, equations, solution, outputs.progress)
         outputs.checkpoints.finished(solution)

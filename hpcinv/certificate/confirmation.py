@@ -51,16 +51,16 @@ PENALTY = 10.0  # other values: docs/theory/stability.md
 _OVERLAP = 0.01  # share of α that stays in Λ too: what is left of Λ stays positive definite
 
 
-def second_variation(equations: Equations, known: fem.Function | None) -> fem.Form:
+def second_variation(equations: Equations, given_u: fem.Function | None) -> fem.Form:
     """Return the form whose negative eigenvalues, less one for each pressure, are confirmed instabilities; collective.
 
     Args:
         equations: its mesh must be the reference body, and its state the solution, when the form is assembled.
-        known: as in `WeakForm`.
+        given_u: as in `WeakForm`.
     """
     spaces = equations.job.discretisation
     degree = max(equations.quadrature_degree, default_quadrature(equations.body.source.kind, spaces.displacement)) + 2
-    weak_form = equations.weak_form("forward", known, degree)
+    weak_form = equations.weak_form("forward", given_u, degree)
     weak_form.parameters.set_load(1.0)
     unknowns, parts = weak_form.unknowns, weak_form.kinematics.integration.part
     trial = ufl.TrialFunction(unknowns.space)
@@ -79,7 +79,7 @@ class Confirmed:
     asymmetry: float
 
 
-def known_displacement(equations: Equations) -> fem.Function | None:
+def given_u_of(equations: Equations) -> fem.Function | None:
     """Return the state's displacement if properties of the material are given on the loaded body, else ``None``.
 
     The forward weak form needs it, to keep them attached to the material. If they are given in another state, the
@@ -106,7 +106,7 @@ def _seen_on_the_current_body(job: Job) -> bool:
 def assembled(equations: Equations, solution: Solution) -> Iterator[PETSc.Mat]:
     """Context with the matrix of `second_variation`; the equations have the solution's mesh and state in it."""
     equations.put(solution.moved_to(solution.reference_nodes))
-    form = second_variation(equations, known_displacement(equations))
+    form = second_variation(equations, given_u_of(equations))
     with equations.timings("tangent"):
         matrix = fem_petsc.assemble_matrix(form, bcs=equations.supports.conditions)
         matrix.assemble()
@@ -122,7 +122,7 @@ def assembled(equations: Equations, solution: Solution) -> Iterator[PETSc.Mat]:
 
 def _forces(equations: Equations) -> Floats:
     """Return nodal forces of the owned unknowns in the present state; collective."""
-    equilibrium = equations.equilibrium(equations.weak_form("forward", known_displacement(equations)))
+    equilibrium = equations.equilibrium(equations.weak_form("forward", given_u_of(equations)))
     forces = equilibrium.system.forces(1.0)
     equations.release(equilibrium)
     return forces

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
 
-from hpcinv.certificate.confirmation import known_displacement
+from hpcinv.certificate.confirmation import given_u_of
 from hpcinv.certificate.inertia import SymmetricFactors, factorize_symmetric
 from hpcinv.certificate.multigrid_solver import MultigridSolver
 from hpcinv.results.solution import Solution
@@ -73,7 +73,7 @@ class ForwardFactors:
         """Context with the forward tangent assembled; the equations have the solution's mesh and state in it."""
         equations, solution = self._equations, self.solution
         equations.put(solution.moved_to(solution.reference_nodes))
-        equilibrium = equations.equilibrium(equations.weak_form("forward", known_displacement(equations)))
+        equilibrium = equations.equilibrium(equations.weak_form("forward", given_u_of(equations)))
         equilibrium.system.linearise(1.0)
         try:
             yield equilibrium

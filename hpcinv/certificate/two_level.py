@@ -88,19 +88,19 @@ def _volume_product(equations: Equations, finer: Equations, direction: Direction
     """Return the product by the moduli at the solution, ``None`` if the residual has none; collective."""
     if equations.supports.is_curved:  # the planes of reactions turn with the state
         return None
-    residual, given, degree = equations.weak_form(direction).residual, equations.unknowns, finer.quadrature_degree
+    residual, coarse, degree = equations.weak_form(direction).residual, equations.unknowns, finer.quadrature_degree
     try:
         with finer.timings("compile"):
-            moduli = compiled_moduli(residual, given, JIT_OPTIONS)
+            moduli = compiled_moduli(residual, coarse, JIT_OPTIONS)
             # In strongly curved cells the moduli vary too much to be extended from the points of the solve.
             curved = _curved_cells(equations.body.mesh)
-            if given.mesh.comm.allreduce(bool(curved.any()), op=MPI.LOR):
-                all_moduli = compiled_moduli(residual, given, JIT_OPTIONS, degree)
+            if coarse.mesh.comm.allreduce(bool(curved.any()), op=MPI.LOR):
+                all_moduli = compiled_moduli(residual, coarse, JIT_OPTIONS, degree)
                 moduli = [*_moduli_of_cells(moduli, ~curved), *_moduli_of_cells(all_moduli, curved)]
     except UnsupportedForm:
         return None
     with finer.timings("tangent"):
-        return TangentProduct(moduli, given, finer.unknowns, degree)
+        return TangentProduct(moduli, coarse, finer.unknowns, degree)
 
 
 def _curved_cells(mesh: Mesh) -> npt.NDArray[np.bool_]:
@@ -122,10 +122,10 @@ def _moduli_of_cells(moduli: Sequence[CompiledModuli], chosen: npt.NDArray[np.bo
 class _Coarse:
     """Solution in the spaces of the solution, of residuals in the finer ones."""
 
-    def __init__(self, given: Equations, finer: Unknowns, linear: LinearSolver) -> None:
-        self._linear, self._supports = linear, given.supports
-        self._transfer = Transfer(given.unknowns, finer)
-        self._b, self._x = (fem_petsc.create_vector(given.unknowns.space) for _ in range(2))
+    def __init__(self, equations: Equations, finer: Unknowns, linear: LinearSolver) -> None:
+        self._linear, self._supports = linear, equations.supports
+        self._transfer = Transfer(equations.unknowns, finer)
+        self._b, self._x = (fem_petsc.create_vector(equations.unknowns.space) for _ in range(2))
         linear.configuration.set_rough(rough=True)
 
     def solve(self, residual: Singles) -> Singles:

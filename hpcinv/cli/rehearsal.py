@@ -11,7 +11,7 @@ import numpy as np
 
 from hpcinv.assembly.tangent import as_for
 from hpcinv.certificate import certify, two_level
-from hpcinv.certificate.confirmation import known_displacement, second_variation
+from hpcinv.certificate.confirmation import given_u_of, second_variation
 from hpcinv.certificate.discretisation_error import finer_equations
 from hpcinv.certificate.round_trip import opposite_direction
 from hpcinv.job.job import Job, PlannedSolve
@@ -151,7 +151,7 @@ def _check(equations: Equations, solutions: list[Solution]) -> None:
             two_level.correct(equations, solution.direction, finer)  # needed for large bodies
         equations.put(solution)
     if job.certificate.stability:
-        second_variation(equations, known_displacement(equations))  # needed where the body is not stable
+        second_variation(equations, given_u_of(equations))  # needed where the body is not stable
         Iterative(equations.weak_form("forward")).pressure_scale()  # needed where factors are not affordable
     if job.certificate.round_trip == "near" and len(solutions) == 1:  # needed where corrections do not settle
         _compile_return_solve(equations, solution)

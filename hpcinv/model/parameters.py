@@ -85,7 +85,9 @@ class Parameters:
         self._numbers = {where: number for number, (where, _) in enumerate(ingredients)}
         self.constant = fem.Constant(fields.body.mesh, self._values)
         self._namespaces = [
-            SimpleNamespace(**{n: self._entry(p, kin.given if part.is_attached(n) else kin) for n, p in places.items()})
+            SimpleNamespace(
+                **{n: self._entry(p, kin.data_state if part.is_attached(n) else kin) for n, p in places.items()}
+            )
             for (_, part), places in zip(ingredients, self._places, strict=True)
         ]
 

@@ -91,8 +91,8 @@ class WeakForm:
     """Virtual work of materials, effects and kinematics, as one residual.
 
     Args:
-        known: fixed displacement (scaled) of the state in which fibres, strains, fields and densities are given on the
-            current body; by default they are given in the state that is solved for.
+        given_u: fixed displacement (scaled) of the state in which fibres, strains, fields and densities are given on
+            the current body; by default they are given in the state that is solved for.
 
     Attributes:
         residual: UFL form, linear in the test functions of ``unknowns``.
@@ -111,15 +111,15 @@ class WeakForm:
         kinematics: type[Kinematics],
         quadrature_degree: int,
         scales: Scales,
-        known: fem.Function | None = None,
+        given_u: fem.Function | None = None,
     ) -> None:
         self.unknowns = unknowns
         self.quadrature_degree = quadrature_degree
         cells = law_cells(fields.body, job.laws)
         integration = Integration(fields.body, quadrature_degree, cells)
         self.kinematics = kin = kinematics(unknowns.u, integration)
-        if known is not None:
-            kin.given = OtherState(kin, known)
+        if given_u is not None:
+            kin.data_state = OtherState(kin, given_u)
         may_grow = kin.sign > 0 and any(effect.presses_at_any_load for effect in job.effects)
         self.parameters = par = Parameters(_ingredients(job), kin, fields, scales, job.case_count, may_grow=may_grow)
         count = len(job.laws)
@@ -135,7 +135,7 @@ class WeakForm:
         named = tuple(zip((where for where, _ in job.named_effects), effect_data, strict=True))
         self.contacts = Contacts(named, kin, fields.body, job.resolve, degree, _modulus(job, fields, scales))
         directions = {
-            name.removeprefix("fibres."): _unit(kin.given, family.given_on, par.quantities(i).direction)
+            name.removeprefix("fibres."): _unit(kin.data_state, family.given_on, par.quantities(i).direction)
             for i, (name, family) in enumerate(job.families.items(), start=count + len(effect_data))
         }
         self.H = H = Variable(kin.H, LABEL)
@@ -145,7 +145,7 @@ class WeakForm:
         strains = [
             (effect, strain)
             for effect, load, p in effect_data
-            if (strain := _strain(effect, effect.inelastic_strain(total, load, p), kin.given)) is not None
+            if (strain := _strain(effect, effect.inelastic_strain(total, load, p), kin.data_state)) is not None
         ]
         elastic, J_g = _elastic(total, [strain for _, strain in strains])
         own = [strain for effect, strain in strains if effect.writes_its_stress]
@@ -304,11 +304,11 @@ def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:
     return [*job.laws.items(), *effects, *job.families.items()]
 
 
-def _strain(effect: Effect, strain: Any, given: Kinematics | OtherState) -> Any:
+def _strain(effect: Effect, strain: Any, data_state: Kinematics | OtherState) -> Any:
     """Return an inelastic strain ``F_g - I`` of the reference body, ``None`` if there is none."""
     if strain is None or effect.strain_given_on == "reference":
         return strain
-    return given.F_inverse * strain * (ufl.Identity(3) + given.H)
+    return data_state.F_inverse * strain * (ufl.Identity(3) + data_state.H)
 
 
 def _elastic(total: Deformation, strains: Iterable[Any]) -> tuple[Deformation, Any]:

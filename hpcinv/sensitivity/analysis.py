@@ -111,13 +111,13 @@ def sensitivities(
     equations: Equations,
     solution: Solution,
     parameters: Sequence[Parameter],
-    given: tuple[Solution, Sensitivities] | None = None,
+    first: tuple[Solution, Sensitivities] | None = None,
     mesh: Mapping[str, Floats] = MappingProxyType({}),
 ) -> Sensitivities:
     """Differentiate a solution at full load by parameters of the job; collective.
 
     Args:
-        given: for a further state, the solution of the given one: its reference shape comes from there.
+        first: for a further state, solution and derivatives of the given state, from which the reference shape comes.
         mesh: for the first solve, derivatives (n, 3) of its local geometry nodes by those parameters that move these.
 
     Raises:
@@ -126,8 +126,8 @@ def sensitivities(
     body, changes, numbers = equations.body, dict[str, Change](), tied_parameters(parameters)
     equations.put(solution.moved_to(body.given_nodes))
     with equations.timings("sensitivities"):
-        if given:
-            references = {p.key: _reference(equations, p, *given) for p in numbers}
+        if first:
+            references = {p.key: _reference(equations, p, *first) for p in numbers}
         else:
             references = {
                 key: ReferenceChange(moved, None, _cell_limit(equations, moved)) for key, moved in mesh.items()
@@ -224,8 +224,8 @@ def _reference(
     if key not in derivatives.nodes:  # a tie, whose effect is part of its parameter's
         nothing = fem.Function(solution.displacement.function_space)
         return ReferenceChange(np.zeros_like(solution.mesh_nodes), nothing, math.inf)
-    given, nodes = derivatives.displacement[key], derivatives.nodes[key]
-    return ReferenceChange(nodes, given, change_limit(equations, solution, given))
+    displacement, nodes = derivatives.displacement[key], derivatives.nodes[key]
+    return ReferenceChange(nodes, displacement, change_limit(equations, solution, displacement))
 
 
 def _changes(

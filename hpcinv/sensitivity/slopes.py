@@ -50,12 +50,12 @@ class ReferenceChange:
 
     Attributes:
         nodes: of the mesh's local geometry nodes, (n, 3): for a further state the reference shape's.
-        given: of the given state's displacement, in m; ``None`` in that state itself.
+        given_displacement: of the displacement of the given state, in m; ``None`` in that state itself.
         limit: parameter's change by which the given state's displacement would double, or cells change their shape.
     """
 
     nodes: Floats
-    given: fem.Function | None
+    given_displacement: fem.Function | None
     limit: float
 
     def moved[S: State](self, state: S, step: float) -> S:
@@ -63,7 +63,7 @@ class ReferenceChange:
         return replace(
             state,
             mesh_nodes=state.mesh_nodes + step * self.nodes,
-            given_displacement=_moved(state.given_displacement, self.given, step),
+            given_displacement=_moved(state.given_displacement, self.given_displacement, step),
         )
 
 

@@ -200,7 +200,7 @@ def with_two_holes(comm: MPI.Intracomm, analysis: str, **changes: Any) -> Equati
         discretisation={"displacement": 1, "formulation": "displacement"},
         **changes,
     )
-    body = build_body(block.mesh, block.regions, comm, given=hollow_block(HOLES, divisions=(5, 4, 3)))
+    body = build_body(block.mesh, block.regions, comm, replacement=hollow_block(HOLES, divisions=(5, 4, 3)))
     return Equations(block, body, Timings())
 
 
