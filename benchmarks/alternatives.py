@@ -184,12 +184,12 @@ def fewer_points() -> None:
     print("tangent with fewer quadrature points than the residual")
     for hexahedra, degree, what in ((True, 3, "8 of 27"), (False, 1, "1 of 4")):
 
-        def create(self: CompiledTangent, scene: Any, jit_options: Any = JIT_OPTIONS) -> None:
-            integrals = scene.residual.integrals()
+        def create(self: CompiledTangent, weak_form: Any, jit_options: Any = JIT_OPTIONS) -> None:
+            integrals = weak_form.residual.integrals()
             cells = [i for i in integrals if i.integral_type() == "cell"]
             rest = [i for i in integrals if i.integral_type() != "cell"]
             fewer = [i.reconstruct(metadata={**i.metadata(), "quadrature_degree": degree}) for i in cells]  # noqa: B023
-            state, trial = scene.unknowns.state, ufl.TrialFunction(scene.unknowns.space)
+            state, trial = weak_form.unknowns.state, ufl.TrialFunction(weak_form.unknowns.space)
             form = ufl.derivative(ufl.Form([*fewer, *rest]), state, trial)
             self._options = dict(jit_options)
             self._form = fem.form(form, jit_options=self._options)

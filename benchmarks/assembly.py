@@ -95,11 +95,11 @@ def model_of(data: dict[str, Any]) -> Equations:
 
 def profile(name: str, data: dict[str, Any], repeat: int) -> None:
     model = model_of(data)
-    scene, conditions = model.scene(data["analysis"]), model.supports.conditions
-    scene.parameters.set_load(1.0)
-    form = fem.form(ufl.derivative(scene.residual, scene.unknowns.state), jit_options=JIT_OPTIONS)
+    weak_form, conditions = model.weak_form(data["analysis"]), model.supports.conditions
+    weak_form.parameters.set_load(1.0)
+    form = fem.form(ufl.derivative(weak_form.residual, weak_form.unknowns.state), jit_options=JIT_OPTIONS)
     theirs = fem_petsc.create_matrix(form)
-    tangent = FilledTangent(scene)
+    tangent = FilledTangent(weak_form)
     matrix, assemble = tangent.create_matrix(conditions)
 
     def dolfinx() -> None:
@@ -110,7 +110,7 @@ def profile(name: str, data: dict[str, Any], repeat: int) -> None:
     def evaluate() -> None:
         for part in tangent._volume:
             for cells in part.chunks():
-                part._expression.eval(scene.unknowns.mesh, part.cells[cells])
+                part._expression.eval(weak_form.unknowns.mesh, part.cells[cells])
 
     def contract() -> None:
         for part in tangent._volume:
@@ -129,12 +129,12 @@ def profile(name: str, data: dict[str, Any], repeat: int) -> None:
 
 def compare_flags(repeat: int) -> None:
     model = model_of(CASES["beam"])
-    scene = model.scene("inverse")
+    weak_form = model.weak_form("inverse")
     ways: dict[str, Callable[[], object]] = {}
     seconds: dict[str, float] = {}
     for flags in FLAGS:
         start = time.perf_counter()
-        tangent = FilledTangent(scene, JIT_OPTIONS | {"cffi_extra_compile_args": [*flags, "-g0"]})
+        tangent = FilledTangent(weak_form, JIT_OPTIONS | {"cffi_extra_compile_args": [*flags, "-g0"]})
         seconds[" ".join(flags)] = time.perf_counter() - start
         _, ways[" ".join(flags)] = tangent.create_matrix(model.supports.conditions)
     for name, milliseconds in fastest(ways, repeat).items():

@@ -96,14 +96,14 @@ def grown(make: Callable[[], Any]) -> tuple[Any, float, float]:
 
 def compare(name: str, data: dict[str, Any], repeat: int) -> None:
     model = model_of(data)
-    scene, conditions = model.scene(data["analysis"]), model.supports.conditions
-    scene.parameters.set_load(1.0)
-    tangent = FilledTangent(scene)
+    weak_form, conditions = model.weak_form(data["analysis"]), model.supports.conditions
+    weak_form.parameters.set_load(1.0)
+    tangent = FilledTangent(weak_form)
     entries = sum(len(part.cells) * int(np.prod(block.shape)) for part in tangent._volume for block in part.blocks)
     for part in tangent._volume:  # so that its buffers are there
         for _ in part:
             pass
-    theirs, their_memory, first_theirs = grown(lambda: COOTangent(tangent, scene.unknowns, conditions))
+    theirs, their_memory, first_theirs = grown(lambda: COOTangent(tangent, weak_form.unknowns, conditions))
     (ours, assemble), our_memory, first_ours = grown(lambda: tangent.create_matrix(conditions))
     times = fastest({"filled": assemble, "COO": theirs.assemble}, repeat)
     norm = ours.norm(PETSc.NormType.INFINITY)

@@ -60,7 +60,7 @@ def factorized(matrix: PETSc.Mat, precision: str, ordering: str) -> tuple[float,
 
 def compare(unknowns: int, aspect: int) -> None:
     model = model_of(rod(unknowns, aspect))
-    equilibrium = model.equilibrium(model.scene("inverse"))
+    equilibrium = model.equilibrium(model.weak_form("inverse"))
     equilibrium.system.linearise(1.0)
     forecast = Forecast(model.unknowns.size, 2, shape_of(model.unknowns))
     matrix = equilibrium.system.matrix

@@ -78,7 +78,7 @@ def cube(unknowns: int, degree: int, material: dict[str, Any]) -> dict[str, Any]
 def row(name: str, unknowns: int) -> None:
     """Print the iterations of both systems, and the processor time of rank 0 by unknown and system."""
     model = model_of(cube(unknowns, *KINDS[name]))
-    equilibrium = model.equilibrium(model.scene("inverse"))
+    equilibrium = model.equilibrium(model.weak_form("inverse"))
     counts, begun = [], time.process_time()
     for _ in range(2):
         equilibrium.correct(1.0)

@@ -110,12 +110,12 @@ def dense(form: Any, model: Equations, diagonal: float) -> npt.NDArray[np.float6
 
 def modes(job: Job, number: int = 3) -> list[str]:
     _, model, _ = solved(job)
-    unknowns, scene = model.unknowns, model.scene("forward")
-    scene.parameters.set_load(1.0)
-    kin, trial = scene.kinematics, ufl.TrialFunction(unknowns.space)
+    unknowns, weak_form = model.unknowns, model.weak_form("forward")
+    weak_form.parameters.set_load(1.0)
+    kin, trial = weak_form.kinematics, ufl.TrialFunction(unknowns.space)
     v, w = (kin.Grad(f) * kin.F_inverse for f in (unknowns.v, ufl.split(trial)[0]))
     forms = [ufl.inner(ufl.sym(v), ufl.sym(w)) * 2, ufl.tr(v) * ufl.tr(w), ufl.inner(v, w)]
-    K = dense(ufl.derivative(scene.residual, unknowns.state, trial), model, 1.0)
+    K = dense(ufl.derivative(weak_form.residual, unknowns.state, trial), model, 1.0)
     M, D, G = (dense(kin.dV(form), model, 0.0) for form in forms)
     held = [part.dofs for part in model.supports.prescribed]
     u = np.setdiff1d(unknowns.owned_displacement_dofs, np.concatenate(held))
@@ -130,7 +130,7 @@ def modes(job: Job, number: int = 3) -> list[str]:
 
 
 def negative(model: Equations) -> int:
-    equilibrium = model.equilibrium(model.scene("forward"))
+    equilibrium = model.equilibrium(model.weak_form("forward"))
     equilibrium.system.linearise(1.0)
     counted = inertia(equilibrium.system.matrix)
     model.release(equilibrium)

@@ -11,12 +11,12 @@ from hpcinv.kernels_ahead import certificate_kernels_ahead
 from hpcinv.methods.method import Guess, Start
 from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.progress import Progress
+from hpcinv.output.reduced_basis import predicted_guesses
 from hpcinv.output.result import Result
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.run_report import RunReport
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.snapshot_writer import SnapshotWriter
-from hpcinv.output.taught_start import taught_guesses
 from hpcinv.parallel.runtime import MPI, compilation_explained
 from hpcinv.parallel.signals import signals_recorded
 from hpcinv.parallel.timings import Timings
@@ -75,7 +75,7 @@ def run(
         if compiles_ahead:
             own.enter_context(certificate_kernels_ahead(prepared))
         own.enter_context(signals_recorded())
-        guesses = guesses or taught_guesses(prepared.job, prepared.equations, progress.note)
+        guesses = guesses or predicted_guesses(prepared.job, prepared.equations, progress.note)
         outputs = _Outputs(prepared, store, progress, stop, guesses, overwrite=overwrite, resume=resume)
         solved = own.enter_context(outputs.keeping())
         _solve(prepared, outputs, solved)
@@ -168,8 +168,8 @@ def _solve(prepared: Prepared, outputs: _Outputs, solved: _Solved) -> None:
                 quantities = carried(quantities, body, solution.mesh_nodes)
             solved.quantities |= evaluate(quantities, body, solution, equations)
             if parameters := job.differentiated:
-                given = None if step.mesh is None else (solved.solutions[0], next(iter(solved.slopes.values())))
-                solved.slopes[step.shape] = sensitivities(equations, solution, parameters, given)
+                first = None if step.mesh is None else (solved.solutions[0], next(iter(solved.slopes.values())))
+                solved.slopes[step.shape] = sensitivities(equations, solution, parameters, first)
             solved.spreads.add(step.shape, equations, solution)
             outputs.store.write_shape(job, equations, solution, outputs.progress)
         outputs.checkpoints.finished(solution)

@@ -68,7 +68,7 @@ class Meshes:
             self.comm,
             resolve=self.job.resolve,
             degree=self.job.discretisation.displacement,
-            given=variant.given,
+            replacement=variant.given,
         )
 
     def job_on(self, variant: Variant) -> Job:

@@ -1,3 +1,3 @@
-"""Residual and tangent of a scene as PETSc vectors and matrices."""
+"""Residual and tangent of a weak form as PETSc vectors and matrices."""
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)

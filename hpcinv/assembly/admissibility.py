@@ -1,4 +1,4 @@
-"""Checks of a state of a scene: no element is inverted, and laws are inside their domain."""
+"""Checks of a state of a weak form: no element is inverted, and laws are inside their domain."""
 
 import numpy as np
 import ufl
@@ -6,7 +6,7 @@ import ufl
 from hpcinv.mesh.cells import quadrature
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.quadrature_values import QuadratureValues
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.runtime import MPI
 
 _SHARE = 1e-3
@@ -18,17 +18,17 @@ of a ventricle (2e-4), which stays stable."""
 class Admissibility:
     """Checks of the present state at every quadrature point; all of them are collective."""
 
-    def __init__(self, scene: Scene) -> None:
-        mesh, degree = scene.unknowns.mesh, scene.quadrature_degree
+    def __init__(self, weak_form: WeakForm) -> None:
+        mesh, degree = weak_form.unknowns.mesh, weak_form.quadrature_degree
         self._comm, size = mesh.comm, abs(ufl.JacobianDeterminant(mesh))
         self._weights = quadrature(mesh.basix_cell().name, degree)[1]
-        self._mesh_J = QuadratureValues(scene.mesh_J, mesh, degree)
+        self._mesh_J = QuadratureValues(weak_form.mesh_J, mesh, degree)
         self._domains = [
-            QuadratureValues(value, mesh, degree, part.cells) for part in scene.parts for value in part.domain
+            QuadratureValues(value, mesh, degree, part.cells) for part in weak_form.parts for value in part.domain
         ]
         self._fixed_volumes = [
             QuadratureValues(ufl.as_vector([part.fixed_volume, size]), mesh, degree, part.cells)
-            for part in scene.parts
+            for part in weak_form.parts
             if part.fixed_volume is not None
         ]
 

@@ -1,4 +1,4 @@
-"""Tangent of a scene as a PETSc matrix whose CSR arrays are filled in place.
+"""Tangent of a weak form as a PETSc matrix whose CSR arrays are filled in place.
 
 The place of each entry of each element matrix is computed once, which avoids PETSc's search for it.
 """
@@ -24,8 +24,8 @@ from hpcinv.assembly.element_matrices import Block, ElementMatrices
 from hpcinv.assembly.pattern import pattern_of
 from hpcinv.assembly.tangent_moduli import Term, UnsupportedForm
 from hpcinv.mesh.source import Floats
-from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.jit import JIT_OPTIONS, array_type, compile_library
 from hpcinv.parallel.malloc import release_freed_memory
 
@@ -35,7 +35,7 @@ type FilledTerm = list[ElementMatrices] | fem.Form
 
 
 class FilledTangent:
-    """``K = ∂R/∂x`` of the residual of a scene, with ones on the diagonal of unknowns that are prescribed.
+    """``K = ∂R/∂x`` of the residual of a weak form, with ones on the diagonal of unknowns that are prescribed.
 
     Raises:
         UnsupportedForm: on all ranks, if the form of the residual has no tangent moduli.
@@ -45,20 +45,20 @@ class FilledTangent:
 
     def __init__(
         self,
-        scene: Scene,
+        weak_form: WeakForm,
         jit_options: Mapping[str, Any] = JIT_OPTIONS,
         director: DirectorUnknowns | None = None,
     ) -> None:
-        self._unknowns, self._options, self._director = scene.unknowns, dict(jit_options), director
-        unknowns, options = scene.unknowns, self._options
-        moduli = compiled_moduli(scene.residual, unknowns, options)
+        self._unknowns, self._options, self._director = weak_form.unknowns, dict(jit_options), director
+        unknowns, options = weak_form.unknowns, self._options
+        moduli = compiled_moduli(weak_form.residual, unknowns, options)
         self._volume = [ElementMatrices(part, unknowns, director) for part in moduli]
         self._code = compile_library(unknowns.mesh.comm, _CODE.read_text())
         doubles, integers = array_type(np.float64), array_type(np.int32)
         sizes = ctypes.c_int64, *4 * (ctypes.c_int,)
         self._code.add.argtypes = [*sizes, doubles, integers, integers, ctypes.c_int, doubles]
         self._code.find.argtypes = [ctypes.c_int64, *5 * (integers,)]
-        surface = surface_tangent(scene.residual, unknowns.state)
+        surface = surface_tangent(weak_form.residual, unknowns.state)
         self._surface = None if surface is None else fem.form(surface, jit_options=options)
 
     def term(self, term: Term) -> FilledTerm:

@@ -1,4 +1,4 @@
-"""Residual and tangent of a scene at a load factor, as PETSc vector and matrix."""
+"""Residual and tangent of a weak form at a load factor, as PETSc vector and matrix."""
 
 from collections.abc import Callable
 from functools import cached_property
@@ -17,9 +17,9 @@ from hpcinv.assembly.tangent import Tangent, tangent_of
 from hpcinv.assembly.tangent_moduli import Term
 from hpcinv.job.job import Job
 from hpcinv.model.outcome import Outcome
-from hpcinv.model.scene import Scene
 from hpcinv.model.sliding import MatrixConstraint
 from hpcinv.model.supports import Supports
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
@@ -30,7 +30,7 @@ one, obstacles may press so much at the beginning of the path that no step is sm
 
 
 class System:
-    """The discrete equations ``R(x, λ) = 0`` of one scene under its supports, and their tangent ``K = ∂R/∂x``.
+    """The discrete equations ``R(x, λ) = 0`` of one weak form under its supports, and their tangent ``K = ∂R/∂x``.
 
     Rows of prescribed unknowns are ``x_i - λ ū_i = 0``; in the other rows these unknowns have the prescribed values.
 
@@ -49,28 +49,28 @@ class System:
         tangents: number of assemblies of the tangent; outdated factors are recognized by it.
     """
 
-    def __init__(self, scene: Scene, supports: Supports, timings: Timings, like: Self | None = None) -> None:
-        self.scene, self.supports, self.timings = scene, supports, timings
-        self.comm = scene.unknowns.mesh.comm
-        self.state = scene.unknowns.state
+    def __init__(self, weak_form: WeakForm, supports: Supports, timings: Timings, like: Self | None = None) -> None:
+        self.weak_form, self.supports, self.timings = weak_form, supports, timings
+        self.comm = weak_form.unknowns.mesh.comm
+        self.state = weak_form.unknowns.state
         self.tangents, self._like = 0, like
         self._constraint: MatrixConstraint | None = None
         self._path: tuple[npt.NDArray[np.float64], float] | None = None  # R(x_0, 1) and 1 - λ
         with timings("set-up"):
-            self.rhs = fem_petsc.create_vector(scene.unknowns.space)
-            is_thin = scene.unknowns.has_directors
-            self.director = DirectorUnknowns(scene.unknowns, supports) if is_thin else None
+            self.rhs = fem_petsc.create_vector(weak_form.unknowns.space)
+            is_thin = weak_form.unknowns.has_directors
+            self.director = DirectorUnknowns(weak_form.unknowns, supports) if is_thin else None
 
     # Where only the tangent is needed, as for stability, neither residual nor checks are made.
     @cached_property
     def _residual(self) -> fem.Form:
         with self.timings("compile"):
-            return fem.form(self.scene.residual, jit_options=JIT_OPTIONS)
+            return fem.form(self.weak_form.residual, jit_options=JIT_OPTIONS)
 
     @cached_property
     def _admissibility(self) -> Admissibility:
         with self.timings("compile"):
-            return Admissibility(self.scene)
+            return Admissibility(self.weak_form)
 
     def compile(self) -> None:
         """Compile residual and checks now, and not when they are first needed; collective."""
@@ -81,7 +81,7 @@ class System:
         like = self._like
         with self.timings("compile"):
             tangent = like._tangent if like and "_tangent" in vars(like) else None
-            return tangent_of(self.scene, like=tangent, director=self.director)
+            return tangent_of(self.weak_form, like=tangent, director=self.director)
 
     @cached_property
     def _matrix(self) -> tuple[PETSc.Mat, Callable[..., None]]:
@@ -106,11 +106,11 @@ class System:
         return self._tangent.note
 
     def set_load(self, load: float) -> None:
-        """Set the load factor λ of the scene and its supports, or the share of the path from another state."""
+        """Set the load factor λ of the weak form and its supports, or the share of the path from another state."""
         if self._path is not None:
             self._path = self._path[0], 1.0 - load
-        self.scene.parameters.set_load(load if self._path is None else 1.0)
-        self.supports.set_sign(self.scene.kinematics.sign)
+        self.weak_form.parameters.set_load(load if self._path is None else 1.0)
+        self.supports.set_sign(self.weak_form.kinematics.sign)
         self.supports.scale(load)
 
     @property
@@ -134,7 +134,7 @@ class System:
         All loads act in full on this path. Collective.
         """
         self.end_path()
-        self.scene.begin_line(job)
+        self.weak_form.begin_line(job)
         self.supports.begin_path(self.state.x.array)
 
     def begin_unloaded(self) -> None:
@@ -142,20 +142,20 @@ class System:
 
         Load steps, however small, would begin far from equilibrium otherwise. A path from another state has them in it.
         """
-        parameters, state = self.scene.parameters, self.state.x.array
+        parameters, state = self.weak_form.parameters, self.state.x.array
         if self.is_on_path or not parameters.may_grow:
             return
         parameters.grow(growing=False)
         kept_state = state.copy()
         state[:] = 0.0
-        self.scene.contacts.locate()
+        self.weak_form.contacts.locate()
         largest = float(np.abs(self.forces(0.0)).max(initial=0.0))
         state[:] = kept_state
         parameters.grow(growing=self.comm.allreduce(largest, op=MPI.MAX) > _BALANCED)
 
     def end_path(self) -> None:
         """Let the load factor lead from the unloaded body again, with forces that act at any load factor."""
-        parameters = self.scene.parameters
+        parameters = self.weak_form.parameters
         parameters.grow(growing=False)
         if self._path is not None or parameters.is_on_line:
             self._path = None
@@ -248,7 +248,7 @@ class System:
         state is then the last one that was tried.
         """
         share, fault, trial = 1.0, None, x.duplicate()
-        if passages := self.scene.passages:
+        if passages := self.weak_form.passages:
             with self.timings("admissibility check"):
                 self.set_state(x)
                 start = passages.here()
@@ -314,13 +314,13 @@ class System:
 
     @cached_property
     def _step(self) -> fem.Function:
-        return fem.Function(self.scene.unknowns.space)
+        return fem.Function(self.weak_form.unknowns.space)
 
     @cached_property
     def _step_form(self) -> fem.Form:
         """The tangent times a step, which is cheaper to compile and to evaluate than the tangent."""
         with self.timings("compile"):
-            return fem.form(ufl.derivative(self.scene.residual, self.state, self._step), jit_options=JIT_OPTIONS)
+            return fem.form(ufl.derivative(self.weak_form.residual, self.state, self._step), jit_options=JIT_OPTIONS)
 
 
 def _multiply_without_inodes() -> None:

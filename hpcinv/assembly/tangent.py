@@ -1,4 +1,4 @@
-"""The tangent ``K = ∂R/∂x`` of a scene, and the choice between two ways to assemble it.
+"""The tangent ``K = ∂R/∂x`` of a weak form, and the choice between two ways to assemble it.
 
 Either FFCx compiles it as a form, which the cache of kernels makes fast. Or its moduli are compiled, and a matrix is
 filled in place (`FilledTangent`): each assembly is 2 to 3 times as fast, but its pattern takes longer to make, and the
@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from hpcinv.assembly.csr_tangent import FilledTangent
 from hpcinv.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.assembly.tangent_moduli import Term, UnsupportedForm
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.jit import JIT_OPTIONS
 
 _MANY = 2_000  # cells from which two tangents save more time than the pattern costs
@@ -37,9 +37,9 @@ class CompiledTangent:
 
     note = ""
 
-    def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
-        unknowns = scene.unknowns
-        tangent = ufl.derivative(scene.residual, unknowns.state, ufl.TrialFunction(unknowns.space))
+    def __init__(self, weak_form: WeakForm, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
+        unknowns = weak_form.unknowns
+        tangent = ufl.derivative(weak_form.residual, unknowns.state, ufl.TrialFunction(unknowns.space))
         self._options = dict(jit_options)
         self._form = fem.form(tangent, jit_options=self._options)
 
@@ -79,29 +79,29 @@ type Tangent = CompiledTangent | FilledTangent
 
 
 def tangent_of(
-    scene: Scene,
+    weak_form: WeakForm,
     jit_options: Mapping[str, Any] = JIT_OPTIONS,
     like: Tangent | None = None,
     director: DirectorUnknowns | None = None,
 ) -> Tangent:
-    """Return the tangent of a scene, with the assembly that suits its mesh; collective.
+    """Return the tangent of a weak form, with the assembly that suits its mesh; collective.
 
     Args:
         like: another tangent on the same unknowns. This one is assembled in the same way, and can have its pattern.
         director: unknowns of the tangent, if they are not at the nodes; only moduli can be assembled in them.
     """
     if director is not None:
-        return FilledTangent(scene, jit_options, director)
-    cells = _assumed[-1] if _assumed else scene.unknowns.mesh.topology.index_map(3).size_global
+        return FilledTangent(weak_form, jit_options, director)
+    cells = _assumed[-1] if _assumed else weak_form.unknowns.mesh.topology.index_map(3).size_global
     has_many = cells >= _MANY if like is None else isinstance(like, FilledTangent)
     if not has_many:
-        return CompiledTangent(scene, jit_options)
+        return CompiledTangent(weak_form, jit_options)
     try:
-        if not scene.unknowns.has_whole_nodes:
+        if not weak_form.unknowns.has_whole_nodes:
             raise UnsupportedForm("the unknowns of a node do not follow each other")
-        return FilledTangent(scene, jit_options)
+        return FilledTangent(weak_form, jit_options)
     except UnsupportedForm as why:
-        compiled = CompiledTangent(scene, jit_options)
+        compiled = CompiledTangent(weak_form, jit_options)
         compiled.note = f"the tangent is assembled by DOLFINx, which takes two to three times as long: {why}"
         return compiled
 

@@ -34,22 +34,24 @@ _GRADIENT = Slot(0, 3, is_gradient=True)
 
 
 class TangentProduct:
-    """The volume part of ``K = ∂R/∂x`` at the present state of a scene, applied to vectors; methods are collective.
+    """The volume part of ``K = ∂R/∂x`` at the present state of a weak form, applied to vectors; methods are collective.
 
     Args:
         moduli: of the residual.
-        given: unknowns of the scene.
+        form_unknowns: unknowns of the weak form.
         unknowns: spaces of the vectors.
         degree: of a quadrature that integrates products of gradients in these spaces.
     """
 
-    def __init__(self, moduli: Sequence[CompiledModuli], given: Unknowns, unknowns: Unknowns, degree: int) -> None:
+    def __init__(
+        self, moduli: Sequence[CompiledModuli], form_unknowns: Unknowns, unknowns: Unknowns, degree: int
+    ) -> None:
         dofmap = unknowns.space.dofmap
         self._x, self._y = (la.vector(dofmap.index_map, dofmap.index_map_bs, dtype=np.float32) for _ in range(2))
         self._owned = dofmap.index_map.size_local * dofmap.index_map_bs
-        points, weights = quadrature(given.mesh.basix_cell().name, degree)
+        points, weights = quadrature(form_unknowns.mesh.basix_cell().name, degree)
         nodes = _Nodes(unknowns, points, weights)
-        self._parts = [_Part(part, given, nodes) for part in moduli]
+        self._parts = [_Part(part, form_unknowns, nodes) for part in moduli]
 
     def __call__(self, x: Singles) -> Singles:
         """Return ``K x``, both at the owned unknowns."""
@@ -105,13 +107,13 @@ class _Part:
         cells: owned cells that have these moduli.
     """
 
-    def __init__(self, moduli: CompiledModuli, given: Unknowns, nodes: _Nodes) -> None:
+    def __init__(self, moduli: CompiledModuli, form_unknowns: Unknowns, nodes: _Nodes) -> None:
         self.cells = np.arange(len(nodes.places), dtype=np.int32) if moduli.cells is None else moduli.cells
         groups = -(-len(self.cells) // _LANES)
         lanes = np.resize(self.cells, groups * _LANES)  # the last group may have the first cells again
         self._tests, self._trials = (_entries(slots) for slots in zip(*moduli.pairs, strict=True))
         self._gradients = nodes.tables[0][:, directions_of(_GRADIENT)]
-        extended = extension(given.mesh.basix_cell().name, moduli.points, nodes.points)
+        extended = extension(form_unknowns.mesh.basix_cell().name, moduli.points, nodes.points)
         are_given = len(moduli.points) > _FEW or np.array_equal(moduli.points, nodes.points)
         shares = (np.eye(len(nodes.points)) if are_given else extended) * nodes.weights[:, None]
         tables = {slot: nodes.tables[slot.part][:, directions_of(slot)] for slot in {**self._tests, **self._trials}}
@@ -119,7 +121,9 @@ class _Part:
         self._shares = _singles(shares)
         self._tables = _singles(np.concatenate([table.ravel() for table in tables.values()]))
         self._places = np.ascontiguousarray(places.transpose(0, 2, 1), dtype=np.int32)
-        self._moduli = self._evaluated(moduli, given, lanes, extended if are_given else np.eye(len(moduli.points)))
+        self._moduli = self._evaluated(
+            moduli, form_unknowns, lanes, extended if are_given else np.eye(len(moduli.points))
+        )
         self._moduli[-1:, ..., _LANES - (len(lanes) - len(self.cells)) :] = 0.0
         constants = {
             "POINTS": len(nodes.points),
@@ -132,7 +136,7 @@ class _Part:
             "TRIALS": _initializer(self._trials, tables, nodes.firsts),
         }
         definitions = "".join(f"#define {name} {value}\n" for name, value in constants.items())
-        self._code = compile_library(given.mesh.comm, definitions + _CODE.read_text())
+        self._code = compile_library(form_unknowns.mesh.comm, definitions + _CODE.read_text())
         singles, integers = array_type(np.float32), array_type(np.int32)
         self._code.multiply.argtypes = [ctypes.c_int64, *3 * [singles], integers, singles, singles]
 
@@ -156,14 +160,14 @@ class _Part:
         stiffness: Singles = np.linalg.norm(blocks, axis=(2, 3)).sum(axis=1) / math.sqrt(3)
         return stiffness
 
-    def _evaluated(self, moduli: CompiledModuli, given: Unknowns, lanes: Integers, extended: Floats) -> Singles:
+    def _evaluated(self, moduli: CompiledModuli, form_unknowns: Unknowns, lanes: Integers, extended: Floats) -> Singles:
         """Return moduli of all groups, (groups, points, all tests, all trials, lanes)."""
         rows, columns = (max(place.stop for place in slots.values()) for slots in (self._tests, self._trials))
         groups = len(lanes) // _LANES
         evaluated = np.zeros((groups, len(extended), rows, columns, _LANES), dtype=np.float32)
         for first in range(0, groups, _CHUNK):
             cells = lanes[first * _LANES : (first + _CHUNK) * _LANES]
-            values = extended @ moduli.expression.eval(given.mesh, cells)  # (cells, points, entries)
+            values = extended @ moduli.expression.eval(form_unknowns.mesh, cells)  # (cells, points, entries)
             group_values = values.reshape(-1, _LANES, *values.shape[1:]).transpose(0, 2, 3, 1)
             offset = 0
             for test, trial in moduli.pairs:
@@ -197,17 +201,19 @@ def _singles(values: Floats) -> Singles:
     return np.ascontiguousarray(values, dtype=np.float32)
 
 
-def extension(kind: str, given: Floats, points: Floats) -> Floats:
-    """Values at ``points`` (m, 3) of the polynomial nearest to values at ``given`` points (n, 3): a matrix (m, n).
+def extension(kind: str, source_points: Floats, points: Floats) -> Floats:
+    """Return the matrix (m, n) from values at ``source_points`` (n, 3) to the nearest polynomial at ``points`` (m, 3).
 
-    The polynomial is of the highest degree that has no more coefficients than there are given points.
+    The polynomial is of the highest degree that has no more coefficients than there are source points.
     """
-    if np.array_equal(given, points):
+    if np.array_equal(source_points, points):
         return np.eye(len(points))
     degree = 0
-    while scalar_element(kind, degree + 1).dim <= len(given):
+    while scalar_element(kind, degree + 1).dim <= len(source_points):
         degree += 1
     if degree == 0:
-        return np.full((len(points), len(given)), 1 / len(given))
-    given_values, point_values = (scalar_element(kind, degree).tabulate(0, x)[0, :, :, 0] for x in (given, points))
-    return np.asarray(point_values @ np.linalg.pinv(given_values))
+        return np.full((len(points), len(source_points)), 1 / len(source_points))
+    source_values, point_values = (
+        scalar_element(kind, degree).tabulate(0, x)[0, :, :, 0] for x in (source_points, points)
+    )
+    return np.asarray(point_values @ np.linalg.pinv(source_values))

@@ -35,8 +35,8 @@ from hpcinv.kinematics import staged_derivatives
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, remove_stages
 from hpcinv.mesh.cells import FACET_KIND, jacobians, kind_and_degree, quadrature, scalar_element, sub_entities
 from hpcinv.mesh.source import Floats
-from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.jit import (
     JIT_OPTIONS,
@@ -57,10 +57,10 @@ _VECTORS = 5  # copies of the coefficients at nodes, while the orthonormal basis
 
 
 class TaylorResidual:
-    """Coefficients of the residual of a scene, at a state and load; methods are collective.
+    """Coefficients of the residual of a weak form, at a state and load; methods are collective.
 
     Args:
-        scene: its residual without prescribed displacements, and with loads from the unloaded body on.
+        weak_form: its residual without prescribed displacements, and with loads from the unloaded body on.
 
     Attributes:
         orders: number of orders for which there is memory; set by `begin`.
@@ -70,14 +70,14 @@ class TaylorResidual:
         NotAnalytic: on all ranks, if the residual has no Taylor series; the message names the reason.
     """
 
-    def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
-        self._unknowns, self._parameters = scene.unknowns, scene.parameters
+    def __init__(self, weak_form: WeakForm, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
+        self._unknowns, self._parameters = weak_form.unknowns, weak_form.parameters
         self.orders, self.order_bytes = 0, 0.0
         self._rates: list[float] = []
         self._parts: list[_Part] = []
         try:
-            integrals = [*_volume(scene), *_surface(scene)]
-            plans, inputs = _plans(integrals, scene, jit_options)
+            integrals = [*_volume(weak_form), *_surface(weak_form)]
+            plans, inputs = _plans(integrals, weak_form, jit_options)
         except UnsupportedForm as reason:
             raise NotAnalytic(str(reason)) from None
         for integral, plan, expression in zip(integrals, plans, inputs, strict=True):
@@ -155,9 +155,9 @@ class _Integral:
     domains: list[_Domain]
 
 
-def _volume(scene: Scene) -> Iterator[_Integral]:
-    degree, parts = volume_parts(scene.residual, scene.unknowns)
-    mesh = scene.unknowns.mesh
+def _volume(weak_form: WeakForm) -> Iterator[_Integral]:
+    degree, parts = volume_parts(weak_form.residual, weak_form.unknowns)
+    mesh = weak_form.unknowns.mesh
     points, weights = quadrature(mesh.basix_cell().name, degree)
     owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     for part in parts:
@@ -165,12 +165,12 @@ def _volume(scene: Scene) -> Iterator[_Integral]:
         yield _Integral(part.integrand, points, [_Domain(cells, points, weights)])
 
 
-def _surface(scene: Scene) -> Iterator[_Integral]:
+def _surface(weak_form: WeakForm) -> Iterator[_Integral]:
     """Yield the integrals over regions of the boundary, by region and quadrature degree."""
-    kind = scene.unknowns.mesh.basix_cell().name
+    kind = weak_form.unknowns.mesh.basix_cell().name
     integrands: dict[tuple[int, int], Any] = {}
     entities: dict[int, Integers] = {}
-    for integral in scene.residual.integrals():
+    for integral in weak_form.residual.integrals():
         if integral.integral_type() == "cell":
             continue
         degree, region = integral.metadata().get("quadrature_degree"), integral.subdomain_id()
@@ -227,17 +227,21 @@ class _Plan:
 
 
 def _plans(
-    integrals: Sequence[_Integral], scene: Scene, jit_options: Mapping[str, Any]
+    integrals: Sequence[_Integral], weak_form: WeakForm, jit_options: Mapping[str, Any]
 ) -> tuple[list[_Plan], list[KernelExpression | None]]:
     """Return the plans of integrals, of a record or derived, and the kernels of their inputs; collective.
 
     The reason why there is no Taylor series is recorded too.
     """
-    comm, functions, constants = scene.unknowns.mesh.comm, scene.residual.coefficients(), scene.residual.constants()
-    parameters, directory = scene.parameters, Path(jit_options["cache_dir"])
-    numbers = functions.index(scene.unknowns.state), parameters.path_entries
+    comm, functions, constants = (
+        weak_form.unknowns.mesh.comm,
+        weak_form.residual.coefficients(),
+        weak_form.residual.constants(),
+    )
+    parameters, directory = weak_form.parameters, Path(jit_options["cache_dir"])
+    numbers = functions.index(weak_form.unknowns.state), parameters.path_entries
     place = constants.index(parameters.constant) if parameters.constant in constants else None
-    description = f"{scene.residual.signature()} {numbers} {place}".encode()
+    description = f"{weak_form.residual.signature()} {numbers} {place}".encode()
     description += b"".join(integral.cell_points.tobytes() for integral in integrals)
     modules = tangent_moduli, staged_derivatives, scalar_graph, code_writer, sys.modules[__name__]
     record = DerivationRecord(comm, "taylor", description, modules, jit_options)
@@ -262,7 +266,7 @@ def _plans(
     )
     if not comm.allreduce(are_loaded, op=MPI.LAND):
         try:
-            derived = [_derived(integral, scene, jit_options) for integral in integrals]
+            derived = [_derived(integral, weak_form, jit_options) for integral in integrals]
         except NotAnalytic as reason:
             record.write(str(reason))
             raise
@@ -272,10 +276,10 @@ def _plans(
 
 
 def _derived(
-    integral: _Integral, scene: Scene, jit_options: Mapping[str, Any]
+    integral: _Integral, weak_form: WeakForm, jit_options: Mapping[str, Any]
 ) -> tuple[_Plan, KernelExpression | None]:
     """Derive the plan of an integral, and compile the kernel of its inputs; collective."""
-    unknowns, parameters = scene.unknowns, scene.parameters
+    unknowns, parameters = weak_form.unknowns, weak_form.parameters
     tests, trials = slots_of(unknowns, unknowns.state)
     at_point = point_integrand(integral.integrand, unknowns, unknowns.state, tests, trials, ufl.Identity(3))
     local = Local(unknowns.mesh.ufl_domain())
@@ -303,7 +307,7 @@ def _derived(
     vector = remove_stages(ufl.as_vector([*graph.inputs, *positions]))
     taken = list(extract_coefficients(vector)), list(extract_constants(vector))
     expression = compile_expression(unknowns.mesh.comm, vector, integral.cell_points, *taken, jit_options)
-    functions, constants = scene.residual.coefficients(), scene.residual.constants()
+    functions, constants = weak_form.residual.coefficients(), weak_form.residual.constants()
     functions_taken, constants_taken = (
         tuple(functions.index(f) for f in taken[0]),
         tuple(constants.index(c) for c in taken[1]),

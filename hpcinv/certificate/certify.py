@@ -44,27 +44,27 @@ def certify(
     equations: Equations,
     solutions: Sequence[Solution],
     computed: Mapping[str, Value],
-    known: Estimate | None = None,
+    prior_estimate: Estimate | None = None,
     begins: Callable[[str], None] = lambda _: None,
     observer: Observer = SILENT,
-    given: Correction | None = None,
-    uncertain: float = 0.0,
+    rest_correction: Correction | None = None,
+    deviation: float = 0.0,
 ) -> tuple[Certificate, Estimate | None]:
     """Check the solutions of a run; collective.
 
     Args:
         solutions: one, or both of a round trip; the certificate is on the body that the first one found.
         computed: values of the job's quantities of interest.
-        known: the estimate of the first solution, if it has been made before.
+        prior_estimate: the estimate of the first solution, if it has been made before.
         begins: called with the name of each check when it begins.
         observer: of the solve back, and of a solve in finer spaces; it is also asked whether to stop.
-        given: for a further state, the correction of the rest shape by the estimate of the given one.
-        uncertain: standard deviation (m) of the shape by errors of the given surface, 0 if it is not known.
+        rest_correction: for a further state, the correction of the rest shape by the estimate of the given one.
+        deviation: standard deviation (m) of the shape by errors of the given surface, 0 if it is not known.
 
     Raises:
         Stopped: on all ranks, before a check or within a long one, if the observer asks to stop.
     """
-    solution, estimated, lines = solutions[0], known, list[Line]()
+    solution, estimated, lines = solutions[0], prior_estimate, list[Line]()
     equations.put(solution)
 
     def check(name: str, function: Callable[[], Iterable[Line]]) -> list[Line]:
@@ -87,17 +87,17 @@ def certify(
             yield skipped(DISCRETISATION, f"is not estimated where {what} is unknown")
             return
         if estimated is None and solution.job.certificate.estimate:
-            estimated = estimate(equations, solution, computed, given, observer)
-        yield _discretisation(equations, solution, estimated, uncertain)
+            estimated = estimate(equations, solution, computed, rest_correction, observer)
+        yield _discretisation(equations, solution, estimated, deviation)
 
-    def way_back() -> Iterable[Line]:
+    def return_lines() -> Iterable[Line]:
         if len(solutions) == 1:
             checked = round_trip(equations, solution, forward, observer)
         else:
             checked = iter([closure_error(equations, solution, solutions[1].u)])
-        largest = max(uncertain, 0.0 if estimated is None or not isfinite(estimated.shape) else estimated.shape)
+        largest = max(deviation, 0.0 if estimated is None or not isfinite(estimated.shape) else estimated.shape)
         checked = judged_with_given_numbers(checked) if has_unknowns and len(solutions) == 1 else checked
-        return (_way_back(line, displacement_scale(equations, solution).length, largest) for line in checked)
+        return (_return_line(line, displacement_scale(equations, solution).length, largest) for line in checked)
 
     def stable_state() -> Iterable[Line]:
         checked = stability(equations, forward, observer)
@@ -125,7 +125,7 @@ def certify(
             if is_checked:
                 check("cells", lambda: cells(equations, solution))
             check("overlap", lambda: self_overlap(equations, solution))
-            check("round trip", way_back)
+            check("round trip", return_lines)
             (stable,) = check("stability", stable_state)
             if solution.remote_loads and is_checked and solution.job.certificate.stability:
                 check("remote loads", lambda: stable_motions(equations, forward))
@@ -141,7 +141,7 @@ def certify(
     return Certificate(tuple(lines)), estimated
 
 
-def _way_back(line: Line, scale: float, largest: float) -> Line:
+def _return_line(line: Line, scale: float, largest: float) -> Line:
     """Return the line on the round trip, relative to ``scale``, judged by the largest other error of the shape (m)."""
     if line.verdict is not Verdict.WARN or (line.value or 0.0) * scale > largest:
         return line
@@ -150,7 +150,7 @@ def _way_back(line: Line, scale: float, largest: float) -> Line:
     )
 
 
-def _discretisation(equations: Equations, solution: Solution, estimated: Estimate | None, uncertain: float) -> Line:
+def _discretisation(equations: Equations, solution: Solution, estimated: Estimate | None, deviation: float) -> Line:
     if estimated is None:
         forecast = finer_forecast(equations)
         tried = ", and iterations do not find it" if forecast.operations > MANY else ""
@@ -186,8 +186,8 @@ def _discretisation(equations: Equations, solution: Solution, estimated: Estimat
         if line.verdict is Verdict.PASS and UNRELIABLE * (line.value or 0.0) > 0.05:
             line = replace(line, verdict=Verdict.UNDECIDED)
         line = replace(line, note=note)
-    if not uncertain or estimated.shape > uncertain:
+    if not deviation or estimated.shape > deviation:
         return line
     # The mesh need not be better than the image deserves.
-    note += f"; the given surface is uncertain by {readable(uncertain, 'm', 2)}"
+    note += f"; the given surface is uncertain by {readable(deviation, 'm', 2)}"
     return replace(line, note=note, verdict=Verdict.PASS if line.verdict is Verdict.WARN else line.verdict)

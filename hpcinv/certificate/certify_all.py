@@ -16,7 +16,7 @@ def certify_all(
     solutions: Sequence[Solution],
     quantities: Mapping[str, Value],
     estimate: Estimate | None,
-    uncertain: Mapping[str, float],
+    deviations: Mapping[str, float],
     detail: Callable[[str], None],
     observer: Observer,
 ) -> tuple[Certificate, Estimate | None]:
@@ -25,18 +25,24 @@ def certify_all(
     Args:
         equations: of each solution.
         observer: as for `certify`.
-        uncertain: standard deviations (m) of shapes by errors of the given surface, by state, as far as they are known.
+        deviations: standard deviations (m) of shapes by errors of the given surface, by state, where they are known.
     """
     if not solutions[0].state:
-        return certify(equations[0], solutions, quantities, estimate, detail, observer, None, uncertain.get("", 0.0))
+        return certify(equations[0], solutions, quantities, estimate, detail, observer, None, deviations.get("", 0.0))
     lines: list[Line] = []
     for number, solution in enumerate(solutions):
         state_quantities = {q.name: quantities[q.name] for q in solution.job.quantities}
         detail(solution.state)
-        given = estimate.correction if estimate and not solution.is_on_given_mesh else None
-        known = uncertain.get(solution.state, 0.0)
+        rest_correction = estimate.correction if estimate and not solution.is_on_given_mesh else None
+        deviation = deviations.get(solution.state, 0.0)
         certificate, solution_estimate = certify(
-            equations[number], [solution], state_quantities, None, observer=observer, given=given, uncertain=known
+            equations[number],
+            [solution],
+            state_quantities,
+            None,
+            observer=observer,
+            rest_correction=rest_correction,
+            deviation=deviation,
         )
         lines += certificate.lines
         estimate = (

@@ -38,8 +38,8 @@ from hpcinv.job.job import Job
 from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.mesh.source import Floats
 from hpcinv.model.discrete_model import default_quadrature
-from hpcinv.model.scene import Part, Scene
 from hpcinv.model.sliding import MatrixConstraint
+from hpcinv.model.weak_form import Part, WeakForm
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.quantity.spatial_fields import fields_in
 from hpcinv.results.solution import Solution
@@ -51,23 +51,23 @@ PENALTY = 10.0  # other values: docs/theory/stability.md
 _OVERLAP = 0.01  # share of α that stays in Λ too: what is left of Λ stays positive definite
 
 
-def second_variation(equations: Equations, known: fem.Function | None) -> fem.Form:
+def second_variation(equations: Equations, given_u: fem.Function | None) -> fem.Form:
     """Return the form whose negative eigenvalues, less one for each pressure, are confirmed instabilities; collective.
 
     Args:
         equations: its mesh must be the reference body, and its state the solution, when the form is assembled.
-        known: as in `Scene`.
+        given_u: as in `WeakForm`.
     """
     spaces = equations.job.discretisation
     degree = max(equations.quadrature_degree, default_quadrature(equations.body.source.kind, spaces.displacement)) + 2
-    scene = equations.scene("forward", known, degree)
-    scene.parameters.set_load(1.0)
-    unknowns, parts = scene.unknowns, scene.kinematics.integration.part
+    weak_form = equations.weak_form("forward", given_u, degree)
+    weak_form.parameters.set_load(1.0)
+    unknowns, parts = weak_form.unknowns, weak_form.kinematics.integration.part
     trial = ufl.TrialFunction(unknowns.space)
     with equations.timings("compile"):
-        form = ufl.derivative(scene.residual, unknowns.state, trial)
-        for number, part in enumerate(scene.parts):
-            form += scene.kinematics.dV(_added(scene, part, trial), parts(number))
+        form = ufl.derivative(weak_form.residual, unknowns.state, trial)
+        for number, part in enumerate(weak_form.parts):
+            form += weak_form.kinematics.dV(_added(weak_form, part, trial), parts(number))
         return fem.form(form, jit_options=JIT_OPTIONS)
 
 
@@ -79,11 +79,11 @@ class Confirmed:
     asymmetry: float
 
 
-def known_displacement(equations: Equations) -> fem.Function | None:
+def given_u_of(equations: Equations) -> fem.Function | None:
     """Return the state's displacement if properties of the material are given on the loaded body, else ``None``.
 
-    The forward scene needs it, to keep them attached to the material. Where they are given in another state, scenes of
-    the equations have its displacement.
+    The forward weak form needs it, to keep them attached to the material. If they are given in another state, the
+    weak forms of the equations have its displacement already.
     """
     if equations.has_attached:
         return None
@@ -106,7 +106,7 @@ def _seen_on_the_current_body(job: Job) -> bool:
 def assembled(equations: Equations, solution: Solution) -> Iterator[PETSc.Mat]:
     """Context with the matrix of `second_variation`; the equations have the solution's mesh and state in it."""
     equations.put(solution.moved_to(solution.reference_nodes))
-    form = second_variation(equations, known_displacement(equations))
+    form = second_variation(equations, given_u_of(equations))
     with equations.timings("tangent"):
         matrix = fem_petsc.assemble_matrix(form, bcs=equations.supports.conditions)
         matrix.assemble()
@@ -122,7 +122,7 @@ def assembled(equations: Equations, solution: Solution) -> Iterator[PETSc.Mat]:
 
 def _forces(equations: Equations) -> Floats:
     """Return nodal forces of the owned unknowns in the present state; collective."""
-    equilibrium = equations.equilibrium(equations.scene("forward", known_displacement(equations)))
+    equilibrium = equations.equilibrium(equations.weak_form("forward", given_u_of(equations)))
     forces = equilibrium.system.forces(1.0)
     equations.release(equilibrium)
     return forces
@@ -138,16 +138,16 @@ def confirm(equations: Equations, solution: Solution) -> Confirmed | None:
     return Confirmed(max(counts.negative - pressures, 0), counts.asymmetry)
 
 
-def _added(scene: Scene, part: Part, trial: Any) -> Any:
+def _added(weak_form: WeakForm, part: Part, trial: Any) -> Any:
     """Return the terms that `second_variation` adds to the tangent, per reference volume."""
-    kin, unknowns = scene.kinematics, scene.unknowns
+    kin, unknowns = weak_form.kinematics, weak_form.unknowns
     mu, volume = part.shear_modulus, remove_stages(ufl.as_ufl(part.inelastic_volume))
     w, dp = (trial, None) if unknowns.p is None else ufl.split(trial)
     strains = [ufl.sym(kin.Grad(field) * kin.F_inverse) for field in (unknowns.v, w)]
     margin = MARGIN * 2 * mu * ufl.inner(*strains)
     if unknowns.p is None:
         return margin
-    slope = remove_stages(gradient(part.dilatation, scene.H))
+    slope = remove_stages(gradient(part.dilatation, weak_form.H))
     tau = remove_stages(part.P) * (ufl.Identity(3) + kin.H).T
     alpha = PENALTY * (mu + ufl.sqrt(ufl.inner(tau, tau)) + abs(unknowns.p))
     compliance: Any = 0

@@ -47,7 +47,7 @@ def penalties(equations: Equations, solution: Solution, forward: ForwardFactors)
     if solver is None:
         return
     with forward.tangent() as equilibrium:
-        for obstacle in equilibrium.system.scene.contacts.rigid():
+        for obstacle in equilibrium.system.weak_form.contacts.rigid():
             contact = contacts[obstacle.where]
             if contact.largest_pressure:
                 name = f"contact on '{contact.region}': change of the shape if the penalty is doubled"
@@ -67,7 +67,7 @@ def _rate(system: System, solver: SymmetricFactors | MultigridSolver, obstacle: 
     Pressures ``q`` at vertices follow by Uzawa's method for the linearised equations, ``q' -= penalty g'``, accelerated
     by Anderson's. The rate is ``None`` if that does not settle.
     """
-    unknowns = system.scene.unknowns
+    unknowns = system.weak_form.unknowns
     start, rate, b = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
     pressing, _ = obstacle.vertex_values()
     update = Anderson(1.0, _UPDATES, lambda a, b: float(system.comm.allreduce(float(a @ b))))

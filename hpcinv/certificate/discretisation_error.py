@@ -158,7 +158,7 @@ def estimate(
     equations: Equations,
     solution: Solution,
     computed: Mapping[str, Value],
-    given: Correction | None = None,
+    rest_correction: Correction | None = None,
     observer: Observer = SILENT,
 ) -> Estimate | None:
     """Estimate the discretisation errors of a solution; collective.
@@ -166,7 +166,7 @@ def estimate(
     Args:
         equations: the equations that the solution was computed with.
         computed: values of the job's quantities of interest.
-        given: for a further state, the correction of the rest shape; without it, that shape is taken as computed.
+        rest_correction: of the rest shape, for a further state; without it, that shape is taken as computed.
         observer: of the solve of the finer problem, where one Newton step does not suffice; it is also asked whether to
             stop.
 
@@ -175,13 +175,13 @@ def estimate(
     """
     quantities = tuple(q for q in solution.job.quantities if not q.is_reaction)
     if not solution.is_on_given_mesh:
-        quantities = carried(quantities, equations.body, _nodes(solution, given))
+        quantities = carried(quantities, equations.body, _nodes(solution, rest_correction))
     current = solution.current_nodes if solution.is_on_given_mesh else equations.body.given_nodes
     nodes = {"reference": solution.reference_nodes, "current": current}
     edges = singular_edges(solution.job, equations.body, nodes)
     unreliable = at_singular_fibres(solution.job.quantities, equations.body, edges)
     scale = displacement_scale(equations, solution).length
-    finer = finer_equations(equations, solution, given)
+    finer = finer_equations(equations, solution, rest_correction)
     body, is_shell = finer.body, equations.body.source.midsurface is not None
     forecast = finer.chooser.forecast if is_shell else finer_forecast(equations)
     start = finer.state().displacement
@@ -197,17 +197,17 @@ def estimate(
     elif not (is_large and two_level.correct(equations, solution.direction, finer, observer)):
         if not is_affordable:
             return None
-        equilibrium = finer.equilibrium(finer.scene(solution.direction))
+        equilibrium = finer.equilibrium(finer.weak_form(solution.direction))
         equilibrium.correct(1.0)
         equilibrium.destroy()
-    u, node_displacement, moved, largest = _moved(equations, solution, finer, given)
+    u, node_displacement, moved, largest = _moved(equations, solution, finer, rest_correction)
     if is_shell and not is_solved:
         largest = np.inf
     elif is_affordable and not largest <= LINEAR * scale and not is_solved:
         corrected = state.copy()
         budget = _Budget(observer, _tangents_of_finer_solve(equations, solution, forecast))
         if is_solved := not budget.is_spent and _solve(finer, solution.direction, budget):
-            u, node_displacement, moved, largest = _moved(equations, solution, finer, given)
+            u, node_displacement, moved, largest = _moved(equations, solution, finer, rest_correction)
         else:
             state[:], is_too_dear = corrected, budget.is_spent
     stop_if_asked(body.mesh.comm, observer)
@@ -233,7 +233,7 @@ def estimate(
         finer=halved_cells.DESCRIPTION if is_shell else Estimate.finer,
         is_solved=is_solved,
         is_too_dear=is_too_dear,
-        without_geometry=_finer_body(equations, solution, given)[1],
+        without_geometry=_finer_body(equations, solution, rest_correction)[1],
         unreliable=unreliable,
         correction=_correction(equations, solution, finer, moved, displacement) if isfinite(largest) else None,
     )
@@ -275,8 +275,8 @@ class _Budget(IterationObserver):
 def _tangents_of_finer_solve(equations: Equations, solution: Solution, finer: Forecast) -> int:
     """Return how many tangents the solve of the finer problem may take; collective."""
     ranks = equations.body.mesh.comm.size
-    given = equations.chooser.forecast
-    solve = solution.factorizations * (given.tangent(ranks) + _OVERHEAD)
+    forecast = equations.chooser.forecast
+    solve = solution.factorizations * (forecast.tangent(ranks) + _OVERHEAD)
     return int(max(SHARE * solve, LEAST) / (finer.tangent(ranks) + _OVERHEAD))
 
 
@@ -288,7 +288,7 @@ def _solve(finer: Equations, direction: Direction, observer: Observer) -> bool:
 
 
 def _moved(
-    equations: Equations, solution: Solution, finer: Equations, given: Correction | None
+    equations: Equations, solution: Solution, finer: Equations, rest_correction: Correction | None
 ) -> tuple[fem.Function, Floats, Floats, float]:
     """How far the state of ``finer`` is from the solution; collective.
 
@@ -302,26 +302,29 @@ def _moved(
     else:  # a finer geometry has the nodes of the given one at the same places of the cells
         node_displacement = equations.unknowns.geometry_values(u)
     moved = solution.sign * (node_displacement - solution.u)
-    if given is not None:
-        moved += given.nodes
+    if rest_correction is not None:
+        moved += rest_correction.nodes
     mine = np.linalg.norm(moved, axis=1)
     # The largest of NaN and a number depends on their order.
     largest = float(mine.max(initial=0.0)) if np.isfinite(mine).all() else np.inf
     return u, node_displacement, moved, finer.body.mesh.comm.allreduce(largest, op=MPI.MAX)
 
 
-def _nodes(solution: Solution, given: Correction | None) -> Floats:
+def _nodes(solution: Solution, rest_correction: Correction | None) -> Floats:
     """Local geometry nodes (m) on which a solution is corrected."""
-    return solution.mesh_nodes if given is None else solution.mesh_nodes + given.nodes
+    return solution.mesh_nodes if rest_correction is None else solution.mesh_nodes + rest_correction.nodes
 
 
-def _finer_body(equations: Equations, solution: Solution, given: Correction | None) -> tuple[Body, str]:
+def _finer_body(equations: Equations, solution: Solution, rest_correction: Correction | None) -> tuple[Body, str]:
     """Return the body with the true geometry, if that is known, and why it is not; collective.
 
     A state that is solved from the rest shape has the cells of the given mesh.
     """
     if not solution.is_on_given_mesh:
-        return equations.body, "the rest shape is taken as computed" if given is None else given.without_geometry
+        return (
+            equations.body,
+            "the rest shape is taken as computed" if rest_correction is None else rest_correction.without_geometry,
+        )
     body, unknown = equations.body.true_geometry_body
     return body or equations.body, unknown
 
@@ -332,7 +335,7 @@ def _omitted_geometry(equations: Equations) -> str:
     return unknown if body is None or body is equations.body else "it is known for the given mesh only"
 
 
-def finer_equations(equations: Equations, solution: Solution, given: Correction | None = None) -> Equations:
+def finer_equations(equations: Equations, solution: Solution, rest_correction: Correction | None = None) -> Equations:
     """Return equations in spaces of one degree more, on the finer geometry if one is known; of a shell on halved cells.
 
     Collective.
@@ -341,19 +344,19 @@ def finer_equations(equations: Equations, solution: Solution, given: Correction 
     corrected one. The state of the given equations is the solution there too.
     """
     if equations.body.source.midsurface is not None:
-        return _on_halved_cells(equations, solution, given)
+        return _on_halved_cells(equations, solution, rest_correction)
     with equations.timings("mesh"):
-        body, _ = _finer_body(equations, solution, given)
+        body, _ = _finer_body(equations, solution, rest_correction)
     finer = Equations(one_degree_more(solution.job), body, equations.timings)
     finer.take_supports_as_checked()
-    contacts = finer.scene(solution.direction).contacts
+    contacts = finer.weak_form(solution.direction).contacts
     contacts.restore(solution.contacts, finer.scales, partial(transfer_function, body.mesh))
-    nodes = _nodes(solution, given)
+    nodes = _nodes(solution, rest_correction)
     equations.put(solution.moved_to(nodes))
     state = finer.unloaded(nodes=nodes if body is equations.body else None)
     if (other := solution.given_displacement) is not None:
         u = fem.Function(finer.unknowns.displacement_space)
-        interpolate(other if given is None else given.displacement, u)
+        interpolate(other if rest_correction is None else rest_correction.displacement, u)
         state = replace(state, given_displacement=u)
     extend(solution.displacement, state.displacement)
     if state.pressure is not None:
@@ -364,14 +367,14 @@ def finer_equations(equations: Equations, solution: Solution, given: Correction 
     return finer
 
 
-def _on_halved_cells(equations: Equations, solution: Solution, given: Correction | None) -> Equations:
+def _on_halved_cells(equations: Equations, solution: Solution, rest_correction: Correction | None) -> Equations:
     """Return equations of a shell on halved cells, in the state of the solution; collective."""
     body, unknowns = equations.body, equations.unknowns
     with equations.timings("mesh"):
         finer = Equations(solution.job, body.halved, equations.timings)
         finer.take_supports_as_checked()
-    equations.put(solution.moved_to(_nodes(solution, given)))
-    corrected = None if given is None else given.finer_nodes
+    equations.put(solution.moved_to(_nodes(solution, rest_correction)))
+    corrected = None if rest_correction is None else rest_correction.finer_nodes
     nodes = halved_cells.refined_values(body, solution.mesh_nodes) if corrected is None else corrected
     state = finer.unloaded(nodes=None if solution.is_on_given_mesh else nodes)
 
@@ -379,7 +382,9 @@ def _on_halved_cells(equations: Equations, solution: Solution, given: Correction
         return halved_cells.refined_function(body, unknowns, displacement, finer.unknowns)
 
     if (other := solution.given_displacement) is not None:
-        state = replace(state, given_displacement=refined(other) if given is None else given.displacement)
+        state = replace(
+            state, given_displacement=refined(other) if rest_correction is None else rest_correction.displacement
+        )
     state = replace(state, displacement=refined(solution.displacement))
     if solution.pressure is not None:
         pressure = halved_cells.refined_pressure(body, unknowns, solution.pressure, finer.unknowns)
@@ -403,7 +408,7 @@ def _corrected(
     Args:
         u: its displacement (m) at the nodes of the equations' body.
     """
-    body, better = finer.body, solution_of(finer, direction, finer.scene(direction), ())
+    body, better = finer.body, solution_of(finer, direction, finer.weak_form(direction), ())
     nodal_solution = replace(better, mesh_nodes=equations.body.nodes, u=u)
     node_quantities = [q for q in quantities if q.on is not None and not q.uses_quadrature]
     others = _moved_into_body([q for q in quantities if q not in node_quantities], equations.body, body)
@@ -411,14 +416,14 @@ def _corrected(
     return {q.name: values[q.name] for q in quantities}
 
 
-def _moved_into_body(quantities: Sequence[QuantityOfInterest], given: Body, body: Body) -> list[QuantityOfInterest]:
+def _moved_into_body(quantities: Sequence[QuantityOfInterest], coarse: Body, body: Body) -> list[QuantityOfInterest]:
     """Return the quantities; points that are outside ``body``, which has the same cells, are moved with their cells."""
-    if body is given:
+    if body is coarse:
         return list(quantities)
     inside = locate(body, [q.at for q in quantities if q.at])
     outside = [point for point, place in inside.items() if place is None]
     moved = dict[Point, Point]()
-    for point, place in locate(given, outside).items():
+    for point, place in locate(coarse, outside).items():
         assert place is not None  # it has a value there
         x, y, z = position(body, place, body.nodes).tolist()
         moved[point] = (x, y, z)

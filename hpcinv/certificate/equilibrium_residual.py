@@ -42,7 +42,7 @@ def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[L
         return float(np.sqrt(comm.allreduce(float(np.sum(forces[dofs] ** 2)), op=MPI.SUM)))
 
     equations.put(solution)
-    equilibrium = equations.equilibrium(equations.scene(solution.direction))
+    equilibrium = equations.equilibrium(equations.weak_form(solution.direction))
     none, full = equilibrium.system.forces(0.0), equilibrium.system.forces(1.0)
     load = max(norm(full - none), norm(full))
     left, balanced, is_rounded = norm(full - equations.supports.held_part(full)), "", False

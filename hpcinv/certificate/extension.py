@@ -12,23 +12,23 @@ from hpcinv.mesh.source import Floats, Ints
 _ROUNDING = 1e-12  # offset of a node, relative to the size of its cell, up to which it counts as in place
 
 
-def extend(given: fem.Function, finer: fem.Function) -> None:
+def extend(coarse: fem.Function, finer: fem.Function) -> None:
     """Interpolate a function in a space on the same cells, perhaps with a finer geometry; collective.
 
-    A node that lies ``s`` away from where the given mesh has it gets ``u + ∇u s``, with the mean of ∇u over its cells.
+    A node that lies ``s`` away from its place in the coarse mesh gets ``u + ∇u s``, with the mean of ∇u over its cells.
     By reference coordinates alone it would get ``u``, and a rotation R would strain the cells there by ``(R - I) ∇s``.
 
     Args:
-        given: scalar or vector in a Lagrange space; its mesh must lie where it was computed.
+        coarse: scalar or vector in a Lagrange space; its mesh must lie where it was computed.
         finer: function in a Lagrange space, whose values are replaced.
     """
-    space, target = given.function_space, finer.function_space
-    interpolate(given, finer)
+    space, target = coarse.function_space, finer.function_space
+    interpolate(coarse, finer)
     if target.mesh is space.mesh:
         return
     size, points = target.dofmap.bs, target.element.basix_element.points
     slopes = space.element.basix_element.tabulate(1, points)[1:, :, :, 0]
-    values = given.x.array.reshape(-1, size)
+    values = coarse.x.array.reshape(-1, size)
     added, counts = (la.vector(target.dofmap.index_map, n) for n in (size, 1))
     owned = np.arange(target.mesh.topology.index_map(3).size_local, dtype=np.int64)
     for cells in np.array_split(owned, 1 + len(owned) // CHUNK):

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
 
-from hpcinv.certificate.confirmation import known_displacement
+from hpcinv.certificate.confirmation import given_u_of
 from hpcinv.certificate.inertia import SymmetricFactors, factorize_symmetric
 from hpcinv.certificate.multigrid_solver import MultigridSolver
 from hpcinv.results.solution import Solution
@@ -51,9 +51,9 @@ class ForwardFactors:
     @cached_property
     def multigrid(self) -> MultigridSolver:
         """A solver for the same matrix, where factors are not `affordable`; collective at the first access."""
-        self._equations.destroy()  # matrices of other scenes take as much memory as this one
+        self._equations.destroy()  # matrices of other weak forms take as much memory as this one
         with self.tangent() as equilibrium, self._equations.timings("factorization"):
-            return MultigridSolver(equilibrium.system.matrix, equilibrium.system.scene)
+            return MultigridSolver(equilibrium.system.matrix, equilibrium.system.weak_form)
 
     @property
     def affordable(self) -> bool:
@@ -73,7 +73,7 @@ class ForwardFactors:
         """Context with the forward tangent assembled; the equations have the solution's mesh and state in it."""
         equations, solution = self._equations, self.solution
         equations.put(solution.moved_to(solution.reference_nodes))
-        equilibrium = equations.equilibrium(equations.scene("forward", known_displacement(equations)))
+        equilibrium = equations.equilibrium(equations.weak_form("forward", given_u_of(equations)))
         equilibrium.system.linearise(1.0)
         try:
             yield equilibrium

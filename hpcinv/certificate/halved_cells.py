@@ -100,9 +100,9 @@ def solve(equations: Equations, solution: Solution, finer: Equations, observer: 
     finer.supports.scale(1.0)
     finer.supports.impose(finer.unknowns.state.x.array)
     sign = finer.unknowns.unloaded_sign if sign_of(solution.solves) == equations.unknowns.unloaded_sign else 0
-    scene = finer.scene(solution.direction)
-    if not scene.contacts.is_iterated:
-        equilibrium = finer.equilibrium(scene, observer)
+    weak_form = finer.weak_form(solution.direction)
+    if not weak_form.contacts.is_iterated:
+        equilibrium = finer.equilibrium(weak_form, observer)
         equilibrium.depart(0.0)
         was_found = _corrected(finer, equilibrium, sign)
         equilibrium.destroy()

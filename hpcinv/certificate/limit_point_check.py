@@ -53,7 +53,7 @@ def _precise_sign(equations: Equations, solution: Solution) -> int:
     Rounding errors in single precision can change the sign where rigid motions are held by soft springs.
     """
     equations.put(solution)
-    equilibrium = equations.equilibrium(equations.scene(solution.direction))
+    equilibrium = equations.equilibrium(equations.weak_form(solution.direction))
     linear, sign = equilibrium.linear, 0
     if linear.choice.precision == "single" and not linear.configuration.exact and linear.become_exact():
         equilibrium.system.linearise(1.0)

@@ -8,7 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.certificate.inertia import asymmetry_of, symmetric_part
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.petsc_options import SolverOptions
@@ -18,8 +18,8 @@ class MultigridSolver:
     """Linear solver for ``½(K + Kᵀ) x = b``, set up for the present state and mesh; all methods are collective.
 
     Args:
-        matrix: a tangent of the scene, or another matrix of the same structure, which must not change afterwards.
-        scene: its state and mesh must be the matrix's.
+        matrix: a tangent of the weak form, or another matrix of the same structure, which must not change afterwards.
+        weak_form: its state and mesh must be the matrix's.
 
     Attributes:
         matrix: the symmetric part.
@@ -27,11 +27,11 @@ class MultigridSolver:
         pressure_mass: diagonal of the scaled mass matrix of the owned pressures.
     """
 
-    def __init__(self, matrix: PETSc.Mat, scene: Scene) -> None:
-        self.unknowns = scene.unknowns
+    def __init__(self, matrix: PETSc.Mat, weak_form: WeakForm) -> None:
+        self.unknowns = weak_form.unknowns
         self.asymmetry = asymmetry_of(matrix)
         symmetric = symmetric_part(matrix) if self.asymmetry else matrix
-        self._configuration = Iterative(scene)
+        self._configuration = Iterative(weak_form)
         self._options = SolverOptions({})
         self._options.use(self._configuration.options)
         self._ksp = PETSc.KSP().create(matrix.comm)

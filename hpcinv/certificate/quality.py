@@ -38,21 +38,24 @@ class Worst:
     given_value: float
 
 
-def worst_cells(body: Body, given: Floats, moved: Floats, quadrature_degree: int) -> tuple[Worst, ...]:
+def worst_cells(body: Body, mesh_nodes: Floats, other_nodes: Floats, quadrature_degree: int) -> tuple[Worst, ...]:
     """Find the worst cell by shape and, where cells are curved, by curvature, which decides; collective.
 
     Args:
-        given, moved: local geometry nodes (n, 3) m of the body that the mesh was made for, and of the one to judge.
+        mesh_nodes: local geometry nodes (n, 3) m of the body that the mesh was made for.
+        other_nodes: of the body to judge.
         quadrature_degree: of the rule at whose points, and at the nodes, Jacobians are sampled.
     """
     kind, degree = body.source.kind, body.degree
     tetrahedra = kind == "tetrahedron"
     name, shape = ("mean ratio", mean_ratio) if tetrahedra else ("scaled Jacobian", scaled_jacobian)
-    cells = [_worst(name, shape, body, given, moved)]
+    cells = [_worst(name, shape, body, mesh_nodes, other_nodes)]
     if degree > 1:
         points, _ = quadrature(kind, quadrature_degree)
         samples = np.concatenate([points, scalar_element(kind, degree).points])
-        cells.append(_worst("curvature", lambda nodes: curvature(kind, degree, nodes, samples), body, given, moved))
+        cells.append(
+            _worst("curvature", lambda nodes: curvature(kind, degree, nodes, samples), body, mesh_nodes, other_nodes)
+        )
     return tuple(cells)
 
 
@@ -83,7 +86,9 @@ def curvature(kind: str, degree: int, nodes: Floats, reference_points: Floats) -
     return ratios
 
 
-def _worst(measure: str, measured: Callable[[Floats], Floats], body: Body, given: Floats, moved: Floats) -> Worst:
+def _worst(
+    measure: str, measured: Callable[[Floats], Floats], body: Body, mesh_nodes: Floats, other_nodes: Floats
+) -> Worst:
     mesh, kind = body.mesh, body.source.kind
     dofmap = mesh.geometry.dofmaps[0][: mesh.topology.index_map(3).size_local]
     corners: Floats = scalar_element(kind, 1).points
@@ -91,12 +96,12 @@ def _worst(measure: str, measured: Callable[[Floats], Floats], body: Body, given
     for start in range(0, len(dofmap), CHUNK):
         cells = dofmap[start : start + CHUNK]
         # In a mesh that is left-handed throughout, the mirror images of the cells are judged.
-        middle = jacobians(kind, body.degree, given[cells], corners.mean(axis=0, keepdims=True))
+        middle = jacobians(kind, body.degree, mesh_nodes[cells], corners.mean(axis=0, keepdims=True))
         mirror = np.where(det(middle[:, 0]) < 0, -1.0, 1.0)[:, None, None] ** np.array([1, 0, 0])
-        values = measured(moved[cells] * mirror)
+        values = measured(other_nodes[cells] * mirror)
         worst = int(values.argmin())
-        middle = moved[cells[worst, : len(corners)]].mean(axis=0)
+        middle = other_nodes[cells[worst, : len(corners)]].mean(axis=0)
         here = min(here, (float(values[worst]), tuple(middle.tolist())))
-        given_least = min(given_least, (float(measured(given[cells] * mirror).min()),))
+        given_least = min(given_least, (float(measured(mesh_nodes[cells] * mirror).min()),))
     value, point = min(mesh.comm.allgather(here))
     return Worst(measure, value, point, min(mesh.comm.allgather(given_least))[0])

@@ -1,6 +1,6 @@
-"""Round trip: the solve back from the computed body.
+"""Round trip: the return solve, from the computed body in the opposite direction.
 
-Near the known displacement the solve back needs no factors of its own. Forward, its tangent is the one by which
+Near the known displacement the return solve needs no factors of its own. Forward, its tangent is the one by which
 stability is judged, and its factors, or multigrid instead, give the corrections. In the inverse direction they do so
 after a change of variables. To move points of the reference body by ``-w`` and points of the loaded body by ``-F w``
 only relabels them. This changes the residual by no more than the discretisation error, so the inverse tangent is
@@ -65,7 +65,7 @@ def round_trip(
     if start == "off":
         yield skipped(ROUND_TRIP, "switched off: certificate.round_trip")
     elif start == "near":
-        yield solved_back(equations, solution, forward, observer)
+        yield return_solve(equations, solution, forward, observer)
     else:
         yield _path_line(equations, solution, observer)
 
@@ -87,21 +87,23 @@ def _difference(equations: Equations, solution: Solution, back: np.ndarray) -> f
     return float(equations.body.mesh.comm.allreduce(largest, op=MPI.MAX))
 
 
-def way_back(solution: Solution) -> Direction:
+def opposite_direction(solution: Solution) -> Direction:
     """Return the direction opposite to a solution's."""
     return "forward" if solution.direction == "inverse" else "inverse"
 
 
-def solved_back(equations: Equations, solution: Solution, forward: ForwardFactors, observer: Observer = SILENT) -> Line:
+def return_solve(
+    equations: Equations, solution: Solution, forward: ForwardFactors, observer: Observer = SILENT
+) -> Line:
     """Return the line of a return solve that begins with the solution, and is bounded in effort; collective."""
     solver = forward.factors if forward.affordable else forward.multigrid
     other_body = solution.moved_to(solution.other_nodes)
-    if solver is not None and _WayBack(equations, solution, solver).settles(observer):
+    if solver is not None and _ReturnSolve(equations, solution, solver).settles(observer):
         return _closed(equations, solution)
     if not forward.affordable:
         forward.destroy()  # the tangent of multigrid is assembled again
     equations.put(other_body)
-    equilibrium = equations.equilibrium(equations.scene(way_back(solution)), observer)
+    equilibrium = equations.equilibrium(equations.weak_form(opposite_direction(solution)), observer)
     last = equilibrium.solve(1.0, max(solution.job.solver.tolerance, _ACCURACY), begins_near=True)
     equations.release(equilibrium)
     if last.outcome.accepted:
@@ -113,7 +115,7 @@ def solved_back(equations: Equations, solution: Solution, forward: ForwardFactor
 def _path_line(equations: Equations, solution: Solution, observer: Observer) -> Line:
     """Return the line of a return solve that begins with the unloaded body."""
     equations.put(equations.unloaded(solution.job, solution.other_nodes, solution.given_displacement))
-    solved = solve_direction(equations, way_back(solution), UNLOADED, IterationObserver(observer))
+    solved = solve_direction(equations, opposite_direction(solution), UNLOADED, IterationObserver(observer))
     if solved.load == 1.0:
         return _closed(equations, solution)
     reason = solved.solves[-1].outcome.text if solved.solves else "it was stopped"
@@ -121,7 +123,7 @@ def _path_line(equations: Equations, solution: Solution, observer: Observer) -> 
     return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
 
 
-class _WayBack:
+class _ReturnSolve:
     """Corrections of the return solve with a solver of the forward tangent; the state of the equations is the iterate.
 
     Args:
@@ -135,7 +137,7 @@ class _WayBack:
         equations.put(solution.moved_to(solution.other_nodes))
         self._share = _KNOWN if isinstance(solver, SymmetricFactors) else _ROUGHLY_KNOWN
         unknowns = equations.unknowns
-        self._system = System(equations.scene(way_back(solution)), equations.supports, equations.timings)
+        self._system = System(equations.weak_form(opposite_direction(solution)), equations.supports, equations.timings)
         self._system.set_load(1.0)
         self._u = unknowns.owned_displacement_dofs
         self._p = np.zeros(0, dtype=np.int32) if unknowns.p is None else unknowns.owned_pressure_dofs
@@ -211,9 +213,9 @@ class _Relabelling:
     def __init__(self, equations: Equations, solution: Solution) -> None:
         unknowns, mesh = equations.unknowns, equations.body.mesh
         equations.put(solution.moved_to(solution.reference_nodes))
-        scene = equations.scene("forward")
+        weak_form = equations.weak_form("forward")
         with equations.timings("compile"):
-            means = CellMeans([(scene.H, None)], mesh, scene.quadrature_degree)
+            means = CellMeans([(weak_form.H, None)], mesh, weak_form.quadrature_degree)
         with equations.timings("evaluation"):
             H = means()
         cells = mesh.topology.index_map(3).size_local

@@ -20,9 +20,9 @@ OVERLAP = "boundary facets that cross each other"
 
 def cells(equations: Equations, solution: Solution) -> Iterator[Line]:
     """Check the cells of the body that a solution found, and its planes of symmetry; collective."""
-    body, given, moved = equations.body, solution.mesh_nodes, solution.other_nodes
+    body, mesh_nodes, other_nodes = equations.body, solution.mesh_nodes, solution.other_nodes
     given_name = "given mesh" if solution.is_on_given_mesh else "rest shape"
-    measures = worst_cells(body, given, moved, equations.quadrature_degree)
+    measures = worst_cells(body, mesh_nodes, other_nodes, equations.quadrature_degree)
     for worst in measures:
         # The moved mesh need not be better than the given one.
         enough = 0.1 * min(max(worst.given_value, 0.0), 1.0)
@@ -32,7 +32,7 @@ def cells(equations: Equations, solution: Solution) -> Iterator[Line]:
             note += f"; {_STRAIGHT}"
         fail = 0.0 if decides else -math.inf
         yield lower_bound_line(f"worst cell, by its {worst.measure}", worst.value, warn=enough, fail=fail, note=note)
-    for plane in symmetry_planes(solution.job, body, given, moved):
+    for plane in symmetry_planes(solution.job, body, mesh_nodes, other_nodes):
         name = f"depth beyond the plane of symmetry '{plane.region}', relative to the body"
         note = (
             f"{readable(plane.crossed, 'm')} inside of its mirror image, unless this is a wall that the body may pass"

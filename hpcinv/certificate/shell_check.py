@@ -16,9 +16,9 @@ NAME = "smallest volume ratio J at the faces of the shell"
 def faces(equations: Equations, solution: Solution) -> Iterator[Line]:
     """Yield the line; collective."""
     equations.put(solution)
-    scene = equations.scene(solution.direction)
+    weak_form = equations.weak_form(solution.direction)
     plane = scalar_element("quadrilateral", 2).points
     points = np.concatenate([np.column_stack([plane, np.full(len(plane), side)]) for side in (0.0, 1.0)])
-    smallest, _ = PointValues(scene.J, scene.unknowns.mesh, points).range()
+    smallest, _ = PointValues(weak_form.J, weak_form.unknowns.mesh, points).range()
     note = "at the corners, edges and middles of the cells on both faces"
     yield lower_bound_line(NAME, smallest, warn=0.1, fail=0.0, note=note)

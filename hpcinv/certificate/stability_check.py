@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from hpcinv.certificate.check import Line, Verdict, skipped
-from hpcinv.certificate.confirmation import MARGIN, Confirmed, assembled, confirm, known_displacement
+from hpcinv.certificate.confirmation import MARGIN, Confirmed, assembled, confirm, given_u_of
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.lowest_eigenvalue import lowest_eigenvalue
 from hpcinv.certificate.multigrid_solver import MultigridSolver
@@ -68,7 +68,7 @@ def _iteration_line(equations: Equations, forward: ForwardFactors, observer: Obs
         return _stable(lowest.asymmetry, how)
     with assembled(equations, forward.solution) as matrix:
         with equations.timings("factorization"):
-            solver = MultigridSolver(matrix, equations.scene("forward", known_displacement(equations)))
+            solver = MultigridSolver(matrix, equations.weak_form("forward", given_u_of(equations)))
         with freeing(solver.destroy):
             again = lowest_eigenvalue(solver, equations.supports, equations.timings, lowest.direction, observer)
     confirmed = None if again is None else Confirmed(int(again.is_negative), again.asymmetry)

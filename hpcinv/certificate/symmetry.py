@@ -31,7 +31,7 @@ class SymmetryPlane:
     crossed: float
 
 
-def symmetry_planes(job: Job, body: Body, given: Floats, moved: Floats) -> list[SymmetryPlane]:
+def symmetry_planes(job: Job, body: Body, mesh_nodes: Floats, other_nodes: Floats) -> list[SymmetryPlane]:
     """Find the planes of symmetry among a job's supports; collective.
 
     A support makes one if it fixes one direction alone, normal to the plane in which its region lies in the given body,
@@ -39,25 +39,26 @@ def symmetry_planes(job: Job, body: Body, given: Floats, moved: Floats) -> list[
     beyond which the body is free to sag.
 
     Args:
-        given, moved: local geometry nodes (n, 3) m of the body that the job gives, and of the one to check.
+        mesh_nodes: local geometry nodes (n, 3) m of the given body.
+        other_nodes: of the body to check.
     """
     held: dict[str, set[str]] = {}
     for support in job.supports:
         held[support.region] = held.get(support.region, set()).union(support.components)
     alone = [s for s in job.supports if s.fix is not None and len(held[s.region]) == 1]
     alone = [s for s in alone if body.held_entities(s.region)[0] == 2]
-    planes = (_plane(body, s.region, _direction(body, s, given), given, moved) for s in alone)
+    planes = (_plane(body, s.region, _direction(body, s, mesh_nodes), mesh_nodes, other_nodes) for s in alone)
     return [plane for plane in planes if plane is not None]
 
 
-def _direction(body: Body, support: Support, given: Floats) -> Floats:
+def _direction(body: Body, support: Support, mesh_nodes: Floats) -> Floats:
     """Return the unit vector along which a support holds its region, the normal of a facet if it is a normal."""
     if not support.slides:
         axis: Floats = np.eye(3)[AXES.index(next(iter(support.held)))]
         return axis
     direction = np.zeros(3) if support.normal is None else np.array(support.normal)
     if support.normal is None:
-        corners = given[_nodes(body, body.facets(support.region))[:, :3]]
+        corners = mesh_nodes[_nodes(body, body.facets(support.region))[:, :3]]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         candidates = body.mesh.comm.allgather(normals[0] if len(normals) else None)
         direction = next((normal for normal in candidates if normal is not None), direction)
@@ -65,20 +66,20 @@ def _direction(body: Body, support: Support, given: Floats) -> Floats:
     return direction / size if size else np.eye(3)[0]
 
 
-def _plane(body: Body, region: str, normal: Floats, given: Floats, moved: Floats) -> SymmetryPlane | None:
+def _plane(body: Body, region: str, normal: Floats, mesh_nodes: Floats, other_nodes: Floats) -> SymmetryPlane | None:
     comm = body.mesh.comm
-    low, high = extent(comm, given)
+    low, high = extent(comm, mesh_nodes)
     tolerance = _ROUND_OFF * float(np.linalg.norm(high - low))
     facets, boundary = body.facets(region), body.facets("boundary")
-    lowest, highest = _range(comm, given @ normal)
-    first, last = _range(comm, (given[_nodes(body, facets)] @ normal).ravel())
+    lowest, highest = _range(comm, mesh_nodes @ normal)
+    first, last = _range(comm, (mesh_nodes[_nodes(body, facets)] @ normal).ravel())
     if last - first > tolerance or (first - lowest > tolerance and highest - last > tolerance):
         return None
     position, side = (first + last) / 2, 1.0 if first - lowest <= tolerance else -1.0
-    flat = (np.abs(given[_nodes(body, boundary)] @ normal - position) <= tolerance).all(axis=1)
+    flat = (np.abs(mesh_nodes[_nodes(body, boundary)] @ normal - position) <= tolerance).all(axis=1)
     if comm.allreduce(len(np.setdiff1d(boundary[flat], facets))):
         return None
-    depth = comm.allreduce(float((side * (position - moved @ normal)).max(initial=0.0)), op=MPI.MAX)
+    depth = comm.allreduce(float((side * (position - other_nodes @ normal)).max(initial=0.0)), op=MPI.MAX)
     return SymmetryPlane(region, normal, position, depth if depth > tolerance else 0.0)
 
 

@@ -11,30 +11,31 @@ from hpcinv.mesh.cells import jacobians, kind_and_degree, quadrature
 from hpcinv.mesh.checks import CHUNK
 from hpcinv.mesh.source import Floats
 from hpcinv.model.quadrature_values import CellMeans
-from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
+from hpcinv.model.weak_form import WeakForm
 
 _PRESSURES = 2.0
 """Factor of the pressures' mass that needs the fewest iterations; half of it, or twice as much, needs a few more."""
 
 
-def diagonals_of_cells(scene: Scene) -> list[Floats]:
+def diagonals_of_cells(weak_form: WeakForm) -> list[Floats]:
     """Return diagonals ``d`` (owned cells, nodes) for displacements and pressures, in scaled units; collective.
 
-    ``d`` is ``∫ 2μ |∇φ_i|² dx`` for a displacement, and twice the diagonal of `Scene.pressure_mass` for a pressure. The
-    cells count as affine, with the Jacobian matrix at their midpoints: a preconditioner needs no more.
+    ``d`` is ``∫ 2μ |∇φ_i|² dx`` for a displacement, and twice the diagonal of `WeakForm.pressure_mass` for a pressure.
+    The cells count as affine, with the Jacobian matrix at their midpoints: a preconditioner needs no more.
     """
-    unknowns, mesh = scene.unknowns, scene.unknowns.mesh
+    unknowns, mesh = weak_form.unknowns, weak_form.unknowns.mesh
     geometry, owned = mesh.geometry, mesh.topology.index_map(3).size_local
     kind, degree = kind_and_degree(mesh)
-    points, weights = quadrature(mesh.basix_cell().name, scene.quadrature_degree)
+    points, weights = quadrature(mesh.basix_cell().name, weak_form.quadrature_degree)
     midpoint = basix.geometry(mesh.basix_cell()).mean(axis=0, keepdims=True)
     parts = np.array_split(geometry.dofmaps[0][:owned], 1 + owned // CHUNK)
     jacobian = np.concatenate([jacobians(kind, degree, geometry.x[part], midpoint)[:, 0] for part in parts])
     inverse, volumes = np.linalg.inv(jacobian), np.abs(np.linalg.det(jacobian))
     mixed = unknowns.p is not None
     moduli = [
-        (ufl.as_vector([2 * part.shear_modulus, part.compliance if mixed else 0.0]), part.cells) for part in scene.parts
+        (ufl.as_vector([2 * part.shear_modulus, part.compliance if mixed else 0.0]), part.cells)
+        for part in weak_form.parts
     ]
     means = CellMeans(moduli, mesh, 0)()
     cell_moduli = volumes[:, None] * means.x.array.reshape(-1, 2)[means.function_space.dofmap.list[:owned, 0]]

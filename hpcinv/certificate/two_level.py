@@ -36,8 +36,8 @@ from hpcinv.effects import Direction
 from hpcinv.mesh.cells import kind_and_degree, scalar_element
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
-from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.equations import Equations
@@ -71,7 +71,7 @@ def correct(equations: Equations, direction: Direction, finer: Equations, observ
             changes the tangent by as little as the shape of cells: the factors still serve as a preconditioner.
         observer: asked whether to stop, in each iteration.
     """
-    equilibrium = equations.equilibrium(equations.scene(direction))
+    equilibrium = equations.equilibrium(equations.weak_form(direction))
     if equilibrium.system.tangents == 0:
         equilibrium.system.linearise(1.0)
     equilibrium.linear.factorize_if_needed()
@@ -88,19 +88,19 @@ def _volume_product(equations: Equations, finer: Equations, direction: Direction
     """Return the product by the moduli at the solution, ``None`` if the residual has none; collective."""
     if equations.supports.is_curved:  # the planes of reactions turn with the state
         return None
-    residual, given, degree = equations.scene(direction).residual, equations.unknowns, finer.quadrature_degree
+    residual, coarse, degree = equations.weak_form(direction).residual, equations.unknowns, finer.quadrature_degree
     try:
         with finer.timings("compile"):
-            moduli = compiled_moduli(residual, given, JIT_OPTIONS)
+            moduli = compiled_moduli(residual, coarse, JIT_OPTIONS)
             # In strongly curved cells the moduli vary too much to be extended from the points of the solve.
             curved = _curved_cells(equations.body.mesh)
-            if given.mesh.comm.allreduce(bool(curved.any()), op=MPI.LOR):
-                all_moduli = compiled_moduli(residual, given, JIT_OPTIONS, degree)
+            if coarse.mesh.comm.allreduce(bool(curved.any()), op=MPI.LOR):
+                all_moduli = compiled_moduli(residual, coarse, JIT_OPTIONS, degree)
                 moduli = [*_moduli_of_cells(moduli, ~curved), *_moduli_of_cells(all_moduli, curved)]
     except UnsupportedForm:
         return None
     with finer.timings("tangent"):
-        return TangentProduct(moduli, given, finer.unknowns, degree)
+        return TangentProduct(moduli, coarse, finer.unknowns, degree)
 
 
 def _curved_cells(mesh: Mesh) -> npt.NDArray[np.bool_]:
@@ -122,10 +122,10 @@ def _moduli_of_cells(moduli: Sequence[CompiledModuli], chosen: npt.NDArray[np.bo
 class _Coarse:
     """Solution in the spaces of the solution, of residuals in the finer ones."""
 
-    def __init__(self, given: Equations, finer: Unknowns, linear: LinearSolver) -> None:
-        self._linear, self._supports = linear, given.supports
-        self._transfer = Transfer(given.unknowns, finer)
-        self._b, self._x = (fem_petsc.create_vector(given.unknowns.space) for _ in range(2))
+    def __init__(self, equations: Equations, finer: Unknowns, linear: LinearSolver) -> None:
+        self._linear, self._supports = linear, equations.supports
+        self._transfer = Transfer(equations.unknowns, finer)
+        self._b, self._x = (fem_petsc.create_vector(equations.unknowns.space) for _ in range(2))
         linear.configuration.set_rough(rough=True)
 
     def solve(self, residual: Singles) -> Singles:
@@ -151,19 +151,19 @@ class _FinerProblem:
     ) -> None:
         self._coarse, self._comm, self._volume_product = coarse, finer.body.mesh.comm, volume_product
         self._unknowns, self._supports = finer.unknowns, finer.supports
-        scene, state = finer.scene(direction), finer.unknowns.state.x
-        scene.parameters.set_load(1.0)
+        weak_form, state = finer.weak_form(direction), finer.unknowns.state.x
+        weak_form.parameters.set_load(1.0)
         finer.supports.scale(1.0)
         finer.supports.impose(state.array)
         state.scatter_forward()
         with finer.timings("compile"):
-            form = fem.form(scene.residual, jit_options=JIT_OPTIONS)
-            self._differentiated = form if volume_product is None else _surface_form(scene)
+            form = fem.form(weak_form.residual, jit_options=JIT_OPTIONS)
+            self._differentiated = form if volume_product is None else _surface_form(weak_form)
         self._origin: Floats = state.array.copy()
         self._b = fem_petsc.create_vector(self._unknowns.space)
         self._residual = self._assemble(form)
         self._undisturbed = self._residual if self._differentiated is None else self._assemble(self._differentiated)
-        diagonals = diagonals_of_cells(scene)
+        diagonals = diagonals_of_cells(weak_form)
         self._scale = tangent_scale(self._unknowns, diagonals).astype(np.float32)
         self._stiffness = diagonals[0].sum(axis=1)
         self._signs = np.ones_like(self._scale)
@@ -269,9 +269,9 @@ class _FinerProblem:
         return math.sqrt(self._sum(float(a @ a)))
 
 
-def _surface_form(scene: Scene) -> fem.Form | None:
+def _surface_form(weak_form: WeakForm) -> fem.Form | None:
     """Return the surface integrals of a residual, ``None`` if they do not depend on the unknowns; collective."""
-    if surface_tangent(scene.residual, scene.unknowns.state) is None:
+    if surface_tangent(weak_form.residual, weak_form.unknowns.state) is None:
         return None
-    surface = [integral for integral in scene.residual.integrals() if integral.integral_type() != "cell"]
+    surface = [integral for integral in weak_form.residual.integrals() if integral.integral_type() != "cell"]
     return fem.form(ufl.Form(surface), jit_options=JIT_OPTIONS)

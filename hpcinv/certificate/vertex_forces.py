@@ -32,7 +32,7 @@ def vertex_forces(equations: Equations, solution: Solution) -> Iterator[Line]:
         return float(comm.allreduce(float(sizes.sum()), op=MPI.SUM))
 
     equations.put(solution)
-    equilibrium = equations.equilibrium(equations.scene(solution.direction))
+    equilibrium = equations.equilibrium(equations.weak_form(solution.direction))
     none, full = equilibrium.system.forces(0.0), equilibrium.system.forces(1.0)
     load = max(total(full - none), total(full))
     share = total(equations.supports.held_part(full, held)) / load if load else 0.0

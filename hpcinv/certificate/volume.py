@@ -25,7 +25,7 @@ from dolfinx import fem, la
 from hpcinv.certificate.check import Line, Verdict, lower_bound_line, upper_bound_line
 from hpcinv.mesh.cells import jacobians, quadrature, scalar_element
 from hpcinv.model.quadrature_values import QuadratureValues
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
@@ -48,7 +48,7 @@ def volume(equations: Equations, solution: Solution) -> Iterator[Line]:
     yield lower_bound_line("smallest volume ratio J", smallest, warn=SMALLEST, fail=0.0, note=squeezed)
     yield upper_bound_line("largest volume ratio J", largest, warn=LARGEST, fail=float("inf"), note=swollen)
     equations.put(solution)
-    strain = _unaccounted(equations, equations.scene(solution.direction))
+    strain = _unaccounted(equations, equations.weak_form(solution.direction))
     if strain is None:  # compressible: any volume ratio may be right
         return
     rule = f"warning above {WARN:g}"
@@ -82,27 +82,27 @@ def _where(equations: Equations, solution: Solution, sign: int) -> str:
     return text if part < SHARE * whole else f"{text}: no elastic law of a solid was measured so far"
 
 
-def _unaccounted(equations: Equations, scene: Scene) -> float | None:
+def _unaccounted(equations: Equations, weak_form: WeakForm) -> float | None:
     """Return the strain exceeded in `SHARE` of the nearly incompressible volume; ``None`` if there is none."""
     laws, mesh = list(equations.job.laws.values()), equations.body.mesh
     ratios = [law.stiffness_ratio for law in laws]
     if all(ratio is not None and ratio < STIFF for ratio in ratios):
         return None
-    scene.parameters.set_load(1.0)
+    weak_form.parameters.set_load(1.0)
     p, comm = equations.unknowns.p, mesh.comm
     size = abs(ufl.JacobianDeterminant(mesh))
-    _, weights = quadrature(mesh.basix_cell().name, scene.quadrature_degree)
+    _, weights = quadrature(mesh.basix_cell().name, weak_form.quadrature_degree)
     cells = [np.zeros(0, dtype=np.int32)]
     points = [np.zeros((0, len(weights), 2), dtype=np.float32)]  # strain, and the volume that counts
-    for number, (part, law) in enumerate(zip(scene.parts, laws, strict=True)):
-        par, strain = scene.parameters.quantities(number), part.dilatation
+    for number, (part, law) in enumerate(zip(weak_form.parts, laws, strict=True)):
+        par, strain = weak_form.parameters.quantities(number), part.dilatation
         if p is not None and not law.is_incompressible:
             strain = strain + p / law.volumetric_modulus(par)
         counts: Any = float((ratios[number] or 0.0) >= STIFF)
         if ratios[number] is None:  # moduli vary in the body
             stiff = ufl.ge(law.bulk_modulus(par), STIFF * law.shear_modulus(par))
             counts = ufl.conditional(stiff, ufl.as_ufl(1.0), ufl.as_ufl(0.0))
-        values = QuadratureValues(ufl.as_vector([strain, counts * size]), mesh, scene.quadrature_degree, part.cells)
+        values = QuadratureValues(ufl.as_vector([strain, counts * size]), mesh, weak_form.quadrature_degree, part.cells)
         for some, samples in values:
             samples[..., 1] *= weights
             cells.append(some)
@@ -111,12 +111,12 @@ def _unaccounted(equations: Equations, scene: Scene) -> float | None:
     if comm.allreduce(float(counted.sum())) <= 0.0:
         return None
     if p is None:
-        strains = strains - _smoothed(equations, scene, np.concatenate(cells), strains, counted)
+        strains = strains - _smoothed(equations, weak_form, np.concatenate(cells), strains, counted)
     return _exceeded(comm, np.abs(strains), counted)
 
 
 def _smoothed(
-    equations: Equations, scene: Scene, cells: npt.NDArray[np.int32], strains: Reals, volumes: Reals
+    equations: Equations, weak_form: WeakForm, cells: npt.NDArray[np.int32], strains: Reals, volumes: Reals
 ) -> Reals:
     """Return means of the strains (cells, points) over the volume around each vertex, interpolated to the points."""
     mesh = equations.body.mesh
@@ -127,7 +127,7 @@ def _smoothed(
     np.add.at(totals, dofs, np.stack([(strains * volumes).sum(axis=1), volumes.sum(axis=1)], axis=1)[:, None])
     sums.scatter_reverse(la.InsertMode.add)
     sums.scatter_forward()
-    points, _ = quadrature(mesh.basix_cell().name, scene.quadrature_degree)
+    points, _ = quadrature(mesh.basix_cell().name, weak_form.quadrature_degree)
     shapes = scalar_element(equations.body.source.kind, 1).tabulate(0, points)[0, :, :, 0]
     means = totals[:, 0] / np.where(totals[:, 1] > 0, totals[:, 1], 1.0)
     return np.asarray(means[dofs] @ shapes.T)

@@ -12,7 +12,7 @@ from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import load
 
 if TYPE_CHECKING:
-    from hpcinv.cli.scene_costs import Explanation, PartCosts
+    from hpcinv.cli.form_costs import Explanation, PartCosts
     from hpcinv.job.job import Job
 
 
@@ -37,7 +37,7 @@ def _explain(options: argparse.Namespace) -> int:
     with failing_together(comm):
         job = on_root(comm, lambda: load(options.job))
 
-        from hpcinv.cli.scene_costs import explain
+        from hpcinv.cli.form_costs import explain
 
         def note(text: str) -> None:
             if comm.rank == 0:

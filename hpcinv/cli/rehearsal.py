@@ -11,9 +11,9 @@ import numpy as np
 
 from hpcinv.assembly.tangent import as_for
 from hpcinv.certificate import certify, two_level
-from hpcinv.certificate.confirmation import known_displacement, second_variation
+from hpcinv.certificate.confirmation import given_u_of, second_variation
 from hpcinv.certificate.discretisation_error import finer_equations
-from hpcinv.certificate.round_trip import way_back
+from hpcinv.certificate.round_trip import opposite_direction
 from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.sections import Support
 from hpcinv.mesh.body import read_anywhere, read_finer_geometry
@@ -55,7 +55,7 @@ def rehearse(job: Job) -> None:
     ) -> tuple[SolvedDirection, None]:
         """Compile the kernels of a solve; its solution is the body that does not move."""
         equilibrium = method_for(equations, step.direction).equilibrium
-        equilibrium.system.scene.parameters.set_load(1.0)
+        equilibrium.system.weak_form.parameters.set_load(1.0)
         equilibrium.system.compile()
         equilibrium.compile(prescribed_motion=moved[number])
         equations.release(equilibrium)
@@ -86,7 +86,7 @@ def rehearse_certificate(job: Job, source: MeshSource, forecast: Forecast) -> No
         linear = Used(choice.configuration, choice.why, None)
         return SolvedDirection(step.direction, (), 1.0, linear, False, False, None), None
 
-    _rehearse(job, source, assume_solved, _certify_after_way_back)
+    _rehearse(job, source, assume_solved, _certify_after_return)
 
 
 def _rehearse(
@@ -128,15 +128,15 @@ def _certify(equations: Equations, solutions: list[Solution]) -> None:
     certify(equations, solutions, evaluate(solutions[0].job.quantities, equations.body, solutions[0], equations))
 
 
-def _certify_after_way_back(equations: Equations, solutions: list[Solution]) -> None:
-    """Compile the same, first the way back, whose kernels a run needs last."""
+def _certify_after_return(equations: Equations, solutions: list[Solution]) -> None:
+    """Compile the same, first the return solve, whose kernels a run needs last."""
     if solutions[0].job.certificate.round_trip != "off" and len(solutions) == 1:
-        _compile_way_back(equations, solutions[0])
+        _compile_return_solve(equations, solutions[0])
     _certify(equations, solutions)
 
 
-def _compile_way_back(equations: Equations, solution: Solution) -> None:
-    equilibrium = equations.equilibrium(equations.scene(way_back(solution)))
+def _compile_return_solve(equations: Equations, solution: Solution) -> None:
+    equilibrium = equations.equilibrium(equations.weak_form(opposite_direction(solution)))
     equilibrium.system.compile()
     equations.release(equilibrium)
 
@@ -151,10 +151,10 @@ def _check(equations: Equations, solutions: list[Solution]) -> None:
             two_level.correct(equations, solution.direction, finer)  # needed for large bodies
         equations.put(solution)
     if job.certificate.stability:
-        second_variation(equations, known_displacement(equations))  # needed where the body is not stable
-        Iterative(equations.scene("forward")).pressure_scale()  # needed where factors are not affordable
+        second_variation(equations, given_u_of(equations))  # needed where the body is not stable
+        Iterative(equations.weak_form("forward")).pressure_scale()  # needed where factors are not affordable
     if job.certificate.round_trip == "near" and len(solutions) == 1:  # needed where corrections do not settle
-        _compile_way_back(equations, solution)
+        _compile_return_solve(equations, solution)
 
 
 def _held(job: Job) -> Job:

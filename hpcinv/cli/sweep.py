@@ -163,7 +163,7 @@ def _teach(options: argparse.Namespace) -> int:
 
     with launched(options.ranks) as (world, _):
         from hpcinv.parallel.ranks import on_root
-        from hpcinv.sweep.teaching import teach
+        from hpcinv.sweep.training import train
 
         plan = on_root(world, lambda: load_sweep(options.sweep))
         path = options.output or Path("results") / f"{plan.sweep.sweep}-start"
@@ -173,9 +173,9 @@ def _teach(options: argparse.Namespace) -> int:
                 raise OutputError(f"{path}: exists", "Choose another --output, or replace a start by --overwrite.")
 
         on_root(world, check)
-        taught = teach(plan, path, world)
+        training = train(plan, path, world)
         if world.rank == 0:
-            print("\n".join([*taught.lines(), f"{path}; in a job: 'solver: {{start: {path}}}'"]))
+            print("\n".join([*training.lines(), f"{path}; in a job: 'solver: {{start: {path}}}'"]))
     return 0
 
 

@@ -43,7 +43,7 @@ class Effect(Ingredient):
 
     @property
     def strain_given_on(self) -> Configuration:
-        """Body on which `inelastic_strain` is given; the scene pulls ``F_g`` of the current body back, ``F⁻¹F_g F``."""
+        """Body on which `inelastic_strain` is given; ``F_g`` of the current body is pulled back, ``F⁻¹F_g F``."""
         return "reference"
 
     @property

@@ -36,7 +36,7 @@ from hpcinv.kinematics.stable_functions import log1p_remainder
 from hpcinv.kinematics.staged_derivatives import stage
 
 LABEL = Label(1_000_000)
-"""Label of `Kinematics.H`. UFL's running number would change the kernels of each scene, and a small number might be
+"""Label of `Kinematics.H`. UFL's running number would change the kernels of each weak form, and a small number might be
 used by a variable of a law."""
 
 
@@ -204,7 +204,7 @@ class Kinematics(ABC):
         integration: measures of the mesh.
 
     Attributes:
-        given: the state in which fibres, fields and densities "of the current body" are given: this one, or another.
+        data_state: state in which fibres, fields and densities "of the current body" are given: this one, or another.
     """
 
     direction: str
@@ -213,7 +213,7 @@ class Kinematics(ABC):
 
     def __init__(self, u: Any, integration: Measures) -> None:
         self.u = u
-        self.given: Kinematics | OtherState = self
+        self.data_state: Kinematics | OtherState = self
         self.integration = integration
         self._coordinates = ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))
 
@@ -311,11 +311,11 @@ class Kinematics(ABC):
     def dm(self, integrand: Any, density_in: str) -> Any:
         """Return the integral of what is in proportion to a mass density, over the volume to which that refers.
 
-        The volume of the current body is the volume in the `given` state, so that all states have the same mass.
+        The volume of the current body is the volume in `data_state`, so that all states have the same mass.
         """
         if density_in == "reference":
             return self.dV(integrand)
-        return self.dv(integrand) if self.given is self else self.dV(integrand * self.given.J)
+        return self.dv(integrand) if self.data_state is self else self.dV(integrand * self.data_state.J)
 
     def dA(self, integrand: Any, region: str) -> Any:
         """Return the integral over the reference area of a region of the boundary."""
@@ -325,7 +325,7 @@ class Kinematics(ABC):
         """Return the integral over the current area of a region of the boundary.
 
         Args:
-            least_degree: quadrature degree, if the scene's is lower.
+            least_degree: quadrature degree, if the one of the weak form is lower.
         """
         return integrand * self.areas[1] * self.integration.surface(region, least_degree)
 
@@ -333,7 +333,7 @@ class Kinematics(ABC):
         """Return ``∫ vector · n da`` over a region of the boundary, with the outward unit normal ``n``.
 
         Args:
-            least_degree: quadrature degree, if the scene's is lower.
+            least_degree: quadrature degree, if the one of the weak form is lower.
         """
         n_da = self.reference_and_current(self._normal, self._area_vector)[1]
         return ufl.inner(vector, n_da) * self.integration.surface(region, least_degree)

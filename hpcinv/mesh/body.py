@@ -266,7 +266,7 @@ def build_body(
     *,
     resolve: Callable[[str], Path] = Path,
     degree: int = 1,
-    given: MeshSource | None = None,
+    replacement: MeshSource | None = None,
     report: Callable[[str], None] = no_report,
 ) -> Body:
     """Read the mesh on rank 0, check it, partition it, and build its regions; collective.
@@ -276,13 +276,13 @@ def build_body(
     Args:
         resolve: makes the path in the job one that can be opened.
         degree: of the displacement; cells of a lower degree get the nodes of that degree, at places of the given cells.
-        given: on rank 0, a mesh to use instead of the file's, such as a refined one.
+        replacement: on rank 0, a mesh to use instead of the file's, such as a refined one.
         report: called on rank 0 with the expected number of cells before a generator makes them.
 
     Raises:
         MeshError, SystemPartMissing: the same on every rank.
     """
-    source = read_anywhere(spec, resolve, comm, given, report)
+    source = read_anywhere(spec, resolve, comm, replacement, report)
     if not source.is_partitioned:
         on_root(comm, lambda: check(source))
     length_scale = power_of_two(diagonal(comm, source.points))  # so that scaling is exact in floating point
@@ -299,7 +299,7 @@ def build_body(
 
     def build_halved() -> Body:
         cut = None if comm.rank else halved_shell(source)
-        return build_body(spec, regions, comm, resolve=resolve, degree=degree, given=cut)
+        return build_body(spec, regions, comm, resolve=resolve, degree=degree, replacement=cut)
 
     halved = None if source.midsurface is None else build_halved
     body = Body(mesh, length_scale, named, partition_of(mesh, method), source, mesh.geometry, finer, halved)
@@ -327,19 +327,19 @@ def _mesh_at_nodes(mesh: Mesh, dofmap: fem.DofMap, element: Any, nodes: Floats, 
 
 
 def _transfer(
-    kind: str, values: Floats, given: dolfinx.mesh.Geometry, nodes: Ints, degree: int, result: Floats
+    kind: str, values: Floats, geometry: dolfinx.mesh.Geometry, nodes: Ints, degree: int, result: Floats
 ) -> None:
     """Set ``result`` at the ``nodes`` (cells, k) of cells of a degree, from values at the nodes of the same cells.
 
     If all nodes of a cell that matter at a place have one value, that place has exactly this value.
     """
-    shapes: Floats = scalar_element(kind, given.cmaps[0].degree).tabulate(0, scalar_element(kind, degree).points)[
+    shapes: Floats = scalar_element(kind, geometry.cmaps[0].degree).tabulate(0, scalar_element(kind, degree).points)[
         0, :, :, 0
     ]
     shapes = np.where(np.abs(shapes - np.rint(shapes)) < 1e-13, np.rint(shapes), shapes)
     main = np.abs(shapes).argmax(axis=1)
     for start in range(0, len(nodes), CHUNK):
-        nodal = values[given.dofmaps[0][start : start + CHUNK]]
+        nodal = values[geometry.dofmaps[0][start : start + CHUNK]]
         first = nodal[:, main]
         steps = np.einsum("pn,cpni->cpi", shapes, nodal[:, None] - first[:, :, None])
         result[nodes[start : start + CHUNK]] = first + steps
@@ -359,10 +359,10 @@ def read_anywhere(
     spec: MeshSpec,
     resolve: Callable[[str], Path],
     comm: MPI.Intracomm,
-    given: MeshSource | None = None,
+    replacement: MeshSource | None = None,
     report: Callable[[str], None] = no_report,
 ) -> MeshSource:
-    """Read a mesh, or take the ``given`` one: whole on rank 0, or some rows on each rank if partitioned; collective.
+    """Read a mesh, or take its replacement: whole on rank 0, or some rows on each rank if partitioned; collective.
 
     Raises:
         MeshError, SystemPartMissing: the same on every rank.
@@ -372,7 +372,7 @@ def read_anywhere(
     whole: list[MeshSource] = []
 
     def read_on_root() -> MeshSource:
-        whole.append(given or read_source(spec, resolve(spec.file), report))
+        whole.append(replacement or read_source(spec, resolve(spec.file), report))
         return whole[0].header()
 
     header = on_root(comm, read_on_root)

@@ -40,5 +40,5 @@ def coarser_body(
         sources.append(source)
 
     on_root(comm, read_on_root)
-    given = sources[0] if sources else None
-    return build_body(spec, regions, comm, resolve=resolve, degree=body.degree, given=given)
+    coarse_source = sources[0] if sources else None
+    return build_body(spec, regions, comm, resolve=resolve, degree=body.degree, replacement=coarse_source)

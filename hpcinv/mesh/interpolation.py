@@ -6,15 +6,15 @@ from dolfinx import fem
 from hpcinv.mesh.checks import CHUNK
 
 
-def interpolate(given: fem.Function, taken: fem.Function) -> None:
-    """Interpolate a scalar or vector ``given`` in the space of ``taken``, by reference coordinates of the cells.
+def interpolate(source: fem.Function, target: fem.Function) -> None:
+    """Interpolate a scalar or vector in the space of ``target``, by reference coordinates of the cells.
 
     The meshes may be two of `hpcinv.mesh.body.replace_geometry`. The matrix is the same in all cells, so that this
     takes a fraction of the time of DOLFINx's ``interpolate``, which needs a space on the other mesh besides.
     """
-    here, there = taken.function_space, given.function_space
+    here, there = target.function_space, source.function_space
     matrix = there.element.basix_element.tabulate(0, here.element.basix_element.points)[0, :, :, 0]
-    values, results = (f.x.array.reshape(-1, here.dofmap.bs) for f in (given, taken))
+    values, results = (f.x.array.reshape(-1, here.dofmap.bs) for f in (source, target))
     cells = np.arange(len(here.dofmap.list))
     with np.errstate(invalid="ignore", over="ignore"):  # values of a solve that failed may not be finite
         for part in np.array_split(cells, 1 + len(cells) // CHUNK):

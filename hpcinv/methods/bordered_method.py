@@ -20,11 +20,11 @@ class BorderedMethod(Method):
     """Steps in the load factor, which leads from the volumes of the mesh to the given ones, with all loads."""
 
     def __init__(self, equations: Equations, direction: Direction, observer: Observer = SILENT) -> None:
-        scene, job = equations.scene(direction), equations.job
-        self.equilibrium = equations.equilibrium(scene, observer)
+        weak_form, job = equations.weak_form(direction), equations.job
+        self.equilibrium = equations.equilibrium(weak_form, observer)
         self._tolerance = job.solver.tolerance
         self._steps = AdaptiveSteps(job.solver.initial_step, job.solver.minimum_step)
-        self._cavities = cavity_equations(job, equations.body, scene, equations.scales)
+        self._cavities = cavity_equations(job, equations.body, weak_form, equations.scales)
         system = self.equilibrium.system
         self._pressures = [CavityBorder(system, self._cavities)] if self._cavities else []
         self._motions = [RemoteBorder(system, *item, equations.scales) for item in job.remote_loads.items()]
@@ -39,7 +39,7 @@ class BorderedMethod(Method):
                 motion.put(load)
             for pressures in self._pressures:
                 pressures.recover(load)
-        step, forward = self._steps.start(), self.equilibrium.system.scene.kinematics.direction == "forward"
+        step, forward = self._steps.start(), self.equilibrium.system.weak_form.kinematics.direction == "forward"
         shortened = partial(self._steps.shortened, forward=forward)
         try:
             while load < 1.0:

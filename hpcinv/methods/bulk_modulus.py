@@ -69,7 +69,7 @@ class BulkModulus:
     def _soften(self, share: float) -> None:
         """Set the bulk moduli: 0 is softest, 1 as in the job."""
         for number, name, ratio in self._laws:
-            self.equilibrium.system.scene.parameters.scale(number, name, ratio ** (share - 1))
+            self.equilibrium.system.weak_form.parameters.scale(number, name, ratio ** (share - 1))
 
     def _predict(self, growth: float) -> None:
         """Predict the state for a larger logarithm of the bulk modulus, with the present factors."""

@@ -22,7 +22,7 @@ class DirectMethod(Method):
     """Direct method for forward and inverse problems (doi:10.1007/s00366-021-01597-z)."""
 
     def __init__(self, equations: Equations, direction: Direction, observer: Observer = SILENT) -> None:
-        self.equilibrium = equations.equilibrium(equations.scene(direction), observer)
+        self.equilibrium = equations.equilibrium(equations.weak_form(direction), observer)
         self.problem = Problem(equations, direction, self.equilibrium, observer)
         self.steps = equations.steps
         if isinstance(self.steps, ArcLengthSteps) and direction != equations.job.directions[0]:
@@ -30,7 +30,7 @@ class DirectMethod(Method):
 
     def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
         self.reached = start.load
-        contacts, tolerance = self.equilibrium.system.scene.contacts, self.problem.equations.job.solver.tolerance
+        contacts, tolerance = self.equilibrium.system.weak_form.contacts, self.problem.equations.job.solver.tolerance
         if start.load == 0.0 and start.solution is None:
             self.equilibrium.system.set_load(0.0 if contacts.is_iterated else 1.0)
             contacts.check_start()
@@ -85,7 +85,7 @@ class DirectMethod(Method):
         system = self.equilibrium.system
         for _ in range(_MOST_UPDATES):
             system.set_load(1.0)
-            if not system.scene.contacts.update():
+            if not system.weak_form.contacts.update():
                 self.reached = 1.0
                 return
             solve = self.equilibrium.solve(1.0, tolerance, begins_near=True)
@@ -95,7 +95,7 @@ class DirectMethod(Method):
         yield Solve(1.0, Outcome.CONTACT_LIMIT, (), 0, strategy=AUGMENTATION)
 
     def can_restart_after(self, solve: Solve) -> bool:
-        is_between = self.equilibrium.system.scene.contacts.is_iterated and solve.load == 1.0
+        is_between = self.equilibrium.system.weak_form.contacts.is_iterated and solve.load == 1.0
         return solve.outcome.accepted and not is_between
 
     def min_mesh_J(self) -> float:

@@ -61,12 +61,12 @@ class FixedPointMethod(Method):
         settings: FixedPointSettings | None = None,
     ) -> None:
         self.equations, self.settings = equations, settings or equations.job.fixed_point
-        self.equilibrium = equations.equilibrium(equations.scene("forward"), observer)
+        self.equilibrium = equations.equilibrium(equations.weak_form("forward"), observer)
         with equations.timings("set-up"):
             self.mesh = MovableMesh(equations.body, equations.unknowns, equations.quadrature_degree)
         update = UPDATES[rule or equations.job.method]
         self._update = update(self.settings.relaxation, self.settings.memory, self.mesh.inner)
-        self._X = self.mesh.given
+        self._X = self.mesh.x
 
     def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
         """Yield every forward solve, the last one of each iteration with its ``position_residual``.
@@ -79,7 +79,7 @@ class FixedPointMethod(Method):
             self.reached = 1.0
             return
         mesh = self.mesh
-        self._X = self._body_of_state() if resumed else mesh.given
+        self._X = self._body_of_state() if resumed else mesh.x
         residuals: list[float] = []
         while True:
             for solve in self._forward(warm=self.settings.warm_start if residuals else resumed):
@@ -93,7 +93,7 @@ class FixedPointMethod(Method):
                 return
             with self.equations.timings("fixed-point update"):
                 X = self._X
-                r = X + mesh.displacement() - mesh.given
+                r = X + mesh.displacement() - mesh.x
                 residuals.append(mesh.largest(r))
                 end = self._end(last, residuals)
                 if end is None and not self._move(self._update.step(X, r)):
@@ -114,11 +114,11 @@ class FixedPointMethod(Method):
         return self.mesh.least_volume_ratio(self._X)
 
     def _body_of_state(self) -> Floats:
-        X = self.mesh.given - self.mesh.displacement()
+        X = self.mesh.x - self.mesh.displacement()
         if self.mesh.least_volume_ratio(X) > 0:
             return X
         self.equations.unload()
-        return self.mesh.given
+        return self.mesh.x
 
     def _forward(self, *, warm: bool) -> Iterator[Solve]:
         """Solve the forward problem of the body X; the mesh lies at X only during the solves."""
@@ -128,7 +128,7 @@ class FixedPointMethod(Method):
             try:
                 solve = next(solves, None)
             finally:
-                self.mesh.place(self.mesh.given)
+                self.mesh.place(self.mesh.x)
             if solve is None:
                 return
             yield solve
@@ -170,21 +170,21 @@ class MovableMesh:
     A body is an array ``X`` of the positions of the local nodes, (n, 3) in scaled lengths, ghosts included.
 
     Attributes:
-        given: the given body.
+        x: the given body, which is the current one.
         diagonal: of its bounding box, in scaled lengths.
     """
 
     def __init__(self, body: Body, unknowns: Unknowns, quadrature_degree: int) -> None:
         self.body, self.unknowns, self.mesh = body, unknowns, body.mesh
         geometry = self.mesh.geometry
-        self.given: Floats = body.nodes / body.length_scale
-        self.diagonal = diagonal(self.mesh.comm, self.given)
+        self.x: Floats = body.nodes / body.length_scale
+        self.diagonal = diagonal(self.mesh.comm, self.x)
         self._owned = slice(geometry.index_map().size_local)
         self._nodal = fem.Function(unknowns.nodal_space)
-        self._dof_of_node = np.empty(len(self.given), dtype=np.int32)
+        self._dof_of_node = np.empty(len(self.x), dtype=np.int32)
         self._dof_of_node[geometry.dofmaps[0]] = self._nodal.function_space.dofmap.list
         self._jacobian = QuadratureValues(ufl.JacobianDeterminant(self.mesh), self.mesh, quadrature_degree)
-        self._given_jacobian = self._jacobians(self.given)
+        self._given_jacobian = self._jacobians(self.x)
 
     def place(self, X: Floats) -> None:
         """Move the mesh to a body."""
@@ -222,5 +222,5 @@ class MovableMesh:
         """Return Jacobian determinants of body ``X`` at the quadrature points of the owned cells."""
         self.place(X)
         values = [v.ravel() for _, v in self._jacobian]
-        self.place(self.given)
+        self.place(self.x)
         return np.concatenate([np.empty(0), *values])

@@ -1,3 +1,3 @@
-"""The model of a scene: its spaces, supports, parameters and virtual work."""
+"""The discrete model of a job on a body: spaces, supports, parameters and weak form."""
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)

@@ -16,7 +16,7 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.enclosed_volume import EnclosedVolume
 from hpcinv.mesh.source import Floats
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.quantity.nondimensional import Scales
 
 _UNEVEN = 0.1
@@ -89,9 +89,9 @@ class CavityEquation:
     """
 
     def __init__(
-        self, name: str, job: Job, body: Body, scene: Scene, scales: Scales, target_volume: float | None
+        self, name: str, job: Job, body: Body, weak_form: WeakForm, scales: Scales, target_volume: float | None
     ) -> None:
-        self.name, self._body, self._scene, self._scales = name, body, scene, scales
+        self.name, self._body, self._weak_form, self._scales = name, body, weak_form, scales
         self._cavity: Cavity = job.cavities[name]
         self._enclosed = enclosed_volume(job, body, name)
         self._mesh_volume = self._enclosed.volume(body.nodes)
@@ -101,10 +101,10 @@ class CavityEquation:
         self.pressure = 0.0
 
     def set_pressure(self, pressure: float, load: float) -> None:
-        """Set the unknown pressure (scaled) in the scene, whose forces are in proportion to the load factor."""
+        """Set the unknown pressure (scaled) in the weak form, whose forces are in proportion to the load factor."""
         self.pressure = pressure
         for place in self._places:
-            self._scene.parameters.set_number(place, "pressure", pressure / load)
+            self._weak_form.parameters.set_number(place, "pressure", pressure / load)
 
     def volume(self) -> float:
         """Return the volume (m³) in the unknown body at the present state; collective."""
@@ -112,7 +112,7 @@ class CavityEquation:
 
     def report(self, load: float) -> CavityReport:
         """Return the report of the present state; collective."""
-        unloaded, loaded = self._scene.kinematics.reference_and_current(self._mesh_volume, self.volume())
+        unloaded, loaded = self._weak_form.kinematics.reference_and_current(self._mesh_volume, self.volume())
         value, *_ = self.evaluate(load)
         return CavityReport(
             self.name,
@@ -124,7 +124,7 @@ class CavityEquation:
 
     def evaluate(self, load: float) -> tuple[float, float, float]:
         """Return C and its derivatives by the volume of the unknown body and by the pressure; collective."""
-        kin, unit = self._scene.kinematics, self._scales.length**3
+        kin, unit = self._weak_form.kinematics, self._scales.length**3
         mesh_volume, other = self._mesh_volume / unit, self.volume() / unit
         if self._target_volume is not None:
             return other - mesh_volume - load * (self._target_volume - mesh_volume), 1.0, 0.0
@@ -142,12 +142,12 @@ class CavityEquation:
 
     def slope(self, b: PETSc.Vec) -> None:
         """Set ``b`` to the derivative of the unknown body's volume by the state; collective."""
-        unknowns, body = self._scene.unknowns, self._body
+        unknowns, body = self._weak_form.unknowns, self._body
         element = unknowns.displacement_space.element.basix_element
         points = scalar_element(body.source.kind, body.degree).points
         values = element.tabulate(0, points)[0, :, :, 0]  # of the displacement's functions at the nodes of the geometry
         dofs = unknowns.dofs_of_cells()[0]
-        factor = self._scene.kinematics.sign / self._scales.length**2
+        factor = self._weak_form.kinematics.sign / self._scales.length**2
         with b.localForm() as local:
             local.set(0.0)
             array = local.array
@@ -157,27 +157,27 @@ class CavityEquation:
 
     def _nodes(self) -> Floats:
         """Return the local geometry nodes of the unknown body (m)."""
-        unknowns = self._scene.unknowns
-        moved = self._scene.kinematics.sign * unknowns.geometry_values(unknowns.displacement())
+        unknowns = self._weak_form.unknowns
+        moved = self._weak_form.kinematics.sign * unknowns.geometry_values(unknowns.displacement())
         return np.asarray(self._body.nodes + self._scales.length * moved)
 
 
-def cavity_equations(job: Job, body: Body, scene: Scene, scales: Scales) -> list[CavityEquation]:
+def cavity_equations(job: Job, body: Body, weak_form: WeakForm, scales: Scales) -> list[CavityEquation]:
     """Return the equations of the cavities of unknown pressure on the mesh as it lies; collective.
 
     In the second direction of a round trip, the volume of the unknown body is the one in the given body.
     """
-    return list(_equations(job, body, scene, scales))
+    return list(_equations(job, body, weak_form, scales))
 
 
-def _equations(job: Job, body: Body, scene: Scene, scales: Scales) -> Iterator[CavityEquation]:
+def _equations(job: Job, body: Body, weak_form: WeakForm, scales: Scales) -> Iterator[CavityEquation]:
     for name, cavity in job.controlled_cavities.items():
         target_volume = None
         if cavity.gas is None and cavity.windkessel is None:
-            target_volume = scene.kinematics.unknown_body_value(cavity.unloaded_volume, cavity.volume)
+            target_volume = weak_form.kinematics.unknown_body_value(cavity.unloaded_volume, cavity.volume)
             if target_volume is None:
                 target_volume = enclosed_volume(job, body, name).volume(body.given_nodes)
-        yield CavityEquation(name, job, body, scene, scales, target_volume)
+        yield CavityEquation(name, job, body, weak_form, scales, target_volume)
 
 
 def reports_of(equations: Sequence[CavityEquation], load: float) -> tuple[CavityReport, ...]:

@@ -1,4 +1,4 @@
-"""Contacts of a scene: their pressures, which a solver updates between solves, and their resultants."""
+"""Contacts of a job: their pressures, which a solver updates between solves, and their resultants."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -116,7 +116,7 @@ class _Nodal:
 
 
 class Contacts:
-    """All contacts of a scene; methods are collective.
+    """All contacts of a job; methods are collective.
 
     Args:
         resolve: path of a file of the job.

@@ -1,4 +1,4 @@
-"""The discrete model of a job on one body: spaces, supports, scales and scenes."""
+"""The discrete model of a job on one body: spaces, supports, scales and weak forms."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.model.cell_layers import layers_of_cells
 from hpcinv.model.field_checks import check_fields, shear_modulus
 from hpcinv.model.fields import BodyFields
-from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.state import State
 from hpcinv.model.supports import Supports
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.nondimensional import Scales, power_of_two
@@ -31,7 +31,7 @@ may be far from 1, as the tolerances of singular tangents expect them."""
 
 
 class DiscreteModel:
-    """Spaces, supports, scales and scenes of a reuse group of jobs (`reuse_group_of`) on one body.
+    """Spaces, supports, scales and weak forms of a reuse group of jobs (`reuse_group_of`) on one body.
 
     They are made once, with their compiled kernels. `put` sets the mesh's coordinates, the unknowns, the parameters and
     the supports. Apart from it, only a solver changes the unknowns.
@@ -49,9 +49,9 @@ class DiscreteModel:
 
     def __init__(self, job: Job, body: Body, timings: Timings, like: DiscreteModel | None = None) -> None:
         self.job, self.body, self.timings = job, body, timings
-        self._scenes: dict[tuple[Direction, bool], Scene] = {}
-        self._given: Function | None = None  # displacement of the given state, if something is given there (scaled)
-        self._kept: Function | None = None  # for the next use, since scenes refer to it
+        self._weak_forms: dict[tuple[Direction, bool], WeakForm] = {}
+        self._given_u: Function | None = None  # displacement of the given state, if something is given there (scaled)
+        self._given_function: Function | None = None  # for the next use, since weak forms refer to it
         self._given_displacement: Function | None = None
         self.quadrature_degree = _quadrature(job, body.source)
         body.place(body.given_nodes)
@@ -160,44 +160,46 @@ class DiscreteModel:
             if not 1 / _NEAR <= scales.stress / self.scales.stress <= _NEAR:
                 self.scales = scales
             self.supports.update_parameters(job)
-            for scene in self._scenes.values():
-                scene.update_parameters(job, self.scales)
-                scene.contacts.reset()
+            for weak_form in self._weak_forms.values():
+                weak_form.update_parameters(job, self.scales)
+                weak_form.contacts.reset()
 
     def _attach(self, given_displacement: Function | None) -> None:
         """Attach to the material what is given on the current body of the given state."""
-        self._given_displacement, self._given = given_displacement, None
+        self._given_displacement, self._given_u = given_displacement, None
         if given_displacement is None:
             return
         parts = (*self.job.laws.values(), *self.job.effects, *self.job.families.values())
         if any(True for part in parts for _ in given_on_current(part)):
-            self._given = self._kept = self._kept or Function(self.unknowns.displacement_space)
-            self._given.x.array[:] = given_displacement.x.array / self.scales.length
+            self._given_u = self._given_function = self._given_function or Function(self.unknowns.displacement_space)
+            self._given_u.x.array[:] = given_displacement.x.array / self.scales.length
 
     @property
     def has_attached(self) -> bool:
         """True if the present state is not the given one, and something is given on the current body of that."""
-        return self._given is not None
+        return self._given_u is not None
 
-    def scene(self, direction: Direction, known: Function | None = None, quadrature: int | None = None) -> Scene:
-        """Return the scene in one direction; it is evaluated at the coordinates of the mesh at that time.
+    def weak_form(
+        self, direction: Direction, given_u: Function | None = None, quadrature: int | None = None
+    ) -> WeakForm:
+        """Return the weak form in one direction; it is evaluated at the coordinates of the mesh at that time.
 
         Args:
-            known: as for `Scene`.
+            given_u: as for `WeakForm`.
             quadrature: quadrature degree, by default the degree of the job.
         """
         self.supports.set_sign(KINEMATICS[direction].sign)
-        is_kept = known is None and quadrature is None
-        key = direction, self._given is not None
-        if is_kept and key in self._scenes:
-            return self._scenes[key]
-        known = self._given if known is None else known
+        is_kept = given_u is None and quadrature is None
+        key = direction, self._given_u is not None
+        if is_kept and key in self._weak_forms:
+            return self._weak_forms[key]
+        given_u = self._given_u if given_u is None else given_u
         kinematics, degree = KINEMATICS[direction], quadrature or self.quadrature_degree
         with self.timings("compile"):
-            scene = Scene(self.job, self.fields, self.unknowns, kinematics, degree, self.scales, known)
+            weak_form = WeakForm(self.job, self.fields, self.unknowns, kinematics, degree, self.scales, given_u)
         if is_kept:
-            self._scenes[key] = scene
-        return scene
+            self._weak_forms[key] = weak_form
+        return weak_form
 
     def largest_displacement(self) -> float:
         """Return the largest displacement of the present state at any degree of freedom, in m; collective."""
@@ -215,15 +217,15 @@ def _quadrature(job: Job, source: MeshSource) -> int:
     Raises:
         JobError: it leaves motions of the cells without energy.
     """
-    kind, given, displacement = source.kind, job.discretisation.quadrature, job.discretisation.displacement
+    kind, degree, displacement = source.kind, job.discretisation.quadrature, job.discretisation.displacement
     least = default_quadrature(kind, displacement)
-    if given is not None and given < least:
+    if degree is not None and degree < least:
         cells = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}[kind]
         raise JobError(
             f"{job.path or UNNAMED}: discretisation.quadrature: must be at least {least} on {cells} of degree"
-            f" {displacement}, not {given}, or the tangent is nearly singular; raise it, or leave it out"
+            f" {displacement}, not {degree}, or the tangent is nearly singular; raise it, or leave it out"
         )
-    return given or least if source.midsurface is None else LayerDegree(given or least, source.slenderness)
+    return degree or least if source.midsurface is None else LayerDegree(degree or least, source.slenderness)
 
 
 def default_quadrature(kind: str, displacement: int) -> int:

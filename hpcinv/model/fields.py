@@ -28,7 +28,7 @@ class BodyFields:
         self._updated: dict[str, fem.Function] = {}
 
     def updated(self, name: str, components: int, degree: int) -> fem.Function:
-        """Return the function of a name that the solver updates, zero at first, the same for all scenes; collective."""
+        """Return the function of a name, zero at first, which the solver updates and weak forms share; collective."""
         if name not in self._updated:
             shape = () if components == 1 else (components,)
             space = fem.functionspace(self.body.mesh, ("Lagrange", degree, shape))

@@ -26,7 +26,7 @@ LARGEST_STRAIN = 1.0
 
 
 class NominalDisplacement:
-    """Nominal displacement and force of a scene, in its present state and at its present load factor; collective.
+    """Nominal displacement and force in the present state, at the present load factor; collective.
 
     The nominal strain ``ε`` is the sum over all effects of ``|F_g - I|`` and ``|P|/μ``, means over the body, and of
     ``Σ|f|/(μ L²)`` with the forces f of each load at the nodes. The size of the body is ``L = V^(1/3)`` with the volume

@@ -1,4 +1,4 @@
-"""Scaled parameters of a scene.
+"""Scaled parameters of a weak form.
 
 Numbers are entries of one constant of its forms, so that new values need no compilation; fields are functions or
 formulas of position. There is only one constant because UFL sorts constants by the text of their running numbers: with
@@ -85,7 +85,9 @@ class Parameters:
         self._numbers = {where: number for number, (where, _) in enumerate(ingredients)}
         self.constant = fem.Constant(fields.body.mesh, self._values)
         self._namespaces = [
-            SimpleNamespace(**{n: self._entry(p, kin.given if part.is_attached(n) else kin) for n, p in places.items()})
+            SimpleNamespace(
+                **{n: self._entry(p, kin.data_state if part.is_attached(n) else kin) for n, p in places.items()}
+            )
             for (_, part), places in zip(ingredients, self._places, strict=True)
         ]
 
@@ -279,7 +281,7 @@ class Parameters:
 
 
 def present_value(entry: Any) -> Any:
-    """Return the present value of an entry of a scene's constant, or of a vector of entries (n,); SI over its scale."""
+    """Return the present value of an entry of a UFL constant, or of a vector of entries (n,); SI over its scale."""
     if isinstance(entry, ListTensor):
         return np.array([present_value(component) for component in entry.ufl_operands])
     values, index = entry_of(entry)
@@ -287,7 +289,7 @@ def present_value(entry: Any) -> Any:
 
 
 def entry_of(entry: Any) -> tuple[npt.NDArray[np.float64], int]:
-    """Return the values of a scene's constant, and the index of an entry of it."""
+    """Return the values of a UFL constant, and the index of an entry of it."""
     constant, index = entry.ufl_operands
     return constant.value, int(index[0])
 
@@ -303,7 +305,7 @@ def load_factor(value: float, case: int, cases: int) -> float:
 
 
 class ParameterDerivative:
-    """Derivative of a scene's residual in any direction of its parameters, as one form that is compiled once.
+    """Derivative of a weak form's residual in any direction of its parameters, as one form that is compiled once.
 
     UFL differentiates by coefficients, not by constants: a coefficient replaces the constant of all parameters during
     differentiation. Parameters and their rates are then two halves of one constant (see `Parameters`).

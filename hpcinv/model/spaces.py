@@ -1,4 +1,4 @@
-"""Unknown fields of a scene: displacement, and pressure in the mixed form."""
+"""Unknown fields: displacement, and pressure in the mixed form."""
 
 from functools import cached_property
 from typing import Any

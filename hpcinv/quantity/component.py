@@ -25,7 +25,7 @@ Surface = Annotated[str, Refers("surface")]
 
 
 class Ingredient(Spec):
-    """A law, an effect or a family of fibres; a scene has its quantities, scaled, by the same names."""
+    """A law, an effect or a family of fibres; a weak form has its quantities, scaled, by the same names."""
 
     example: ClassVar[dict[str, Any]]
     """Content of its section in a job file, complete and with plausible numbers."""

@@ -32,10 +32,10 @@ def nominal_sizes(equations: Equations, solution: Solution) -> tuple[float, floa
     """Return nominal displacement (m) and force (scaled) of a solution (`NominalDisplacement`); collective."""
     equations.put(solution)
     with equations.timings("compile"):
-        scene = equations.scene(solution.direction)
-        nominal = scene.nominal_displacement
+        weak_form = equations.weak_form(solution.direction)
+        nominal = weak_form.nominal_displacement
     with equations.timings("evaluation"):
-        scene.parameters.set_load(solution.load)
+        weak_form.parameters.set_load(solution.load)
         displacement, force = nominal()
     return displacement * equations.scales.length, force
 

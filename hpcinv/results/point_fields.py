@@ -1,4 +1,4 @@
-"""Evaluation of a scene's fields at points of the body: stress, stored energy, volume ratio, position."""
+"""Fields at points of the body: stress, stored energy, volume ratio, position."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from hpcinv.mesh.cells import FACET_KIND, LayerDegree, layer_interpolation, quad
 from hpcinv.mesh.location import PointLocation
 from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.nondimensional import Scales
@@ -47,8 +47,8 @@ class Samples:
     current: Floats
 
 
-class SceneFields:
-    """Fields of a scene at the present state and position of the mesh.
+class PointFields:
+    """Fields in the present state, at the present coordinates of the mesh.
 
     These are ``X Y Z x y z ux uy uz`` (m), ``J``, the Cauchy stress ``sxx syy szz sxy syz sxz`` and its measures (Pa),
     and ``energy``, stored per reference volume (J/m³); on facets also ``nx ny nz``, the outward unit normal of the
@@ -56,8 +56,8 @@ class SceneFields:
     it causes alone, with the prefix ``prestrain_``.
     """
 
-    def __init__(self, body: Body, scene: Scene, scales: Scales, names: Collection[str]) -> None:
-        self._body, self._scene, self._scales = body, scene, scales
+    def __init__(self, body: Body, weak_form: WeakForm, scales: Scales, names: Collection[str]) -> None:
+        self._body, self._weak_form, self._scales = body, weak_form, scales
         self._measures = [name for name in names if measure_named(name) is not None]
         self._names = set(names).union(*map(components_of, self._measures))
         self._has_prestrain = not self._names.isdisjoint({*PRESTRAIN_STRESSES, *PRESTRAIN_COMPONENTS})
@@ -91,11 +91,11 @@ class SceneFields:
 
     @cached_property
     def quadrature_degree(self) -> int:
-        """Quadrature degree of the scene, or the degree that integrates both volumes exactly, if that is higher."""
-        element, kind = self._scene.unknowns.displacement_space.ufl_element(), self._body.source.kind
+        """Quadrature degree of the weak form, or the degree that integrates both volumes exactly, if that is higher."""
+        element, kind = self._weak_form.unknowns.displacement_space.ufl_element(), self._body.source.kind
         degree = max(self._body.degree, int(element.degree))
         exact = 3 * degree - 1 if kind == "hexahedron" else 3 * (degree - 1)
-        return max(exact, self._scene.quadrature_degree)
+        return max(exact, self._weak_form.quadrature_degree)
 
     def _samples(self, kind: str, shape: str, entities: LocalIndices, cells: LocalIndices) -> Samples:
         points, weights = quadrature(shape, self.quadrature_degree)
@@ -103,7 +103,7 @@ class SceneFields:
         values[..., -2:] *= weights[:, None] * self._scales.length ** (3 if kind == "cells" else 2)
         flat = values.reshape(-1, values.shape[2])
         named = self._named(kind, flat[:, :-2])
-        if isinstance(self._scene.quadrature_degree, LayerDegree):
+        if isinstance(self._weak_form.quadrature_degree, LayerDegree):
             is_inside = kind == "cells"
             places = np.tile(points, (len(cells), 1, 1)) if is_inside else self._facet_places(points, entities)
             named |= self._layer_values(cells, places)
@@ -111,7 +111,7 @@ class SceneFields:
 
     def _layer_values(self, cells: LocalIndices, places: Floats) -> dict[str, Floats]:
         """Return fields of a shell at places (cells, n, 3) in cells, without positions; none of other bodies."""
-        degree = self._scene.quadrature_degree
+        degree = self._weak_form.quadrature_degree
         if not isinstance(degree, LayerDegree) or self._names.issubset({*_POSITIONS, *NORMALS}):
             return {}
         points, weights = layer_interpolation(degree, places.reshape(-1, 3))
@@ -131,7 +131,7 @@ class SceneFields:
 
     def _values(self, kind: str, points: Floats, entities: LocalIndices, cells: LocalIndices) -> Floats:
         """Return the fields and the volume or area ratios at reference points, (entities, points, …); collective."""
-        parts = [part.cells for part in self._scene.parts] if self._has_laws else [None]
+        parts = [part.cells for part in self._weak_form.parts] if self._has_laws else [None]
         comm, values = self._body.mesh.comm, np.zeros((len(cells), len(points), 0))
         for number, part_cells in enumerate(parts):
             here = np.ones(len(cells), dtype=bool) if part_cells is None else np.isin(cells, part_cells)
@@ -154,7 +154,7 @@ class SceneFields:
 
     def _sizes(self, kind: str) -> list[Any]:
         """Return volumes or areas in both bodies per unit of the reference cell or facet; none for points."""
-        kin, mesh = self._scene.kinematics, self._body.mesh
+        kin, mesh = self._weak_form.kinematics, self._body.mesh
         if kind in ("points", "layers"):
             return []
         if kind == "facets":
@@ -163,19 +163,19 @@ class SceneFields:
 
     def _fields(self, part: int, kind: str) -> dict[str, tuple[Any, float]]:
         """Return the UFL scalar and the SI value of its unit, by field name."""
-        scene, kin, scales = self._scene, self._scene.kinematics, self._scales
+        weak_form, kin, scales = self._weak_form, self._weak_form.kinematics, self._scales
         fields = dict(zip(_POSITIONS, ((c, scales.length) for v in (kin.X, kin.x, kin.u) for c in v), strict=True))
-        fields["J"] = (scene.J, 1.0)
+        fields["J"] = (weak_form.J, 1.0)
         if kind == "facets":
             fields |= {name: (kin.n[i], 1.0) for i, name in enumerate(NORMALS)}
         if self._has_laws:
-            sigma, _ = scene.cauchy_stress[part]
+            sigma, _ = weak_form.cauchy_stress[part]
             fields |= {name: (sigma[place], scales.stress) for name, place in COMPONENTS.items()}
-            fields["energy"] = (scene.parts[part].energy, scales.stress)
+            fields["energy"] = (weak_form.parts[part].energy, scales.stress)
         if self._has_prestrain:
-            own, _ = scene.prestrain_stress[part]
+            own, _ = weak_form.prestrain_stress[part]
             fields |= {PRESTRAIN + name: (own[place], scales.stress) for name, place in COMPONENTS.items()}
-            fields |= {name: (scene.prestrain[place], 1.0) for name, place in PRESTRAIN_COMPONENTS.items()}
+            fields |= {name: (weak_form.prestrain[place], 1.0) for name, place in PRESTRAIN_COMPONENTS.items()}
         return {name: field for name, field in fields.items() if name in self._names}
 
     def _named(self, kind: str, values: Floats) -> dict[str, Floats]:

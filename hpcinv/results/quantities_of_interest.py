@@ -22,10 +22,10 @@ from hpcinv.mesh.location import Point, PointLocation, locate, position
 from hpcinv.mesh.regions import find
 from hpcinv.mesh.source import Floats
 from hpcinv.model.cavities import enclosed_volume
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.nondimensional import Scales
-from hpcinv.results.point_fields import SceneFields
+from hpcinv.results.point_fields import PointFields
 from hpcinv.results.reactions import contact_values, reactions
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
@@ -130,13 +130,13 @@ def values_of(
     quantities: Iterable[QuantityOfInterest],
     body: Body,
     solution: Solution,
-    fields: SceneFields | None,
+    fields: PointFields | None,
     located: Mapping[Point, PointLocation | None] | None = None,
 ) -> dict[str, Value]:
     """Evaluate quantities other than reactions, with mesh and equations put into the solution; collective.
 
     Args:
-        fields: fields of the scene at the solution; ``None`` if no quantity needs them.
+        fields: at the solution; ``None`` if no quantity needs them.
         located: where their points are, if that is known.
     """
     quantities = tuple(quantities)
@@ -164,22 +164,22 @@ def values_of(
 
 def _fields(
     quantities: tuple[QuantityOfInterest, ...], body: Body, solution: Solution, equations: Equations | None
-) -> SceneFields | None:
-    """Fields of the scene that the quantities need, at the solution and the full load."""
+) -> PointFields | None:
+    """Return the fields that the quantities need, at the solution and the full load."""
     if not any(q.fields or q.uses_quadrature for q in quantities):
         return None
     assert equations is not None
-    scene = equations.scene(solution.direction)
-    scene.parameters.set_load(1.0)
-    return fields_for(quantities, body, scene, equations.scales)
+    weak_form = equations.weak_form(solution.direction)
+    weak_form.parameters.set_load(1.0)
+    return fields_for(quantities, body, weak_form, equations.scales)
 
 
 def fields_for(
-    quantities: Iterable[QuantityOfInterest], body: Body, scene: Scene, scales: Scales
-) -> SceneFields | None:
-    """Return the fields of a scene that the quantities need, ``None`` if there are none."""
+    quantities: Iterable[QuantityOfInterest], body: Body, weak_form: WeakForm, scales: Scales
+) -> PointFields | None:
+    """Return the fields that the quantities need, ``None`` if there are none."""
     names = [q.of.names for q in quantities if q.fields or q.uses_quadrature]
-    return SceneFields(body, scene, scales, frozenset().union(*names)) if names else None
+    return PointFields(body, weak_form, scales, frozenset().union(*names)) if names else None
 
 
 def _point_value(
@@ -207,7 +207,7 @@ def _node_value(quantity: QuantityOfInterest, body: Body, solution: Solution) ->
     return _reduced(quantity, body.mesh.comm, quantity.of.evaluate(**known), np.ones(len(nodes)))
 
 
-def _quadrature_value(quantity: QuantityOfInterest, body: Body, fields: SceneFields | None) -> float:
+def _quadrature_value(quantity: QuantityOfInterest, body: Body, fields: PointFields | None) -> float:
     """Reduce a quantity over the volume of a region, or over its area if it has no cells."""
     assert quantity.on is not None
     assert fields is not None

@@ -37,7 +37,7 @@ def reactions(
 
     The equations are in the state of the solution, which has reached the full load.
     """
-    equilibrium = equations.equilibrium(equations.scene(solution.direction))
+    equilibrium = equations.equilibrium(equations.weak_form(solution.direction))
     residual = equilibrium.system.forces(1.0)
     equations.release(equilibrium)
 

@@ -10,11 +10,11 @@ from hpcinv.mesh.source import Floats
 from hpcinv.methods.method import Guess, sign_of
 from hpcinv.methods.nested_iteration import CoarseSolve
 from hpcinv.model.cavities import CavityReport
+from hpcinv.model.cell_means import LayerValues
 from hpcinv.model.contacts import ContactReport
 from hpcinv.model.remote_loads import RemoteReport
-from hpcinv.model.scene import Scene
-from hpcinv.model.scene_means import LayerValues
 from hpcinv.model.state import State
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.selection import Used
@@ -98,7 +98,7 @@ class Solution(State):
 def solution_of(
     equations: Equations,
     direction: Direction,
-    scene: Scene,
+    weak_form: WeakForm,
     solves: tuple[Solve, ...],
     load: float = 1.0,
     linear: Used | None = None,
@@ -106,9 +106,9 @@ def solution_of(
     """Evaluate the equations' present state, a solution at a load factor, in SI units; collective."""
     length, stress = equations.scales.length, equations.scales.stress
     with equations.timings("compile"):
-        evaluate = scene.means
+        evaluate = weak_form.means
     with equations.timings("evaluation"):
-        scene.parameters.set_load(load)
+        weak_form.parameters.set_load(load)
         state = equations.state(load)
         means = evaluate()
         for stress_field in (means.cauchy_stress, means.prestrain_stress):
@@ -131,7 +131,7 @@ def solution_of(
             strain_energy=means.strain_energy * stress * length**3,
             solves=solves,
             linear=linear,
-            contacts=scene.contacts.reports(equations.scales),
+            contacts=weak_form.contacts.reports(equations.scales),
             prestrain_stress=means.prestrain_stress,
             layer=means.layer,
         )

@@ -96,8 +96,8 @@ def _solution(
     with observer.solving():
         solved, coarse = solve(number, step, equations, start, observer)
         observer.check(earlier, solved, step)
-        scene = equations.scene(step.direction)
-        solution = solution_of(equations, step.direction, scene, solved.solves, solved.load, solved.linear)
+        weak_form = equations.weak_form(step.direction)
+        solution = solution_of(equations, step.direction, weak_form, solved.solves, solved.load, solved.linear)
     start_state = start_shape or "" if step.start is None else earlier[step.start].state
     if solved.cavities:
         pressures = {cavity.name: cavity.pressure for cavity in solved.cavities}
@@ -112,7 +112,7 @@ def _fields_at(path: Path, equations: Equations, direction: Direction) -> tuple[
     """Return displacement (m) and pressure (zero) of the computed body in the shape of a mesh file; collective."""
     body, (u, p) = equations.body, equations.unloaded().fields
     nodes = start_nodes(equations.job.mesh, path, body)
-    sign = equations.scene(direction).kinematics.sign
+    sign = equations.weak_form(direction).kinematics.sign
     u.interpolate(as_function(body, DataArray("start_shape", "nodes", sign * (nodes - body.given_nodes))))
     u.x.scatter_forward()
     return u, p

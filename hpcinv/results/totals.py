@@ -220,8 +220,8 @@ def _resultant(equations: Equations, direction: Direction) -> tuple[tuple[float,
     """
     unknowns, comm = equations.unknowns, equations.body.mesh.comm
     equations.unload()
-    equilibrium = equations.equilibrium(equations.scene(direction))
-    system, contacts = equilibrium.system, equilibrium.system.scene.contacts
+    equilibrium = equations.equilibrium(equations.weak_form(direction))
+    system, contacts = equilibrium.system, equilibrium.system.weak_form.contacts
     forces, response = system.forces(0.0), contacts.response()
     forces -= system.forces(1.0)
     response -= contacts.response()

@@ -111,13 +111,13 @@ def sensitivities(
     equations: Equations,
     solution: Solution,
     parameters: Sequence[Parameter],
-    given: tuple[Solution, Sensitivities] | None = None,
+    first: tuple[Solution, Sensitivities] | None = None,
     mesh: Mapping[str, Floats] = MappingProxyType({}),
 ) -> Sensitivities:
     """Differentiate a solution at full load by parameters of the job; collective.
 
     Args:
-        given: for a further state, the solution of the given one: its reference shape comes from there.
+        first: for a further state, solution and derivatives of the given state, from which the reference shape comes.
         mesh: for the first solve, derivatives (n, 3) of its local geometry nodes by those parameters that move these.
 
     Raises:
@@ -126,8 +126,8 @@ def sensitivities(
     body, changes, numbers = equations.body, dict[str, Change](), tied_parameters(parameters)
     equations.put(solution.moved_to(body.given_nodes))
     with equations.timings("sensitivities"):
-        if given:
-            references = {p.key: _reference(equations, p, *given) for p in numbers}
+        if first:
+            references = {p.key: _reference(equations, p, *first) for p in numbers}
         else:
             references = {
                 key: ReferenceChange(moved, None, _cell_limit(equations, moved)) for key, moved in mesh.items()
@@ -224,8 +224,8 @@ def _reference(
     if key not in derivatives.nodes:  # a tie, whose effect is part of its parameter's
         nothing = fem.Function(solution.displacement.function_space)
         return ReferenceChange(np.zeros_like(solution.mesh_nodes), nothing, math.inf)
-    given, nodes = derivatives.displacement[key], derivatives.nodes[key]
-    return ReferenceChange(nodes, given, change_limit(equations, solution, given))
+    displacement, nodes = derivatives.displacement[key], derivatives.nodes[key]
+    return ReferenceChange(nodes, displacement, change_limit(equations, solution, displacement))
 
 
 def _changes(
@@ -235,9 +235,9 @@ def _changes(
     references: Mapping[str, ReferenceChange],
     prescribed: Mapping[str, Sequence[Floats]],
 ) -> dict[str, Change]:
-    """Return the derivatives of the solution and of the scene's parameters, by the key of the job's parameter."""
-    scene = equations.scene(solution.direction)
-    equilibrium = equations.equilibrium(scene)
+    """Return derivatives of the solution and of the parameters of the weak form, by the key of the job's parameter."""
+    weak_form = equations.weak_form(solution.direction)
+    equilibrium = equations.equilibrium(weak_form)
     system = equilibrium.system
     system.linearise(1.0)
     position, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
@@ -266,9 +266,9 @@ def _changes(
 def _explicit(
     equations: Equations, system: System, parameter: Parameter, prescribed: Mapping[str, Sequence[Floats]], b: PETSc.Vec
 ) -> ParameterDirection:
-    """Set ``b`` to the right-hand side for a parameter; return the direction in which it moves the scene's."""
-    owner, place, job, scene = parameter.owner, parameter.place, equations.job, system.scene
-    unchanged = scene.parameters.direction({})
+    """Set ``b`` to the right-hand side for a parameter; return the direction in which it moves the parameters."""
+    owner, place, job, weak_form = parameter.owner, parameter.place, equations.job, system.weak_form
+    unchanged = weak_form.parameters.direction({})
     if parameter.where not in job.owners:  # of another state
         b.set(0.0)
         return unchanged
@@ -278,9 +278,9 @@ def _explicit(
         equations.supports.scale(1.0)
         return unchanged
     with equations.timings("compile"):
-        derivative = scene.parameter_derivative
+        derivative = weak_form.parameter_derivative
     local = parameter.where.removeprefix(job.place("effects").removesuffix("effects"))
-    direction = scene.parameters.direction({local: owner.rates(place)})
+    direction = weak_form.parameters.direction({local: owner.rates(place)})
     with equations.timings("residual"):
         derivative.assemble(direction, b)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)

@@ -50,12 +50,12 @@ class ReferenceChange:
 
     Attributes:
         nodes: of the mesh's local geometry nodes, (n, 3): for a further state the reference shape's.
-        given: of the given state's displacement, in m; ``None`` in that state itself.
+        given_displacement: of the displacement of the given state, in m; ``None`` in that state itself.
         limit: parameter's change by which the given state's displacement would double, or cells change their shape.
     """
 
     nodes: Floats
-    given: fem.Function | None
+    given_displacement: fem.Function | None
     limit: float
 
     def moved[S: State](self, state: S, step: float) -> S:
@@ -63,13 +63,13 @@ class ReferenceChange:
         return replace(
             state,
             mesh_nodes=state.mesh_nodes + step * self.nodes,
-            given_displacement=_moved(state.given_displacement, self.given, step),
+            given_displacement=_moved(state.given_displacement, self.given_displacement, step),
         )
 
 
 @dataclass(frozen=True)
 class Change:
-    """Derivatives by one parameter (SI): of the scene's parameters (scaled), displacement (m) and pressure (Pa).
+    """Derivatives by one parameter (SI): of the weak form's parameters (scaled), displacement (m) and pressure (Pa).
 
     ``u`` is the displacement's at the local geometry nodes, (n, 3); ``reference`` is for further states.
     """
@@ -89,10 +89,10 @@ def slopes(
     Collective.
     """
     equations.put(solution)
-    scene, body = equations.scene(solution.direction), equations.body
+    weak_form, body = equations.weak_form(solution.direction), equations.body
     quantities = [quantity for quantity in equations.job.quantities if not quantity.is_reaction]
-    scene.parameters.set_load(1.0)
-    fields = fields_for(quantities, body, scene, equations.scales)
+    weak_form.parameters.set_load(1.0)
+    fields = fields_for(quantities, body, weak_form, equations.scales)
 
     def values_at(change: Change, shift: float) -> dict[str, Floats]:
         moved, wanted = solution, quantities
@@ -106,7 +106,7 @@ def slopes(
             pressure=_moved(solution.pressure, change.pressure, shift),
         )
         equations.put(moved)
-        with scene.parameters.moved(change.direction, shift):
+        with weak_form.parameters.moved(change.direction, shift):
             return {name: np.array(v) for name, v in values_of(wanted, body, moved, fields).items()}
 
     is_kinked = has_kinks(equations.job)

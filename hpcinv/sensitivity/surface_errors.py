@@ -150,9 +150,9 @@ class SurfaceSpreads:
 
     def __init__(self, job: Job, body: Body) -> None:
         self._errors = errors_of(job, body)
-        self._found: dict[str, Sensitivities] = {}
+        self._derivatives: dict[str, Sensitivities] = {}
         self._states: dict[str, str] = {}
-        self._given: Solution | None = None
+        self._first: Solution | None = None
         self._seconds = 0.0
         self._failure = "" if job.has_derivatives else "there are no derivatives of contact with a rigid obstacle"
 
@@ -164,13 +164,13 @@ class SurfaceSpreads:
         self._states[shape] = solution.state
         parameters = self._errors.parameters
         try:
-            if self._given is None:
+            if self._first is None:
                 moved = self._errors.displacements(equations.job, equations.body)
-                self._found[shape] = sensitivities(equations, solution, parameters, mesh=moved)
-                self._given = solution
+                self._derivatives[shape] = sensitivities(equations, solution, parameters, mesh=moved)
+                self._first = solution
             else:
-                given = self._given, next(iter(self._found.values()))
-                self._found[shape] = sensitivities(equations, solution, parameters, given)
+                first = self._first, next(iter(self._derivatives.values()))
+                self._derivatives[shape] = sensitivities(equations, solution, parameters, first)
         except SolveError as error:
             self._failure = error.message
         self._seconds += time.perf_counter() - begun
@@ -185,16 +185,18 @@ class SurfaceSpreads:
             return None
         if self._failure:
             return SurfaceSpread(self._errors, failure=self._failure)
-        return SurfaceSpread(self._errors, joined_sensitivities(self._found, quantities), self._states, self._seconds)
+        return SurfaceSpread(
+            self._errors, joined_sensitivities(self._derivatives, quantities), self._states, self._seconds
+        )
 
 
 def errors_of(job: Job, body: Body) -> SurfaceErrors | None:
     """Return the errors of the given surface, ``None`` if they are not known, or not asked for."""
-    given, voxel = job.mesh.surface_error, body.source.voxel
-    if not job.certificate.surface or (given is None and not voxel):
+    spec, voxel = job.mesh.surface_error, body.source.voxel
+    if not job.certificate.surface or (spec is None and not voxel):
         return None
-    if given is not None:
-        return SurfaceErrors(given.sd, given.correlation or _OF_SD * given.sd, given.samples, 0.0)
+    if spec is not None:
+        return SurfaceErrors(spec.sd, spec.correlation or _OF_SD * spec.sd, spec.samples, 0.0)
     # Errors are alike over a voxel, or between the nodes of a mesh of larger cells.
     return SurfaceErrors(_OF_VOXEL * voxel, max(voxel, (job.mesh.size or 0.0) / 2), _SAMPLES, voxel)
 
@@ -205,9 +207,9 @@ def surface_normals(job: Job, body: Body) -> Floats:
     A node's normal is the mean of its facets' normals, by their area. The region `CUT` does not count, nor do planes of
     symmetry: nodes stay in them.
     """
-    mesh, given = body.mesh, body.given_nodes
-    body.place(given)
-    planes = symmetry_planes(job, body, given, given)
+    mesh, given_nodes = body.mesh, body.given_nodes
+    body.place(given_nodes)
+    planes = symmetry_planes(job, body, given_nodes, given_nodes)
     facets = exterior_facet_indices(mesh.topology)
     facets = facets[facets < mesh.topology.index_map(2).size_local]
     for name in [plane.region for plane in planes] + [name for name in body.regions if name == CUT]:
@@ -219,9 +221,9 @@ def surface_normals(job: Job, body: Body) -> Floats:
     sums.scatter_reverse(la.InsertMode.add)
     sums.scatter_forward()
     normals = sums.array.reshape(-1, 3).copy()
-    tolerance = _ROUND_OFF * diagonal(mesh.comm, given)
+    tolerance = _ROUND_OFF * diagonal(mesh.comm, given_nodes)
     for plane in planes:
-        near = np.abs(given @ plane.normal - plane.position) <= tolerance
+        near = np.abs(given_nodes @ plane.normal - plane.position) <= tolerance
         normals[near] -= np.outer(normals[near] @ plane.normal, plane.normal)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0))

@@ -160,7 +160,7 @@ class _Path:
         solve = corrected.solve
         if solve.outcome.accepted and norm(predicted) > step:
             solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
-        passages = self.equations.system.scene.passages
+        passages = self.equations.system.weak_form.passages
         if solve.outcome.accepted:
             self._move_to(corrected.x, solve.load)
             if passages.has_passed():
@@ -244,7 +244,7 @@ class _Path:
             self.ended = solve.outcome.is_final
             return None
         self._move_to(extremum.x, solve.load)
-        self.equations.system.scene.passages.depart()
+        self.equations.system.weak_form.passages.depart()
         yield replace(self._charged(solve), limit_point=True)
         if self.passed == self.steps.limit_points:
             yield self._end(solve.load, Outcome.LIMIT_POINT)

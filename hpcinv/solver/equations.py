@@ -13,7 +13,7 @@ from hpcinv.errors import MeshError
 from hpcinv.job.job import UNNAMED, Job
 from hpcinv.mesh import Body
 from hpcinv.model.discrete_model import DiscreteModel
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equilibrium import Equilibrium
@@ -29,7 +29,7 @@ from hpcinv.solver.support_checks import check_agreement, check_held, check_not_
 class Equations(DiscreteModel):
     """Equations of a reuse group of jobs on one body, and their solvers.
 
-    A solver is made once for each scene and used again, with the pattern of its matrix and its symbolic factorization.
+    A solver is made once for each weak form and used again, with its matrix pattern and symbolic factorization.
 
     Args:
         like: equations of another state of the body, whose spaces are used.
@@ -38,7 +38,7 @@ class Equations(DiscreteModel):
     def __init__(self, job: Job, body: Body, timings: Timings, like: Equations | None = None) -> None:
         super().__init__(job, body, timings, like)
         self._like = like
-        self._idle: dict[int, Equilibrium] = {}  # by the scene
+        self._idle: dict[int, Equilibrium] = {}  # by the id of the weak form
         self._are_supports_checked = False
 
     def _update_parameters(self, job: Job) -> None:
@@ -51,7 +51,7 @@ class Equations(DiscreteModel):
         """Check that supports agree, hold the body and all its parts, and leave it its volume; collective.
 
         Args:
-            system: equations of a scene, without which it is left open whether springs hold the body.
+            system: equations; without them it is left open whether springs hold the body.
 
         Raises:
             MeshError: on all ranks, if they do not.
@@ -92,14 +92,14 @@ class Equations(DiscreteModel):
         stiffness = max(law.stiffness_ratio or 1.0 for law in self.job.laws.values())
         return Chooser(self.unknowns, degree, is_shell=is_shell, stiffness=stiffness)
 
-    def equilibrium(self, scene: Scene, observer: Observer = SILENT) -> Equilibrium:
-        """Return the equations of a scene with the solver of the job."""
-        equilibrium = self._idle.pop(id(scene), None)
+    def equilibrium(self, weak_form: WeakForm, observer: Observer = SILENT) -> Equilibrium:
+        """Return the equations of a weak form with the solver of the job."""
+        equilibrium = self._idle.pop(id(weak_form), None)
         if equilibrium is None:
             solver = self.job.solver
             like = next((idle.system for idle in self._idle.values()), None)
             with self._naming_job():
-                system = System(scene, self.supports, self.timings, like)
+                system = System(weak_form, self.supports, self.timings, like)
             with self.timings("set-up"):
                 self.chooser.analyse(solver, self.unknowns)
             linear = LinearSolver(
@@ -113,8 +113,8 @@ class Equations(DiscreteModel):
                 reuse=0.3 if solver.reuse_tangent else 0.0,
             )
         equilibrium.linear.options.restore()
-        scene.contacts.locate()
-        scene.passages.forget()
+        weak_form.contacts.locate()
+        weak_form.passages.forget()
         equilibrium.system.timings, equilibrium.observer = self.timings, observer
         if not self._are_supports_checked:
             try:
@@ -125,15 +125,15 @@ class Equations(DiscreteModel):
         return equilibrium
 
     def release(self, equilibrium: Equilibrium) -> None:
-        """Keep a solver for the next use, or destroy it if its scene is not kept.
+        """Keep a solver for the next use, or destroy it if its weak form is not kept.
 
         Factors stay, and so does multigrid where it takes a small part of the memory; see `free_multigrid`.
         """
-        scene = equilibrium.system.scene
-        if any(scene is kept for kept in self._scenes.values()) and id(scene) not in self._idle:
+        weak_form = equilibrium.system.weak_form
+        if any(weak_form is kept for kept in self._weak_forms.values()) and id(weak_form) not in self._idle:
             equilibrium.system.end_path()
             equilibrium.linear.release_preconditioner()
-            self._idle[id(scene)] = equilibrium
+            self._idle[id(weak_form)] = equilibrium
             if not self.chooser.can_keep_multigrid:
                 self.free_multigrid()
         else:

@@ -143,8 +143,8 @@ class Equilibrium:
         """
         system, linear = self.system, self.linear
         system.set_load(load)
-        system.scene.contacts.locate()
-        if system.scene.passages.has_passed():  # an obstacle that moves
+        system.weak_form.contacts.locate()
+        if system.weak_form.passages.has_passed():  # an obstacle that moves
             spent = predicted.factorizations if predicted is not None else 0
             if predicted is not None:
                 system.set_state(predicted.origin)
@@ -182,10 +182,10 @@ class Equilibrium:
         system.set_state(x)
         if outcome.accepted:
             outcome = system.fault_of_solution() or outcome
-        if outcome.accepted and system.scene.passages.has_passed():
+        if outcome.accepted and system.weak_form.passages.has_passed():
             outcome = Outcome.PASSED_THROUGH
         if outcome.accepted:
-            system.scene.passages.depart()
+            system.weak_form.passages.depart()
         if not outcome.accepted:
             system.set_state(accepted)
         accepted.destroy()
@@ -195,7 +195,7 @@ class Equilibrium:
 
     def depart(self, load: float) -> None:
         """Let ways past obstacles begin at the present state, an equilibrium under this load factor."""
-        if passages := self.system.scene.passages:
+        if passages := self.system.weak_form.passages:
             self.system.set_load(load)
             passages.depart()
 
@@ -235,14 +235,14 @@ class Equilibrium:
 
         It is the norm of a state with the nominal displacement, and pressures of the nominal strain, at each node.
         """
-        unknowns, system = self.system.scene.unknowns, self.system
+        unknowns, system = self.system.weak_form.unknowns, self.system
         nodes = math.sqrt(unknowns.size)
 
         def norm_of_nominal_state() -> float:
             if load is not None:
                 system.set_load(load)
             with system.timings("compile"):
-                nominal = system.scene.nominal_displacement
+                nominal = system.weak_form.nominal_displacement
             with system.timings("residual"):
                 return nodes * nominal()[0]
 

@@ -50,7 +50,7 @@ def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, 
     tangent = bordering.tangent(start, load, None)
     bordering.destroy()
     system.set_state(x)
-    unknowns, sign = system.scene.unknowns, system.scene.kinematics.sign
+    unknowns, sign = system.weak_form.unknowns, system.weak_form.kinematics.sign
     dofs = unknowns.owned_displacement_dofs
     moved = unknowns.owned_displacement_points() + sign * np.array(start.array)[dofs].reshape(-1, 3)
     x.destroy()
@@ -73,7 +73,7 @@ def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, 
     elif job.mesh.shell is not None and largest > 1.0:
         first = f"{_SMALL / largest:.0e}, minimum_step: {1e-4 * _SMALL / largest:.0e}"
         lines.append(f"A sheet hardly resists across itself before it is tense: solver: {{initial_step: {first}}}")
-    if system.scene.kinematics.direction == "inverse" and (names := list(_unknown_position_formulas(job))):
+    if system.weak_form.kinematics.direction == "inverse" and (names := list(_unknown_position_formulas(job))):
         text = "depends on X, Y or Z, which are unknown until the end of the path"
         lines.append(f"{names[0]} {text}: write it with x, y, z, or as an array of the mesh")
     return lines

@@ -63,7 +63,7 @@ def check_hinges(body: Body, supports: Supports, space: fem.FunctionSpace, syste
 
     Args:
         space: of the displacement.
-        system: equations of the scene, if that has springs.
+        system: equations, if there are springs.
 
     Raises:
         MeshError: on all ranks, with the parts that can, where they meet others, and their motions.
@@ -219,7 +219,7 @@ def _unsprung_motions(
     system: System, cell_parts: Ints, frames: list[Frame], motions: Sequence[tuple[Ints, Floats]]
 ) -> list[tuple[Ints, Floats]]:
     """Return the motions of groups of parts that springs leave free; collective."""
-    space, comm = system.scene.unknowns.displacement_space, system.comm
+    space, comm = system.weak_form.unknowns.displacement_space, system.comm
     points, node_parts = space.tabulate_dof_coordinates(), node_labels(space, cell_parts)
     low, high = extent(comm, points)
     whole = Frame((low + high) / 2, float(np.linalg.norm(high - low)) / 2)

@@ -61,13 +61,13 @@ class LinearSolver:
         configuration: LinearConfiguration
         choice = self.choice
         # Of bodies that turn far, only the first inverse tangent is symmetric: factors L U of all have one analysis.
-        may_be_symmetric = choice.nearly_symmetric or self.system.scene.kinematics.direction == "forward"
+        may_be_symmetric = choice.nearly_symmetric or self.system.weak_form.kinematics.direction == "forward"
         if name == "iterative":
-            configuration = Iterative(self.system.scene)
+            configuration = Iterative(self.system.weak_form)
             configuration.test.most = choice.most
         elif self._is_refined:
             configuration = Refined(
-                self.system.scene.unknowns,
+                self.system.weak_form.unknowns,
                 symmetric=may_be_symmetric,
                 low_rank=choice.low_rank,
                 precision=choice.precision,
@@ -76,7 +76,7 @@ class LinearSolver:
             )
         else:
             configuration = Direct(
-                self.system.scene.unknowns,
+                self.system.weak_form.unknowns,
                 symmetric=may_be_symmetric and not choice.is_own,
                 minimum_fill=choice.minimum_fill,
             )

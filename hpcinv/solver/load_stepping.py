@@ -142,10 +142,10 @@ def follow(
     if isinstance(steps, ArcLengthSteps):
         yield from trace(equilibrium, steps, tolerance, load=load, passed=passed)
         return
-    state, forward = equilibrium.system.state.x, equilibrium.system.scene.kinematics.direction == "forward"
+    state, forward = equilibrium.system.state.x, equilibrium.system.weak_form.kinematics.direction == "forward"
     step, has_tangent, ahead = steps.start(), False, LimitPointAhead()
     if load == 0.0 and not equilibrium.system.is_on_path:
-        ahead.sign = equilibrium.system.scene.unknowns.unloaded_sign
+        ahead.sign = equilibrium.system.weak_form.unknowns.unloaded_sign
     predict = equilibrium.predictor.predict
     spent = 0  # factorizations that are not part of a report yet
     end: _EndOfSeries | None = None

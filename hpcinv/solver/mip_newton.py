@@ -41,8 +41,8 @@ class ExtrapolatedStress:
     _rotation_to_strain = 2.0  # ratio above which the pressure's share is extrapolated
 
     def __init__(self, system: System) -> None:
-        self._system, self._scene = system, system.scene
-        self._is_forward = self._scene.kinematics.direction == "forward"
+        self._system, self._weak_form = system, system.weak_form
+        self._is_forward = self._weak_form.kinematics.direction == "forward"
 
     def compile(self) -> None:
         """Compile the term, if the direction of the analysis has one."""
@@ -64,13 +64,13 @@ class ExtrapolatedStress:
         self._pressure_share.value = float(first.rotation > self._rotation_to_strain * first.strain)
         start.copy(self._start.x.petsc_vec)
         self._start.x.scatter_forward()
-        self._step.x.array[:] = self._scene.unknowns.state.x.array - self._start.x.array
+        self._step.x.array[:] = self._weak_form.unknowns.state.x.array - self._start.x.array
         return term
 
     @cached_property
     def _term(self) -> Any:
-        scene, kin = self._scene, self._scene.kinematics
-        unknowns = scene.unknowns
+        weak_form, kin = self._weak_form, self._weak_form.kinematics
+        unknowns = weak_form.unknowns
         self._start, self._step = fem.Function(unknowns.space), fem.Function(unknowns.space)
         self._pressure_share = fem.Constant(unknowns.mesh, 0.0)
         trial = ufl.TrialFunction(unknowns.space)
@@ -88,9 +88,9 @@ class ExtrapolatedStress:
             excesses[symbol] = there + ufl.derivative(there, self._start, self._step) - stress
             return symbol
 
-        for number, part in enumerate(scene.parts):
+        for number, part in enumerate(weak_form.parts):
             S = remove_stages(kin.F_inverse * part.P)
-            slope, p = remove_stages(gradient(part.dilatation, scene.H)), remove_stages(part.pressure)
+            slope, p = remove_stages(gradient(part.dilatation, weak_form.H)), remove_stages(part.pressure)
             pressure_stress = -p * kin.F_inverse * slope
             work = ufl.inner(excess(S - pressure_stress), metric)
             if unknowns.p is None:

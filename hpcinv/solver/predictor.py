@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from hpcinv.assembly.system import System
 from hpcinv.model.quadrature_values import QuadratureValues
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.linear_solver import LinearSolver
@@ -26,21 +26,21 @@ class Increment:
 
 
 class Increments:
-    """Rotation and strain of steps from the present state of a scene.
+    """Rotation and strain of steps from the present state.
 
     With ``F`` the gradient of the map from the mesh to the other body, ``δF F⁻¹ = d + w``: the strain ``d = dᵀ`` and
     the spin ``w = -wᵀ`` of that body. The residual does not measure a step: its stiffest parts dominate it.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        unknowns, kin = scene.unknowns, scene.kinematics
+    def __init__(self, weak_form: WeakForm) -> None:
+        unknowns, kin = weak_form.unknowns, weak_form.kinematics
         self._comm = unknowns.mesh.comm
         self._step = fem.Function(unknowns.space)
         step = self._step if unknowns.p is None else ufl.split(self._step)[0]
         rate = kin.sign * ufl.grad(step) * ufl.inv(ufl.Identity(3) + kin.sign * ufl.grad(unknowns.u))
         w, d = ufl.skew(rate), ufl.sym(rate)
         squares = ufl.as_vector([ufl.inner(w, w) / 2, ufl.inner(d, d)])
-        self._squares = QuadratureValues(squares, unknowns.mesh, scene.quadrature_degree)
+        self._squares = QuadratureValues(squares, unknowns.mesh, weak_form.quadrature_degree)
 
     def __call__(self, step: PETSc.Vec) -> Increment:
         """Increment of a step in all unknowns, added or subtracted; collective."""
@@ -87,7 +87,7 @@ class Predictor:
     def __init__(self, system: System, linear: LinearSolver) -> None:
         self.system, self.linear = system, linear
         with system.timings("compile"):
-            self.increments = Increments(system.scene)
+            self.increments = Increments(system.weak_form)
         self._origin = system.rhs.duplicate()
 
     def predict(self, load: float, *, new_tangent: bool = False) -> Prediction:
@@ -121,7 +121,7 @@ class Predictor:
         x.aypx(-1.0, start)
         system.set_state(x)
         x.destroy()
-        is_taken = solved and system.fault() is None and not system.scene.passages.has_passed()
+        is_taken = solved and system.fault() is None and not system.weak_form.passages.has_passed()
         if not is_taken:
             system.set_state(start)
         return Prediction(

@@ -34,7 +34,7 @@ class RemoteBorder(Border):
 
     def __init__(self, system: System, number: int, spec: RemoteLoad, scales: Scales) -> None:
         self._system, self._number, self._spec, self._length = system, number, spec, scales.length
-        self._sign = system.scene.kinematics.sign
+        self._sign = system.weak_form.kinematics.sign
         unit = scales.stress * scales.length**2
         self._load = np.concatenate([np.array(spec.force) / unit, np.array(spec.moment) / (unit * scales.length)])
         self._face = system.supports.remote_faces[number]

@@ -63,7 +63,7 @@ _CHECKS = 8  # states along a range that are checked for inverted elements
 
 
 class SeriesContinuation:
-    """The path of a scene by power series; methods are collective.
+    """The equilibrium path by power series; methods are collective.
 
     Args:
         side: side of the other path to follow at the first bifurcation, 1 or -1 (`branch_switching`); 0 to stay.
@@ -80,7 +80,7 @@ class SeriesContinuation:
             raise NotAnalytic("a support slides on a curved surface")
         self._equilibrium, self._system, self._linear = equilibrium, system, equilibrium.linear
         with system.timings("compile"):
-            self._taylor = TaylorResidual(system.scene)
+            self._taylor = TaylorResidual(system.weak_form)
         self._scale, self._contraction, self._side = np.inf, 1.0, side
 
     def follow(
@@ -204,7 +204,7 @@ class SeriesContinuation:
         Args:
             mark: mark of the inertia at the beginning of the series.
         """
-        unknowns, comm = self._system.scene.unknowns, self._system.comm
+        unknowns, comm = self._system.weak_form.unknowns, self._system.comm
         found = bifurcation_of(series, unknowns.owned_displacement_dofs, comm)
         if found is None or not solve.outcome.accepted or not series.load < found.load < solve.load:
             return solve
@@ -445,7 +445,7 @@ class SeriesContinuation:
         self._system.supports.free(b.array)
         if supports.prescribe_motion:
             forces = b.copy()
-            supports.scale_rates(system.scene.parameters.load_rates(load))
+            supports.scale_rates(system.weak_form.parameters.load_rates(load))
             system.lift(b)
             supports.scale(load)
             b.axpy(1.0, forces)

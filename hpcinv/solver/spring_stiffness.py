@@ -1,4 +1,4 @@
-"""Stiffness of the springs of a scene against motions that strain nothing else."""
+"""Stiffness of springs against motions that strain nothing else."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -16,10 +16,10 @@ _SMALL = 1e-7  # size of motions that are rigid to rounding errors
 def forces_of(system: System) -> Iterator[tuple[Callable[[Floats], Floats], Callable[[Floats], Floats]]]:
     """Context with two functions of a field (n, 3) at the nodes of the displacement; its end restores the state.
 
-    The first returns the owned unknowns of the field, the second the forces on them in the unloaded scene, per size
+    The first returns the owned unknowns of the field, the second the forces on them in the unloaded state, per size
     of the field; both are collective.
     """
-    unknowns, state = system.scene.unknowns, system.state
+    unknowns, state = system.weak_form.unknowns, system.state
     kept_state, owned = state.x.array.copy(), len(system.rhs.array)
 
     def unknowns_of(field: Floats) -> Floats:

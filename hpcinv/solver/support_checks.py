@@ -87,10 +87,10 @@ class _Part:
 
 
 def check_held(body: Body, supports: Supports, system: System | None = None) -> None:
-    """Check that supports, and the springs of a scene, hold every part of the body; collective.
+    """Check that supports, and springs, hold every part of the body; collective.
 
     Args:
-        system: equations of the scene, if that has springs.
+        system: equations, if there are springs.
 
     Raises:
         MeshError: on all ranks, with the rigid motions that are left.
@@ -201,7 +201,7 @@ def _free(
 
 def _stiffness(system: System, labels: Ints, parts: list[_Part]) -> list[Floats]:
     """Return the stiffness (6, 6) of each part against its rigid motions, which strain nothing but springs."""
-    space = system.scene.unknowns.displacement_space
+    space = system.weak_form.unknowns.displacement_space
     points, node_parts = space.tabulate_dof_coordinates(), node_labels(space, labels)
 
     def field(motion: int) -> Floats:

@@ -96,7 +96,7 @@ def expanded(
             pressure=solution.pressure,
         )
     )
-    equilibrium = equations.equilibrium(equations.scene(solution.direction))
+    equilibrium = equations.equilibrium(equations.weak_form(solution.direction))
     try:
         if not equilibrium.linear.become_exact():
             raise NotAnalytic("its many solves need factors in double precision, and the body is too large for these")

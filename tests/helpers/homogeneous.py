@@ -31,7 +31,7 @@ def check(solved: Solved, F: np.ndarray, stress: np.ndarray, origin: tuple[float
     H = F - np.eye(3) if solved.kinematics.direction == "forward" else np.eye(3) - np.linalg.inv(F)
     displacement, length = solved.model.unknowns.displacement(), solved.body.length_scale
     u, points = displacement.x.array.reshape(-1, 3), displacement.function_space.tabulate_dof_coordinates()
-    means = CellMeans(solved.scene.cauchy_stress, solved.body.mesh, solved.model.quadrature_degree)()
+    means = CellMeans(solved.weak_form.cauchy_stress, solved.body.mesh, solved.model.quadrature_degree)()
     sigma = means.x.array.reshape(-1, 3, 3) * solved.model.scales.stress
     errors = {
         "displacement": np.abs((u - points @ H.T) * length - origin).max(),

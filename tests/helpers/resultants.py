@@ -41,20 +41,22 @@ class Loaded:
         length, nodes = self.body.length_scale, self.body.mesh.geometry.x
         nodes[:] += bend(nodes * length) / length
         self.model = Equations(job, self.body, Timings())
-        self.scene = self.model.scene(direction)
-        self.scene.parameters.set_load(1.0)
-        unknowns = self.scene.unknowns
+        self.weak_form = self.model.weak_form(direction)
+        self.weak_form.parameters.set_load(1.0)
+        unknowns = self.weak_form.unknowns
         points = unknowns.space.tabulate_dof_coordinates()
         unknowns.state.x.array[:] = (state(points * length) / length).ravel()
         u = unknowns.state.x.array.reshape(-1, 3)
         self.x = points + u if direction == "forward" else points
-        self.pull = -fem.assemble_vector(fem.form(self.scene.residual, jit_options=JIT_OPTIONS)).array.reshape(-1, 3)
+        self.pull = -fem.assemble_vector(fem.form(self.weak_form.residual, jit_options=JIT_OPTIONS)).array.reshape(
+            -1, 3
+        )
 
     def volume(self) -> tuple[float, np.ndarray]:
         """Of the current body (m³), and its first moments (m⁴)."""
         mesh, length = self.body.mesh, self.body.length_scale
-        x, u, J = ufl.SpatialCoordinate(mesh), self.scene.unknowns.u, 1
-        if self.scene.kinematics.direction == "forward":
+        x, u, J = ufl.SpatialCoordinate(mesh), self.weak_form.unknowns.u, 1
+        if self.weak_form.kinematics.direction == "forward":
             x, J = x + u, ufl.det(ufl.Identity(3) + ufl.grad(u))
         volume, *moment = (
             fem.assemble_scalar(fem.form(part * J * ufl.dx(mesh, degree=8))) for part in (ufl.as_ufl(1.0), *x)

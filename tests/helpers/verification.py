@@ -15,8 +15,8 @@ from hpcinv.job.job import Job, parse
 from hpcinv.mesh import Body, build_body
 from hpcinv.methods import solve_direction
 from hpcinv.methods.method import UNLOADED
-from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
@@ -43,7 +43,7 @@ def job(**data: Any) -> Job:
 
 
 class Solved:
-    """A job's first solution in the hands of a test: solved to the end, its scene and body still there."""
+    """The first solution of a job, with its weak form and body."""
 
     def __init__(self, job: Job, comm: MPI.Intracomm) -> None:
         self.job = job
@@ -51,11 +51,11 @@ class Solved:
         self.body: Body = build_body(job.mesh, job.regions, comm, resolve=job.resolve, degree=degree)
         self.model = Equations(job, self.body, Timings())
         self.solves = self._solve(0)
-        self.kinematics = self.scene.kinematics
+        self.kinematics = self.weak_form.kinematics
         self.x = ufl.SpatialCoordinate(self.body.mesh) * self.body.length_scale
 
     def _solve(self, direction_index: int) -> list[Solve]:
-        self.scene: Scene = self.model.scene(self.job.directions[direction_index])
+        self.weak_form: WeakForm = self.model.weak_form(self.job.directions[direction_index])
         solves = solve_direction(self.model, self.job.directions[direction_index], UNLOADED, SILENT).solves
         self.model.destroy()  # its matrices hold communicators, and a process has few of them
         assert solves[-1].outcome.accepted, solves[-1].outcome
@@ -86,13 +86,13 @@ class Solved:
     @property
     def cauchy_stress(self) -> Any:
         """Cauchy stress in Pa, of a body of one law."""
-        ((stress, _),) = self.scene.cauchy_stress
+        ((stress, _),) = self.weak_form.cauchy_stress
         return stress * self.model.scales.stress
 
     @property
     def strain_energy(self) -> float:
         """Energy in J."""
-        return self.scene.means().strain_energy * self.model.scales.stress * self.body.length_scale**3
+        return self.weak_form.means().strain_energy * self.model.scales.stress * self.body.length_scale**3
 
 
 def box(divisions: Sequence[int] = (2, 2, 2), **parameters: Any) -> dict[str, Any]:

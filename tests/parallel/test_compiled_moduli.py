@@ -53,7 +53,7 @@ def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Equations:
     given = job(**data)
     model = Equations(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
     deform(model.unknowns)
-    model.scene(given.directions[0]).parameters.set_load(0.7)
+    model.weak_form(given.directions[0]).parameters.set_load(0.7)
     return model
 
 
@@ -66,8 +66,8 @@ def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Equations:
 def test_products_agree_with_the_matrix(data: dict[str, Any], comm: MPI.Intracomm) -> None:
     """To digits of single precision, in the rows of unknowns that are free."""
     model = model_of(data, comm)
-    scene, unknowns = model.scene(model.job.directions[0]), model.unknowns
-    system = System(scene, model.supports, Timings())
+    weak_form, unknowns = model.weak_form(model.job.directions[0]), model.unknowns
+    system = System(weak_form, model.supports, Timings())
     system.linearise(0.7)
     x = system.matrix.createVecRight()
     x.array[:] = np.random.default_rng(comm.rank).normal(size=x.local_size)
@@ -77,7 +77,7 @@ def test_products_agree_with_the_matrix(data: dict[str, Any], comm: MPI.Intracom
     x.array[held[: x.local_size]] = 0.0
     expected = x.duplicate()
     system.matrix.mult(x, expected)
-    moduli = compiled_moduli(scene.residual, unknowns, JIT_OPTIONS)
+    moduli = compiled_moduli(weak_form.residual, unknowns, JIT_OPTIONS)
     product = TangentProduct(moduli, unknowns, unknowns, model.quadrature_degree)
     products = expected.duplicate()
     products.array[:] = product(np.array(x.array, dtype=np.float32))
@@ -101,8 +101,8 @@ def test_moduli_of_straight_cells_at_rest_serve_finer_spaces(
     direction = model.job.directions[0]
     for equations in (model, finer):
         equations.unknowns.state.x.array[:] = 0.0
-        equations.scene(direction).parameters.set_load(0.7)
-    system = System(finer.scene(direction), finer.supports, Timings())
+        equations.weak_form(direction).parameters.set_load(0.7)
+    system = System(finer.weak_form(direction), finer.supports, Timings())
     system.linearise(0.7)
     x, y = system.matrix.createVecs()
     x.array[:] = np.random.default_rng(comm.rank).normal(size=x.local_size)
@@ -112,7 +112,7 @@ def test_moduli_of_straight_cells_at_rest_serve_finer_spaces(
     free = ~held[: x.local_size]
     x.array[~free] = 0.0
     system.matrix.mult(x, y)
-    moduli = compiled_moduli(model.scene(direction).residual, model.unknowns, JIT_OPTIONS)
+    moduli = compiled_moduli(model.weak_form(direction).residual, model.unknowns, JIT_OPTIONS)
     product = TangentProduct(moduli, model.unknowns, finer.unknowns, finer.quadrature_degree)
     products = product(np.array(x.array, dtype=np.float32))
     errors = comm.allgather((np.abs(products - y.array)[free].max(initial=0.0), np.abs(y.array).max(initial=0.0)))
@@ -171,7 +171,7 @@ def test_moduli_are_derived_once(comm: MPI.Intracomm, tmp_path: Path, monkeypatc
         """How often moduli are derived in a new model, and their values."""
         data = TWO_REGIONS | {"discretisation": {"displacement": 2, "quadrature": degree}}
         before, model = derived, model_of(data, comm)
-        moduli = compiled_moduli(model.scene("inverse").residual, model.unknowns, options)
+        moduli = compiled_moduli(model.weak_form("inverse").residual, model.unknowns, options)
         return derived - before, [part.expression.eval(model.unknowns.mesh, part.cells) for part in moduli]
 
     count, first = values()

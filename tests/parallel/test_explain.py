@@ -11,7 +11,7 @@ from helpers.command_line import CUBE, hpcinv, write_job
 from helpers.verification import box, job
 
 from hpcinv.cli.explain import show
-from hpcinv.cli.scene_costs import Explanation, PartCosts, explain
+from hpcinv.cli.form_costs import Explanation, PartCosts, explain
 from hpcinv.parallel.runtime import MPI
 
 PRESSURE = {"effect": "pressure", "region": "x1", "pressure": "1 kPa"}
@@ -56,7 +56,7 @@ def test_the_iterative_solver_is_timed_as_well(comm: MPI.Intracomm) -> None:
 
 
 def test_costs_below_what_is_measured_are_not_negative(capsys: pytest.CaptureFixture[str]) -> None:
-    """On a loaded machine the scene without an effect may take longer than the whole one."""
+    """On a loaded machine the weak form without an effect may take longer than the whole one."""
     law = PartCosts("neo-hookean", Counter(volume=1), 3, 0, 1.0, 2e-3, 5e-3)
     effect = PartCosts("effects[0] gravity", Counter(), 4, 0, -0.2, -1e-4, 3e-4)
     case = job(mesh=box((1, 1, 1)), material={"law": "neo-hookean", "mu": 1e4, "lam": 4e4}, supports=HELD)

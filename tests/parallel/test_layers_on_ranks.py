@@ -182,7 +182,7 @@ def test_a_pressure_comes_from_the_same_layer_of_another_mesh(way: str, comm: MP
         expected.append(filled(equations.unknowns.pressure_space, layers))
     coarse.put_fields((coarse.state().displacement, expected[0]))
     if way == "accuracy":
-        guess = guess_from(solution_of(coarse, "forward", coarse.scene("forward"), ()), coarse.body, model)
+        guess = guess_from(solution_of(coarse, "forward", coarse.weak_form("forward"), ()), coarse.body, model)
     else:
         guess = _transferred(coarse, model, 0)
     assert guess is not None

@@ -82,7 +82,7 @@ def test_nodes_of_a_higher_degree_are_on_the_given_cells(degree: int, comm: MPI.
     if given is not None:  # cells that are not parallelepipeds
         given = dataclasses.replace(given, points=given.points * (1 + 0.1 * given.points[:, [1, 2, 0]]))
     file = spec(meshes / "box.py", parameters={"hexahedra": True})
-    first, body = (build_body(file, {}, comm, degree=d, given=given) for d in (1, degree))
+    first, body = (build_body(file, {}, comm, degree=d, replacement=given) for d in (1, degree))
     assert (first.degree, body.degree, body.source.degree) == (1, degree, 1)
     x = body.mesh.geometry.x * body.length_scale
     there = reorder_to_source(body, x)

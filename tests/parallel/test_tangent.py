@@ -55,11 +55,11 @@ def test_matrix_agrees_with_the_derivative(case: dict[str, Any], comm: MPI.Intra
     given = job(**case)
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
     model = Equations(given, body, Timings())
-    scene, supports = model.scene(given.directions[0]), model.supports
+    weak_form, supports = model.weak_form(given.directions[0]), model.supports
     state = model.unknowns.state
     deform(model.unknowns)
-    form = fem.form(ufl.derivative(remove_stages(scene.residual), state), jit_options=JIT_OPTIONS)
-    scene.parameters.set_load(0.7)
+    form = fem.form(ufl.derivative(remove_stages(weak_form.residual), state), jit_options=JIT_OPTIONS)
+    weak_form.parameters.set_load(0.7)
     supports.scale(0.7)
     theirs = fem_petsc.assemble_matrix(form, bcs=supports.conditions)
     theirs.assemble()
@@ -71,10 +71,10 @@ def test_matrix_agrees_with_the_derivative(case: dict[str, Any], comm: MPI.Intra
     assert (size > 0) == supports.prescribe_motion
 
     for kind, cells in ((FilledTangent, 1_000_000), (CompiledTangent, 1)):
-        first = System(scene, supports, Timings())
+        first = System(weak_form, supports, Timings())
         with as_for(cells):
             first.linearise(0.3)
-        again = System(scene, supports, Timings(), like=first)
+        again = System(weak_form, supports, Timings(), like=first)
         for ours in (first, again):  # of which the second has the pattern of the first
             for _ in range(2):  # what was there before counts for nothing
                 ours.linearise(0.7)
@@ -102,7 +102,7 @@ def test_scattered_unknowns_of_a_node_are_not_filled_directly(
 
     def chosen() -> type:
         with as_for(cells=1_000_000):
-            return type(tangent_of(Equations(given, body, Timings()).scene("inverse")))
+            return type(tangent_of(Equations(given, body, Timings()).weak_form("inverse")))
 
     assert chosen() is FilledTangent
     dofs: Any = fem.DofMap.list
@@ -164,15 +164,15 @@ def test_a_rank_with_other_flags_takes_kernels_of_its_own(comm: MPI.Intracomm, t
     """As on a node whose processor lacks instructions of rank 0's processor."""
     given = job(**MIXED)
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
-    scene = Equations(given, body, Timings()).scene("inverse")
-    deform(scene.unknowns)
+    weak_form = Equations(given, body, Timings()).weak_form("inverse")
+    deform(weak_form.unknowns)
     flags = ["-O1", "-g0", f"-DRANK={comm.rank}"]
     options = JIT_OPTIONS | {"cffi_extra_compile_args": flags, "cache_dir": Path(comm.bcast(str(tmp_path)))}
     cells = np.arange(1, dtype=np.int32)
-    (usual,) = compiled_moduli(scene.residual, scene.unknowns, JIT_OPTIONS)
+    (usual,) = compiled_moduli(weak_form.residual, weak_form.unknowns, JIT_OPTIONS)
     for _ in range(2):  # without a record, and with the record of rank 0
-        (moduli,) = compiled_moduli(scene.residual, scene.unknowns, options)
+        (moduli,) = compiled_moduli(weak_form.residual, weak_form.unknowns, options)
         files = comm.allgather(moduli.expression.file)
         assert files[0] != files[1]
-        expected = usual.expression.eval(scene.unknowns.mesh, cells)
-        assert np.array_equal(moduli.expression.eval(scene.unknowns.mesh, cells), expected)
+        expected = usual.expression.eval(weak_form.unknowns.mesh, cells)
+        assert np.array_equal(moduli.expression.eval(weak_form.unknowns.mesh, cells), expected)

@@ -1,7 +1,7 @@
 """Every law, effect and configuration of fibres has moduli, which make up the tangent of a large mesh.
 
 Large meshes take another path than small ones (`hpcinv.assembly.tangent`); here small ones take it, and the matrix must
-agree with the compiled form. All laws are in one scene, each in a slab of a bar, and all effects in another one.
+agree with the compiled form. All laws are in one weak form, each in a slab of a bar, and all effects in another one.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ KINDS = [(direction, form) for direction in ("forward", "inverse") for form in (
 LAWS, EFFECTS = sorted(laws()), sorted(effects().items())
 
 
-def scene_of_laws(**data: Any) -> Job:
+def job_of_laws(**data: Any) -> Job:
     """A bar with a slab for each law of the registry, incompressible every second one where the form allows it."""
     regions, materials = {}, {}
     for number, name in enumerate(LAWS):
@@ -58,7 +58,7 @@ def scene_of_laws(**data: Any) -> Job:
     return job(mesh=box((len(LAWS), 1, 1)), regions=regions, material=materials, **data)
 
 
-def scene_of_effects(**data: Any) -> Job:
+def job_of_effects(**data: Any) -> Job:
     """A cube under every effect of the registry, in each configuration that it knows."""
     listed: list[dict[str, Any]] = []
     for name, kind in EFFECTS:
@@ -72,7 +72,7 @@ def scene_of_effects(**data: Any) -> Job:
     return job(mesh=box((1, 1, 1)), material=law, effects=listed, **data)
 
 
-def scene_of_prestrain(**data: Any) -> Job:
+def job_of_prestrain(**data: Any) -> Job:
     """A cube with a stress-free stretch of the current body."""
     effect = effects()["prestrain"].example | {"given_on": "current"}
     return job(
@@ -93,31 +93,31 @@ def model_of(given: Job, comm: MPI.Intracomm) -> Equations:
     return Equations(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
 
 
-@pytest.mark.everyday("scene_of_effects-inverse-mixed")
+@pytest.mark.everyday("job_of_effects-inverse-mixed")
 @pytest.mark.parametrize(
     ("of", "direction", "formulation"),
     [
-        (scene_of_laws, "inverse", "mixed"),  # the one with most in it; of the others, moduli are made below
-        (scene_of_effects, "inverse", "mixed"),
-        (scene_of_effects, "forward", "displacement"),
-        (scene_of_prestrain, "forward", "displacement"),
+        (job_of_laws, "inverse", "mixed"),  # the one with most in it; of the others, moduli are made below
+        (job_of_effects, "inverse", "mixed"),
+        (job_of_effects, "forward", "displacement"),
+        (job_of_prestrain, "forward", "displacement"),
     ],
 )
 def test_moduli_of_the_registry_make_the_compiled_tangent(
     of: Any, direction: str, formulation: str, comm: MPI.Intracomm
 ) -> None:
     model = model_of(of(**common(direction, formulation)), comm)
-    scene, state = model.scene(model.job.directions[0]), model.unknowns.state
-    scene.parameters.set_load(0.7)
+    weak_form, state = model.weak_form(model.job.directions[0]), model.unknowns.state
+    weak_form.parameters.set_load(0.7)
     parts = [state] if model.unknowns.p is None else [state.sub(0), state.sub(1)]
     parts[0].interpolate(lambda x: 0.04 * np.stack([np.sin(2 * x[1]), x[0] * x[2], np.cos(x[0] + x[1])]))
     for pressure in parts[1:]:
         pressure.interpolate(lambda x: 0.3 * np.cos(x[0] - 2 * x[2]))
     with as_for(cells=1_000_000):
-        filled = tangent_of(scene, UNOPTIMIZED)
+        filled = tangent_of(weak_form, UNOPTIMIZED)
     assert isinstance(filled, FilledTangent), filled.note
     matrices = []
-    for tangent in (filled, CompiledTangent(scene, UNOPTIMIZED)):
+    for tangent in (filled, CompiledTangent(weak_form, UNOPTIMIZED)):
         matrix, assemble = tangent.create_matrix(model.supports.conditions)
         assemble()
         matrices.append(matrix)
@@ -130,11 +130,11 @@ def test_moduli_of_the_registry_make_the_compiled_tangent(
 
 
 @pytest.mark.everyday("inverse-displacement")
-@pytest.mark.parametrize("of", [scene_of_laws, scene_of_effects])
+@pytest.mark.parametrize("of", [job_of_laws, job_of_effects])
 @pytest.mark.parametrize(("direction", "formulation"), [kind for kind in KINDS if kind != ("inverse", "mixed")])
-def test_every_part_of_a_scene_has_moduli(of: Any, direction: str, formulation: str, comm: MPI.Intracomm) -> None:
+def test_every_part_of_a_weak_form_has_moduli(of: Any, direction: str, formulation: str, comm: MPI.Intracomm) -> None:
     model = model_of(of(**common(direction, formulation)), comm)
-    part_moduli = moduli_of(model.scene(model.job.directions[0]).residual, model.unknowns)
+    part_moduli = moduli_of(model.weak_form(model.job.directions[0]).residual, model.unknowns)
     assert len(part_moduli) == len(model.job.laws)
     assert all(len(moduli.pairs) >= (1 if formulation == "displacement" else 3) for moduli in part_moduli)
 

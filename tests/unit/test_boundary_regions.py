@@ -47,7 +47,7 @@ def rules(**regions: str | list[str] | RegionUnion) -> dict[str, RegionRule]:
 
 def body(**regions: str | list[str] | RegionUnion) -> Body:
     spec = MeshSpec.model_construct(file="block.vtu", unit=1.0)
-    return build_body(spec, rules(**regions), MPI.COMM_WORLD, given=block())
+    return build_body(spec, rules(**regions), MPI.COMM_WORLD, replacement=block())
 
 
 @pytest.mark.parallel([1, 2, 3])

@@ -23,7 +23,7 @@ LAYER = {"stiffness": "1 MPa/m"}
 
 
 def refused(contact: dict[str, Any], message: str, **more: Any) -> None:
-    scene = {
+    data = {
         "mesh": box(),
         "material": {"law": "neo-hookean", "mu": 1e4, "lam": 1e4},
         "effects": [{"effect": "contact", "region": "z0", "obstacle": FLOOR, **contact}],
@@ -31,7 +31,7 @@ def refused(contact: dict[str, Any], message: str, **more: Any) -> None:
         "analysis": "forward",
     }
     with pytest.raises(JobError, match=message):
-        job(**scene | more)
+        job(**data | more)
 
 
 @pytest.mark.parametrize("analysis", ["inverse", "round_trip"])
@@ -68,13 +68,13 @@ def test_quantity_of_contact_names_the_state_that_has_one() -> None:
         {"name": "pressed", "effects": [contact | LAYER], "supports": held},
     ]
     force = {"name": "grip", "of": "contact_force", "on": "z0"}
-    scene = {"mesh": box(), "material": {"law": "neo-hookean", "mu": 1e4, "lam": 1e4}, "states": states}
+    data = {"mesh": box(), "material": {"law": "neo-hookean", "mu": 1e4, "lam": 1e4}, "states": states}
     with pytest.raises(JobError) as caught:
-        job(**scene, quantities=[force])
+        job(**data, quantities=[force])
     message = "'z0' is not the region of a contact in state 'free': there is no contact; give the quantity the state"
     assert message in str(caught.value)
     assert "(state: pressed)" in str(caught.value)
-    (quantity,) = job(**scene, quantities=[force | {"state": "pressed"}]).quantities
+    (quantity,) = job(**data, quantities=[force | {"state": "pressed"}]).quantities
     assert quantity.state == "pressed"
 
 

@@ -137,9 +137,9 @@ def test_springs_hold_a_body_that_nothing_else_holds() -> None:
 
 
 def refused(case: Job) -> str:
-    """Why there is no scene of a job that can be read."""
+    """Return why a valid job has no weak form."""
     with pytest.raises(MeshError) as caught:
-        Equations(case, build_body(case.mesh, case.regions, MPI.COMM_SELF, resolve=case.resolve), Timings()).scene(
+        Equations(case, build_body(case.mesh, case.regions, MPI.COMM_SELF, resolve=case.resolve), Timings()).weak_form(
             "inverse"
         )
     return str(caught.value)

@@ -28,7 +28,7 @@ CORNER = {(0, 0, 0), (1, 0, 0)}  # an eighth of a cavity around the origin
 def hollow_body(holes: set[tuple[int, int, int]], kind: str, degree: int, region: str) -> Body:
     source = hollow_block(holes, kind)
     spec = MeshSpec.model_construct(file="block.vtu", unit=1.0)
-    return build_body(spec, {"hole": Expression(region)}, MPI.COMM_WORLD, degree=degree, given=source)
+    return build_body(spec, {"hole": Expression(region)}, MPI.COMM_WORLD, degree=degree, replacement=source)
 
 
 INSIDE = "x > 0.5 m and x < 3.5 m and y > 0.5 m and y < 3.5 m"

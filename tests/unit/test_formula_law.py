@@ -17,7 +17,7 @@ from ufl.classes import Variable
 from hpcinv.kinematics.kinematics import Deformation
 from hpcinv.materials import laws
 from hpcinv.materials.formula import Formula
-from hpcinv.model.scene import LABEL
+from hpcinv.model.weak_form import LABEL
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.schema import dotted_key, problems_in
 from hpcinv.quantity.units import Dimension

@@ -253,7 +253,7 @@ def test_overlapping_groups_are_regions_on_several_ranks(comm: MPI.Intracomm, ru
     on_root(comm, lambda: write_partitioned(path, MPI.COMM_SELF, partitioned(source, 2)[0]))
     expected = {"left": (1, 0), "ends": (2, 0), "all": (0, 6), "first": (0, 2)}
     for given in (source if comm.rank == 0 else source.header(), None):
-        body = build_body(spec(path), {}, comm, given=given)
+        body = build_body(spec(path), {}, comm, replacement=given)
         regions = {name: (body.regions[name].facet_count, body.regions[name].cell_count) for name in expected}
         assert regions == expected
 

@@ -26,7 +26,7 @@ from hpcinv.kinematics.kinematics import Deformation
 from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.materials import MaterialLaw, laws
 from hpcinv.materials.isochoric import DILATATIONS
-from hpcinv.model.scene import LABEL
+from hpcinv.model.weak_form import LABEL
 from hpcinv.parallel.jit import JIT_OPTIONS, array_type, compile_library
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.expressions import Expression

@@ -243,7 +243,7 @@ def test_bodies_of_refined_meshes(comm: MPI.Intracomm, meshes: Path) -> None:
             return len(refined[0].cells)
 
         count = on_root(comm, make)
-        body = build_body(mesh, conditions(part="x < 0.6 m"), comm, given=refined[0] if refined else None)
+        body = build_body(mesh, conditions(part="x < 0.6 m"), comm, replacement=refined[0] if refined else None)
         assert body.mesh.topology.index_map(3).size_global == count
         groups = on_root(comm, lambda body=body: {(g.name, g.dim): len(g.members) for g in body.source.groups})
         for (group, dim), members in groups.items():

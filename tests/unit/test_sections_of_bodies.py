@@ -32,7 +32,7 @@ def block(n: int) -> Body:
         facets=np.zeros((0, 4), dtype=np.int64),
         groups=(Group("low", 3, 1, np.flatnonzero(cubes[:, 2] < n // 2)),),
     )
-    return build_body(MeshSpec.model_construct(file="block.vtu", unit=1.0), {}, MPI.COMM_WORLD, given=source)
+    return build_body(MeshSpec.model_construct(file="block.vtu", unit=1.0), {}, MPI.COMM_WORLD, replacement=source)
 
 
 def volume(points: Floats, tetrahedra: Ints) -> float:

@@ -239,7 +239,7 @@ def test_cells_in_which_no_point_is_found_give_no_guess_on_any_rank(
         raise RuntimeError("Newton method failed to converge for non-affine geometry")
 
     there, here = (model_on(meshes / "box.py", 1, {"nx": n, "ny": 1, "nz": 1}, comm) for n in (2, 3))
-    solution = solution_of(there, "forward", there.scene("forward"), ())
+    solution = solution_of(there, "forward", there.weak_form("forward"), ())
     if comm.rank == comm.size - 1:
         monkeypatch.setattr(type(solution.displacement), "eval", fail)
     assert guess_from(solution, there.body, here) is None
@@ -266,7 +266,7 @@ def test_solutions_are_taken_from_mesh_to_mesh(comm: MPI.Intracomm, meshes: Path
         v.interpolate(lambda x, length=length: u(x * length))
         p.interpolate(lambda x, length=length: x[0] * length)
         there.put_fields((v, p))
-        guess = guess_from(solution_of(there, "forward", there.scene("forward"), ()), there.body, here)
+        guess = guess_from(solution_of(there, "forward", there.weak_form("forward"), ()), there.body, here)
         assert guess is not None
         displacement, pressure = here.unloaded().fields
         displacement.x.array[:] = guess.displacement

@@ -33,7 +33,7 @@ class SmallSystem:
     """Equations of a few unknowns in numpy arrays, which Newton's method solves at fixed loads."""
 
     limit, reuse = 25, 0.3
-    scene = SimpleNamespace(passages=SimpleNamespace(has_passed=lambda: False, depart=lambda: None))
+    weak_form = SimpleNamespace(passages=SimpleNamespace(has_passed=lambda: False, depart=lambda: None))
 
     def __init__(
         self,

@@ -111,8 +111,8 @@ def test_pressure_falls_while_a_balloon_is_filled(comm: MPI.Intracomm) -> None:
 def test_large_volumes_take_few_factorizations(stretch: float, most: int) -> None:
     """Steps are shortened before they fail: volumes 4 and 27 times as large."""
     volume = {"hole": HOLE | {"volume": OCTANT * stretch**3}}
-    scene = data(2, cavities=volume, analysis="forward", quantities=[PRESSURE_FOUND])
-    result = hpcinv.run(job(**scene), MPI.COMM_SELF)
+    whole = data(2, cavities=volume, analysis="forward", quantities=[PRESSURE_FOUND])
+    result = hpcinv.run(job(**whole), MPI.COMM_SELF)
     assert result.quantities["p"] == pytest.approx(pressure_of(stretch), rel=2e-5)
     assert result.solutions[0].factorizations <= most
 
@@ -200,7 +200,7 @@ def with_two_holes(comm: MPI.Intracomm, analysis: str, **changes: Any) -> Equati
         discretisation={"displacement": 1, "formulation": "displacement"},
         **changes,
     )
-    body = build_body(block.mesh, block.regions, comm, given=hollow_block(HOLES, divisions=(5, 4, 3)))
+    body = build_body(block.mesh, block.regions, comm, replacement=hollow_block(HOLES, divisions=(5, 4, 3)))
     return Equations(block, body, Timings())
 
 
@@ -238,7 +238,7 @@ def test_derivatives_of_the_equations(comm: MPI.Intracomm) -> None:
             "both": {"surface": ["large", "small"]} | windkessel,
         }
         model = with_two_holes(comm, direction, cavities=holes)
-        scene = model.scene(direction)
+        weak_form = model.weak_form(direction)
         state, load, h = model.unknowns.state, 0.7, 1e-3
         deform(model.unknowns)
         x, step = state.x.array.copy(), np.cos(np.arange(len(state.x.array)))
@@ -246,7 +246,7 @@ def test_derivatives_of_the_equations(comm: MPI.Intracomm) -> None:
         step_function.x.array[:] = step
         step_function.x.scatter_forward()
         row = state.x.petsc_vec.duplicate()
-        for cavity in cavity_equations(model.job, model.body, scene, model.scales):
+        for cavity in cavity_equations(model.job, model.body, weak_form, model.scales):
             cavity.set_pressure(0.3, load)
             _, by_volume, by_pressure = cavity.evaluate(load)
             cavity.slope(row)

@@ -216,7 +216,7 @@ def test_factors_of_a_forward_solve_give_its_inertia(comm: MPI.Intracomm) -> Non
     model = Equations(
         column_job, build_body(column_job.mesh, column_job.regions, comm, resolve=column_job.resolve), Timings()
     )
-    equilibrium = model.equilibrium(model.scene("forward"))
+    equilibrium = model.equilibrium(model.weak_form("forward"))
     assert list(follow(equilibrium, model.steps, 1e-8))[-1].outcome.accepted
     equilibrium.system.linearise(1.0)
     equilibrium.linear.factorize()
@@ -314,15 +314,15 @@ def test_forces_balance(comm: MPI.Intracomm) -> None:
     model = Equations(
         column_job, build_body(column_job.mesh, column_job.regions, comm, resolve=column_job.resolve), Timings()
     )
-    equilibrium = model.equilibrium(model.scene("inverse"))
-    (unloaded,) = equilibrium_residual(model, solution_of(model, "inverse", model.scene("inverse"), ()))
+    equilibrium = model.equilibrium(model.weak_form("inverse"))
+    (unloaded,) = equilibrium_residual(model, solution_of(model, "inverse", model.weak_form("inverse"), ()))
     # Undeformed, all of the weight is unbalanced but what the supports carry at once.
     weight, held = equilibrium.system.forces(1.0), model.supports.prescribed
     free = np.setdiff1d(np.arange(len(weight)), np.concatenate([part.dofs for part in held]))
     assert unloaded.value == pytest.approx(np.linalg.norm(weight[free]) / np.linalg.norm(weight))
     assert unloaded.verdict is Verdict.FAIL
     assert equilibrium.solve(1.0, 1e-12).outcome.accepted
-    (loaded,) = equilibrium_residual(model, solution_of(model, "inverse", model.scene("inverse"), ()))
+    (loaded,) = equilibrium_residual(model, solution_of(model, "inverse", model.weak_form("inverse"), ()))
     assert loaded.value is not None
     assert loaded.value < 1e-10
     equilibrium.destroy()
@@ -330,7 +330,7 @@ def test_forces_balance(comm: MPI.Intracomm) -> None:
 
 @pytest.mark.parametrize("geometry_degree", [1, 2])
 @pytest.mark.parametrize("start", ["near", "path"])
-def test_the_way_back_closes_on_straight_cells_too(start: str, geometry_degree: int, comm: MPI.Intracomm) -> None:
+def test_the_return_solve_closes_on_straight_cells_too(start: str, geometry_degree: int, comm: MPI.Intracomm) -> None:
     """The computed body has the degree of the displacement, whatever degree the given cells have."""
     result = hpcinv.run(cantilever(geometry_degree, NO_CERTIFICATE | {"round_trip": start}), comm)
     closure = line(result, "round trip")
@@ -339,7 +339,7 @@ def test_the_way_back_closes_on_straight_cells_too(start: str, geometry_degree: 
     assert closure.verdict is Verdict.PASS
 
 
-def test_a_way_back_that_is_not_found_is_not_decided(comm: MPI.Intracomm) -> None:
+def test_a_return_solve_that_fails_is_not_decided(comm: MPI.Intracomm) -> None:
     """A soft block carries itself in the shape that is given; Newton's method does not find the path to it."""
     result = hpcinv.run(
         job(

@@ -290,7 +290,7 @@ def pressed_by_a_ball(
 
 
 @pytest.mark.parallel([1, 2])
-def test_way_back_on_straight_cells_has_the_force_of_the_way_there(comm: MPI.Intracomm) -> None:
+def test_return_solve_on_straight_cells_has_the_force_of_the_solve(comm: MPI.Intracomm) -> None:
     """The recovered body has all nodes of the displacement; their gaps are the same in both directions."""
     result = pressed_by_a_ball(comm)
     there, back = (solution.contacts[0] for solution in result.solutions)

@@ -21,7 +21,7 @@ import hpcinv
 from hpcinv.effects import Effect, effects
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
@@ -68,10 +68,10 @@ def test_tangent_is_the_derivative_of_the_residual(
 ) -> None:
     """Taylor: what the tangent leaves of the residual's change is of second order."""
     block = model(case(*names_with_a_load(name), hexahedra=hexahedra), comm)
-    scene = block.scene(direction)
-    scene.parameters.set_load(0.7)
-    equilibrium = block.equilibrium(scene)
-    snes, state = equilibrium.snes, scene.unknowns.state
+    weak_form = block.weak_form(direction)
+    weak_form.parameters.set_load(0.7)
+    equilibrium = block.equilibrium(weak_form)
+    snes, state = equilibrium.snes, weak_form.unknowns.state
 
     random = np.random.default_rng(7)
     held = np.concatenate([condition.dof_indices()[0] for condition in block.supports.conditions])
@@ -117,26 +117,26 @@ def test_there_and_back(name: str, comm: MPI.Intracomm) -> None:
             assert gap < 2e-11, what
 
 
-def footprint(scene: Scene) -> dict[str, Any]:
-    """What a scene asks of the compiler and the solver, as plain data."""
-    trial = ufl.TrialFunction(scene.unknowns.space)
-    tangent = ufl.derivative(scene.residual, scene.unknowns.state, trial)
-    ((stress, _),) = scene.cauchy_stress
+def footprint(weak_form: WeakForm) -> dict[str, Any]:
+    """Signatures, integrals, constants and unknowns of a weak form, as plain data."""
+    trial = ufl.TrialFunction(weak_form.unknowns.space)
+    tangent = ufl.derivative(weak_form.residual, weak_form.unknowns.state, trial)
+    ((stress, _),) = weak_form.cauchy_stress
     at_a_point = [(stress, np.array([[0.25, 0.25, 0.25]]))]
-    integrals = {(i.integral_type(), str(i.subdomain_id())) for i in scene.residual.integrals()}
+    integrals = {(i.integral_type(), str(i.subdomain_id())) for i in weak_form.residual.integrals()}
     return {
-        "kernels": [compute_signature(part, "") for part in ([scene.residual], [tangent], at_a_point)],
+        "kernels": [compute_signature(part, "") for part in ([weak_form.residual], [tangent], at_a_point)],
         "integrals": sorted(map(list, integrals)),
-        "unknowns": [scene.unknowns.size, str(scene.unknowns.space.ufl_element())],
-        "coefficients": [str(c.ufl_element()) for c in scene.residual.coefficients()],
-        "constants": [c.value.size for c in scene.residual.constants()],
+        "unknowns": [weak_form.unknowns.size, str(weak_form.unknowns.space.ufl_element())],
+        "coefficients": [str(c.ufl_element()) for c in weak_form.residual.coefficients()],
+        "constants": [c.value.size for c in weak_form.residual.constants()],
     }
 
 
 def footprints(*names: str) -> dict[str, dict[str, Any]]:
     """Of a block under these effects, in both directions."""
     block = model(case(*names), MPI.COMM_SELF)
-    return {direction: footprint(block.scene(direction)) for direction in DIRECTIONS}
+    return {direction: footprint(block.weak_form(direction)) for direction in DIRECTIONS}
 
 
 ALONE = """
@@ -153,7 +153,7 @@ print(json.dumps([list(EXAMPLES), footprints(), footprints("gravity")]))
 """
 
 
-def test_a_scene_is_what_it_would_be_if_the_effects_it_does_not_list_did_not_exist() -> None:
+def test_effects_that_are_not_listed_do_not_change_the_weak_form() -> None:
     command = [sys.executable, "-c", ALONE, *map(str, Path(__file__).parents[:2])]
     *_, last = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
     known, bare, loaded = json.loads(last)

@@ -44,7 +44,7 @@ def test_nearly_free_motion_is_named(direction: Any, comm: MPI.Intracomm) -> Non
     )
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
     model = Equations(given, body, Timings())
-    equilibrium = model.equilibrium(model.scene(direction))
+    equilibrium = model.equilibrium(model.weak_form(direction))
     motion, supports, *formulas = failing_motion(given, body, equilibrium, 0.0, 4)
     print(motion, supports, sep="\n")
     assert motion.startswith("After 4 failed steps: to first order the load moves the body by 50")
@@ -71,7 +71,7 @@ def test_flat_membranes_are_given_a_first_step(tmp_path: Path) -> None:
     )
     body = build_body(given.mesh, given.regions, MPI.COMM_SELF, resolve=given.resolve)
     model = Equations(given, body, Timings())
-    equilibrium = model.equilibrium(model.scene("forward"))
+    equilibrium = model.equilibrium(model.weak_form("forward"))
     motion, advice = failing_motion(given, body, equilibrium, 0.0, 4)
     assert "moves the body by 13.8 m, most at (0.5, 0.5, 0) m" in motion
     assert advice.endswith("before it is tense: solver: {initial_step: 1e-05, minimum_step: 1e-09}")

@@ -11,7 +11,7 @@ from hpcinv import run
 from hpcinv.errors import JobError, MeshError
 from hpcinv.parallel.runtime import MPI
 
-SCENE: dict[str, Any] = {
+BLOCK: dict[str, Any] = {
     "analysis": "forward",
     "mesh": box((2, 2, 2)),
     "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
@@ -25,16 +25,16 @@ def springs(**stiffness: Any) -> dict[str, Any]:
 
 
 def test_a_foundation_alone_holds_the_body(comm: MPI.Intracomm) -> None:
-    result = run(job(**SCENE, effects=[WEIGHT, springs(normal="100 kPa/m", tangential="100 kPa/m")]), comm)
+    result = run(job(**BLOCK, effects=[WEIGHT, springs(normal="100 kPa/m", tangential="100 kPa/m")]), comm)
     sunk = -result.solutions[0].u[:, 2][result.solutions[0].reference_nodes[:, 2] < 1e-9].mean()
     assert sunk == pytest.approx(1000 / 100e3, rel=0.1)  # weight per area over stiffness, but for what it bends
 
 
 def test_springs_that_leave_a_motion_free_do_not(comm: MPI.Intracomm) -> None:
     with pytest.raises(MeshError, match="leave the body free to move"):
-        run(job(**SCENE, effects=[WEIGHT, springs(normal="100 kPa/m")]), comm)
+        run(job(**BLOCK, effects=[WEIGHT, springs(normal="100 kPa/m")]), comm)
 
 
 def test_without_springs_supports_are_needed() -> None:
     with pytest.raises(JobError, match="supports: leave the body free to move along x and y and z"):
-        job(**SCENE, effects=[WEIGHT])
+        job(**BLOCK, effects=[WEIGHT])

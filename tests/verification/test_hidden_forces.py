@@ -34,7 +34,7 @@ def block(forces: tuple[float, float], **changes: Any) -> Job:
         ]
         return {"name": name, "given": given, "effects": [weight, *hidden] if given else [weight]}
 
-    scene = {
+    data = {
         "mesh": box((2, 1, 1)) | {"file": str(ROOT / "meshes" / "box.py"), "geometry_degree": 2},
         "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
         "discretisation": {"displacement": 2, "formulation": "displacement"},
@@ -42,7 +42,7 @@ def block(forces: tuple[float, float], **changes: Any) -> Job:
         "states": [state("seen", -9.81, given=True), state("turned", 9.81, given=False)],
         "certificate": NO_CERTIFICATE,
     }
-    return parse(scene | changes, ROOT / "tests" / "job.yaml")
+    return parse(data | changes, ROOT / "tests" / "job.yaml")
 
 
 def observed(truth: hpcinv.Result, random: np.random.Generator) -> dict[str, Any]:

@@ -169,10 +169,10 @@ def test_homogeneous_patch_of_the_nearly_incompressible_form(law: str, comm: MPI
 @pytest.mark.parametrize("law", laws())
 def test_the_tangent_is_the_derivative_of_the_residual(law: str, direction: str, comm: MPI.Intracomm) -> None:
     solved = Solved(case(law, False, analysis=direction), comm)
-    state, scene = solved.model.unknowns.state, solved.scene
-    residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
+    state, weak_form = solved.model.unknowns.state, solved.weak_form
+    residual = fem.form(weak_form.residual, jit_options=JIT_OPTIONS)
     trial = ufl.TrialFunction(solved.model.unknowns.space)
-    tangent = fem.form(ufl.derivative(scene.residual, state, trial), jit_options=JIT_OPTIONS)
+    tangent = fem.form(ufl.derivative(weak_form.residual, state, trial), jit_options=JIT_OPTIONS)
     start = state.x.array.copy()
     towards = 0.02 * np.random.default_rng(1).uniform(-1, 1, start.size)
 

@@ -51,7 +51,7 @@ class LoadPath:
         given = job(**BODY | {"analysis": "forward"} | data)
         body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
         model = Equations(given, body, Timings())
-        equilibrium = model.equilibrium(model.scene(given.directions[0]))
+        equilibrium = model.equilibrium(model.weak_form(given.directions[0]))
         path = cls({}, [])
         for solve in follow(equilibrium, model.steps, given.solver.tolerance):
             path.solves.append(solve)

@@ -293,7 +293,7 @@ def test_a_stopped_search_is_resumed_where_it_was(comm: MPI.Intracomm, run_direc
     assert len(residuals(resumed)) == len(residuals(whole))
 
 
-def test_a_round_trip_has_a_direct_way_back(comm: MPI.Intracomm) -> None:
+def test_a_round_trip_returns_by_the_direct_method(comm: MPI.Intracomm) -> None:
     result = hpcinv.run(job(analysis="round_trip", method="aitken", **tetrahedron()), comm)
     _, forward = result.solutions
     assert [solution.direction for solution in result.solutions] == ["inverse", "forward"]

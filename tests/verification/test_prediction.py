@@ -36,7 +36,7 @@ def equations(
         supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
     )
     model = Equations(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
-    return model, model.equilibrium(model.scene(direction))
+    return model, model.equilibrium(model.weak_form(direction))
 
 
 def field(model: Equations, formula: Any) -> PETSc.Vec:

@@ -70,7 +70,7 @@ def check_energy(solved: Solved, density: float, F: np.ndarray) -> None:
 
 
 def check_prestrain_stress(solved: Solved, expected: np.ndarray) -> None:
-    mean_stress = solved.scene.means().prestrain_stress
+    mean_stress = solved.weak_form.means().prestrain_stress
     assert mean_stress is not None
     values = mean_stress.x.array.reshape(-1, 3, 3) * solved.model.scales.stress
     assert np.abs(values - expected).max() < 1e-12 * MU
@@ -165,7 +165,7 @@ def test_fibres_of_the_law_are_carried_by_prestrain(comm: MPI.Intracomm) -> None
         given = {"effects": [prestrain(own)], "supports": boundary("forward", F)}
         solved = solve("forward", comm, material=material, fibres=fibres, **given)
         check_energy(solved, float(density), F)
-        stresses.append(solved.scene.means().cauchy_stress.x.array * solved.model.scales.stress)
+        stresses.append(solved.weak_form.means().cauchy_stress.x.array * solved.model.scales.stress)
     assert np.abs(stresses[1] - stresses[0]).max() < 1e-12 * mu
     assert np.ptp(stresses[0][::9]) < 1e-9 * mu
 

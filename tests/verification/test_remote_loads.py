@@ -74,7 +74,7 @@ def test_derivatives_of_the_balance(comm: MPI.Intracomm) -> None:
     for direction in ("forward", "inverse"):
         spec = bar({"force": [0.4, 0, 0.1]}, analysis=direction)
         model = Equations(spec, build_body(spec.mesh, spec.regions, comm, resolve=spec.resolve, degree=2), Timings())
-        system = model.equilibrium(model.scene(direction)).system
+        system = model.equilibrium(model.weak_form(direction)).system
         border = RemoteBorder(system, 1, spec.remote_loads[1], model.scales)
         state, load, h = model.unknowns.state, 0.7, 2e-4
         deform(model.unknowns)

@@ -134,7 +134,7 @@ def test_one_factorization_serves_round_trip_and_stability(
     assert verdicts["round trip"] is not Verdict.SKIPPED
 
 
-def test_without_factors_the_way_back_is_solved(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_factors_newton_solves_the_return(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where there is no memory for them, or where the corrections with them do not settle."""
     case = Case(cantilever("forward", "mixed", curved=False), comm)
     with_factors = case.line().value

@@ -308,7 +308,7 @@ def test_a_series_without_factors_is_one_failed_solve(comm: MPI.Intracomm, monke
     """A tangent that cannot be factorized: the path ends with the reason."""
     given = job(**BEAM | PATHS["forward"], solver={"linear": "direct"})
     equations = Equations(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
-    equilibrium = equations.equilibrium(equations.scene("forward"))
+    equilibrium = equations.equilibrium(equations.weak_form("forward"))
     linear = equilibrium.linear
 
     def fails(*_: object) -> bool:

@@ -214,7 +214,7 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
 
     u.interpolate(exact)
     model.put_fields((u, p))
-    equilibrium = model.equilibrium(model.scene("forward"))
+    equilibrium = model.equilibrium(model.weak_form("forward"))
     assert equilibrium.solve(1.0, 1e-10).outcome.accepted
     model.release(equilibrium)
     displacement, p = model.state().fields
@@ -288,7 +288,7 @@ def test_a_half_of_a_column_says_that_it_cannot_buckle_sideways(is_half: bool, c
     assert ("motions that are not symmetric about 'y0' are left out" in line.note) == is_half
 
 
-# What else the scene may be made of
+# Laws, effects and fibres together
 
 
 @pytest.mark.parallel([1, 2])

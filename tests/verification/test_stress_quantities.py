@@ -54,7 +54,7 @@ def values(
     u, length = model.unknowns.displacement(), body.length_scale
     u.interpolate(lambda x: displacement(x * length) / length)
     model.unknowns.set_displacement(u.x.array)
-    solution = solution_of(model, its.directions[0], model.scene(its.directions[0]), ())
+    solution = solution_of(model, its.directions[0], model.weak_form(its.directions[0]), ())
     model.unload()
     body.mesh.geometry.x[:] *= 1.1  # moved on, to another solution
     evaluated = evaluate(quantities, body, solution, model)
@@ -221,7 +221,7 @@ def test_stresses_in_a_thick_sphere_at_a_point_and_on_its_boundary(comm: MPI.Int
             ),
             comm,
         )
-        solution = solution_of(solved.model, "inverse", solved.scene, tuple(solved.solves))
+        solution = solution_of(solved.model, "inverse", solved.weak_form, tuple(solved.solves))
         evaluated = evaluate([q for q, _ in asked], solved.body, solution, solved.model)
         return np.abs([evaluated[q.name] / value - 1 for q, value in asked])
 

@@ -24,7 +24,7 @@ from hpcinv.assembly.taylor_code import TaylorCode, taylor_code
 from hpcinv.assembly.taylor_residual import TaylorResidual
 from hpcinv.effects import effects
 from hpcinv.mesh import build_body
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
@@ -68,10 +68,10 @@ def test_series_of_the_residual_converges_with_its_order(direction: str, formula
         for number, effect in enumerate(model.job.effects):
             name, (value, _) = next(iter(effect.quantities().items()))
             changes[f"effects[{number}].{name}"] = larger(value)
-        model.scene(model.job.directions[0]).begin_line(model.job.with_(changes))
+        model.weak_form(model.job.directions[0]).begin_line(model.job.with_(changes))
     deform(model.unknowns)
-    scene, state = model.scene(model.job.directions[0]), model.unknowns.state
-    system, taylor, load = System(scene, model.supports, Timings()), TaylorResidual(scene), 0.7
+    weak_form, state = model.weak_form(model.job.directions[0]), model.unknowns.state
+    system, taylor, load = System(weak_form, model.supports, Timings()), TaylorResidual(weak_form), 0.7
     along, start = fem.Function(model.unknowns.space), state.x.array.copy()
     along.x.petsc_vec.array[:] = 0.02 * np.random.default_rng(comm.rank).normal(size=len(system.rhs.array))
     along.x.scatter_forward()
@@ -106,12 +106,12 @@ def test_coefficients_at_a_point_agree_with_mpmath(comm: MPI.Intracomm, monkeypa
     """Of the stress, the volume equation and all loads, at the first point of each integral."""
     model = model_of("inverse", "mixed", ANALYTIC, comm)
     deform(model.unknowns)
-    scene, state = model.scene("inverse"), model.unknowns.state
-    taylor, load = TaylorResidual(scene), 0.7
+    weak_form, state = model.weak_form("inverse"), model.unknowns.state
+    taylor, load = TaylorResidual(weak_form), 0.7
     along = 0.1 * np.random.default_rng(0).normal(size=len(state.x.array))
     taylor.begin(ORDER, load)
     taylor.put(1, along, 0.3)
-    graphs = captured_graphs(scene, monkeypatch)
+    graphs = captured_graphs(weak_form, monkeypatch)
     errors, parts = [], {part._kernel.plan.text: part for part in taylor._parts if part._count}
     assert parts.keys() == graphs.keys()
     for text, part in parts.items():
@@ -128,8 +128,8 @@ def test_coefficients_at_a_point_agree_with_mpmath(comm: MPI.Intracomm, monkeypa
     assert max(errors) < 1e-10
 
 
-def captured_graphs(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> dict[str, tuple[ScalarGraph, list[int]]]:
-    """Graphs and outputs of the integrals of a scene, by their C code; nothing is compiled."""
+def captured_graphs(weak_form: WeakForm, monkeypatch: pytest.MonkeyPatch) -> dict[str, tuple[ScalarGraph, list[int]]]:
+    """Graphs and outputs of the integrals of a weak form, by their C code; nothing is compiled."""
     graphs = {}
 
     def capture(graph: ScalarGraph, leaves: int, outputs: list[int]) -> TaylorCode:
@@ -139,8 +139,8 @@ def captured_graphs(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> dict[str, 
 
     monkeypatch.setattr(taylor_residual, "taylor_code", capture)
     monkeypatch.setattr(taylor_residual, "compile_expression", lambda *_: SimpleNamespace(file="", symbol=""))
-    for integral in (*taylor_residual._volume(scene), *taylor_residual._surface(scene)):
-        taylor_residual._derived(integral, scene, {})
+    for integral in (*taylor_residual._volume(weak_form), *taylor_residual._surface(weak_form)):
+        taylor_residual._derived(integral, weak_form, {})
     return graphs
 
 
@@ -199,7 +199,7 @@ def evaluated(graph: ScalarGraph, leaves: list[Any], inputs: np.ndarray) -> list
 def test_effects_with_switches_have_no_series(name: str, comm: MPI.Intracomm) -> None:
     model = model_of("forward", "displacement", [name], comm)
     with pytest.raises(NotAnalytic, match="switch"):
-        TaylorResidual(model.scene("forward"))
+        TaylorResidual(model.weak_form("forward"))
 
 
 @pytest.mark.parallel([1, 2])
@@ -223,8 +223,8 @@ def test_taylor_arithmetic_is_derived_once(
         """Whether Taylor arithmetic is derived in a new model, and its coefficients."""
         model, before = model_of("inverse", "displacement", names, comm), derivations
         deform(model.unknowns)
-        scene, values = model.scene("inverse"), []
-        system, taylor = System(scene, model.supports, Timings()), TaylorResidual(scene, options)
+        weak_form, values = model.weak_form("inverse"), []
+        system, taylor = System(weak_form, model.supports, Timings()), TaylorResidual(weak_form, options)
         taylor.begin(2, 0.7)
         for order in range(3):
             taylor.put(order, model.unknowns.state.x.array / (order + 1), 0.3)
@@ -267,5 +267,5 @@ def test_reason_without_a_series_is_recorded(
     options = {"cffi_extra_compile_args": ["-O0", "-g0"], "cache_dir": tmp_path}
     for _ in range(2):
         with pytest.raises(NotAnalytic, match="switch"):
-            TaylorResidual(model_of("forward", "displacement", ["contact"], comm).scene("forward"), options)
+            TaylorResidual(model_of("forward", "displacement", ["contact"], comm).weak_form("forward"), options)
         monkeypatch.setattr(taylor_residual, "_derived", None)  # the second time, nothing is derived

@@ -74,13 +74,13 @@ def test_a_force_on_a_vertex_causes_a_warning(comm: MPI.Intracomm) -> None:
 
 @pytest.mark.fast
 def test_vertices_are_for_supports_alone() -> None:
-    scene: dict[str, Any] = {"mesh": box((2, 2, 2)), "material": NEO_HOOKEAN, "regions": REGIONS}
+    data: dict[str, Any] = {"mesh": box((2, 2, 2)), "material": NEO_HOOKEAN, "regions": REGIONS}
     with pytest.raises(JobError, match=r"effects\[0\].region: 'a' is a set of vertices, which only supports can hold"):
-        job(**scene, supports=SUPPORTS, effects=[{"effect": "pressure", "region": "a", "pressure": 1}])
+        job(**data, supports=SUPPORTS, effects=[{"effect": "pressure", "region": "a", "pressure": 1}])
     with pytest.raises(JobError, match=r"regions.both: names 'a', which is a set of vertices"):
-        job(**scene | {"regions": REGIONS | {"both": ["a", "b"]}}, supports=SUPPORTS)
+        job(**data | {"regions": REGIONS | {"both": ["a", "b"]}}, supports=SUPPORTS)
     with pytest.raises(JobError, match=r"regions.a: must be such as \{vertices: \[\["):
-        job(**scene | {"regions": {"a": {"vertices": [0, 0, 0]}}}, supports=SUPPORTS)
+        job(**data | {"regions": {"a": {"vertices": [0, 0, 0]}}}, supports=SUPPORTS)
 
 
 def test_a_point_without_a_vertex_is_refused_with_the_nearest(comm: MPI.Intracomm) -> None:

@@ -57,7 +57,7 @@ def test_volume_that_changes_at_a_point_only_is_physical(
     """A cube of 8³ cells with a displacement around one of its nodes; elsewhere it is not deformed."""
     cube = sheared(INCOMPRESSIBLE, 8, 0.0)
     model = Equations(cube, build_body(cube.mesh, cube.regions, comm, resolve=cube.resolve), Timings())
-    system = model.equilibrium(model.scene("forward")).system
+    system = model.equilibrium(model.weak_form("forward")).system
     u, _ = model.unknowns.state.split()
 
     def around_middle(x: np.ndarray) -> np.ndarray:

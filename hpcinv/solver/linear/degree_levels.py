@@ -22,7 +22,7 @@ from petsc4py import PETSc
 
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Floats
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.solver.linear.cost_model import Forecast, shape_of
 from hpcinv.solver.linear.near_null_space import near_null_space
 from hpcinv.solver.petsc_options import OptionValue
@@ -55,14 +55,14 @@ _FACTORS: Mapping[str, OptionValue] = {"pc_type": "lu", "pc_factor_mat_solver_ty
 
 
 class DegreeLevels:
-    """Levels of multigrid for the tangents of a scene; all methods are collective.
+    """Levels of multigrid for the tangents of a weak form; all methods are collective.
 
     Attributes:
         options: PETSc options of the preconditioner, without prefix.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        self._scene, self._unknowns = scene, scene.unknowns
+    def __init__(self, weak_form: WeakForm) -> None:
+        self._weak_form, self._unknowns = weak_form, weak_form.unknowns
         mesh, dofmap = self._unknowns.mesh, self._unknowns.space.dofmap
         self._owned = dofmap.index_map.size_local * dofmap.index_map_bs
         cell = mesh.basix_cell()
@@ -182,7 +182,7 @@ class DegreeLevels:
         displacement = fem.Function(self._space)
         interpolate(self._unknowns.displacement(), displacement)
         moved = displacement.x.array.reshape(-1, 3)[:owned]
-        return near_null_space(self._scene, self._space.tabulate_dof_coordinates()[:owned], moved)
+        return near_null_space(self._weak_form, self._space.tabulate_dof_coordinates()[:owned], moved)
 
     def _inverted_blocks(self, matrix: PETSc.Mat) -> PETSc.Mat:
         """Return the inverted blocks of the nodes, and zero for pressures."""

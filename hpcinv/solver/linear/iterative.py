@@ -26,7 +26,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.solver.linear.block_triangular import BlockTriangular
 from hpcinv.solver.linear.configuration import LinearConfiguration
@@ -50,7 +50,7 @@ class Iterative(LinearConfiguration):
     """FGMRES, preconditioned by multigrid for the displacements and a scaled mass matrix for the pressures.
 
     Args:
-        scene: provides the unknowns of both blocks, the kinematics, and the moduli of the mass matrix.
+        weak_form: provides the unknowns of both blocks, the kinematics, and the moduli of the mass matrix.
     """
 
     name = "iterative"
@@ -58,12 +58,12 @@ class Iterative(LinearConfiguration):
     has_analysis = False
     error = Settling.change
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, weak_form: WeakForm) -> None:
         super().__init__(Settling())
-        self._scene, self._unknowns = scene, scene.unknowns
+        self._weak_form, self._unknowns = weak_form, weak_form.unknowns
         self._mass: PETSc.Mat | None = None
         self._copy: PETSc.Mat | None = None
-        self._levels = DegreeLevels(scene) if self._unknowns.scalar_elements[0].degree > 1 else None
+        self._levels = DegreeLevels(weak_form) if self._unknowns.scalar_elements[0].degree > 1 else None
 
     @property
     def options(self) -> Mapping[str, OptionValue]:
@@ -117,7 +117,7 @@ class Iterative(LinearConfiguration):
 
     def _rigid_motions(self) -> PETSc.NullSpace:
         u = self._unknowns.state.x.array[self._unknowns.owned_displacement_dofs].reshape(-1, 3)
-        return near_null_space(self._scene, self._unknowns.owned_displacement_points(), u)
+        return near_null_space(self._weak_form, self._unknowns.owned_displacement_points(), u)
 
     def pressure_scale(self) -> npt.NDArray[np.float64]:
         """Return the diagonal of the scaled mass matrix at the owned pressures; collective."""
@@ -126,7 +126,7 @@ class Iterative(LinearConfiguration):
     def _pressure_mass(self) -> PETSc.Mat:
         """Return the scaled mass matrix at the present state; collective."""
         if self._mass is None:
-            self._form = fem.form(self._scene.pressure_mass(self._unknowns.pressure_space), jit_options=JIT_OPTIONS)
+            self._form = fem.form(self._weak_form.pressure_mass(self._unknowns.pressure_space), jit_options=JIT_OPTIONS)
             self._mass = fem_petsc.create_matrix(self._form)
         self._mass.zeroEntries()
         fem_petsc.assemble_matrix(self._mass, self._form)

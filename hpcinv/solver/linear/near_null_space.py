@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from hpcinv.mesh.source import Floats
 from hpcinv.model.rigid_motions import Frame
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.parallel.runtime import MPI
 
@@ -21,14 +21,14 @@ from hpcinv.parallel.runtime import MPI
 _INDEPENDENT = 0.05
 
 
-def near_null_space(scene: Scene, mesh: Floats, displacement: Floats) -> PETSc.NullSpace:
+def near_null_space(weak_form: WeakForm, mesh: Floats, displacement: Floats) -> PETSc.NullSpace:
     """Return translations, and small rotations of the unknown body and, where they differ, of the mesh; collective.
 
     Args:
         mesh: positions of the owned nodes, (nodes, 3) in scaled lengths.
         displacement: their displacements, likewise.
     """
-    kinematics, frame, comm = scene.kinematics, Frame(np.zeros(3), 1.0), scene.unknowns.mesh.comm
+    kinematics, frame, comm = weak_form.kinematics, Frame(np.zeros(3), 1.0), weak_form.unknowns.mesh.comm
     motions = frame.motions(mesh + kinematics.sign * displacement)
     if kinematics.direction == "inverse" and comm.allreduce(bool(displacement.any()), op=MPI.LOR):
         motions = np.concatenate([motions, frame.motions(mesh)[:, :, 3:]], axis=2)

@@ -28,7 +28,7 @@ def free(material: dict[str, Any], analysis: str, comm: MPI.Intracomm) -> tuple[
     given = job(mesh=box((2, 2, 2)), material=material, supports=supports, analysis=analysis)
     model = Equations(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
     model.supports.conditions, model.supports.prescribed = [], []
-    assembly = System(model.scene(given.directions[0]), model.supports, Timings())
+    assembly = System(model.weak_form(given.directions[0]), model.supports, Timings())
     x = model.unknowns.state.x.array
     x[:] = 0.01 * np.random.default_rng(0).standard_normal(len(x))
     assembly.residual(assembly.rhs)
@@ -79,13 +79,13 @@ def test_scaled_pressure_mass_is_equivalent_to_the_schur_complement(
         analysis="forward",
     )
     model = Equations(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
-    scene, unknowns = model.scene("forward"), model.unknowns
-    assembly = System(scene, model.supports, Timings())
+    weak_form, unknowns = model.weak_form("forward"), model.unknowns
+    assembly = System(weak_form, model.supports, Timings())
     assembly.tangent()
     K = assembly.matrix.convert("dense").getDenseArray()
     u, p = unknowns.owned_displacement_dofs, unknowns.owned_pressure_dofs
     S = K[np.ix_(p, p)] - K[np.ix_(p, u)] @ np.linalg.solve(K[np.ix_(u, u)], K[np.ix_(u, p)])
-    mass = fem_petsc.assemble_matrix(fem.form(scene.pressure_mass(unknowns.pressure_space)))
+    mass = fem_petsc.assemble_matrix(fem.form(weak_form.pressure_mass(unknowns.pressure_space)))
     mass.assemble()
     eigenvalues = scipy.linalg.eigh(-S, mass.convert("dense").getDenseArray(), eigvals_only=True)
     assert eigenvalues.min() > 0.2  # of the pair of elements on this body

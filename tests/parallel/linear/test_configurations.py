@@ -105,7 +105,7 @@ def test_a_preconditioner_is_as_good_for_a_later_tangent_as_for_the_first(materi
 
     def found(*, again: bool) -> tuple[int, float]:
         """Iterations, and a norm of what the finest smoother makes of ones."""
-        system = System(solved.scene, solved.model.supports, Timings())
+        system = System(solved.weak_form, solved.model.supports, Timings())
         linear = LinearSolver(system, {}, Choice("iterative", ""))
         if again:
             system.state.x.array[:] = 0.0
@@ -142,12 +142,12 @@ def test_krylov_iterations_of_a_solve_are_bounded_and_the_direct_solver_takes_ov
 ) -> None:
     monkeypatch.setattr(hpcinv.solver.linear.selection, "_PATIENCE", 0.2)
     monkeypatch.setattr(hpcinv.solver.linear.selection, "_WORTH", 0.0)  # multigrid is chosen
-    scene = SHELF | {"material": MATERIALS["incompressible"]}
-    result = run(job(**scene), comm)
+    data = SHELF | {"material": MATERIALS["incompressible"]}
+    result = run(job(**data), comm)
     used = result.statistics["solutions"][0]["linear"]
     assert used["fallback"] == "the iterative solver did not converge: direct from there on"
     assert 0 < used["iterations"] < 100
-    right = run(job(**scene, solver={"linear": "direct"}), comm)
+    right = run(job(**data, solver={"linear": "direct"}), comm)
     assert np.abs(result.shape - right.shape).max(initial=0.0) < 1e-10
 
 
@@ -167,7 +167,7 @@ def test_without_memory_for_another_solver_it_ends_with_a_diagnosis(
 
 def factor_type(comm: MPI.Intracomm, **data: Any) -> str:
     solved = Solved(job(**data), comm)
-    equilibrium = solved.model.equilibrium(solved.scene)
+    equilibrium = solved.model.equilibrium(solved.weak_form)
     equilibrium.system.linearise(1.0)
     equilibrium.linear.factorize()
     kind: str = equilibrium.linear.ksp.pc.getType()

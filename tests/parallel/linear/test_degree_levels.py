@@ -29,7 +29,7 @@ def unloaded(comm: MPI.Intracomm, data: dict[str, Any]) -> tuple[Equations, Syst
     inverse = job(**data, analysis="inverse")
     body = build_body(inverse.mesh, inverse.regions, comm, resolve=inverse.resolve)
     model = Equations(inverse, body, Timings())
-    system = System(model.scene("inverse"), model.supports, Timings())
+    system = System(model.weak_form("inverse"), model.supports, Timings())
     system.linearise(1.0)
     return model, system
 
@@ -42,7 +42,7 @@ def rotations(points: Floats) -> list[Floats]:
 @pytest.mark.parametrize("material", ["compressible", "incompressible"])
 def test_coarse_displacements_contain_the_rigid_motions_of_curved_cells(material: str, comm: MPI.Intracomm) -> None:
     model, system = unloaded(comm, {**beam(), "material": MATERIALS[material]})
-    unknowns, interpolation = model.unknowns, DegreeLevels(model.scene("inverse")).interpolation(system.matrix)
+    unknowns, interpolation = model.unknowns, DegreeLevels(model.weak_form("inverse")).interpolation(system.matrix)
     vertices = fem.functionspace(unknowns.mesh, ("Lagrange", 1, (3,)))
     owned = vertices.dofmap.index_map.size_local
     coarse, fine = interpolation.createVecRight(), interpolation.createVecLeft()
@@ -104,7 +104,7 @@ def test_prescribed_vertices_are_alone_in_their_coarse_rows(divisions: int, comm
     held = [{"region": "boundary", "fix": ["x", "y", "z"]}]
     block = {"mesh": box((divisions,) * 3), "material": MATERIALS["compressible"], "supports": held}
     model, system = unloaded(comm, {**block, "effects": []})
-    interpolation = DegreeLevels(model.scene("inverse")).interpolation(system.matrix)
+    interpolation = DegreeLevels(model.weak_form("inverse")).interpolation(system.matrix)
     coarse = system.matrix.ptap(interpolation).convert("dense").getDenseArray()
     free = 3 * (divisions - 1) ** 3  # inner vertices
     assert np.count_nonzero(np.abs(coarse - np.eye(len(coarse))).max(axis=1)) == free

@@ -72,7 +72,7 @@ def test_nodes_have_all_unknowns_of_a_vertex(name: str, comm: MPI.Intracomm) -> 
 def test_factors_are_right_and_no_larger(name: str, kind: str, comm: MPI.Intracomm) -> None:
     """The entries of the factors, which METIS's randomness changes by some per cent, and a solution."""
     model = model_of(CASES[name], comm)
-    system = System(model.scene("forward"), model.supports, Timings())
+    system = System(model.weak_form("forward"), model.supports, Timings())
     system.linearise(1.0)
     option: Any = PETSc.Mat.Option.SYMMETRIC
     system.matrix.setOption(option, True)
@@ -104,7 +104,7 @@ def test_factors_are_right_and_no_larger(name: str, kind: str, comm: MPI.Intraco
 def test_petsc_orders_blocks_of_displacements(comm: MPI.Intracomm) -> None:
     """By the block size of the matrix, where there are no pressures."""
     model = model_of(CASES["displacements"], comm)
-    equilibrium = model.equilibrium(model.scene("forward"))
+    equilibrium = model.equilibrium(model.weak_form("forward"))
     equilibrium.correct(1.0)
     assert equilibrium.linear.ksp.pc.getFactorMatrix().getMumpsIcntl(15) == -3
     equilibrium.destroy()
@@ -114,7 +114,7 @@ def test_other_petsc_orders_unknowns(comm: MPI.Intracomm, monkeypatch: pytest.Mo
     """One that lacks the function."""
     monkeypatch.setattr(ordering, "_petsc_function", lambda: None)
     model = model_of(MIXED, comm)
-    equilibrium = model.equilibrium(model.scene("forward"))
+    equilibrium = model.equilibrium(model.weak_form("forward"))
     equilibrium.correct(1.0)
     assert equilibrium.linear.ksp.pc.getFactorMatrix().getMumpsIcntl(15) == 0
     equilibrium.destroy()
@@ -123,7 +123,7 @@ def test_other_petsc_orders_unknowns(comm: MPI.Intracomm, monkeypatch: pytest.Mo
 @pytest.mark.parametrize(("options", "expected"), [({}, 1), ({"mat_mumps_icntl_15": 0}, 0)])
 def test_options_of_the_job_prevail(options: dict[str, Any], expected: int, comm: MPI.Intracomm) -> None:
     model = model_of(MIXED | {"solver": {"petsc": options}}, comm)
-    equilibrium = model.equilibrium(model.scene("forward"))
+    equilibrium = model.equilibrium(model.weak_form("forward"))
     equilibrium.correct(1.0)
     assert equilibrium.linear.ksp.pc.getFactorMatrix().getMumpsIcntl(15) == expected
     equilibrium.destroy()

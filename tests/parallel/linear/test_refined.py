@@ -142,7 +142,7 @@ def test_the_tolerance_of_a_job_counts_with_factors_in_single_precision(analysis
 @pytest.mark.parallel([1, 2])
 def test_systems_without_newton_are_solved_to_ten_digits(comm: MPI.Intracomm) -> None:
     body = Solved(job(**BEAM | {"analysis": "inverse"}), comm)
-    system = System(body.scene, body.model.supports, Timings())
+    system = System(body.weak_form, body.model.supports, Timings())
     system.linearise(1.0)
     system.residual(system.rhs)
     system.rhs.setRandom()

@@ -96,7 +96,7 @@ def test_a_correction_is_right_to_two_digits(body: str, analysis: str, comm: MPI
     data: dict[str, Any] = {**SHELF, "material": MATERIALS["incompressible"]} if body == "chunky" else BEAM
     solved = Solved(job(**data, analysis=analysis, solver={"linear": "iterative"}), comm)
     solved.model.unknowns.state.x.array[:] = 0.0  # the residual of the solution is rounding
-    equilibrium = solved.model.equilibrium(solved.scene)
+    equilibrium = solved.model.equilibrium(solved.weak_form)
     equilibrium.system.linearise(1.0)
     equilibrium.system.residual(equilibrium.system.rhs)
     equilibrium.linear.factorize()

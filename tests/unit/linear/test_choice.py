@@ -41,7 +41,7 @@ def test_operations_and_entries_are_what_mumps_counts(
     divisions: tuple[int, int, int], size: tuple[float, float, float], comm: MPI.Intracomm
 ) -> None:
     body = model(box(divisions, **dict(zip(("lx", "ly", "lz"), size, strict=True))), comm)
-    equilibrium = body.equilibrium(body.scene("inverse"))
+    equilibrium = body.equilibrium(body.weak_form("inverse"))
     equilibrium.system.linearise(1.0)
     equilibrium.linear.factorize()
     factors = equilibrium.linear.ksp.pc.getFactorMatrix()
@@ -74,7 +74,7 @@ def test_bodies_whose_extents_do_not_decide_are_analysed(comm: MPI.Intracomm) ->
     body.chooser.forecast = Forecast(300_000, 2, Shape(cut=8700.0, aspect=1.0))  # a cube
     body.chooser.room = 1e12
     ratio = body.chooser.forecast.direct / body.chooser.forecast.iterative
-    equilibrium = body.equilibrium(body.scene("inverse"))
+    equilibrium = body.equilibrium(body.weak_form("inverse"))
     assert 1.1 < ratio < 10
     assert equilibrium.linear.choice.configuration == "direct"
     equilibrium.system.linearise(1.0)

@@ -71,9 +71,9 @@ def model(comm: MPI.Intracomm, source: MeshSource, held: Mapping[str, str], **ch
     regions = {name: text for name, text in REGIONS.items() if name in used}
     case = job("free-to-turn", regions=regions, supports=supports, **changes)
     given = source if comm.rank == 0 else source.header()
-    body = build_body(case.mesh, case.regions, comm, given=given)
+    body = build_body(case.mesh, case.regions, comm, replacement=given)
     equations = Equations(case, body, Timings())
-    equations.equilibrium(equations.scene("inverse")).destroy()
+    equations.equilibrium(equations.weak_form("inverse")).destroy()
     return equations
 
 

@@ -31,7 +31,7 @@ def model(comm: MPI.Intracomm, **changes: Any) -> Equations:
     case = job(NAME, **changes)
     body = build_body(case.mesh, case.regions, comm, resolve=case.resolve)
     equations = Equations(case, body, Timings())
-    equations.equilibrium(equations.scene("inverse")).destroy()
+    equations.equilibrium(equations.weak_form("inverse")).destroy()
     return equations
 
 

@@ -1,11 +1,11 @@
-"""Solves of new cases from the unloaded body, by power series, and from what a sweep has taught.
+"""Solves of new cases from the unloaded body, by power series, and from solutions predicted by a reduced basis.
 
 The body is the ventricle of `jobs/ventricle.yaml`, whose rest shape is sought from 6 to 12 mmHg; four numbers vary, of
 which three are of its law. All runs are of one process, which has mesh, kernels and equations from a first case that is
 not counted. Processor seconds are of the solve, without mesh, kernels, checks and files; reading the start has a column
 of its own. The last column is the largest relative difference from the unloaded start's displacements.
 
-Command: mpirun -n 1 python benchmarks/taught_start.py [--size "6 mm"] [--cases 48] [--new 5] [--linear direct]
+Command: mpirun -n 1 python benchmarks/reduced_basis.py [--size "6 mm"] [--cases 48] [--new 5] [--linear direct]
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ import hpcinv
 from hpcinv.driver import run
 from hpcinv.job.job import Job, load
 from hpcinv.output.progress import Progress
-from hpcinv.output.taught_start import taught_guesses
+from hpcinv.output.reduced_basis import predicted_guesses
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import Solution
 from hpcinv.solver.workspace import Workspace
 from hpcinv.sweep.sweep_plan import load_sweep
-from hpcinv.sweep.teaching import teach
+from hpcinv.sweep.training import train
 
 JOB = Path(__file__).parents[1] / "jobs" / "ventricle.yaml"
 RANGES = {
@@ -103,12 +103,12 @@ def main() -> None:
         hpcinv.sweep(home / "sweep.yaml", comm, ranks_per_case=comm.size)
         swept = time.process_time() - begun
         begun = time.process_time()
-        taught = teach(load_sweep(home / "sweep.yaml"), home / "start", comm)
+        training = train(load_sweep(home / "sweep.yaml"), home / "start", comm)
         if comm.rank == 0:
             print(
-                f"sweep of {taught.cases} cases {swept:.0f} s, teaching {time.process_time() - begun:.1f} s of a rank"
+                f"sweep of {training.cases} cases {swept:.0f} s, training {time.process_time() - begun:.1f} s of a rank"
             )
-            print("\n".join(taught.lines()))
+            print("\n".join(training.lines()))
         plan = load_sweep({"job": "lv.yaml", "axes": [{"sobol": RANGES, "count": 2 * options.new, "seed": 5}]}, home)
         chosen = [plan.job(plan.cases[i]) for i in random.permutation(len(plan.cases))[: options.new + 1]]
         figures: dict[str, list[list[float]]] = {way: [] for way in WAYS}
@@ -118,7 +118,7 @@ def main() -> None:
                 job = given.with_(solver)
                 equations = workspace.equations(job, workspace.body(job), Timings())
                 begun = time.process_time()
-                taught_guesses(job, equations, print)
+                predicted_guesses(job, equations, print)
                 reading = time.process_time() - begun
                 result, seconds = measured(job, workspace)
                 solutions += result.solutions

@@ -1,4 +1,4 @@
-"""What a scene asks of the compiler: nothing new for other parameters, nothing for what it does not contain."""
+"""Kernels of the weak form: the same for other parameters, without terms of effects that are not listed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.reuse_key import reuse_group_of
 from hpcinv.materials import laws
 from hpcinv.mesh import Body, build_body
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.parameter_paths import Number
@@ -27,7 +27,7 @@ from hpcinv.solver.equations import Equations
 GRAVITY = {"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 1000}
 
 
-def scene(comm: MPI.Intracomm, c1: str = "10 kPa", **data: Any) -> Scene:
+def weak_form(comm: MPI.Intracomm, c1: str = "10 kPa", **data: Any) -> WeakForm:
     case = job(
         mesh=box((1, 1, 1)),
         material={"law": "mooney-rivlin", "c1": c1, "c2": "5 kPa", "d1": "1 MPa"},
@@ -35,26 +35,26 @@ def scene(comm: MPI.Intracomm, c1: str = "10 kPa", **data: Any) -> Scene:
         **data,
     )
     body = build_body(case.mesh, case.regions, comm, resolve=case.resolve)
-    return Equations(case, body, Timings()).scene("inverse")
+    return Equations(case, body, Timings()).weak_form("inverse")
 
 
-def signatures(scene: Scene) -> tuple[str, str]:
+def signatures(weak_form: WeakForm) -> tuple[str, str]:
     """What DOLFINx's cache knows the residual and the stress by."""
     points = np.array([[0.25, 0.25, 0.25]])
-    return scene.residual.signature(), compute_signature([(scene.cauchy_stress[0][0], points)], "")
+    return weak_form.residual.signature(), compute_signature([(weak_form.cauchy_stress[0][0], points)], "")
 
 
 def test_other_values_need_no_other_kernels(comm: MPI.Intracomm) -> None:
-    first = scene(comm, effects=[GRAVITY])
+    first = weak_form(comm, effects=[GRAVITY])
     for _ in range(120):  # UFL's running numbers get another digit
         fem.Constant(first.unknowns.mesh, 1.0)
-    later = scene(comm, c1="20 kPa", effects=[GRAVITY | {"density": 5}])
+    later = weak_form(comm, c1="20 kPa", effects=[GRAVITY | {"density": 5}])
     assert signatures(later) == signatures(first)
 
 
-def test_unlisted_effects_leave_no_trace_in_a_scene(comm: MPI.Intracomm) -> None:
-    bare = scene(comm)
-    loaded = scene(comm, effects=[GRAVITY])
+def test_unlisted_effects_leave_no_term(comm: MPI.Intracomm) -> None:
+    bare = weak_form(comm)
+    loaded = weak_form(comm, effects=[GRAVITY])
     assert len(bare.residual.constants()[0].value) == 1 + 3  # load factor, c1 c2 d1
     assert len(loaded.residual.constants()[0].value) == 1 + 3 + 4
     assert bare.residual.signature() != loaded.residual.signature()
@@ -113,4 +113,4 @@ def test_jobs_of_a_reuse_group_have_the_same_forms(name: str, comm: MPI.Intracom
 
 def form_of(case: Job, body: Body) -> str:
     model = Equations(case, body, Timings())
-    return str(model.scene(case.directions[0]).residual.signature())
+    return str(model.weak_form(case.directions[0]).residual.signature())

@@ -1,4 +1,4 @@
-"""Means over cells and totals of a scene in its present state, of one compiled expression for each part of the body."""
+"""Means over cells, and totals, in the present state; one compiled expression for each part of the body."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -83,8 +83,8 @@ class PartExpressions:
     energy: Any
 
 
-class SceneMeans:
-    """Evaluations of a scene in its present state, at the present coordinates of the mesh; collective.
+class StateMeans:
+    """Stresses, volume ratios and energy in the present state, at the present coordinates of the mesh; collective.
 
     Args:
         prestrain_stress: the stress that prestrain alone causes, with the cells of each part; empty without prestrain.

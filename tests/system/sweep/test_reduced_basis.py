@@ -1,4 +1,4 @@
-"""Solves that begin with what a sweep has taught: the answer of a cold start, with fewer factorizations."""
+"""Solves that begin with a solution predicted from a sweep: the answer of a cold start, with fewer factorizations."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from hpcinv.driver import run
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job, parse
 from hpcinv.methods.radial_basis import RadialBasis
-from hpcinv.output.taught_start import STRATEGY
+from hpcinv.output.reduced_basis import STRATEGY
 from hpcinv.parallel.runtime import MPI
 from hpcinv.sweep.sweep_plan import load_sweep
-from hpcinv.sweep.teaching import teach
+from hpcinv.sweep.training import train
 
 AXES = [{"sobol": {"material.mu": ["10 kPa", "40 kPa"], "effects[0].density": [800, 1200]}, "count": 8, "seed": 1}]
 
@@ -36,9 +36,9 @@ def test_start_of_a_sweep(run_directory: Path, comm: MPI.Intracomm) -> None:
     comm.barrier()
     path = run_directory / "sweep.yaml"
     hpcinv.sweep(path, comm, ranks_per_case=comm.size)
-    taught = teach(load_sweep(path), run_directory / "start", comm)
-    assert taught.cases == 8
-    assert max(taught.errors) < 0.05
+    training = train(load_sweep(path), run_directory / "start", comm)
+    assert training.cases == 8
+    assert max(training.errors) < 0.05
 
     cold, warm = (run(job(run_directory, **more), comm) for more in ({}, {"solver.start": "start"}))
     first, second = cold.solutions[0], warm.solutions[0]
@@ -56,7 +56,7 @@ def test_start_of_a_sweep(run_directory: Path, comm: MPI.Intracomm) -> None:
     ):
         data = job(run_directory, **{"solver.start": "start"}).data
         given = parse(data, run_directory / "job.yaml").with_(more)
-        with pytest.raises(JobError, match=rf"job.yaml: solver.start: .*start was taught with another .*{text}"):
+        with pytest.raises(JobError, match=rf"job.yaml: solver.start: .*start is of jobs with another .*{text}"):
             run(given, comm)
     comm.barrier()
     if comm.rank == 0:
@@ -67,11 +67,11 @@ def test_start_of_a_sweep(run_directory: Path, comm: MPI.Intracomm) -> None:
             run(job(run_directory, **{"solver.start": name}), comm)
 
 
-def test_sweeps_that_teach_nothing(tmp_path: Path, comm: MPI.Intracomm) -> None:
+def test_sweeps_without_enough_solutions_are_refused(tmp_path: Path, comm: MPI.Intracomm) -> None:
     path = write_sweep(tmp_path, [{"grid": {"material.mu": ["10 kPa", "20 kPa"]}}], set={"certificate": "off"})
     hpcinv.sweep(path, comm)
     with pytest.raises(JobError, match=r"2 of 2 converged cases have kept no solution: add 'keep_solutions: true'"):
-        teach(load_sweep(path), tmp_path / "start", comm)
+        train(load_sweep(path), tmp_path / "start", comm)
     assert not (tmp_path / "start").exists()
 
 

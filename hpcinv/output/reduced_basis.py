@@ -1,4 +1,4 @@
-"""Start of a solve that the solutions of a sweep have taught: a linear subspace, and a regression in it.
+"""Initial guesses by a reduced basis of the solutions of a sweep, and a regression of their coefficients.
 
 The solutions of the cases are combinations of few modes (proper orthogonal decomposition). At the numbers of a new job,
 the coefficients of the modes are interpolated (`hpcinv.methods.radial_basis`). Newton's method corrects the prediction
@@ -39,7 +39,7 @@ from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.equations import Equations
 
 STRATEGY = "start of a sweep"
-"""Strategy of the solve from it, for reports."""
+"""Strategy of a solve from a predicted solution, for reports."""
 _FORMAT = 1
 _TRUNCATION = 0.1
 """Size of modes that are left out, relative to the errors of cases predicted from all others. Smaller: more modes."""
@@ -48,7 +48,7 @@ _OUTSIDE = 0.1
 
 
 @dataclass(frozen=True)
-class Snapshot:
+class TrainingCase:
     """Solution of one case.
 
     Attributes:
@@ -81,8 +81,8 @@ class _Field:
 
 
 @dataclass(frozen=True)
-class TaughtStart:
-    """What a sweep has taught of a reuse group.
+class ReducedBasis:
+    """Modes of the solutions of a reuse group, and the coefficients of the cases of a sweep.
 
     Attributes:
         structure: hashes of the sections that a job must share, without its numbers.
@@ -97,17 +97,17 @@ class TaughtStart:
     fields: Sequence[tuple[_Field, _Field | None]]
 
     @classmethod
-    def of_snapshots(cls, job: Job, equations: Sequence[Equations], snapshots: Sequence[Snapshot]) -> Self:
-        """Return the start by the solutions of cases of a job; collective."""
-        structure, numbers = _structure(job, equations[0]), [snapshot.numbers for snapshot in snapshots]
+    def from_cases(cls, job: Job, equations: Sequence[Equations], cases: Sequence[TrainingCase]) -> Self:
+        """Return the basis of the solutions of cases of a job; collective."""
+        structure, numbers = _structure(job, equations[0]), [case.numbers for case in cases]
         fields: list[tuple[_Field, _Field | None]] = []
         for step, step_equations in enumerate(equations):
             u, p = step_equations.unloaded().fields
-            guesses = [snapshot.guesses[step] for snapshot in snapshots]
+            guesses = [case.guesses[step] for case in cases]
             pressures = [guess.pressure for guess in guesses if guess.pressure is not None]
             pressure = None if p is None else _decomposed(p, pressures, numbers)
             fields.append((_decomposed(u, [guess.displacement for guess in guesses], numbers), pressure))
-        signs = [[guess.sign for guess in snapshot.guesses] for snapshot in snapshots]
+        signs = [[guess.sign for guess in case.guesses] for case in cases]
         return cls(structure, numbers, signs, fields)
 
     @property
@@ -125,15 +125,15 @@ class TaughtStart:
         return np.asarray(np.max(errors, axis=0))
 
     def guesses(self, numbers: Sequence[float]) -> list[Guess]:
-        """Return the predicted solution of each solve at the numbers of a job; empty outside of what was swept."""
+        """Return the predicted solution of each solve at the numbers of a job; empty outside of the swept ranges."""
         predicted: list[Guess] = []
         for step, (u, p) in enumerate(self.fields):
-            known = RadialBasis(self.numbers, u.coefficients)
-            if known.outside(numbers) > _OUTSIDE:
+            regression = RadialBasis(self.numbers, u.coefficients)
+            if regression.outside(numbers) > _OUTSIDE:
                 return []
             pressure = None if p is None else RadialBasis(self.numbers, p.coefficients)(numbers) @ p.modes
-            sign = self.signs[known.nearest(numbers)][step]
-            predicted.append(Guess(known(numbers) @ u.modes, pressure, sign, STRATEGY))
+            sign = self.signs[regression.nearest(numbers)][step]
+            predicted.append(Guess(regression(numbers) @ u.modes, pressure, sign, STRATEGY))
         return predicted
 
     def write(self, path: Path, equations: Sequence[Equations], comm: MPI.Intracomm) -> None:
@@ -179,10 +179,10 @@ class TaughtStart:
 
     @classmethod
     def read(cls, path: Path, job: Job, equations: Sequence[Equations]) -> Self:
-        """Read the start of a job; collective.
+        """Read a basis for a job; collective.
 
         Raises:
-            JobError: on all ranks, if there is none, or it was taught by other equations.
+            JobError: on all ranks, if there is none, or it is of other equations.
         """
         comm = equations[0].body.mesh.comm
         where = f"{job.path or UNNAMED}: solver.start: {path}"
@@ -190,7 +190,7 @@ class TaughtStart:
         own = _structure(job, equations[0])
         if differing := [name for name, value in own.items() if data["structure"].get(name) != value]:
             raise JobError(
-                f"{where} was taught with another {', '.join(differing)}: teach it again by a sweep of this job"
+                f"{where} is of jobs with another {', '.join(differing)}: teach it again by a sweep of this job"
             )
         fields: list[tuple[_Field, _Field | None]] = []
         for step, parts in enumerate(data["coefficients"]):
@@ -204,23 +204,25 @@ class TaughtStart:
         return cls(own, [tuple(numbers) for numbers in data["numbers"]], data["signs"], fields)
 
 
-def taught_guesses(job: Job, equations: Sequence[Equations], note: Callable[[str], None]) -> Sequence[Guess]:
-    """Return the starts of the solves of a job by its ``solver.start``, empty outside of what was swept; collective.
+def predicted_guesses(job: Job, equations: Sequence[Equations], note: Callable[[str], None]) -> Sequence[Guess]:
+    """Return the predicted solution of each solve of a job by its ``solver.start``; empty outside of the swept ranges.
+
+    Collective.
 
     Raises:
-        JobError: on all ranks, if there is none, or it was taught by other equations.
+        JobError: on all ranks, if there is none, or it is of other equations.
     """
     if job.solver.start is None:
         return ()
     path = job.resolve(job.solver.start)
-    guesses = TaughtStart.read(path, job, equations).guesses(numbers_of(job))
+    guesses = ReducedBasis.read(path, job, equations).guesses(numbers_of(job))
     if not guesses:
-        note(f"{path} is not used, and the path begins unloaded: the numbers lie outside of what its sweep has varied")
+        note(f"{path} is not used, and the path begins unloaded: the numbers lie outside of the ranges of its sweep")
     return guesses
 
 
 def _structure(job: Job, equations: Equations) -> dict[str, str]:
-    """Return hashes of what a start depends on; a generator may make other cells on another machine; collective."""
+    """Return hashes of what a basis depends on; a generator may make other cells on another machine; collective."""
     cells = cells_digest(equations.body)
     return on_root(equations.body.mesh.comm, lambda: digests_of_structure(job) | {"cells": cells})
 

@@ -24,7 +24,7 @@ from dolfinx import fem
 from hpcinv.assembly.tangent import tangent_of
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.model.scene import Scene
+from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
@@ -85,7 +85,7 @@ class Explanation:
 
 
 def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda text: None) -> Explanation:
-    """Measure a job's scene in the direction or state that is solved first; collective.
+    """Measure the weak form of a job in the direction or state that is solved first; collective.
 
     Raises:
         MeshError: on all ranks, if the mesh lacks what the job names.
@@ -96,21 +96,21 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
     equations.check_supports()
     direction = job.directions[0]
 
-    def variant(*effects: Any) -> Scene:
-        return Equations(job.model_copy(update={"effects": effects}), body, Timings()).scene(direction)
+    def variant(*effects: Any) -> WeakForm:
+        return Equations(job.model_copy(update={"effects": effects}), body, Timings()).weak_form(direction)
 
-    everything = equations.scene(direction)
-    scenes = {"the whole job": everything, "the laws alone": variant()}
+    everything = equations.weak_form(direction)
+    weak_forms = {"the whole job": everything, "the laws alone": variant()}
     for i, (name, _) in enumerate(job.named_effects):
         others = (*job.effects[:i], *job.effects[i + 1 :])
-        scenes[f"the job without {name}"] = variant(*others) if others else scenes["the laws alone"]
-    compiled: dict[Scene, _Compiled] = {}
-    for name, scene in scenes.items():
-        if scene not in compiled:
+        weak_forms[f"the job without {name}"] = variant(*others) if others else weak_forms["the laws alone"]
+    compiled: dict[WeakForm, _Compiled] = {}
+    for name, weak_form in weak_forms.items():
+        if weak_form not in compiled:
             note(f"compiling {name}")
-            compiled[scene] = _Compiled(scene, equations.supports.conditions)
+            compiled[weak_form] = _Compiled(weak_form, equations.supports.conditions)
     measured = _measured(compiled)
-    total, laws, *reduced_costs = (_part(scene, *measured[scene]) for scene in scenes.values())
+    total, laws, *reduced_costs = (_part(weak_form, *measured[weak_form]) for weak_form in weak_forms.values())
     rows = [replace(laws, name=_laws(job))]
     for (where, effect), reduced in zip(job.named_effects, reduced_costs, strict=True):
         rows.append(total.more_than(reduced, f"{where} {effect.effect}"))  # type: ignore[attr-defined]
@@ -132,15 +132,15 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
 
 
 class _Compiled:
-    """Residual and tangent of a scene, compiled without a cache."""
+    """Residual and tangent, compiled without a cache."""
 
-    def __init__(self, scene: Scene, conditions: Sequence[fem.DirichletBC]) -> None:
-        space, comm = scene.unknowns.space, scene.unknowns.mesh.comm
+    def __init__(self, weak_form: WeakForm, conditions: Sequence[fem.DirichletBC]) -> None:
+        space, comm = weak_form.unknowns.space, weak_form.unknowns.mesh.comm
         directory = tempfile.TemporaryDirectory(prefix="hpcinv-explain-")
         options = JIT_OPTIONS | {"cache_dir": comm.bcast(directory.name)}
         comm.Barrier()
         start = _processor_seconds()
-        self.residual, tangent = fem.form(scene.residual, jit_options=options), tangent_of(scene, options)
+        self.residual, tangent = fem.form(weak_form.residual, jit_options=options), tangent_of(weak_form, options)
         self.seconds = comm.bcast(_processor_seconds() - start)  # rank 0 compiles
         directory.cleanup()  # the kernels are loaded
         self.vector = fem_petsc.create_vector(space)
@@ -157,19 +157,19 @@ def _processor_seconds() -> float:
     return used.user + used.system + used.children_user + used.children_system
 
 
-def _measured(compiled: Mapping[Scene, _Compiled]) -> dict[Scene, tuple[float, float, float]]:
-    """Measure assembly times, all scenes in turn, so that a disturbance affects all of them; return all seconds."""
-    best = {scene: [np.inf, np.inf] for scene in compiled}
+def _measured(compiled: Mapping[WeakForm, _Compiled]) -> dict[WeakForm, tuple[float, float, float]]:
+    """Measure assembly times, all weak forms in turn, so that a disturbance affects all of them; return all seconds."""
+    best = {weak_form: [np.inf, np.inf] for weak_form in compiled}
     for _ in range(_ROUNDS):
-        for scene, forms in compiled.items():
+        for weak_form, forms in compiled.items():
             for i, assemble in enumerate((forms.assemble_residual, forms.assemble_tangent)):
-                best[scene][i] = min(best[scene][i], _seconds(forms.vector.comm.tompi4py(), assemble))
-    return {scene: (forms.seconds, best[scene][0], best[scene][1]) for scene, forms in compiled.items()}
+                best[weak_form][i] = min(best[weak_form][i], _seconds(forms.vector.comm.tompi4py(), assemble))
+    return {weak_form: (forms.seconds, best[weak_form][0], best[weak_form][1]) for weak_form, forms in compiled.items()}
 
 
-def _linear_solver(equations: Equations, scene: Scene) -> tuple[str, float, float]:
+def _linear_solver(equations: Equations, weak_form: WeakForm) -> tuple[str, float, float]:
     """Return the name of the linear solver, and its seconds for one factorization (preconditioner) and one solution."""
-    equilibrium = equations.equilibrium(scene)
+    equilibrium = equations.equilibrium(weak_form)
     system, linear = equilibrium.system, equilibrium.linear
     comm, b = system.comm, system.rhs
     x = b.duplicate()
@@ -193,9 +193,9 @@ def _seconds(comm: MPI.Intracomm, work: Callable[[], object]) -> float:
     return float(comm.allreduce(time.process_time() - start, op=MPI.MAX))
 
 
-def _part(scene: Scene, *seconds: float) -> PartCosts:
-    """Return contents and costs of a whole scene."""
-    form = scene.residual
+def _part(weak_form: WeakForm, *seconds: float) -> PartCosts:
+    """Return contents and costs of a weak form."""
+    form = weak_form.residual
     kinds = {(i.integral_type(), i.subdomain_id()) for i in form.integrals()}
     integrals = Counter(_KINDS[kind] for kind, _ in kinds)
     constants = sum(int(np.prod(c.ufl_shape)) for c in form.constants())

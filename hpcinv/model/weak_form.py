@@ -1,4 +1,4 @@
-"""The scene: virtual work of one body under the material laws and effects of the job, in either direction.
+"""The weak form of equilibrium of one body under the material laws and effects of a job, in either direction.
 
 Equilibrium is stated once, on the reference body,
 
@@ -33,6 +33,7 @@ from hpcinv.kinematics.kinematics import Deformation, Kinematics, OtherState
 from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.kinematics.transverse_shear import corrected_for_shear
 from hpcinv.materials import MaterialLaw
+from hpcinv.model.cell_means import PartExpressions, StateMeans
 from hpcinv.model.contacts import Contacts
 from hpcinv.model.external_work import external_work
 from hpcinv.model.field_checks import shear_modulus
@@ -41,7 +42,6 @@ from hpcinv.model.measures import Integration
 from hpcinv.model.nominal_displacement import NominalDisplacement
 from hpcinv.model.obstacle_passage import Passages
 from hpcinv.model.parameters import ParameterDerivative, Parameters
-from hpcinv.model.scene_means import PartExpressions, SceneMeans
 from hpcinv.model.spaces import Unknowns
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.nondimensional import Scales
@@ -87,12 +87,12 @@ class Part:
         return 1 / self.shear_modulus + (0 if self.volumetric_modulus is None else 1 / self.volumetric_modulus)
 
 
-class Scene:
-    """Material, effects and kinematics composed into one residual.
+class WeakForm:
+    """Virtual work of materials, effects and kinematics, as one residual.
 
     Args:
-        known: fixed displacement (scaled) of the state in which fibres, strains, fields and densities are given on the
-            current body; by default they are given in the state that is solved for.
+        given_u: fixed displacement (scaled) of the state in which fibres, strains, fields and densities are given on
+            the current body; by default they are given in the state that is solved for.
 
     Attributes:
         residual: UFL form, linear in the test functions of ``unknowns``.
@@ -111,15 +111,15 @@ class Scene:
         kinematics: type[Kinematics],
         quadrature_degree: int,
         scales: Scales,
-        known: fem.Function | None = None,
+        given_u: fem.Function | None = None,
     ) -> None:
         self.unknowns = unknowns
         self.quadrature_degree = quadrature_degree
         cells = law_cells(fields.body, job.laws)
         integration = Integration(fields.body, quadrature_degree, cells)
         self.kinematics = kin = kinematics(unknowns.u, integration)
-        if known is not None:
-            kin.given = OtherState(kin, known)
+        if given_u is not None:
+            kin.data_state = OtherState(kin, given_u)
         may_grow = kin.sign > 0 and any(effect.presses_at_any_load for effect in job.effects)
         self.parameters = par = Parameters(_ingredients(job), kin, fields, scales, job.case_count, may_grow=may_grow)
         count = len(job.laws)
@@ -135,7 +135,7 @@ class Scene:
         named = tuple(zip((where for where, _ in job.named_effects), effect_data, strict=True))
         self.contacts = Contacts(named, kin, fields.body, job.resolve, degree, _modulus(job, fields, scales))
         directions = {
-            name.removeprefix("fibres."): _unit(kin.given, family.given_on, par.quantities(i).direction)
+            name.removeprefix("fibres."): _unit(kin.data_state, family.given_on, par.quantities(i).direction)
             for i, (name, family) in enumerate(job.families.items(), start=count + len(effect_data))
         }
         self.H = H = Variable(kin.H, LABEL)
@@ -145,7 +145,7 @@ class Scene:
         strains = [
             (effect, strain)
             for effect, load, p in effect_data
-            if (strain := _strain(effect, effect.inelastic_strain(total, load, p), kin.given)) is not None
+            if (strain := _strain(effect, effect.inelastic_strain(total, load, p), kin.data_state)) is not None
         ]
         elastic, J_g = _elastic(total, [strain for _, strain in strains])
         own = [strain for effect, strain in strains if effect.writes_its_stress]
@@ -197,14 +197,14 @@ class Scene:
         return self.contacts.passages(self.unknowns)
 
     @cached_property
-    def means(self) -> SceneMeans:
+    def means(self) -> StateMeans:
         """Compiled means over cells, volume ratios and strain energy, to be evaluated in any state."""
         volume = self.kinematics.volumes[0]
         parts = [
             PartExpressions(cells, sigma, self.J, part.energy * volume)
             for part, (sigma, cells) in zip(self.parts, self.cauchy_stress, strict=True)
         ]
-        return SceneMeans(parts, self.prestrain_stress, self.unknowns.mesh, self.quadrature_degree)
+        return StateMeans(parts, self.prestrain_stress, self.unknowns.mesh, self.quadrature_degree)
 
     @cached_property
     def nominal_displacement(self) -> NominalDisplacement:
@@ -299,16 +299,16 @@ def _modulus(job: Job, fields: BodyFields, scales: Scales) -> float:
 
 
 def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:
-    """Return laws, effects and families of fibres with their names in the job or its state, in the order of a scene."""
+    """Return laws, effects and families of fibres with their names in the job or its state, in a fixed order."""
     effects = ((f"effects[{i}]", effect) for i, effect in enumerate(job.effects))
     return [*job.laws.items(), *effects, *job.families.items()]
 
 
-def _strain(effect: Effect, strain: Any, given: Kinematics | OtherState) -> Any:
+def _strain(effect: Effect, strain: Any, data_state: Kinematics | OtherState) -> Any:
     """Return an inelastic strain ``F_g - I`` of the reference body, ``None`` if there is none."""
     if strain is None or effect.strain_given_on == "reference":
         return strain
-    return given.F_inverse * strain * (ufl.Identity(3) + given.H)
+    return data_state.F_inverse * strain * (ufl.Identity(3) + data_state.H)
 
 
 def _elastic(total: Deformation, strains: Iterable[Any]) -> tuple[Deformation, Any]:

@@ -1,4 +1,4 @@
-"""Start of new jobs, learnt from the solutions that the cases of a sweep have kept."""
+"""Training of a reduced basis with the solutions that the cases of a sweep have kept."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 from hpcinv.errors import JobError
 from hpcinv.methods.method import Guess, sign_of
 from hpcinv.output.checkpoint import Checkpoints, Restart
+from hpcinv.output.reduced_basis import ReducedBasis, TrainingCase
 from hpcinv.output.run_store import problem_of
-from hpcinv.output.taught_start import Snapshot, TaughtStart
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
@@ -23,12 +23,12 @@ from hpcinv.sweep.shape_spread import kept_file
 from hpcinv.sweep.sweep_plan import Case, SweepPlan
 
 _FEWEST = 3
-"""Cases from which a start is taught: with fewer no case can be predicted from two others."""
+"""Fewest cases of a basis: with fewer no case can be predicted from two others."""
 
 
 @dataclass(frozen=True)
-class Taught:
-    """What was taught: number of cases and of modes, and relative errors of cases predicted from all others."""
+class Training:
+    """Report of a training: number of cases and of modes, and relative errors of cases predicted from all others."""
 
     cases: int
     modes: int
@@ -41,8 +41,8 @@ class Taught:
         yield f"displacement of a case predicted from all others: error {typical:.2g} (median), {largest:.2g} (largest)"
 
 
-def teach(plan: SweepPlan, path: Path, comm: MPI.Intracomm) -> Taught:
-    """Write the start that the converged cases of a sweep teach; collective.
+def train(plan: SweepPlan, path: Path, comm: MPI.Intracomm) -> Training:
+    """Write the reduced basis of the converged cases of a sweep; collective.
 
     Raises:
         JobError: on all ranks, if cases have kept no solution, differ in more than numbers, or are too few.
@@ -52,16 +52,16 @@ def teach(plan: SweepPlan, path: Path, comm: MPI.Intracomm) -> Taught:
     with Workspace(comm) as workspace:
         body = workspace.body(first)
         equations = workspace.equations(first, body, Timings())
-        snapshots: list[Snapshot] = []
+        cases: list[TrainingCase] = []
         for case, directory in kept:
             job = on_root(comm, partial(plan.job, case))
             restart = Checkpoints(directory, comm, problem_of(job, body), keep=1).latest()
             if restart is None or restart.position.load != 1.0 or len(restart.position.solves) != len(job.plan):
                 raise JobError(f"{plan.path}: case {case.number} has kept no whole solution; open it again, and run it")
-            snapshots.append(Snapshot(case.numbers, list(_solutions(restart, equations))))
-        start = TaughtStart.of_snapshots(first, equations, snapshots)
-        start.write(path, equations, comm)
-        return Taught(len(snapshots), start.mode_count, start.errors().tolist())
+            cases.append(TrainingCase(case.numbers, list(_solutions(restart, equations))))
+        basis = ReducedBasis.from_cases(first, equations, cases)
+        basis.write(path, equations, comm)
+        return Training(len(cases), basis.mode_count, basis.errors().tolist())
 
 
 def _solutions(restart: Restart, equations: Sequence[Equations]) -> Iterator[Guess]:
