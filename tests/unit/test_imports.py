@@ -74,7 +74,6 @@ RUN_PACKAGES = JOB_PACKAGES | {
     "basix",
     "cffi",
     "dolfinx",
-    "dolfinx_solver",
     "ffcx",
     "gmsh",
     "h5py",
@@ -128,6 +127,23 @@ def test_a_run_imports_no_more_than_it_needs(tmp_path: Path) -> None:
     assert not UNNEEDED_BY_A_RUN & modules
     commands = {name for name in modules if name.startswith("hpcinv.cli.")}
     assert commands == {"hpcinv.cli.help", "hpcinv.cli.options", "hpcinv.cli.run"}
+
+
+@pytest.mark.parametrize("is_installed", [True, False])
+def test_another_petsc_in_the_environment_is_refused(is_installed: bool, tmp_path: Path) -> None:
+    if is_installed:
+        metadata = tmp_path / "petsc4py-3.20.dist-info"
+        metadata.mkdir()
+        (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: petsc4py\nVersion: 3.20\n")
+    else:
+        (tmp_path / "petsc4py").mkdir()
+        (tmp_path / "petsc4py" / "__init__.py").touch()
+    command = [sys.executable, "-m", "hpcinv", "run", str(JOBS / "single-tetrahedron.yaml")]
+    path = f"{tmp_path}:{JOBS.parent}"
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=os.environ | {"PYTHONPATH": path})
+    assert done.returncode == 5, done.stderr
+    assert done.stderr.startswith("dolfinx_solver cannot be imported: petsc4py ")
+    assert "Traceback" not in done.stderr
 
 
 def test_the_driver_leaves_slow_imports_to_the_runs_and_ranks_that_need_them() -> None:
