@@ -5,6 +5,9 @@ solver that takes more than `LIMIT` times as long as the direct one is stopped (
 held out: constants of the cost model were fitted to the others at most. Reasons of `auto` are printed to stderr.
 On several ranks, each phase counts the seconds of its slowest rank, which include busy waiting.
 
+Where factors do not fit into the memory, the column of the direct solver is their size by MUMPS's analysis. Bodies
+of 0.5 to 1 million unknowns are solved if they are named.
+
 Command: mpirun -n RANKS python benchmarks/solver_choice.py [names …] [--jobs JOB …]
 """
 
@@ -27,13 +30,17 @@ import hpcinv.parallel.timings
 from hpcinv.errors import HpcinvError
 from hpcinv.job.job import parse
 from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.mesh import build_body
+from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import SOLVER
+from hpcinv.parallel.timings import SOLVER, Timings
+from hpcinv.solver.equations import Equations
 from hpcinv.solver.workspace import Workspace
 
 ROOT = Path(__file__).parents[1]
 LIMIT = 4.0  # more takes longer; less hides how wrong a choice would be
 SHORT = 0.7  # s of a direct solve; shorter ones are measured three times, since differences are noise
+_LIMIT_MEMORY = "mat_mumps_icntl_23"  # MB of a rank
 SOFT, STIFF, CLOSE = 0.3, 0.45, 0.49  # Poisson's ratios
 
 
@@ -117,6 +124,15 @@ def bodies() -> dict[str, JobData]:
     }
 
 
+def large_bodies() -> dict[str, JobData]:
+    """Return bodies of 0.5 to 1 million unknowns, which are solved if they are named."""
+    return {
+        "cube P2 huge": body("box", hanging("z0", 0.3), SOFT, nx=30, ny=30, nz=30),
+        "rod 40:1": body("box", hanging("x0", 2e-6), SOFT, lx=40, nx=320, ny=8, nz=8),
+        "rod 40:1 huge": body("box", hanging("x0", 2e-6), SOFT, lx=40, nx=400, ny=10, nz=10),
+    }
+
+
 def placed(data: JobData, path: Path) -> JobData:
     """Return the data of a job file with its mesh file as an absolute path."""
     return {**data, "mesh": {**data["mesh"], "file": str((path.parent / data["mesh"]["file"]).resolve())}}
@@ -150,35 +166,58 @@ def measured(data: JobData, linear: str, limit: float, workspace: Workspace) -> 
     return sum(float(phases[name]["max"]) for name in {*SOLVER, "set-up"} if name in phases), result.statistics
 
 
+def missing_memory(data: JobData) -> float | None:
+    """Return the bytes of the factors by MUMPS's analysis if there is no memory for them; collective."""
+    solver = {"linear": "direct", "petsc": {_LIMIT_MEMORY: 1}}  # the factorization stops after its analysis
+    job = parse({**data, "solver": solver, "certificate": WITHOUT_CERTIFICATE}, ROOT / "benchmarks" / "job.yaml")
+    comm = MPI.COMM_WORLD
+    model = Equations(job, build_body(job.mesh, job.regions, comm, resolve=job.resolve), Timings())
+    if model.chooser.can_factorize:
+        return None
+    equilibrium = model.equilibrium(model.scene(data["analysis"]))
+    equilibrium.system.linearise(1.0)
+    equilibrium.linear.factorize()
+    size = 1e6 * float(equilibrium.linear.ksp.pc.getFactorMatrix().getMumpsInfog(17))
+    equilibrium.destroy()
+    return size if size > available(comm) else None
+
+
 def row(name: str, data: JobData, least_rounds: int) -> float | None:
     """Print the line of one body, the least times of all rounds; return the time of `auto` by the better one's."""
+    times: dict[str, list[float]] = {"direct": [], "iterative": [], "auto": []}
+    used: dict[str, Any] = dict.fromkeys(times)
+    missing = missing_memory(data)
+    solvers = ["iterative", "auto"] if missing else ["direct", "iterative", "auto"]
+    limit, rounds = math.inf, least_rounds
     with Workspace(MPI.COMM_WORLD) as workspace:
-        first = measured(data, "direct", math.inf, workspace)
-        if isinstance(first, str):
-            say(f"{name:34} {first}")
-            return None
-        times = {"direct": [first[0]], "iterative": [], "auto": []}
-        used: dict[str, Any] = {"direct": first[1]}
-        rounds = least_rounds if first[0] > SHORT else max(least_rounds, 3)
-        for linear in ("iterative", "auto", "direct") * rounds:
-            if linear == "direct" and rounds == 1:
-                continue
-            outcome = measured(data, linear, LIMIT * (first[0] + 1.0), workspace)
-            times[linear].append(math.inf if isinstance(outcome, str) else outcome[0])
-            used[linear] = None if isinstance(outcome, str) else outcome[1]
-        unknowns = first[1]["mesh"]["unknowns"]
-    best = {linear: min(values) for linear, values in times.items()}
+        while len(times["auto"]) < rounds:
+            for linear in solvers:
+                outcome = measured(data, linear, limit, workspace)
+                times[linear].append(math.inf if isinstance(outcome, str) else outcome[0])
+                used[linear] = None if isinstance(outcome, str) else outcome[1]
+                if linear == "direct":
+                    if isinstance(outcome, str):
+                        say(f"{name:34} {outcome}")
+                        return None
+                    limit = LIMIT * (times["direct"][0] + 1.0)
+                    rounds = least_rounds if times["direct"][0] > SHORT else max(least_rounds, 3)
+    best = {linear: min(values, default=math.inf) for linear, values in times.items()}
     better = min(best["direct"], best["iterative"])
-    (solution,) = (used["auto"] or first[1])["solutions"]
+    if used["auto"] is None:
+        say(f"{name:34} auto found no solution")
+        return None
+    unknowns, (solution,) = used["auto"]["mesh"]["unknowns"], used["auto"]["solutions"]
     krylov = used["iterative"]["solutions"][0]["linear"]["iterations"] if used["iterative"] else 0
     linear = solution["linear"]
     ratio = best["auto"] / better
+    direct = f"{missing / 1e9:.0f} GB" if missing else f"{best['direct']:.2f}"
     say(
-        f"{name:34}{unknowns:9}{best['direct']:9.2f}{best['iterative']:9.2f}{best['auto']:9.2f}{ratio:7.2f}"
+        f"{name:34}{unknowns:9}{direct:>9}{best['iterative']:9.2f}{best['auto']:9.2f}{ratio:7.2f}"
         f"{krylov:8}  {linear['configuration']}{' after a change' if linear['fallback'] else ''}"
     )
     if MPI.COMM_WORLD.rank == 0:
-        print(f"{name}: {linear['why']}", file=sys.stderr, flush=True)
+        memory = {solver: [round(n / 1e6) for n in run["peak_memory"]["ranks"]] for solver, run in used.items() if run}
+        print(f"{name}: {linear['why']}; peaks so far (MB by rank) {memory}", file=sys.stderr, flush=True)
     return ratio
 
 
@@ -197,7 +236,8 @@ def main() -> None:
     say(f"{'body':34}{'unknowns':>9}{'direct':>9}{'iterat.':>9}{'auto':>9}{'ratio':>7}{'Krylov':>8}  auto's choice")
     ratios: dict[str, list[float]] = {"fitted": [], "held out": []}
     scenes = {path.stem: placed(read_yaml(path), path) for path in options.jobs}
-    for number, (name, data) in enumerate({**bodies(), **scenes}.items()):
+    large = {name: data for name, data in large_bodies().items() if name in options.names}
+    for number, (name, data) in enumerate({**bodies(), **scenes, **large}.items()):
         if options.names and name not in options.names and name not in scenes:
             continue
         analysis = data.get("analysis", ("inverse", "forward")[number // 2 % 2])

@@ -200,9 +200,14 @@ class Forecast:
         return max(self.direct - self.multigrid_time(self._new_tangents, 0), 0.0) / self.multigrid_time(0, CORRECTIONS)
 
     @property
+    def locking(self) -> float:
+        """Factor by which a bulk modulus far above the shear modulus multiplies the iterations."""
+        return 1.0 if self.is_mixed else math.sqrt(max(self.stiffness / _STIFF, 1.0))
+
+    @property
     def krylov(self) -> float:
         """Krylov iterations of one correction."""
-        cube = _MIXED_KRYLOV if self.is_mixed else _DISPLACEMENT_KRYLOV * math.sqrt(max(self.stiffness / _STIFF, 1.0))
+        cube = _MIXED_KRYLOV if self.is_mixed else _DISPLACEMENT_KRYLOV * self.locking
         return cube * math.pow(self.shape.aspect, 0.25)
 
 

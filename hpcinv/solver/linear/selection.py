@@ -29,6 +29,7 @@ _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solut
 # Times the iterations of a correction with which both solvers take the same time, after which factorizations replace
 # multigrid. Until then it takes at most 1.5/8 of their time; more waste more, fewer leave multigrid that is worth it.
 _REVISED = 1.5
+_SLOW = 2.0  # times the iterations by the displacement form, above which the mixed form is recommended
 _ROOM = 0.8  # share of the memory that factors may take
 _KEPT = 4  # times the memory of multigrid; there must be room for it if it is kept
 _WORTH_NESTED = 2.5  # least gain of nested iteration by the forecast, which is rough
@@ -169,6 +170,7 @@ class Chooser:
         is_revised = chosen.configuration == "iterative" and chosen.other == "direct"
         return replace(
             chosen,
+            why=chosen.why + self._advice(chosen),
             most=math.ceil(max(_REVISED * self.forecast.equal_krylov, krylov)) if is_revised else math.inf,
             budget=math.ceil(_PATIENCE * CORRECTIONS * krylov),
             precision=precision,
@@ -196,6 +198,15 @@ class Chooser:
         if not is_large or self._choose(solver).configuration != "direct":
             return False
         return self.forecast.nested_gain(_TANGENTS[direction], self._ranks) >= _WORTH_NESTED
+
+    def _advice(self, chosen: Choice) -> str:
+        """Return what makes multigrid slow and can be changed in the job; empty if nothing does."""
+        if self._is_shell or (chosen.configuration == "direct" and self.can_factorize) or self.forecast.locking < _SLOW:
+            return ""
+        return (
+            f"; formulation: mixed, of degree 2, would spare multigrid about {self.forecast.locking:.2g} times the "
+            "iterations, since the material is nearly incompressible"
+        )
 
     def _choose(self, solver: Solver) -> Choice:
         if solver.linear != "auto":

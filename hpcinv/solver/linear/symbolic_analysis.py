@@ -7,6 +7,7 @@ Operations, which are cubes of them, grow with (N/n)².
 
 import ctypes
 from functools import cache
+from typing import Any
 
 import numpy as np
 from dolfinx.mesh import Mesh
@@ -22,10 +23,10 @@ def operations_of(unknowns: Unknowns) -> float | None:
     """Return about the operations of a factorization L U of the tangent, ``None`` if not known; collective."""
     mesh = unknowns.mesh
     operations = _scalar_operations(mesh)
-    vertices = mesh.topology.index_map(0).size_global
-    nodes = unknowns.displacement_space.dofmap.index_map.size_global
     if operations is None:
         return None
+    vertices = int(mesh.topology.index_map(0).size_global)
+    nodes = int(unknowns.displacement_space.dofmap.index_map.size_global)
     return operations * (nodes / vertices) ** 2 * (unknowns.size / nodes) ** 3
 
 
@@ -60,7 +61,9 @@ def _vertex_graph(mesh: Mesh) -> PETSc.Mat:
     graph = PETSc.Mat().create(mesh.comm)
     graph.setSizes(((vertices.size_local, vertices.size_global),) * 2)
     graph.setType(PETSc.Mat.Type.AIJ)
-    graph.setPreallocationCOO(np.repeat(numbers, corners.shape[1]), np.tile(numbers, (1, corners.shape[1])).ravel())
+    rows: Any = np.repeat(numbers, corners.shape[1])
+    columns: Any = np.tile(numbers, (1, corners.shape[1])).ravel()  # arrays, whatever the stub says
+    graph.setPreallocationCOO(rows, columns)
     graph.assemble()
     return graph
 

@@ -204,7 +204,12 @@ def test_stiffness_reaches_the_forecast(comm: MPI.Intracomm) -> None:
         discretisation={"displacement": 2, "formulation": "displacement"},
     )
     equations = Equations(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
-    assert equations.chooser.forecast.stiffness == pytest.approx(499.7, abs=0.1)
+    chooser = equations.chooser
+    assert chooser.forecast.stiffness == pytest.approx(499.7, abs=0.1)
+    assert "formulation: mixed" not in chooser.choose(Solver()).why  # factors, which do not mind
+    assert "formulation: mixed, of degree 2, would spare" in chooser.choose(Solver(linear="iterative")).why
+    chooser.forecast = replace(chooser.forecast, stiffness=2.0)
+    assert "formulation" not in chooser.choose(Solver(linear="iterative")).why
 
 
 def test_slow_multigrid_stops_after_a_fifth_of_the_time_of_factorizations(comm: MPI.Intracomm) -> None:
