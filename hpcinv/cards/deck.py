@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+type Vector = tuple[float, ...]
+
 
 @dataclass(frozen=True)
 class Measure:
@@ -52,12 +54,26 @@ class RemoteForce:
     moment: tuple[float, float, float]
 
 
+@dataclass(frozen=True)
+class Axes:
+    """Axes of the material of a set.
+
+    Attributes:
+        frame: unit vectors 1, 2 and 3; empty if they vary over the body.
+        fibres: directions of fibres.
+    """
+
+    frame: tuple[Vector, ...] = ()
+    fibres: tuple[Vector, ...] = ()
+
+
 @dataclass
 class Deck:
     """Materials, supports and loads.
 
     Attributes:
         materials: names of materials by the set of elements that has them.
+        axes: of the materials, by the same sets.
         linear: Young's modulus and Poisson's ratio of materials without another law, by name.
         supports: sections of a job, whose regions are names of sets; numbers with units are `Measure`.
         effects: the same; one on sets of elements names them under ``on``.
@@ -67,6 +83,7 @@ class Deck:
     """
 
     materials: dict[str, str] = field(default_factory=dict)
+    axes: dict[str, Axes] = field(default_factory=dict)
     linear: dict[str, tuple[float, float]] = field(default_factory=dict)
     supports: list[Mapping[str, Any]] = field(default_factory=list)
     effects: list[Mapping[str, Any]] = field(default_factory=list)

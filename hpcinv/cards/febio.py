@@ -24,6 +24,7 @@ from hpcinv.cards.card import (
     shown,
 )
 from hpcinv.cards.entry import Entry, entry_of
+from hpcinv.cards.orthotropic import FAMILIES, lame, orthotropic, quadratic, stiffness_of
 from hpcinv.cards.series import exponential_integral, inverse_langevin
 from hpcinv.materials.moduli import young_and_poisson
 from hpcinv.quantity.arrays import Floats
@@ -213,17 +214,14 @@ def _holmes_mow(law: Entry) -> Counterpart:
 
 
 def _orthotropic(law: Entry) -> Counterpart:
-    lam, mu = _moduli(law)
-    scale = float(mu.mean())
-    energy, values = f"unit/2*({_quadratic(lam / scale, mu / scale)})", {"unit": Stress(scale)}
-    return Counterpart({"law": "formula", "energy": energy, "parameters": values}, _families(law))
+    return orthotropic(*_moduli(law), _families(law))
 
 
 def _fung_orthotropic(law: Entry) -> Counterpart:
     c = law.number("c")
-    lam, mu = _moduli(law)
+    lam, mu = lame(*_moduli(law))
     values = {"c": Stress(c), "k": Stress(law.number("k"))}
-    energy = f"c/2*(exp({_quadratic(lam / c, mu / c)}) - 1) + k/2*ln(J)**2"
+    energy = f"c/2*(exp({quadratic(lam / c, mu / c)}) - 1) + k/2*ln(J)**2"
     return Counterpart({"law": "formula", "energy": energy, "parameters": values}, _families(law))
 
 
@@ -279,27 +277,13 @@ LAWS: Mapping[str, Callable[[Entry], Counterpart]] = {
 }
 
 
-def _moduli(law: Entry) -> tuple[Floats, Floats]:
-    """Return Lamé's parameters (3, 3) and (3,) of an orthotropic law by its engineering constants."""
+def _moduli(law: Entry) -> tuple[Floats, tuple[float, float, float]]:
+    """Return the stiffness (3, 3) of normal strains and the shear moduli of an orthotropic law."""
     e1, e2, e3 = (law.number(f"E{i}") for i in (1, 2, 3))
-    g12, g23, g31 = (law.number(name) for name in ("G12", "G23", "G31"))
     v12, v23, v31 = (law.number(name) for name in ("v12", "v23", "v31"))
-    mu = np.array([g12 + g31 - g23, g12 - g31 + g23, -g12 + g31 + g23])
-    compliance = [[1 / e1, -v12 / e1, -v31 / e3], [-v12 / e1, 1 / e2, -v23 / e2], [-v31 / e3, -v23 / e2, 1 / e3]]
-    return np.linalg.inv(compliance) - 2 * np.diag(mu), mu
-
-
-def _quadratic(lam: Floats, mu: Floats) -> str:
-    """Return twice the energy of an orthotropic law of the strains along three families a, b, c at right angles.
-
-    Its isotropic part is written in I1 and I2: a formula's law takes its moduli from them.
-    """
-    shear, stretch = float(mu.mean()), float(lam.mean())
-    terms = [f"{2 * shear:.17g}*(I1**2 - 2*I2 - 2*I1 + 3)/4", f"{stretch:.17g}*((I1 - 3)/2)**2"]
-    terms += [f"{2 * (m - shear):.17g}*(I5_{f} - 2*I4_{f} + 1)/4" for m, f in zip(mu, "abc", strict=True)]
-    strain = [f"(I4_{name} - 1)/2" for name in "abc"]
-    terms += [f"{lam[i, j] - stretch:.17g}*{strain[i]}*{strain[j]}" for i in range(3) for j in range(3)]
-    return " + ".join(terms)
+    v13 = v31 * e1 / e3 if e3 else 0.0  # the compliance is symmetric
+    g12, g23, g31 = (law.number(name) for name in ("G12", "G23", "G31"))
+    return stiffness_of((e1, e2, e3), v12, v13, v23), (g12, g23, g31)
 
 
 def _axes(law: Entry) -> tuple[Floats, Floats, Floats]:
@@ -317,7 +301,7 @@ def _axes(law: Entry) -> tuple[Floats, Floats, Floats]:
 
 
 def _families(law: Entry) -> dict[str, Sequence[float]]:
-    return {name: axis.tolist() for name, axis in zip("abc", _axes(law), strict=True)}
+    return {name: axis.tolist() for name, axis in zip(FAMILIES, _axes(law), strict=True)}
 
 
 def _direction(fibre: Entry) -> Sequence[float] | None:
