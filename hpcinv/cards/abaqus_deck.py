@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hpcinv.cards.abaqus_axes import GLOBAL, axes_of
-from hpcinv.cards.abaqus_elastic import is_isotropic
+from hpcinv.cards.abaqus_elastic import elastic_law, is_isotropic
 from hpcinv.cards.abaqus_keywords import Keyword, keywords
-from hpcinv.cards.card import CardError, UnknownLaw, number
-from hpcinv.cards.deck import Deck, Measure, NodalForces, RemoteForce
+from hpcinv.cards.card import CardError, Counterpart, UnknownLaw, number
+from hpcinv.cards.deck import Deck, Measure, NodalForces, RemoteForce, isotropic
 from hpcinv.reading.single_conditions import force_groups, held_axes, held_groups, pressed_groups
 
 _NOT_TAKEN = (
@@ -77,8 +77,9 @@ class _Reader:
                     deck.unused.append(f"elements of type {kind}")
                 case "MATERIAL":
                     material = keyword.parameters.get("NAME", "")
-                case "ELASTIC" if is_isotropic(keyword) and keyword.lines and len(keyword.lines[0]) > 1:
-                    deck.linear[material] = _linear(keyword, material)
+                case "ELASTIC" if keyword.lines and len(keyword.lines[0]) > 1:
+                    is_linear = is_isotropic(keyword)
+                    deck.linear[material] = _linear(keyword, material) if is_linear else elastic_law(keyword)[1]
                 case "DENSITY" if keyword.lines:
                     self._densities[material] = number(keyword.lines[0][0], "*DENSITY")
                 case "SOLID SECTION":
@@ -337,9 +338,9 @@ def _interpolated(points: Sequence[tuple[float, float]], time: float) -> float:
     return before[1]
 
 
-def _linear(keyword: Keyword, material: str) -> tuple[float, float]:
-    """Return Young's modulus and Poisson's ratio."""
+def _linear(keyword: Keyword, material: str) -> Counterpart:
+    """Return the law of Young's modulus and Poisson's ratio."""
     if len(keyword.lines) > 1:
         raise UnknownLaw(f"*ELASTIC of material {material} depends on temperature; keep one line of data")
     young, poisson = (number(entry, "*ELASTIC") for entry in keyword.lines[0][:2])
-    return young, poisson
+    return isotropic(young, poisson)

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from hpcinv.cards.card import Counterpart, Stress
+
 type Vector = tuple[float, ...]
 
 
@@ -74,7 +76,7 @@ class Deck:
     Attributes:
         materials: names of materials by the set of elements that has them.
         axes: of the materials, by the same sets.
-        linear: Young's modulus and Poisson's ratio of materials without another law, by name.
+        linear: linearly elastic materials, by name; taken if the program's other laws of it have no counterpart.
         supports: sections of a job, whose regions are names of sets; numbers with units are `Measure`.
         effects: the same; one on sets of elements names them under ``on``.
         forces: forces at nodes.
@@ -84,7 +86,7 @@ class Deck:
 
     materials: dict[str, str] = field(default_factory=dict)
     axes: dict[str, Axes] = field(default_factory=dict)
-    linear: dict[str, tuple[float, float]] = field(default_factory=dict)
+    linear: dict[str, Counterpart] = field(default_factory=dict)
     supports: list[Mapping[str, Any]] = field(default_factory=list)
     effects: list[Mapping[str, Any]] = field(default_factory=list)
     forces: list[NodalForces] = field(default_factory=list)
@@ -112,3 +114,8 @@ class Deck:
         self.effects.append({**effect, "density": mass})
         if len(set(densities)) > 1:
             self.unused.append(f"further {entry}: the job has one; give densities by region")
+
+
+def isotropic(young: float, poisson: float) -> Counterpart:
+    """Return the hyperelastic law that agrees with isotropic linear elasticity at small strain."""
+    return Counterpart({"law": "neo-hookean", "young": Stress(young), "poisson": poisson})

@@ -271,7 +271,7 @@ class _Job:
 
     def _material(self, name: str, region: str) -> dict[str, Any]:
         """Return the sections of the material of a set; a linear isotropic one is neo-Hooke with the same moduli."""
-        from hpcinv.cards.card import CardError
+        from hpcinv.cards.card import Card, CardError
         from hpcinv.cli.cards import checked_sections, program_module
 
         linear = self._deck.linear.get(name) or (next(iter(self._deck.linear.values()), None) if not name else None)
@@ -280,9 +280,9 @@ class _Job:
         except CardError:
             if linear is None:
                 raise
-            self._comments.append(f"Linear elasticity {name} became neo-hookean, which agrees at small strain.")
-            young = f"{linear[0]:.15g} {self._options.stress_unit}"
-            return {"material": {"law": "neo-hookean", "young": young, "poisson": linear[1]}}
+            kind = "an energy of Green's strains" if linear.fibres else "neo-hookean"
+            self._comments.append(f"Linear elasticity {name} became {kind}, which agrees at small strain.")
+            card = Card(name, f"linear elasticity {name}", linear)
         self._comments += [f"{card.title}: {note}" for note in card.law.notes]
         return checked_sections(self._with_axes(card, region), self._options.stress_unit)
 

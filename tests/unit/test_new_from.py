@@ -137,6 +137,8 @@ def test_orthotropic_materials_have_the_axes_of_their_sections(
 *ELASTIC, TYPE=ORTHO
 12, 3, 7, 2, 1.5, 6, 2.5, 1.8,
 1.2
+*PLASTIC
+1., 0.
 *SOLID SECTION, ELSET=Low, MATERIAL=WOOD
 *SOLID SECTION, ELSET=High, MATERIAL=Wood, ORIENTATION=turned
 *BOUNDARY
@@ -144,7 +146,9 @@ Foot, 1, 3
 *DSLOAD
 Side, P, 1
 """
-    job, _ = job_of(tmp_path, "part.inp", deck)
+    job, text = job_of(tmp_path, "part.inp", deck)
+    assert "Linear elasticity Wood became an energy of Green's strains" in text
+    assert "Not taken from the file: *PLASTIC of material Wood" in text
     load(tmp_path / "part.yaml")
     low, high = job["material"]["Low"], job["material"]["High"]
     assert high["energy"] == re.sub("_([abc])", r"_\1x2", low["energy"])
@@ -191,8 +195,10 @@ def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
         '<nodal_load type="nodal_load" node_set="foot"><dof>z</dof><scale>2</scale></nodal_load>'
         '<body_load type="body force"><force>0,0,9.81</force></body_load></Loads>',
     )
-    more = more.replace("<E>2</E>", "<E>2</E><density>3</density>", 1)
+    more = more.replace("<E>2</E>", '<E lc="1">2</E><density>3</density>', 1)
     job, text = job_of(tmp_path, "part.feb", more)
+    assert job["material"]["a"]["young"] == "1 MPa"
+    assert "# neo-Hookean: parameters with load curves have their values at the end" in text
     # the curve is 1/2 at the end
     assert job["supports"][1] == {"region": "wide", "displacement": [None, "1 mm", None]}
     assert job["supports"][2] == {"region": "wide_vertices", "displacement": [None, "1 mm", None]}
