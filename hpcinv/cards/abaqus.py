@@ -1,10 +1,11 @@
-"""Cards of Abaqus and CalculiX: ``*HYPERELASTIC``, and Holzapfel's ``*ANISOTROPIC HYPERELASTIC``."""
+"""Cards of Abaqus and CalculiX: ``*HYPERELASTIC``, Holzapfel's ``*ANISOTROPIC HYPERELASTIC``, ``*ELASTIC``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 
+from hpcinv.cards.abaqus_elastic import elastic_law, is_isotropic
+from hpcinv.cards.abaqus_keywords import Keyword, keywords
 from hpcinv.cards.card import (
     MOST_TERMS,
     Card,
@@ -21,7 +22,6 @@ from hpcinv.cards.card import (
     shown,
     triangle,
 )
-from hpcinv.reading.included_files import joined_lines
 
 PROGRAM = "Abaqus"
 _PER_LINE = 8
@@ -38,21 +38,20 @@ _WITHOUT_EFFECT = {
 _OTHER_BEHAVIOUR = (
     *("ELASTIC", "HYPERFOAM", "HYPOELASTIC", "POROUS ELASTIC", "LOW DENSITY FOAM", "FABRIC", "USER MATERIAL"),
     *("VISCOELASTIC", "NONLINEAR VISCOELASTIC", "HYSTERESIS", "MULLINS EFFECT", "VISCOUS", "CREEP", "SWELLING"),
-    *("PLASTIC", "RATE DEPENDENT", "NO COMPRESSION", "NO TENSION", "DAMAGE INITIATION", "DAMAGE EVOLUTION"),
+    *(
+        "PLASTIC",
+        "DEFORMATION PLASTICITY",
+        "RATE DEPENDENT",
+        "NO COMPRESSION",
+        "NO TENSION",
+        "DAMAGE INITIATION",
+        "DAMAGE EVOLUTION",
+    ),
 )
 _TEST_DATA = (
     *("UNIAXIAL TEST DATA", "BIAXIAL TEST DATA", "PLANAR TEST DATA", "VOLUMETRIC TEST DATA", "SIMPLE SHEAR TEST DATA"),
 )
 _REMEDIES = {"ELASTIC": "; 'law: st-venant-kirchhoff' with young and poisson agrees with it at small strain"}
-
-
-@dataclass(frozen=True)
-class Keyword:
-    """A keyword with its parameters, and the entries of its lines of data."""
-
-    name: str
-    parameters: Mapping[str, str]
-    lines: list[list[str]]
 
 
 def read(text: str, name: str | None = None) -> Card:
@@ -74,37 +73,17 @@ def read(text: str, name: str | None = None) -> Card:
     selected = chosen(materials, name)
     behaviour = materials[selected]
     for keyword in behaviour:
-        if keyword.name in _OTHER_BEHAVIOUR:
+        if keyword.name in _OTHER_BEHAVIOUR and not _is_elastic_law(keyword):
             raise UnknownLaw(f"*{keyword.name} has no counterpart{_REMEDIES.get(keyword.name, '')}")
-    laws = [keyword for keyword in behaviour if keyword.name in _LAWS]
+    laws = [keyword for keyword in behaviour if keyword.name in _LAWS or _is_elastic_law(keyword)]
     if len(laws) != 1:
         count = f"{len(laws)} *HYPERELASTIC" if laws else "neither *HYPERELASTIC nor *ELASTIC"
         raise CardError(f"has {count}{f' in material {selected}' if selected else ''}")
-    title, law = _isotropic(laws[0]) if laws[0].name == "HYPERELASTIC" else _anisotropic(laws[0])
+    title, law = _CONVERTERS[laws[0].name](laws[0])
     notes = tuple(
         f"*{k.name} is not part of the law: {_WITHOUT_EFFECT[k.name]}" for k in behaviour if k.name in _WITHOUT_EFFECT
     )
     return Card(selected, title, Counterpart(law.material, law.fibres, law.definitions, law.notes + notes))
-
-
-def keywords(text: str) -> Iterator[Keyword]:
-    """Yield the keywords of an input file; comments are left out."""
-    keyword: Keyword | None = None
-    for _, line in joined_lines(text.splitlines()):
-        if line.startswith("*"):
-            if keyword is not None:
-                yield keyword
-            keyword = _keyword(line)
-        elif keyword is not None:
-            keyword.lines.append([entry.strip() for entry in line.removesuffix(",").split(",")])
-    if keyword is not None:
-        yield keyword
-
-
-def _keyword(head: str) -> Keyword:
-    title, *entries = (" ".join(part.split()) for part in head.removeprefix("*").split(","))
-    pairs = (entry.partition("=") for entry in entries if entry)
-    return Keyword(title.upper(), {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}, [])
 
 
 def _isotropic(keyword: Keyword) -> tuple[str, Counterpart]:
@@ -205,6 +184,17 @@ def _anisotropic(keyword: Keyword) -> tuple[str, Counterpart]:
     c10, compliance, k1, k2, dispersion = _constants(keyword, title, 5)
     directions = {f"fibre{i + 1}": None for i in range(int(families))}
     return title, dispersed_fibres(2 * c10, k1, k2, dispersion, bulk_from(compliance), directions)
+
+
+def _is_elastic_law(keyword: Keyword) -> bool:
+    return keyword.name == "ELASTIC" and not is_isotropic(keyword)
+
+
+_CONVERTERS: Mapping[str, Callable[[Keyword], tuple[str, Counterpart]]] = {
+    "HYPERELASTIC": _isotropic,
+    "ANISOTROPIC HYPERELASTIC": _anisotropic,
+    "ELASTIC": elastic_law,
+}
 
 
 def write(values: Values, name: str) -> str:

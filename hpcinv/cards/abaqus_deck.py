@@ -7,9 +7,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hpcinv.cards.abaqus import Keyword, keywords
-from hpcinv.cards.card import CardError, UnknownLaw, number
-from hpcinv.cards.deck import Deck, Measure, NodalForces, RemoteForce
+from hpcinv.cards.abaqus_axes import GLOBAL, axes_of
+from hpcinv.cards.abaqus_elastic import elastic_law, is_isotropic
+from hpcinv.cards.abaqus_keywords import Keyword, keywords
+from hpcinv.cards.card import CardError, Counterpart, UnknownLaw, number
+from hpcinv.cards.deck import Deck, Measure, NodalForces, RemoteForce, isotropic
 from hpcinv.reading.single_conditions import force_groups, held_axes, held_groups, pressed_groups
 
 _NOT_TAKEN = (
@@ -51,6 +53,7 @@ class _Reader:
         self._sets = nodes_of_sets
         names = [keyword.parameters.get("NAME", "") for keyword in file if keyword.name == "MATERIAL"]
         self._materials = {name.lower(): name for name in names}  # case does not count
+        self._axes = {k.parameters.get("NAME", "").lower(): k for k in file if k.name == "ORIENTATION"}
         self._held_nodes: dict[str, dict[int, tuple[float, float]]] = {}
         self._forces: dict[str, dict[int, float]] = {}  # by node or set, and component
         self._pressed: dict[tuple[int, int], tuple[float, float]] = {}
@@ -75,12 +78,12 @@ class _Reader:
                 case "MATERIAL":
                     material = keyword.parameters.get("NAME", "")
                 case "ELASTIC" if keyword.lines and len(keyword.lines[0]) > 1:
-                    deck.linear[material] = _linear(keyword, material)
+                    is_linear = is_isotropic(keyword)
+                    deck.linear[material] = _linear(keyword, material) if is_linear else elastic_law(keyword)[1]
                 case "DENSITY" if keyword.lines:
                     self._densities[material] = number(keyword.lines[0][0], "*DENSITY")
                 case "SOLID SECTION":
-                    name = keyword.parameters.get("MATERIAL", "")
-                    deck.materials[keyword.parameters.get("ELSET", "")] = self._materials.get(name.lower(), name)
+                    self._read_section(keyword)
                 case "TRANSFORM":
                     self._turned.add(keyword.parameters.get("NSET", "").lower())
                 case "BOUNDARY" | "DLOAD" | "DSLOAD" | "CLOAD" if not (keyword.lines or "OP" in keyword.parameters):
@@ -111,6 +114,16 @@ class _Reader:
         self._add_forces()
         deck.unused += [f"*COUPLING of {surface} to a node without a force" for surface, _ in self._couplings.values()]
         return deck
+
+    def _read_section(self, keyword: Keyword) -> None:
+        parameters = keyword.parameters
+        region, name, axes = (parameters.get(key, "") for key in ("ELSET", "MATERIAL", "ORIENTATION"))
+        if axes and axes.lower() not in self._axes:
+            raise CardError(f"*SOLID SECTION: there is no *ORIENTATION {axes}")
+        self._deck.materials[region] = self._materials.get(name.lower(), name)
+        self._deck.axes[region] = axes_of(self._axes[axes.lower()]) if axes else GLOBAL
+        if "COMPOSITE" in parameters:
+            self._deck.unused.append(f"*SOLID SECTION, COMPOSITE: the layers of {region}")
 
     def _read_conditions(self, keyword: Keyword, step: int) -> None:
         if keyword.parameters.get("OP", "").upper() == "NEW":
@@ -325,12 +338,9 @@ def _interpolated(points: Sequence[tuple[float, float]], time: float) -> float:
     return before[1]
 
 
-def _linear(keyword: Keyword, material: str) -> tuple[float, float]:
-    """Return Young's modulus and Poisson's ratio."""
-    kind = keyword.parameters.get("TYPE", "ISOTROPIC").upper()
-    if kind not in ("ISO", "ISOTROPIC"):
-        raise UnknownLaw(f"*ELASTIC, TYPE={kind} of material {material} has no counterpart")
+def _linear(keyword: Keyword, material: str) -> Counterpart:
+    """Return the law of Young's modulus and Poisson's ratio."""
     if len(keyword.lines) > 1:
         raise UnknownLaw(f"*ELASTIC of material {material} depends on temperature; keep one line of data")
     young, poisson = (number(entry, "*ELASTIC") for entry in keyword.lines[0][:2])
-    return young, poisson
+    return isotropic(young, poisson)

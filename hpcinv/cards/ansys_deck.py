@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hpcinv.cards.card import number
-from hpcinv.cards.deck import Deck
+from hpcinv.cards.deck import Deck, isotropic
 
 _AXES = {"UX": "x", "UY": "y", "UZ": "z"}
 _LOADS = ("F", "SF", "SFE", "BF", "BFE", "ACEL", "OMEGA", "CE", "CP")
@@ -36,7 +36,7 @@ def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
     for material, values in moduli.items():
         poisson = values.get("PRXY", values.get("NUXY"))
         if "EX" in values and poisson is not None:
-            deck.linear[material] = values["EX"], poisson
+            deck.linear[material] = isotropic(values["EX"], poisson)
     if len(numbers := dict.fromkeys([*laws, *deck.linear])) > 1:  # the regions of several materials
         deck.materials = {f"material-{number_of}": number_of for number_of in numbers}
     held: dict[str, dict[str, float]] = {}

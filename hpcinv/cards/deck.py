@@ -6,6 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from hpcinv.cards.card import Counterpart, Stress
+
+type Vector = tuple[float, ...]
+
 
 @dataclass(frozen=True)
 class Measure:
@@ -52,13 +56,27 @@ class RemoteForce:
     moment: tuple[float, float, float]
 
 
+@dataclass(frozen=True)
+class Axes:
+    """Axes of the material of a set.
+
+    Attributes:
+        frame: unit vectors 1, 2 and 3; empty if they vary over the body.
+        fibres: directions of fibres.
+    """
+
+    frame: tuple[Vector, ...] = ()
+    fibres: tuple[Vector, ...] = ()
+
+
 @dataclass
 class Deck:
     """Materials, supports and loads.
 
     Attributes:
         materials: names of materials by the set of elements that has them.
-        linear: Young's modulus and Poisson's ratio of materials without another law, by name.
+        axes: of the materials, by the same sets.
+        linear: linearly elastic materials, by name; taken if the program's other laws of it have no counterpart.
         supports: sections of a job, whose regions are names of sets; numbers with units are `Measure`.
         effects: the same; one on sets of elements names them under ``on``.
         forces: forces at nodes.
@@ -67,7 +85,8 @@ class Deck:
     """
 
     materials: dict[str, str] = field(default_factory=dict)
-    linear: dict[str, tuple[float, float]] = field(default_factory=dict)
+    axes: dict[str, Axes] = field(default_factory=dict)
+    linear: dict[str, Counterpart] = field(default_factory=dict)
     supports: list[Mapping[str, Any]] = field(default_factory=list)
     effects: list[Mapping[str, Any]] = field(default_factory=list)
     forces: list[NodalForces] = field(default_factory=list)
@@ -95,3 +114,8 @@ class Deck:
         self.effects.append({**effect, "density": mass})
         if len(set(densities)) > 1:
             self.unused.append(f"further {entry}: the job has one; give densities by region")
+
+
+def isotropic(young: float, poisson: float) -> Counterpart:
+    """Return the hyperelastic law that agrees with isotropic linear elasticity at small strain."""
+    return Counterpart({"law": "neo-hookean", "young": Stress(young), "poisson": poisson})

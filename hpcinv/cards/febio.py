@@ -24,6 +24,8 @@ from hpcinv.cards.card import (
     shown,
 )
 from hpcinv.cards.entry import Entry, entry_of
+from hpcinv.cards.febio_curves import LoadCurves
+from hpcinv.cards.orthotropic import FAMILIES, lame, orthotropic, quadratic, stiffness_of
 from hpcinv.cards.series import exponential_integral, inverse_langevin
 from hpcinv.materials.moduli import young_and_poisson
 from hpcinv.quantity.arrays import Floats
@@ -63,12 +65,15 @@ def read(text: str, name: str | None = None) -> Card:
     items = [root] if root.tag == "material" else list(root.iter("material"))
     named_items = {item.get("name") or item.get("id") or "": item for item in items}
     selected = chosen(named_items, name)
-    law = entry_of(named_items[selected], _no_curve)
+    is_model = root.tag == "febio_spec"
+    law = entry_of(named_items[selected], LoadCurves(root).at_end if is_model else _no_curve)
     notes = tuple(
         f"<{key}> is not part of the law: state a density where an effect needs it"
         for key in _WITHOUT_EFFECT
         if key in law.values
     )
+    if _has_curve(law):
+        notes += ("parameters with load curves have their values at the end",)
     converted = counterpart(law)
     unit = _unit((root.findtext("Module/units") or "").strip())
     return Card(
@@ -77,6 +82,10 @@ def read(text: str, name: str | None = None) -> Card:
         Counterpart(converted.material, converted.fibres, converted.definitions, converted.notes + notes),
         unit,
     )
+
+
+def _has_curve(law: Entry) -> bool:
+    return bool(law.factors) or any(map(_has_curve, law.parts))
 
 
 def _no_curve(number: str) -> float:
@@ -213,17 +222,14 @@ def _holmes_mow(law: Entry) -> Counterpart:
 
 
 def _orthotropic(law: Entry) -> Counterpart:
-    lam, mu = _moduli(law)
-    scale = float(mu.mean())
-    energy, values = f"unit/2*({_quadratic(lam / scale, mu / scale)})", {"unit": Stress(scale)}
-    return Counterpart({"law": "formula", "energy": energy, "parameters": values}, _families(law))
+    return orthotropic(*_moduli(law), _families(law))
 
 
 def _fung_orthotropic(law: Entry) -> Counterpart:
     c = law.number("c")
-    lam, mu = _moduli(law)
+    lam, mu = lame(*_moduli(law))
     values = {"c": Stress(c), "k": Stress(law.number("k"))}
-    energy = f"c/2*(exp({_quadratic(lam / c, mu / c)}) - 1) + k/2*ln(J)**2"
+    energy = f"c/2*(exp({quadratic(lam / c, mu / c)}) - 1) + k/2*ln(J)**2"
     return Counterpart({"law": "formula", "energy": energy, "parameters": values}, _families(law))
 
 
@@ -240,22 +246,54 @@ def _arruda_boyce_unconstrained(law: Entry) -> Counterpart:
 
 
 def _coupled_trans_iso(law: Entry) -> Counterpart:
-    fibre = law.part("fiber")
-    if fibre is None:
-        raise UnknownLaw(f"law {law.type} without <fiber> has no counterpart; give the direction of its fibres")
-    parameters: dict[str, Any] = {name: Stress(law.number(name)) for name in ("c1", "c2", "c3", "c5", "k")}
-    parameters |= {"c4": law.number("c4"), "limit": law.number("lam_max")}
+    parameters, energy, definitions = _fibre(law, "sqrt(I4_f)")
+    parameters |= {name: Stress(law.number(name)) for name in ("c1", "c2", "k")}
+    energy = f"c1*(I1 - 3) + c2*(I2 - 3) - 2*(c1 + 2*c2)*ln(J) + k/2*ln(J)**2 + {energy}"
+    return Counterpart({"law": "formula", "energy": energy, "parameters": parameters}, _family(law), definitions)
+
+
+def _trans_iso_mooney_rivlin(law: Entry) -> Counterpart:
+    return _uncoupled_trans_iso(law, "c1*(I1_bar - 3) + c2*(I2_bar - 3)", Stress(law.number("c2", 0.0)))
+
+
+def _trans_iso_veronda_westmann(law: Entry) -> Counterpart:
+    return _uncoupled_trans_iso(law, "c1*(exp(c2*(I1_bar - 3)) - 1) - c1*c2*(I2_bar - 3)/2", law.number("c2"))
+
+
+def _uncoupled_trans_iso(law: Entry, matrix: str, c2: Stress | float) -> Counterpart:
+    parameters, energy, definitions = _fibre(law, "sqrt(I4_f)*J**(-1/3)")
+    parameters |= {"c1": Stress(law.number("c1")), "c2": c2}
+    material = {"law": "formula", "energy": f"{matrix} + {energy}", "parameters": parameters}
+    bulk = {"kappa": Stress(law.number("k")), "volumetric": _volumetric(law)}
+    return Counterpart(material | bulk, _family(law), definitions)
+
+
+def _fibre(law: Entry, stretch: str) -> tuple[dict[str, Any], str, dict[str, str]]:
+    """Return parameters, energy and definitions of fibres whose stress is exponential and then linear."""
+    if law.part("active_contraction") is not None:
+        raise UnknownLaw(f"law {law.type} with active_contraction has no counterpart; state an active stress in a job")
+    limit, c4, c5 = law.number("lam_max", 1.0), law.number("c4", 0.0), law.number("c5", 0.0)
+    c3 = law.number("c3", 0.0)
+    if not c3 and c4:  # as FEBio does, for a stress without a jump
+        c3 = c5 / c4 * math.exp(-c4 * (limit - 1))
+    parameters = {"c3": Stress(c3), "c5": Stress(c5), "c4": c4, "limit": limit}
     energy = (
-        "c1*(I1 - 3) + c2*(I2 - 3) - 2*(c1 + 2*c2)*ln(J) + k/2*ln(J)**2 + c3*integral + c5*max(stretch - limit, 0)"
+        "c3*integral + c5*max(stretch - limit, 0)"
         " + (c3*(exp(c4*(limit - 1)) - 1) - c5*limit)*ln(max(stretch, limit)/limit)"
     )
     definitions = {
-        "stretch": "sqrt(I4_f)",
-        "s": f"min(max(stretch - 1, 0), {law.number('lam_max') - 1:.17g})",
+        "stretch": stretch,
+        "s": f"min(max(stretch - 1, 0), {limit - 1:.17g})",
         "integral": exponential_integral("s", "c4"),
     }
-    material = {"law": "formula", "energy": energy, "parameters": parameters}
-    return Counterpart(material, {"f": _direction(fibre)}, definitions)
+    return parameters, energy, definitions
+
+
+def _family(law: Entry) -> dict[str, Sequence[float] | None]:
+    fibre = law.part("fiber")
+    if fibre is None:
+        raise UnknownLaw(f"law {law.type} without <fiber> has no counterpart; give the direction of its fibres")
+    return {"f": _direction(fibre)}
 
 
 LAWS: Mapping[str, Callable[[Entry], Counterpart]] = {
@@ -276,30 +314,18 @@ LAWS: Mapping[str, Callable[[Entry], Counterpart]] = {
     "Fung-ortho-compressible": _fung_orthotropic,
     "Arruda-Boyce unconstrained": _arruda_boyce_unconstrained,
     "coupled trans-iso Mooney-Rivlin": _coupled_trans_iso,
+    "trans iso Mooney-Rivlin": _trans_iso_mooney_rivlin,
+    "trans iso Veronda-Westmann": _trans_iso_veronda_westmann,
 }
 
 
-def _moduli(law: Entry) -> tuple[Floats, Floats]:
-    """Return Lamé's parameters (3, 3) and (3,) of an orthotropic law by its engineering constants."""
+def _moduli(law: Entry) -> tuple[Floats, tuple[float, float, float]]:
+    """Return the stiffness (3, 3) of normal strains and the shear moduli of an orthotropic law."""
     e1, e2, e3 = (law.number(f"E{i}") for i in (1, 2, 3))
-    g12, g23, g31 = (law.number(name) for name in ("G12", "G23", "G31"))
     v12, v23, v31 = (law.number(name) for name in ("v12", "v23", "v31"))
-    mu = np.array([g12 + g31 - g23, g12 - g31 + g23, -g12 + g31 + g23])
-    compliance = [[1 / e1, -v12 / e1, -v31 / e3], [-v12 / e1, 1 / e2, -v23 / e2], [-v31 / e3, -v23 / e2, 1 / e3]]
-    return np.linalg.inv(compliance) - 2 * np.diag(mu), mu
-
-
-def _quadratic(lam: Floats, mu: Floats) -> str:
-    """Return twice the energy of an orthotropic law of the strains along three families a, b, c at right angles.
-
-    Its isotropic part is written in I1 and I2: a formula's law takes its moduli from them.
-    """
-    shear, stretch = float(mu.mean()), float(lam.mean())
-    terms = [f"{2 * shear:.17g}*(I1**2 - 2*I2 - 2*I1 + 3)/4", f"{stretch:.17g}*((I1 - 3)/2)**2"]
-    terms += [f"{2 * (m - shear):.17g}*(I5_{f} - 2*I4_{f} + 1)/4" for m, f in zip(mu, "abc", strict=True)]
-    strain = [f"(I4_{name} - 1)/2" for name in "abc"]
-    terms += [f"{lam[i, j] - stretch:.17g}*{strain[i]}*{strain[j]}" for i in range(3) for j in range(3)]
-    return " + ".join(terms)
+    v13 = v31 * e1 / e3 if e3 else 0.0  # the compliance is symmetric
+    g12, g23, g31 = (law.number(name) for name in ("G12", "G23", "G31"))
+    return stiffness_of((e1, e2, e3), v12, v13, v23), (g12, g23, g31)
 
 
 def _axes(law: Entry) -> tuple[Floats, Floats, Floats]:
@@ -317,7 +343,7 @@ def _axes(law: Entry) -> tuple[Floats, Floats, Floats]:
 
 
 def _families(law: Entry) -> dict[str, Sequence[float]]:
-    return {name: axis.tolist() for name, axis in zip("abc", _axes(law), strict=True)}
+    return {name: axis.tolist() for name, axis in zip(FAMILIES, _axes(law), strict=True)}
 
 
 def _direction(fibre: Entry) -> Sequence[float] | None:

@@ -6,6 +6,7 @@ import argparse
 import os
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from hpcinv.files.names import escaped_line
 from hpcinv.reading.suffix import suffix_of
 
 if TYPE_CHECKING:
+    from hpcinv.cards.card import Card
     from hpcinv.cards.deck import Deck, NodalForces, RemoteForce
     from hpcinv.mesh.source import Floats, MeshSource
 
@@ -81,6 +83,7 @@ class _Job:
         effects = [entry for entry in map(self._placed, self._deck.effects) if entry]
         effects += [entry for entry in map(self._traction, self._deck.forces) if entry]
         sections = self._materials()
+        self._comments = list(dict.fromkeys(self._comments))
         self._comments += [f"Not taken from the file: {text}" for text in dict.fromkeys(self._deck.unused)]
         if not supports:
             self._comments.append("No support is taken from the file: state 'supports', such as the line below.")
@@ -257,21 +260,18 @@ class _Job:
 
     def _materials(self) -> dict[str, Any]:
         """Return the sections of the materials, by region if there are several."""
-        names = dict.fromkeys(self._deck.materials.values()) or {"": None}
-        sections = {name: self._material(name) for name in names}
-        if len(sections) == 1:
-            return next(iter(sections.values()))
-        merged: dict[str, Any] = {"material": {}}
-        for region_name, name in self._deck.materials.items():
-            if region := self._region(region_name):
-                merged["material"][region] = sections[name]["material"]
-            for key in ("let", "fibres"):
-                merged |= {key: merged.get(key, {}) | sections[name][key]} if key in sections[name] else {}
-        return merged
+        from hpcinv.cards.merged_sections import merged
 
-    def _material(self, name: str) -> dict[str, Any]:
-        """Return the sections of a material; a linear one is neo-Hooke with the same moduli."""
-        from hpcinv.cards.card import CardError
+        materials = self._deck.materials or {"": ""}
+        sections = {name: self._material(material, name) for name, material in materials.items()}
+        if all(section == next(iter(sections.values())) for section in sections.values()):
+            return next(iter(sections.values()))
+        regions = [(self._region(name), section) for name, section in sections.items()]
+        return merged([(region, section) for region, section in regions if region])
+
+    def _material(self, name: str, region: str) -> dict[str, Any]:
+        """Return the sections of the material of a set; a linear isotropic one is neo-Hooke with the same moduli."""
+        from hpcinv.cards.card import Card, CardError
         from hpcinv.cli.cards import checked_sections, program_module
 
         linear = self._deck.linear.get(name) or (next(iter(self._deck.linear.values()), None) if not name else None)
@@ -280,8 +280,27 @@ class _Job:
         except CardError:
             if linear is None:
                 raise
-            self._comments.append(f"Linear elasticity {name} became neo-hookean, which agrees at small strain.")
-            young = f"{linear[0]:.15g} {self._options.stress_unit}"
-            return {"material": {"law": "neo-hookean", "young": young, "poisson": linear[1]}}
+            kind = "an energy of Green's strains" if linear.fibres else "neo-hookean"
+            self._comments.append(f"Linear elasticity {name} became {kind}, which agrees at small strain.")
+            card = Card(name, f"linear elasticity {name}", linear)
         self._comments += [f"{card.title}: {note}" for note in card.law.notes]
-        return checked_sections(card, self._options.stress_unit)
+        return checked_sections(self._with_axes(card, region), self._options.stress_unit)
+
+    def _with_axes(self, card: Card, region: str) -> Card:
+        """Return a card whose fibres have the directions of the axes of a set."""
+        from hpcinv.cards.card import CardError
+        from hpcinv.cards.deck import Axes
+        from hpcinv.cards.orthotropic import FAMILIES
+
+        fibres = card.law.fibres
+        if None not in fibres.values():
+            return card
+        axes = self._deck.axes.get(region, Axes())
+        if not axes.frame and region in self._deck.axes:
+            text = f"{card.title}: the axes of {region} vary over the body"
+            raise CardError(f"{text}; remove its ORIENTATION=, and state {', '.join(fibres)} in 'fibres' of the job")
+        known = axes.frame if list(fibres) == list(FAMILIES) else axes.fibres
+        if len(known) < len(fibres):
+            self._comments.append(f"{card.title}: the file has no directions: state {', '.join(fibres)} in 'fibres'.")
+            return card
+        return replace(card, law=replace(card.law, fibres=dict(zip(fibres, known, strict=False))))

@@ -1,5 +1,6 @@
 """Model files of FEBio (``.feb``, formats 2.5 to 4.0): nodes, solid elements, sets and surfaces."""
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,8 +9,11 @@ from typing import Any
 import numpy as np
 
 from hpcinv.reading.fault import Fault, shown
+from hpcinv.reading.inp_files import FACES
 
 _SOLID = {"tet4": 4, "tet10": 10, "hex8": 8, "hex20": 20}
+_KIND = re.compile(r"(tet4|tet10|hex8|hex20)(g\d+|gl11|ri)?")
+"""types of elements, in lower case; the integration points at their end do not count"""
 _FLAT = ("tri", "quad", "line", "truss", "q4ans", "q4eas")  # shells, surfaces and trusses, which are left out
 _GENERAL = ("Module", "Globals", "Control", "Output", "MeshDomains")
 _FACETS = {"tri3": 3, "tri6": 3, "quad4": 4, "quad8": 4, "quad9": 4}  # with their vertices
@@ -36,7 +40,7 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             sets.setdefault(f"nodes:{name}", []).extend(tags)
     cells, cell_tags, blocks = _elements(mesh)
     if not cells:
-        has_shells = any(part.get("type", "").startswith(_FLAT) for part in mesh.iter("Elements"))
+        has_shells = any(part.get("type", "").lower().startswith(_FLAT) for part in mesh.iter("Elements"))
         remedy = " Shells are read from .msh files." if has_shells else ""
         raise Fault("has no solid elements", f"Elements are {', '.join(_SOLID)}.{remedy}")
     row, cell_row = ({tag: i for i, tag in enumerate(numbers)} for numbers in (nodes, cell_tags))
@@ -44,13 +48,19 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         sets.setdefault(f"nodes:{_name(part)}", []).extend(_members(part))
     for part in mesh.iter("ElementSet"):
         blocks.setdefault(_name(part), []).extend(_members(part))
+    shells = _shells(mesh, cells)
+    corners = 3 if len(cells[0]) in (4, 10) else 4
     for part in mesh.iter("Surface"):
         facets = [_integers(facet)[: _FACETS[facet.tag]] for facet in part if facet.tag in _FACETS]
         if unknown := next((facet.tag for facet in part if facet.tag not in _FACETS), None):
             raise Fault(
                 f"surface '{shown(_name(part))}' has facets '{shown(unknown)}'", f"Facets are {', '.join(_FACETS)}."
             )
-        sets.setdefault(f"facets:{_name(part)}", []).extend(facets)
+        solid = [facet for facet in facets if frozenset(facet) not in shells]
+        if any(len(facet) != corners for facet in solid):
+            name = shown(_name(part))
+            raise Fault(f"surface '{name}' has facets that no solid element has", "Save the surface of the solids.")
+        sets.setdefault(f"facets:{_name(part)}", []).extend(solid)
     arrays: dict[str, Any] = {
         "points": np.array(list(nodes.values())),
         "node_tags": np.array(list(nodes), dtype=np.int64),
@@ -66,13 +76,25 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             continue
         if key.startswith("nodes:"):
             arrays[key] = np.unique([_row(row, tag, "a node set") for tag in rows])
-        elif len({len(facet) for facet in rows}) > 1:
-            raise Fault(f"surface '{shown(key[7:])}' has triangles and quadrilaterals", "Use one kind of elements.")
         else:
             arrays[key] = np.array([[_row(row, node, "a surface") for node in facet] for facet in rows], dtype=np.int64)
     return {
         "ignored": [part.tag for part in root if part is not mesh and part.tag not in _GENERAL and len(part)]
     }, arrays
+
+
+def _shells(mesh: ET.Element, cells: list[list[int]]) -> set[frozenset[int]]:
+    """Return the vertices of the shells that are on no solid element; surfaces on them are left out."""
+    shells = {
+        frozenset(_integers(element)[: 3 if kind.startswith("tri") else 4])
+        for part in mesh.iter("Elements")
+        if (kind := part.get("type", "").lower()).startswith(("tri", "quad", "q4"))
+        for element in part
+    }
+    if shells:
+        faces = FACES[4 if len(cells[0]) in (4, 10) else 8]
+        shells -= {frozenset(cell[i] for i in face) for cell in cells for face in faces}
+    return shells
 
 
 def _elements(mesh: ET.Element) -> tuple[list[list[int]], list[int], dict[str, list[int]]]:
@@ -82,11 +104,12 @@ def _elements(mesh: ET.Element) -> tuple[list[list[int]], list[int], dict[str, l
     blocks: dict[str, list[int]] = {}
     kinds = set()
     for number, part in enumerate(mesh.iter("Elements"), 1):
-        kind = part.get("type", "")
-        if kind.startswith(_FLAT):
+        text = part.get("type", "").lower()
+        if text.startswith(_FLAT):
             continue
-        if kind not in _SOLID:
-            raise Fault(f"elements '{shown(kind)}' are not supported", f"Elements are {', '.join(_SOLID)}.")
+        if (match := _KIND.fullmatch(text)) is None:
+            raise Fault(f"elements '{shown(text)}' are not supported", f"Elements are {', '.join(_SOLID)}.")
+        kind = match[1]
         kinds.add(kind)
         name = part.get("name") or f"part-{number}"
         for element in part:
@@ -132,7 +155,7 @@ def _position(node: ET.Element) -> list[float]:
 
 def _integers(element: ET.Element) -> list[int]:
     try:
-        return [int(entry) for entry in (element.text or "").split(",")]
+        return [int(entry) for entry in (element.text or "").replace(",", " ").split()]
     except ValueError:
         raise Fault(
             f"<{element.tag} id='{shown(element.get('id', ''))}'> has entries that are not whole numbers"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -21,6 +21,7 @@ from hpcinv.quantity.expressions import LET, Expression
 
 MPMATH = {name: getattr(mp, name) for name in ("exp", "ln", "sqrt")} | {"max": max, "min": min}
 FIBRES = {"fibre1": (0.6, 0.8, 0.0), "fibre2": (0.6, -0.8, 0.0)}
+AXES = {"a": (0.6, 0.8, 0.0), "b": (-0.8, 0.6, 0.0), "c": (0.0, 0.0, 1.0)}
 SQRT_3 = 3**0.5
 
 
@@ -39,9 +40,15 @@ class State:
         """Return the sum of powers of the isochoric stretches, less 3."""
         return sum((x * self.J ** (-mp.mpf(1) / 3)) ** alpha for x in self.stretches) - 3
 
-    def I4(self, direction: Any) -> Any:
+    def I4(self, direction: Any, power: int = 1) -> Any:
         a = mp.matrix([float(x) for x in direction])
-        return (a.T * self.C * a)[0]
+        return (a.T * self.C**power * a)[0]
+
+    def strains(self) -> list[Any]:
+        """Return Green's strains 11, 22, 33 and twice those 12, 13, 23 along `AXES`."""
+        axes = [mp.matrix(axis) for axis in AXES.values()]
+        green = [[(a.T * (self.C - mp.eye(3)) * b)[0] / 2 for b in axes] for a in axes]
+        return [green[i][i] for i in range(3)] + [2 * green[i][j] for i, j in ((0, 1), (0, 2), (1, 2))]
 
 
 def uniaxial(x: Any) -> Any:
@@ -79,6 +86,36 @@ def material(kind: str, **parameters: float | str) -> str:
     body = "".join(f"<{key}>{value}</{key}>" for key, value in parameters.items())
     return f'<material id="1" type="{kind}">{body}</material>'
 
+
+# D1111, D1122, D2222, D1133, D2233, D3333, D1212, D1313, D2323; compliance of the engineering constants
+STIFFNESS = (12.0, 3.0, 7.0, 2.0, 1.5, 6.0, 2.5, 1.8, 1.2)
+COMPLIANCE = mp.matrix([[1 / 10, -0.3 / 10, -0.2 / 10], [-0.3 / 10, 1 / 5, -0.1 / 5], [-0.2 / 10, -0.1 / 5, 1 / 4]])
+
+
+def quadratic(s: State, normal: Any, shear: Any) -> Any:
+    """Energy of Green's strains."""
+    strains = s.strains()
+    return sum(normal[i, j] * strains[i] * strains[j] for i in range(3) for j in range(3)) / 2 + sum(
+        modulus * strain**2 / 2 for modulus, strain in zip(shear, strains[3:], strict=True)
+    )
+
+
+def stiff(s: State) -> Any:
+    d = STIFFNESS
+    return quadratic(s, mp.matrix([[d[0], d[1], d[3]], [d[1], d[2], d[4]], [d[3], d[4], d[5]]]), d[6:])
+
+
+def ligament(s: State, c3: float, c4: float, c5: float, limit: float) -> Any:
+    """Energy of FEBio's fibres (``FEFiberExpLinearUC``), by the exponential integral."""
+    stretch = mp.sqrt(s.I4(FIBRES["fibre1"])) * s.J ** (-mp.mpf(1) / 3)
+    c3 = c3 or c5 / c4 * mp.exp(-c4 * (limit - 1))
+    l = max(min(stretch, limit), 1)
+    c6 = c3 * (mp.exp(c4 * (limit - 1)) - 1) - c5 * limit
+    linear = c5 * (stretch - limit) + c6 * mp.ln(stretch / limit) if stretch > limit else 0
+    return c3 * mp.exp(-c4) * (mp.ei(c4 * l) - mp.ei(c4)) - c3 * mp.ln(l) + linear
+
+
+FIBRE = '<fiber type="vector"><vector>3,4,0</vector></fiber></material>'
 
 CASES: dict[str, tuple[ModuleType, str, Callable[[State], Any]]] = {
     "abaqus neo hooke": (
@@ -128,6 +165,17 @@ CASES: dict[str, tuple[ModuleType, str, Callable[[State], Any]]] = {
         abaqus,
         f"*ANISOTROPIC HYPERELASTIC, HOLZAPFEL, LOCAL DIRECTIONS=2\n0.3, {D}, 0.6, 0.8, 0.1",
         lambda s: dispersed(s, 0.6, 0.6, 0.8, 0.1, FIBRES.values()) + ((s.J**2 - 1) / 2 - mp.ln(s.J)) / D,
+    ),
+    "abaqus engineering constants": (
+        abaqus,
+        "*ELASTIC, TYPE=ENGINEERING CONSTANTS\n10, 5, 4, 0.3, 0.2, 0.1, 3, 2,\n1, 20",
+        lambda s: quadratic(s, COMPLIANCE**-1, (3, 2, 1)),
+    ),
+    "abaqus orthotropic": (abaqus, "*ELASTIC, TYPE=ORTHO\n12, 3, 7, 2, 1.5, 6, 2.5, 1.8,\n1.2", stiff),
+    "abaqus anisotropic": (
+        abaqus,
+        "*ELASTIC, TYPE=ANISO\n12, 3, 7, 2, 1.5, 6, 0, 0\n0, 2.5, 0, 0, 0, 0, 1.8, 0\n0, 0, 0, 0, 1.2",
+        stiff,
     ),
     "ansys neo": (
         ansys,
@@ -217,6 +265,25 @@ CASES: dict[str, tuple[ModuleType, str, Callable[[State], Any]]] = {
             + 40 / 2 * ((s.J**2 - 1) / 2 - mp.ln(s.J))
         ),
     ),
+    "febio trans iso Mooney-Rivlin": (
+        febio,
+        material("trans iso Mooney-Rivlin", c1=0.3, c2=0.2, c3=0.5, c4=2, c5=3, lam_max=1.05, k=40).replace(
+            "</material>", FIBRE
+        ),
+        lambda s: 0.3 * (s.I1_bar - 3) + 0.2 * (s.I2_bar - 3) + ligament(s, 0.5, 2, 3, 1.05) + 40 / 2 * mp.ln(s.J) ** 2,
+    ),
+    "febio trans iso Veronda-Westmann": (
+        febio,
+        material("trans iso Veronda-Westmann", c1=0.3, c2=1.5, c4=2, c5=3, lam_max=1.5, k=40).replace(
+            "</material>", FIBRE
+        ),
+        lambda s: (
+            0.3 * (mp.exp(1.5 * (s.I1_bar - 3)) - 1)
+            - 0.3 * 1.5 / 2 * (s.I2_bar - 3)
+            + ligament(s, 0, 2, 3, 1.5)
+            + 40 / 2 * mp.ln(s.J) ** 2
+        ),
+    ),
     "febio coupled Mooney-Rivlin": (
         febio,
         material("coupled Mooney-Rivlin", c1=0.3, c2=0.2, k=4),
@@ -231,15 +298,17 @@ def law_of(converted: Counterpart, unit: str = "MPa") -> MaterialLaw:
     return laws()[section["law"]].model_validate(section, context=context)
 
 
-def energy(law: MaterialLaw, s: State, directions: Any) -> Any:
+def energy(law: MaterialLaw, s: State, directions: Any, definitions: Mapping[str, str]) -> Any:
     """The energy of a law (MPa), by its formula."""
     values: dict[str, Any] = {name: getattr(s, name) for name in ("J", "I1", "I2", "I1_bar", "I2_bar")}
     scale = s.J ** (-mp.mpf(1) / 3)
     values |= {f"lambda{i}_bar": x * scale for i, x in enumerate(s.stretches, 1)}
-    values |= {f"I4_{family}": s.I4(a) for family, a in directions.items()}
+    values |= {f"I{3 + k}_{family}": s.I4(a, k) for family, a in directions.items() for k in (1, 2)}
     for name, (value, _) in law.quantities().items():
         entries = {f"{name}{i}": v for i, v in enumerate(value, 1)} if isinstance(value, tuple) else {name: value}
         values |= {n: mp.mpf(v) for n, v in entries.items() if v is not None}
+    for name, text in definitions.items():
+        values[name] = Expression(text).apply(values, MPMATH)
     return Expression(law.energy_formula).apply(values, MPMATH) / 10**6
 
 
@@ -248,11 +317,14 @@ def test_the_law_of_a_card_has_the_energy_of_its_program(name: str) -> None:
     program, text, theirs = CASES[name]
     card = program.read(text)
     law = law_of(card.law)
-    directions = {family: FIBRES[family] if axis is None else axis for family, axis in card.law.fibres.items()}
+    known = FIBRES | AXES
+    directions = {family: known[family] if axis is None else axis for family, axis in card.law.fibres.items()}
     with mp.workdps(40):
         for kind, (path, places) in PATHS.items():
             for place in places:
-                ours = mp.diff(lambda x, path=path: energy(law, State(path(x)), directions), place)
+                ours = mp.diff(
+                    lambda x, path=path: energy(law, State(path(x)), directions, card.law.definitions), place
+                )
                 expected = mp.diff(lambda x, path=path: theirs(State(path(x))), place)
                 assert float(ours) == pytest.approx(float(expected), rel=1e-12), f"{kind} {place}"
 
@@ -300,6 +372,10 @@ def test_a_written_card_gives_the_law_back(program: ModuleType, name: str, volum
         (abaqus, "*HYPERELASTIC, VAN DER WAALS\n1,2,3", "VAN DER WAALS has no counterpart"),
         (abaqus, "*HYPERFOAM\n1,2,3", r"\*HYPERFOAM has no counterpart"),
         (abaqus, "*ELASTIC\n210000, 0.3", "st-venant-kirchhoff"),
+        (abaqus, "*ELASTIC, TYPE=LAMINA\n1,1,0,1,1,1", "TYPE=LAMINA has no counterpart"),
+        (abaqus, "*ELASTIC, TYPE=ORTHO\n1,2,3", "has 3 constants, not 9"),
+        (abaqus, "*ELASTIC, TYPE=ORTHO\n1,2,1,2,2,1,1,1\n1", "is unstable"),
+        (abaqus, f"*ELASTIC, TYPE=ANISO{4 * chr(10)}{', '.join(21 * ['1'])}", "coupled shears"),
         (abaqus, "*HYPERELASTIC, NEO HOOKE\n1,0\n*VISCOELASTIC\n0.1,0.1,1", r"\*VISCOELASTIC has no counterpart"),
         (abaqus, "*HYPERELASTIC, YEOH, TEST DATA INPUT", "hpcinv fit"),
         (abaqus, "*HYPERELASTIC, NEO HOOKE\n1,0,20\n2,0,40", "temperature"),

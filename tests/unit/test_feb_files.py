@@ -68,6 +68,25 @@ def test_parts_sets_and_surfaces_are_regions(text: str, tmp_path: Path) -> None:
     assert {"lower", "both", "top", "foot", "Object"} <= shown.names
 
 
+def test_surfaces_on_shells_apart_from_the_body_are_left_out(tmp_path: Path) -> None:
+    floor = '<Elements type="quad4" name="floor"><elem id="10">31,32,33,34</elem></Elements><Surface name="top">'
+    corners = "".join(
+        f'<node id="{31 + i}">{x},{y},-1</node>' for i, (x, y) in enumerate([(0, 0), (1, 0), (1, 1), (0, 1)])
+    )
+    text = FORMAT_4.replace("</Nodes>", f"{corners}</Nodes>").replace('<Surface name="top">', floor)
+    text = text.replace("</Surface>", '</Surface><Surface name="ground"><quad4 id="1">34,33,32,31</quad4></Surface>')
+    text = text.replace('"hex8" name="lower"', '"HEX8G8" name="lower"').replace(
+        "1,2,3,4</NodeSet>", "1,2\n3,4,\n</NodeSet>"
+    )
+    path = tmp_path / "a.feb"
+    path.write_text(text.replace('<quad4 id="1">21,', '<quad4 id="7">1,2,3,4</quad4><quad4 id="1">21,'))
+    assert groups(read(path))["top"] == (2, 2, 4.0)  # the shell on the body is one of its facets
+    assert "ground" not in groups(read(path))
+    path.write_text(text.replace('<quad4 id="1">21,22,23,24</quad4>', '<tri3 id="1">21,22,23</tri3>'))
+    with pytest.raises(MeshError, match="surface 'top' has facets that no solid element has"):
+        read(path)
+
+
 @pytest.mark.parametrize("hexahedra", [False, True])
 @pytest.mark.parametrize("degree", [1, 2])
 def test_there_and_back_nodes_and_sets_are_equal(hexahedra: bool, degree: int, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +122,53 @@ def test_an_input_file_of_abaqus_is_a_job(tmp_path: Path) -> None:
     assert "Not taken from the file: *BOUNDARY, which has no line of data" in text
 
 
+def test_orthotropic_materials_have_the_axes_of_their_sections(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    deck = (
+        INP[: INP.index("*SOLID SECTION")]
+        .replace("ELSET=Body", "ELSET=Low")
+        .replace("2,2,3,4,5", "*ELEMENT, TYPE=C3D4, ELSET=High\n2,2,3,4,5")
+    )
+    deck += """*ORIENTATION, NAME=Turned
+0, 2, 0, 0, 1, 5
+3, 90.
+*MATERIAL, NAME=Wood
+*ELASTIC, TYPE=ORTHO
+12, 3, 7, 2, 1.5, 6, 2.5, 1.8,
+1.2
+*PLASTIC
+1., 0.
+*SOLID SECTION, ELSET=Low, MATERIAL=WOOD
+*SOLID SECTION, ELSET=High, MATERIAL=Wood, ORIENTATION=turned
+*BOUNDARY
+Foot, 1, 3
+*DSLOAD
+Side, P, 1
+"""
+    job, text = job_of(tmp_path, "part.inp", deck)
+    assert "Linear elasticity Wood became an energy of Green's strains" in text
+    assert "Not taken from the file: *PLASTIC of material Wood" in text
+    load(tmp_path / "part.yaml")
+    low, high = job["material"]["Low"], job["material"]["High"]
+    assert high["energy"] == re.sub("_([abc])", r"_\1x2", low["energy"])
+    directions = {name: tuple(entry["direction"]) for name, entry in job["fibres"].items()}
+    assert directions == {
+        "a": (1, 0, 0),
+        "b": (0, 1, 0),
+        "c": (0, 0, 1),
+        # local axes y, z, x, then by 90 degrees about x
+        "ax2": pytest.approx((0, 0, 1)),
+        "bx2": pytest.approx((0, -1, 0)),
+        "cx2": pytest.approx((1, 0, 0)),
+    }
+    (tmp_path / "part.inp").write_text(deck.replace("NAME=Turned", "NAME=Turned, SYSTEM=CYLINDRICAL"))
+    assert (
+        main(["new", "job", "--from", str(tmp_path / "part.inp"), *UNITS, "--force", str(tmp_path / "part.yaml")]) == 2
+    )
+    assert "the axes of High vary over the body; remove its ORIENTATION=" in capsys.readouterr().err
+
+
 def test_a_model_of_febio_is_a_job(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     job, text = job_of(tmp_path, "part.feb", FEB)
     assert "leave the body free to move along y" in capsys.readouterr().out
@@ -147,8 +195,10 @@ def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
         '<nodal_load type="nodal_load" node_set="foot"><dof>z</dof><scale>2</scale></nodal_load>'
         '<body_load type="body force"><force>0,0,9.81</force></body_load></Loads>',
     )
-    more = more.replace("<E>2</E>", "<E>2</E><density>3</density>", 1)
+    more = more.replace("<E>2</E>", '<E lc="1">2</E><density>3</density>', 1)
     job, text = job_of(tmp_path, "part.feb", more)
+    assert job["material"]["a"]["young"] == "1 MPa"
+    assert "# neo-Hookean: parameters with load curves have their values at the end" in text
     # the curve is 1/2 at the end
     assert job["supports"][1] == {"region": "wide", "displacement": [None, "1 mm", None]}
     assert job["supports"][2] == {"region": "wide_vertices", "displacement": [None, "1 mm", None]}

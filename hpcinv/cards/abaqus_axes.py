@@ -1,0 +1,56 @@
+"""``*ORIENTATION`` of Abaqus and CalculiX: axes of a material. Source: *Abaqus Keywords Guide*, ``*ORIENTATION``."""
+
+from __future__ import annotations
+
+from math import cos, radians, sin
+
+import numpy as np
+
+from hpcinv.cards.abaqus_keywords import Keyword
+from hpcinv.cards.card import CardError, number
+from hpcinv.cards.deck import Axes, Vector
+from hpcinv.quantity.arrays import Floats
+
+GLOBAL = Axes(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+
+
+def axes_of(keyword: Keyword) -> Axes:
+    """Return the axes; without a frame if they vary over the body.
+
+    Raises:
+        CardError: it is damaged.
+    """
+    parameters = keyword.parameters
+    place = f"*ORIENTATION {parameters.get('NAME', '')}"
+    system = " ".join(parameters.get("SYSTEM", "RECTANGULAR").upper().split())
+    kind = parameters.get("DEFINITION", "COORDINATES").upper()
+    if system not in ("R", "RECTANGULAR") or kind != "COORDINATES" or not keyword.lines:
+        return Axes()
+    try:
+        rows = [[number(entry or "0", place) for entry in line] for line in keyword.lines]
+    except CardError:  # the name of a *DISTRIBUTION
+        return Axes()
+    first, second, origin = np.array([*rows[0], *[0.0] * 9][:9]).reshape(3, 3)
+    first, second = first - origin, second - origin
+    third = np.cross(first, second)
+    if not third.any():
+        raise CardError(f"{place}: its points are on one line")
+    frame: Floats = np.array([first, np.cross(third, first), third])
+    frame /= np.linalg.norm(frame, axis=1)[:, None]
+    turned, *fibres = rows[1:] or [[]]
+    if len(turned) > 1 and turned[0] in (1, 2, 3):  # about an axis, by degrees
+        frame = frame @ _rotation(frame[int(turned[0]) - 1], radians(turned[1])).T
+    directions = [np.array([*entries, 0.0, 0.0][:3]) @ frame for entries in fibres]
+    return Axes(tuple(map(_as_vector, frame)), tuple(map(_as_vector, directions)))
+
+
+def _as_vector(values: Floats) -> Vector:
+    return tuple((values + 0.0).tolist())
+
+
+def _rotation(axis: Floats, angle: float) -> Floats:
+    """Return Rodrigues' matrix."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    matrix: Floats = np.eye(3) + sin(angle) * cross + (1 - cos(angle)) * cross @ cross
+    return matrix
