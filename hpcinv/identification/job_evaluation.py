@@ -21,7 +21,7 @@ from hpcinv.driver import run
 from hpcinv.errors import Interrupted, JobError, MeshError, SolveError
 from hpcinv.files.atomic import output_errors, replace
 from hpcinv.identification.observations import Observed, PredictedObservation, gather_rows, observations_of
-from hpcinv.identification.shares import Share
+from hpcinv.identification.shares import StateShare
 from hpcinv.job.fingerprint import content_key, file_digest
 from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job
@@ -133,7 +133,7 @@ class Evaluations:
         job: Job,
         comm: MPI.Intracomm,
         workspace: Workspace,
-        share: Share,
+        share: StateShare,
         directory: Path | None,
         stop: Callable[[], bool],
         *,
