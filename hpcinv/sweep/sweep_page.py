@@ -8,11 +8,11 @@ from pathlib import Path
 from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.pictures.boundary_surface import NAME, Boundary, read_boundary
-from hpcinv.reports.of_cases import cases_page, outcome_of
-from hpcinv.reports.of_run import write_run_report
+from hpcinv.reports.cases_page import cases_page, outcome_of
 from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.page import NAME as PAGE
 from hpcinv.reports.page import write_page
+from hpcinv.reports.run_page import write_run_report
 from hpcinv.reports.shapes import mean_and_cases, pictures
 from hpcinv.sweep.results import results
 from hpcinv.sweep.shape_spread import kept_file

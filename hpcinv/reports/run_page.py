@@ -20,8 +20,8 @@ from hpcinv.pictures.interior import NAME as NAME_OF_INTERIOR
 from hpcinv.pictures.interior import Interior, read_interior
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots
 from hpcinv.quantity.written_units import as_shown
+from hpcinv.reports.cases_page import as_url
 from hpcinv.reports.charts import convergence_chart, load_chart
-from hpcinv.reports.of_cases import as_url
 from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.page import NAME, render, write_page
 from hpcinv.reports.viewer_scene import scene
