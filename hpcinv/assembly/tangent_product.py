@@ -99,7 +99,7 @@ class _Nodes:
 
 
 class _Part:
-    """What one set of moduli adds to products.
+    """Contribution of one set of moduli to products.
 
     Attributes:
         cells: owned cells that have these moduli.

@@ -41,7 +41,7 @@ _SHAPE = "shape:"  # before the names of shapes in a file
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What the states predict at some values of the parameters.
+    """Predictions of the states at values of the parameters.
 
     Attributes:
         differences: computed less observed values of all observations (SI), (n,).
@@ -86,7 +86,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class _TeamResult:
-    """What one team has found: predictions by name of the observation, quantities of interest and shapes by name."""
+    """Results of one team: predictions by name of the observation, quantities of interest and shapes by name."""
 
     predictions: Mapping[str, PredictedObservation]
     quantities: Mapping[str, float | list[float]]

@@ -49,7 +49,7 @@ class LayerValues:
 
 @dataclass(frozen=True)
 class Means:
-    """What a state is reported by, in scaled units; functions are piecewise constant.
+    """Stresses, volume ratios and energy of a state, in scaled units; functions are piecewise constant.
 
     Attributes:
         cauchy_stress, J: means in each cell, (3, 3) and scalar.
@@ -69,7 +69,7 @@ class Means:
 
 @dataclass(frozen=True)
 class PartExpressions:
-    """What is evaluated in a part of the body, as UFL expressions in scaled units.
+    """UFL expressions, in scaled units, to be evaluated in a part of the body.
 
     Attributes:
         cells: owned cells of the part, ``None`` for all.

@@ -32,7 +32,7 @@ raised, points slide round an obstacle in fewer steps, and cut off more of it.""
 _TURNED = -0.25
 """Cosine between the directions at entry and exit below which the sides differ, so that right angles are one edge."""
 _TURNED_DEEP = 0.5
-"""The same cosine for deep ways."""
+"""Cosine as above, for deep ways."""
 _TOUCH = 0.1
 """Share of the way between entry and turn where a point is left: it must press there. If it is raised, points go in and
 out of contact for more iterations; if it is lowered, more iterations end at the obstacle."""

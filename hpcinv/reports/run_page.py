@@ -103,7 +103,7 @@ def run_page(
 
 
 def _strained(boundary: Boundary | None) -> str:
-    """Where the last body is strained most, on its boundary; empty if it is not strained."""
+    """Return where the boundary of the last body is strained most; empty if it is not strained."""
     if boundary is None or not boundary.results:
         return ""
     last = boundary.results[-1]

@@ -82,7 +82,7 @@ def _found(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> str:
 
 
 def _notes(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> list[str]:
-    """What cases failed of, the most frequent first."""
+    """Return the reasons why cases failed, the most frequent first."""
     failed = [record for case in plan.cases if (record := records.get(case.key)) and not record.converged]
     why = Counter(record.diagnosis for record in failed)
     advice = {record.diagnosis: record.advice for record in failed}
