@@ -97,7 +97,7 @@ def run(
 
 @dataclass
 class _Solved:
-    """What the solves of a run have found so far; ``slopes`` by the shape that a solve computes."""
+    """Solutions of a run so far, with their quantities and derivatives; ``slopes`` by the computed shape."""
 
     spreads: SurfaceSpreads
     solutions: list[Solution] = field(default_factory=list)
@@ -106,7 +106,7 @@ class _Solved:
 
 
 class _Outputs(StepObserver):
-    """Everything that follows the solves of a run: messages, checkpoints, snapshots and the report."""
+    """Outputs of a run that follow its solves: messages, checkpoints, snapshots and the report."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What a run starts from: the equations of its job on a mesh that is read, generated, or found by a search."""
+"""Preparation of a run: the equations of its job on a mesh that is read, generated, or found by a search."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ _FREE_CUT = "the region 'cut', where the image ends in the body, is free; hold o
 
 @dataclass(frozen=True)
 class Prepared:
-    """What a run starts from.
+    """Equations of a job, and what a search for accuracy found.
 
     Attributes:
         equations: of each solve of the job's plan.

@@ -187,7 +187,7 @@ class _Rows:
         values = np.zeros(end + len(self._ghost_rows[1]))
         own = *self._blocks[0], values[: self._diagonal]
         starts, columns = self._blocks[1]
-        off = starts, columns.copy(), values[self._diagonal : end]  # PETSc numbers these columns anew, in place
+        off = starts, columns.copy(), values[self._diagonal : end]  # PETSc numbers these columns again, in place
         size = (self.owned, bs * nodes.size_global)
         arrays = own if comm.size == 1 else (own, off)
         A = PETSc.Mat().createAIJWithArrays((size, size), arrays, bsize=bs, comm=comm)

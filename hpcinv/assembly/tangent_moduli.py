@@ -80,7 +80,7 @@ class Term:
 
 @dataclass(frozen=True)
 class VolumePart:
-    """What the volume integrals of a form integrate over the same cells.
+    """Integrand of the volume integrals of a form over the same cells.
 
     Attributes:
         cells: the cells, ``None`` for the whole mesh.

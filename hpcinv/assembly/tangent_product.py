@@ -13,7 +13,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 
 from hpcinv.assembly.compiled_moduli import CompiledModuli
@@ -23,8 +22,7 @@ from hpcinv.mesh.cells import quadrature, scalar_element
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Integers, Unknowns
 from hpcinv.parallel.jit import array_type, compile_library
-
-type Singles = npt.NDArray[np.float32]
+from hpcinv.quantity.arrays import Singles
 
 _CODE = Path(__file__).with_suffix(".c")
 _LANES = 8  # cells of a group, as in the code
@@ -101,7 +99,7 @@ class _Nodes:
 
 
 class _Part:
-    """What one set of moduli adds to products.
+    """Contribution of one set of moduli to products.
 
     Attributes:
         cells: owned cells that have these moduli.

@@ -168,7 +168,7 @@ def number_of(axes: Iterable[Axis]) -> int:
 Branch.model_rebuild()
 
 
-class Point(NamedTuple):
+class AxisPoint(NamedTuple):
     """A point of one axis, or of several that are combined.
 
     Attributes:
@@ -180,10 +180,10 @@ class Point(NamedTuple):
     settings: Mapping[str, Any]
 
 
-def combined(axes: Sequence[Axis]) -> Iterator[Point]:
+def combined(axes: Sequence[Axis]) -> Iterator[AxisPoint]:
     """Yield every combination of the points of axes, the last axis changing fastest; without axes one point."""
     for points in itertools.product(*(list(_points(axis)) for axis in axes)):
-        yield Point(
+        yield AxisPoint(
             {key: value for point in points for key, value in point.parameters.items()},
             {key: value for point in points for key, value in point.settings.items()},
         )
@@ -194,14 +194,14 @@ def sections_first(settings: Mapping[str, Any]) -> dict[str, Any]:
     return dict(sorted(settings.items(), key=lambda setting: len(parse_key(setting[0]))))
 
 
-def _points(axis: Axis) -> Iterator[Point]:
+def _points(axis: Axis) -> Iterator[AxisPoint]:
     if axis.branches is not None:
         for label, branch in axis.branches.items():
             for parameters, settings in combined(branch.axes):
-                yield Point({axis.name: label, **parameters}, {**branch.set, **settings})
+                yield AxisPoint({axis.name: label, **parameters}, {**branch.set, **settings})
     else:
         for values in _values(axis):
-            yield Point(values, values)
+            yield AxisPoint(values, values)
 
 
 def _values(axis: Axis) -> Iterator[dict[str, Any]]:

@@ -35,7 +35,7 @@ class Scale:
 
 
 @dataclass(frozen=True)
-class Series:
+class DiagramSeries:
     """Finished cases of one line or one map.
 
     Attributes:
@@ -59,7 +59,7 @@ class Series:
         return [p for p, _ in kept], [v for _, v in kept]
 
 
-def draw_lines(axes: Axes, title: str, series: Sequence[Series], x: Scale, value: Scale) -> None:
+def draw_lines(axes: Axes, title: str, series: Sequence[DiagramSeries], x: Scale, value: Scale) -> None:
     """Draw the value over one parameter, with a line or points for each series; series of one label have one entry."""
     labelled: set[str] = set()
     crosses: list[float] = []
@@ -87,7 +87,9 @@ def draw_lines(axes: Axes, title: str, series: Sequence[Series], x: Scale, value
     _finish(axes, title, x, value)
 
 
-def draw_maps(figure: Figure, title: str, series: Sequence[Series], scales: tuple[Scale, Scale], value: Scale) -> None:
+def draw_maps(
+    figure: Figure, title: str, series: Sequence[DiagramSeries], scales: tuple[Scale, Scale], value: Scale
+) -> None:
     """Draw the value as colours over two parameters, with a map for each series."""
     every = [v for s in series for v in s.points(converged=True)[1]]
     low, high = min(every, default=0.0), max(every, default=1.0)
@@ -104,7 +106,7 @@ def draw_maps(figure: Figure, title: str, series: Sequence[Series], scales: tupl
         _legend(figure, [Line2D([], [], color=RED, label=f"failed ({failed})", **_CROSS)])
 
 
-def draw_outcomes(figure: Figure, title: str, series: Sequence[Series], scales: tuple[Scale, Scale]) -> None:
+def draw_outcomes(figure: Figure, title: str, series: Sequence[DiagramSeries], scales: tuple[Scale, Scale]) -> None:
     """Draw the outcomes of cases, converged or their diagnosis, over two parameters."""
     counts = Counter(status for s in series for status in s.statuses)
     diagnoses = [status for status, _ in counts.most_common() if status != "converged"]
@@ -133,7 +135,7 @@ def _legend(figure: Figure, handles: Sequence[Line2D]) -> None:
     figure.legend(handles, labels, loc="outside lower left", frameon=False, fontsize=7)
 
 
-def _panels(figure: Figure, title: str, series: Sequence[Series], scales: tuple[Scale, Scale]) -> list[Axes]:
+def _panels(figure: Figure, title: str, series: Sequence[DiagramSeries], scales: tuple[Scale, Scale]) -> list[Axes]:
     """Return axes for each series, three in a row, under its label."""
     columns = min(len(series), 3)
     grid = figure.subplots(math.ceil(len(series) / columns), columns, squeeze=False, sharex=True, sharey=True)
@@ -149,7 +151,7 @@ def _panels(figure: Figure, title: str, series: Sequence[Series], scales: tuple[
     return panels
 
 
-def _coloured(axes: Axes, s: Series, scales: tuple[Scale, Scale], norm: Normalize, *, gid: str) -> Any:
+def _coloured(axes: Axes, s: DiagramSeries, scales: tuple[Scale, Scale], norm: Normalize, *, gid: str) -> Any:
     """Draw cells if the places are a grid, else points; return them, or ``None`` without places."""
     places, values = s.points(converged=True)
     if not places:

@@ -32,7 +32,7 @@ class GroupTask:
 
 
 @dataclass(frozen=True)
-class Held:
+class CaseStarted:
     """Event: a case that the group solves now."""
 
     title: str
@@ -54,12 +54,12 @@ class EventWriter:
 
     def holding(self, task: BatchTask | None) -> None:
         """Write which case the group solves now, ``None`` for none."""
-        self._write(None if task is None else Held(task.title, task.claim))
+        self._write(None if task is None else CaseStarted(task.title, task.claim))
 
     def ended(self, error: HpcinvError | None) -> None:
         self._write(Ended(error))
 
-    def _write(self, event: Held | Ended | None) -> None:
+    def _write(self, event: CaseStarted | Ended | None) -> None:
         self._file.write(pickle.dumps(event).hex() + "\n")
         self._file.flush()
 
@@ -71,7 +71,7 @@ class EventReader:
         self._file = (directory / _EVENTS).open("rb")
         self._rest = b""
 
-    def events(self) -> Iterator[Held | Ended | None]:
+    def events(self) -> Iterator[CaseStarted | Ended | None]:
         """Yield the events since the last call; ``None``: no case is solved now."""
         *lines, self._rest = (self._rest + self._file.read()).split(b"\n")
         for line in lines:

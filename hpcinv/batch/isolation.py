@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-from hpcinv.batch.grouptask import Ended, EventReader, GroupTask, Held
+from hpcinv.batch.grouptask import CaseStarted, Ended, EventReader, GroupTask
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.errors import Interrupted, SystemPartMissing
 from hpcinv.parallel.children import ending_with_this
@@ -77,7 +77,7 @@ class _Outcome:
     """End of the processes of a group: the last events, the exit code, and whether a case was begun."""
 
     ended: Ended | None = None
-    held: Held | None = None
+    held: CaseStarted | None = None
     code: int = 0
     begun: bool = False
 
@@ -170,7 +170,7 @@ class _Supervisor:
         limit = self.task.batch.limit
         return limit is not None and seconds > limit + max(5.0, 0.1 * limit)
 
-    def _record_overdue(self, held: Held) -> None:
+    def _record_overdue(self, held: CaseStarted) -> None:
         """Record that a case took too long, before its process ends, so that no other process claims the case."""
         record = self.task.batch.overdue_record(held.claim)
         if self.ledger.commit(held.claim, record):

@@ -78,7 +78,7 @@ _SHELL_TANGENTS = 10
 
 @dataclass(frozen=True)
 class Correction:
-    """What the estimate of the given state finds about the rest shape. Further states are solved on it.
+    """Correction of the rest shape by the estimate of the given state. Further states are solved on it.
 
     Attributes:
         nodes: correction of the local geometry nodes of the rest shape, (n, 3) in m.
@@ -179,7 +179,7 @@ def estimate(
     current = solution.current_nodes if solution.is_on_given_mesh else equations.body.given_nodes
     nodes = {"reference": solution.reference_nodes, "current": current}
     edges = singular_edges(solution.job, equations.body, nodes)
-    unreliable = at_singular_fibres(solution.job.quantities, equations.body, edges)
+    unreliable = quantities_at_singular_fibres(solution.job.quantities, equations.body, edges)
     scale = displacement_scale(equations, solution).length
     finer = finer_equations(equations, solution, rest_correction)
     body, is_shell = finer.body, equations.body.source.midsurface is not None
@@ -257,7 +257,7 @@ class _Budget(IterationObserver):
 
     @property
     def is_spent(self) -> bool:
-        """Whether no tangent is left."""
+        """True if no tangent is left."""
         return self._of_this_solve >= self._left
 
     def iteration(self, iteration: NewtonIteration) -> None:
@@ -290,7 +290,7 @@ def _solve(finer: Equations, direction: Direction, observer: Observer) -> bool:
 def _moved(
     equations: Equations, solution: Solution, finer: Equations, rest_correction: Correction | None
 ) -> tuple[fem.Function, Floats, Floats, float]:
-    """How far the state of ``finer`` is from the solution; collective.
+    """Return the difference of the state of ``finer`` from the solution; collective.
 
     Returns:
         Displacement of the finer problem; the same at the geometry nodes of the equations' body, (n, 3); correction of
@@ -330,7 +330,7 @@ def _finer_body(equations: Equations, solution: Solution, rest_correction: Corre
 
 
 def _omitted_geometry(equations: Equations) -> str:
-    """Why the error of the geometry is left out in states that are solved from this one; collective."""
+    """Return why the error of the geometry is left out in states that are solved from this one; collective."""
     body, unknown = equations.body.true_geometry_body
     return unknown if body is None or body is equations.body else "it is known for the given mesh only"
 
@@ -344,7 +344,7 @@ def finer_equations(equations: Equations, solution: Solution, rest_correction: C
     corrected one. The state of the given equations is the solution there too.
     """
     if equations.body.source.midsurface is not None:
-        return _on_halved_cells(equations, solution, rest_correction)
+        return _halved_equations(equations, solution, rest_correction)
     with equations.timings("mesh"):
         body, _ = _finer_body(equations, solution, rest_correction)
     finer = Equations(one_degree_more(solution.job), body, equations.timings)
@@ -367,7 +367,7 @@ def finer_equations(equations: Equations, solution: Solution, rest_correction: C
     return finer
 
 
-def _on_halved_cells(equations: Equations, solution: Solution, rest_correction: Correction | None) -> Equations:
+def _halved_equations(equations: Equations, solution: Solution, rest_correction: Correction | None) -> Equations:
     """Return equations of a shell on halved cells, in the state of the solution; collective."""
     body, unknowns = equations.body, equations.unknowns
     with equations.timings("mesh"):
@@ -411,12 +411,14 @@ def _corrected(
     body, better = finer.body, solution_of(finer, direction, finer.weak_form(direction), ())
     nodal_solution = replace(better, mesh_nodes=equations.body.nodes, u=u)
     node_quantities = [q for q in quantities if q.on is not None and not q.uses_quadrature]
-    others = _moved_into_body([q for q in quantities if q not in node_quantities], equations.body, body)
+    others = _points_moved_inside([q for q in quantities if q not in node_quantities], equations.body, body)
     values = evaluate(node_quantities, equations.body, nodal_solution) | evaluate(others, body, better, finer)
     return {q.name: values[q.name] for q in quantities}
 
 
-def _moved_into_body(quantities: Sequence[QuantityOfInterest], coarse: Body, body: Body) -> list[QuantityOfInterest]:
+def _points_moved_inside(
+    quantities: Sequence[QuantityOfInterest], coarse: Body, body: Body
+) -> list[QuantityOfInterest]:
     """Return the quantities; points that are outside ``body``, which has the same cells, are moved with their cells."""
     if body is coarse:
         return list(quantities)
@@ -441,7 +443,7 @@ def one_degree_more(job: Job) -> Job:
     return job.model_copy(update={"discretisation": spaces.model_copy(update=finer)})
 
 
-def at_singular_fibres(
+def quantities_at_singular_fibres(
     quantities: Sequence[QuantityOfInterest], body: Body, edges: SingularEdges | None
 ) -> tuple[str, ...]:
     """Return the names of the quantities at a point of a cell with singular fibres; collective.

@@ -1,4 +1,4 @@
-"""What singular edges do to an error estimate: how much it misses there, and how slowly errors fall.
+"""Effect of singular edges on an error estimate: the share that it misses, and the order of convergence.
 
 An estimate by one degree more finds a part of the error of a singular edge only: errors of quantities fall as
 ``(h/p²)^2λ`` with the size of cells and their degree, so that it finds ``1 - (p/(p + 1))^4λ`` in cells that touch the

@@ -40,11 +40,10 @@ from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.arrays import Singles
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
-
-type Singles = npt.NDArray[np.float32]
 
 MANY = 5e9
 """Operations of a factorization in the finer spaces from which iterations are worth their error: it takes seconds."""

@@ -31,7 +31,7 @@ _FLAT = math.radians(
 
 
 class Hold(Enum):
-    """How a face is held in the plane across an edge: its two components, one of them, or none."""
+    """Support of a face in the plane across an edge: of both components, one of them, or none."""
 
     FREE = 0
     SLIDING = 1

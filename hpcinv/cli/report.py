@@ -64,7 +64,7 @@ def _identification_report(directory: Path, output: Path | None) -> Path:
 
 def _run_report(directory: Path, output: Path | None) -> Path:
     from hpcinv.output.run_directory import RunDirectory
-    from hpcinv.reports.of_run import write_run_report
+    from hpcinv.reports.run_page import write_run_report
 
     return write_run_report(directory, RunDirectory(directory).summary(), output)
 

@@ -200,7 +200,7 @@ def _edit(path: Path, port: int) -> int:
 def _page(path: Path, unit: str | None, save: str = "") -> bytes:
     job, body = _job_and_body(path, unit)
 
-    from hpcinv.reports.of_job import job_page, length_unit_of
+    from hpcinv.reports.job_page import job_page, length_unit_of
 
     text = path.read_text("utf-8") if job else ""
     symbol = unit or length_unit_of(job, job.mesh.file if job else path.name)

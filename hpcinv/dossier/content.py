@@ -1,4 +1,4 @@
-"""Content of a dossier, from the files of a run: nothing here is computed anew.
+"""Content of a dossier, from the files of a run: nothing here is computed again.
 
 Sources: ASME V&V 40-2018; FDA, "Assessing the Credibility of Computational Modeling and Simulation in Medical Device
 Submissions" (2023), FDA-2021-D-0980; FDA, "Reporting of Computational Modeling Studies in Medical Device Submissions"
@@ -17,8 +17,8 @@ from jinja2 import UndefinedError
 from hpcinv.dossier.context import OPEN, DossierContext
 from hpcinv.errors import OutputError
 from hpcinv.formats import FORMATS
-from hpcinv.reports.of_run import quantity_rows
 from hpcinv.reports.page import render
+from hpcinv.reports.run_page import quantity_rows
 from hpcinv.reports.wording import words
 
 NAME = "dossier.html"

@@ -1,4 +1,4 @@
-"""What only the applicant knows about a simulation: the context file of a dossier, and its template."""
+"""The context file of a dossier, which states what only the applicant knows, and its template."""
 
 import json
 from collections.abc import Iterator, Mapping

@@ -39,7 +39,7 @@ def create(path: Path, content: bytes) -> bool:
 
 
 def publish(path: Path, content: bytes) -> bool:
-    """As `create`, and durable: the file survives a power failure.
+    """Create a file as `create` does, durably: it survives a power failure.
 
     Without hard links the file is still complete, but the second of two simultaneous writers replaces the first.
     """

@@ -52,7 +52,7 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
 
 
 @contextmanager
-def recorded_inputs(program: Path, *, anew: bool = False) -> Iterator[dict[str, str]]:
+def recorded_inputs(program: Path, *, reimported: bool = False) -> Iterator[dict[str, str]]:
     """Context in which a program in Python runs; yields a mapping that has its inputs at the end.
 
     In it relative paths start from the directory of the program, where also modules are found that it imports. The
@@ -60,7 +60,7 @@ def recorded_inputs(program: Path, *, anew: bool = False) -> Iterator[dict[str, 
     files of installed packages, are left out.
 
     Args:
-        anew: whether modules of that directory are imported again by the next program.
+        reimported: whether modules of that directory are imported again by the next program.
     """
     if not _is_hooked:
         sys.addaudithook(_hook)  # for the life of the process
@@ -84,7 +84,7 @@ def recorded_inputs(program: Path, *, anew: bool = False) -> Iterator[dict[str, 
             file = getattr(sys.modules[name], "__file__", None)
             if isinstance(file, str) and not os.path.realpath(file).startswith(_SYSTEM):
                 _recorder.note(file, written=False)
-                if anew and home in Path(file).absolute().parents:
+                if reimported and home in Path(file).absolute().parents:
                     del sys.modules[name]
         read = (path for path, is_read in _recorder.files.items() if is_read and path != os.path.realpath(program))
         inputs |= {os.path.relpath(path, home): digest for path in sorted(read) if (digest := digest_of(Path(path)))}

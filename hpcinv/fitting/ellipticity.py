@@ -21,12 +21,9 @@ doi:10.1007/BF00251548; Hadeler (1983), "On copositive matrices", doi:10.1016/00
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
 from hpcinv.fitting.homogeneous import Mode, Response
-from hpcinv.quantity.arrays import Floats
-
-type Booleans = npt.NDArray[np.bool_]
+from hpcinv.quantity.arrays import Booleans, Floats
 
 _EQUAL = 1e-4
 """Relative difference of stretches up to which the limit of ``P_ij`` is taken: its error is that squared."""

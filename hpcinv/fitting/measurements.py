@@ -80,7 +80,7 @@ class Test:
 
 @dataclass(frozen=True)
 class TestOptions:
-    """What a user says about files of tests.
+    """Options of a user on files of tests.
 
     Attributes:
         mode: of files that do not state it.

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.errors import OutputError
-from hpcinv.reports.of_cases import as_url
+from hpcinv.reports.cases_page import as_url
 from hpcinv.reports.page import NAME, render, write_page
 
 FIGURES = "identification.json"

@@ -21,7 +21,7 @@ from hpcinv.driver import run
 from hpcinv.errors import Interrupted, JobError, MeshError, SolveError
 from hpcinv.files.atomic import output_errors, replace
 from hpcinv.identification.observations import Observed, PredictedObservation, gather_rows, observations_of
-from hpcinv.identification.shares import Share
+from hpcinv.identification.shares import StateShare
 from hpcinv.job.fingerprint import content_key, file_digest
 from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job
@@ -41,7 +41,7 @@ _SHAPE = "shape:"  # before the names of shapes in a file
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What the states predict at some values of the parameters.
+    """Predictions of the states at values of the parameters.
 
     Attributes:
         differences: computed less observed values of all observations (SI), (n,).
@@ -86,7 +86,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class _TeamResult:
-    """What one team has found: predictions by name of the observation, quantities of interest and shapes by name."""
+    """Results of one team: predictions by name of the observation, quantities of interest and shapes by name."""
 
     predictions: Mapping[str, PredictedObservation]
     quantities: Mapping[str, float | list[float]]
@@ -133,7 +133,7 @@ class Evaluations:
         job: Job,
         comm: MPI.Intracomm,
         workspace: Workspace,
-        share: Share,
+        share: StateShare,
         directory: Path | None,
         stop: Callable[[], bool],
         *,

@@ -37,7 +37,7 @@ type Differences = Callable[[Floats], tuple[Floats, Floats] | None]
 
 @dataclass(frozen=True)
 class Target:
-    """What is sampled.
+    """Posterior density to be sampled.
 
     Attributes:
         differences: exact evaluation.

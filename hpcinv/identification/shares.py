@@ -19,7 +19,7 @@ _OF_STATE = re.compile(r"states\[(\d+)\](.*)")
 
 
 @dataclass(frozen=True)
-class Share:
+class StateShare:
     """Some states of a job.
 
     Attributes:
@@ -86,14 +86,14 @@ def teams_of(ranks: int, ranks_per_state: int) -> int:
     return ranks // ranks_per_state
 
 
-def shares_of(job: Job, teams: int) -> list[Share]:
+def shares_of(job: Job, teams: int) -> list[StateShare]:
     """Divide the states of a job.
 
     Raises:
         OutputError: there are not so many states that are independent of each other.
     """
     if teams == 1:
-        return [Share(job)]
+        return [StateShare(job)]
     common = [i for i, state in enumerate(job.states) if _is_common(state)]
     chains = _chains(job.states)
     if teams > len(chains):
@@ -105,7 +105,7 @@ def shares_of(job: Job, teams: int) -> list[Share]:
     parts: list[list[int]] = [[] for _ in range(teams)]
     for chain in sorted(chains, key=len, reverse=True):
         min(parts, key=len).extend(chain)
-    return [Share(job, tuple(sorted([*common, *part]))) for part in parts]
+    return [StateShare(job, tuple(sorted([*common, *part]))) for part in parts]
 
 
 def _is_common(state: StateSpec) -> bool:

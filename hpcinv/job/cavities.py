@@ -16,7 +16,7 @@ from hpcinv.quantity.suggestions import did_you_mean
 
 
 class Lid(Spec):
-    """What closes the openings of a cavity instead of planes."""
+    """Surface that closes the openings of a cavity instead of planes."""
 
     alternatives = ("region", "apex")
 

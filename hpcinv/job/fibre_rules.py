@@ -16,7 +16,7 @@ _ANGLE = {"anyOf": [{"type": "number"}, {"type": "string"}]}
 _ANGLES = {"anyOf": [_ANGLE, {"type": "array", "items": _ANGLE, "minItems": 2, "maxItems": 2}]}
 Angles = Annotated[tuple[Angle, Angle], Field(strict=False), _PAIR, WithJsonSchema(_ANGLES)]
 """Angles at the inner and at the outer surface of a wall; one angle stands for both."""
-Share = Literal["fibre", "sheet", "normal"]
+LocalAxis = Literal["fibre", "sheet", "normal"]
 
 
 class FibreRule(Spec):
@@ -30,7 +30,7 @@ class FibreRule(Spec):
     transmural: Literal["linear", "cubic"] = "linear"
     """how angles change with the depth e between the surfaces, 0 to 1: linear, or as (1 - 2 e)³, which turns fibres
     near the surfaces most (Potse et al. 2006, doi:10.1109/TBME.2006.880875)"""
-    gives: Share = "fibre"
+    gives: LocalAxis = "fibre"
     """axis of the frame that this family has: the fibre, the sheet (across the wall), or the normal of both"""
 
     @property

@@ -357,7 +357,7 @@ class Job(Spec):
 
     @property
     def layerings(self) -> tuple[Layering, ...]:
-        """What divides the body into layers, with pressures of their own in the mixed form; the same for all states."""
+        """Data that divide the body into layers, with separate pressures in the mixed form; the same for all states."""
         if self._whole is not None:
             return self._whole.layerings
         effects = numbered("effects", self.effects)

@@ -1,4 +1,4 @@
-"""Parts of a job with numbers by their place in it: laws, effects, families of fibres, and supports."""
+"""Laws, effects, families of fibres and supports of a job, by their place in it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""How a job defines a region: by a condition on places and normals, by others, as a smooth face, or by vertices."""
+"""Rules that define regions of a job: a condition on places and normals, other regions, a smooth face, or vertices."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What a job with a shell may not contain: each fault with its place, and the remedy."""
+"""Rules of jobs with a shell: each fault with its place, and the remedy."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class MaterialLaw(Ingredient):
     bulk_measure: ClassVar[str] = "bulk_modulus"
     """The modulus, among `Moduli`, that corresponds to the second of these parameters."""
     _stated: Mapping[str, Any] | None = PrivateAttr(None)
-    """What the job gives, if that includes moduli of `Moduli`: values (SI) of these and of parameters of the law."""
+    """Values (SI) in the job of moduli (`Moduli`) and of parameters of the law; ``None`` without moduli."""
 
     @property
     @abstractmethod

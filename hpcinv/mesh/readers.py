@@ -43,7 +43,7 @@ def build_python(
         is_surface: whether it is the surface of a shell.
     """
     file = str(path.absolute())
-    with session(path.stem, size_factor) as gmsh, recorded_inputs(path, anew=True) as inputs, noted_files(gmsh):
+    with session(path.stem, size_factor) as gmsh, recorded_inputs(path, reimported=True) as inputs, noted_files(gmsh):
         try:
             build = runpy.run_path(file).get("build")
             if not callable(build):

@@ -28,7 +28,7 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Series, Steps, follow
+from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, SeriesSolver, Steps, follow
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import Observer
 from hpcinv.solver.series_continuation import STRATEGY as SERIES
@@ -120,7 +120,7 @@ def _farthest(problem: Problem) -> float:
     return _FARTHEST if problem.equilibrium.linear.choice.precision == "double" else _FARTHEST_SMALL
 
 
-def _automatic_series(problem: Problem, steps: AdaptiveSteps) -> Series | None:
+def _automatic_series(problem: Problem, steps: AdaptiveSteps) -> SeriesSolver | None:
     """Return the continuation by power series after a solve that failed, if factors solve the equations."""
     if problem.equilibrium.linear.configuration.name != "direct":
         return None  # each order would take a solve by multigrid to 1e-10

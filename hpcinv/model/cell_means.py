@@ -12,8 +12,9 @@ from dolfinx import fem
 from hpcinv.mesh.cells import LayerDegree, layer_interpolation, quadrature
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
-from hpcinv.model.quadrature_values import CellMeans, CellNumbers, QuadratureValues
+from hpcinv.model.quadrature_values import CellMeans, QuadratureValues
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.arrays import Integers
 
 _COLUMNS = 10  # components of the stress, and the volume ratio
 
@@ -48,7 +49,7 @@ class LayerValues:
 
 @dataclass(frozen=True)
 class Means:
-    """What a state is reported by, in scaled units; functions are piecewise constant.
+    """Stresses, volume ratios and energy of a state, in scaled units; functions are piecewise constant.
 
     Attributes:
         cauchy_stress, J: means in each cell, (3, 3) and scalar.
@@ -68,7 +69,7 @@ class Means:
 
 @dataclass(frozen=True)
 class PartExpressions:
-    """What is evaluated in a part of the body, as UFL expressions in scaled units.
+    """UFL expressions, in scaled units, to be evaluated in a part of the body.
 
     Attributes:
         cells: owned cells of the part, ``None`` for all.
@@ -77,7 +78,7 @@ class PartExpressions:
         energy: stored energy per volume of the mesh.
     """
 
-    cells: CellNumbers | None
+    cells: Integers | None
     cauchy_stress: Any
     J: Any
     energy: Any
@@ -93,7 +94,7 @@ class StateMeans:
     def __init__(
         self,
         parts: Sequence[PartExpressions],
-        prestrain_stress: Sequence[tuple[Any, CellNumbers | None]],
+        prestrain_stress: Sequence[tuple[Any, Integers | None]],
         mesh: Mesh,
         quadrature_degree: int,
     ) -> None:

@@ -25,8 +25,7 @@ from hpcinv.mesh.cells import jacobians
 from hpcinv.mesh.source import Floats
 from hpcinv.model.laplace import Dofs, Laplace
 from hpcinv.parallel.runtime import MPI
-
-type Bools = npt.NDArray[np.bool_]
+from hpcinv.quantity.arrays import Booleans
 
 _COLUMN = {"fibre": 0, "normal": 1, "sheet": 2}
 _CHUNK = 10_000  # most cells at a time, to limit memory
@@ -221,7 +220,7 @@ def _check_apart(
 
 def _frames(
     body: Body, rule: FibreRule, potentials: Mapping[str, fem.Function], cells: npt.NDArray[np.int64], points: Floats
-) -> tuple[Floats, Floats, Bools, Bools]:
+) -> tuple[Floats, Floats, Booleans, Booleans]:
     """Return frames at reference points of cells, (cells, points, 3, 3) with axes as columns.
 
     Also returns the unit vectors along the wall, and where the directions across and along it are defined; elsewhere
@@ -269,7 +268,7 @@ def _frames(
     return frames, axes[..., 1], has_normal, has_tangent
 
 
-def _axes(longitudinal: Floats, transmural: Floats) -> tuple[Floats, Bools]:
+def _axes(longitudinal: Floats, transmural: Floats) -> tuple[Floats, Booleans]:
     """Return ``[e0 e1 e2]``, and where they are defined; elsewhere e2 is transmural, if that is, and e1 arbitrary."""
     long, size = np.linalg.norm(longitudinal, axis=-1), np.linalg.norm(transmural, axis=-1)
     e2 = _unit(transmural, size > _FLAT, np.array([0.0, 0.0, 1.0]))
@@ -284,7 +283,7 @@ def _axes(longitudinal: Floats, transmural: Floats) -> tuple[Floats, Bools]:
     return np.stack([np.cross(e1, e2), e1, e2], axis=-1), defined
 
 
-def _unit(vectors: Floats, defined: Bools, otherwise: Floats) -> Floats:
+def _unit(vectors: Floats, defined: Booleans, otherwise: Floats) -> Floats:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.where(defined[..., None], vectors / np.where(defined[..., None], length, 1.0), otherwise)
 

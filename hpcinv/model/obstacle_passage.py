@@ -20,7 +20,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 
-type Distance = Callable[[Floats], tuple[Floats, Floats]]
+type DistanceFunction = Callable[[Floats], tuple[Floats, Floats]]
 """Signed distances (n,) of points (n, 3), and the directions (n, 3) out of the obstacle."""
 
 _FINEST = 2.0**-16
@@ -32,7 +32,7 @@ raised, points slide round an obstacle in fewer steps, and cut off more of it.""
 _TURNED = -0.25
 """Cosine between the directions at entry and exit below which the sides differ, so that right angles are one edge."""
 _TURNED_DEEP = 0.5
-"""The same cosine for deep ways."""
+"""Cosine as above, for deep ways."""
 _TOUCH = 0.1
 """Share of the way between entry and turn where a point is left: it must press there. If it is raised, points go in and
 out of contact for more iterations; if it is lowered, more iterations end at the obstacle."""
@@ -122,7 +122,11 @@ class Passage:
     """
 
     def __init__(
-        self, points: SurfacePoints, distance: Distance, bounds: tuple[Floats, Floats], shift: Callable[[], Floats]
+        self,
+        points: SurfacePoints,
+        distance: DistanceFunction,
+        bounds: tuple[Floats, Floats],
+        shift: Callable[[], Floats],
     ) -> None:
         self._points, self._distance, self._bounds, self._shift = points, distance, bounds, shift
         self._start: _Position | None = None
@@ -197,7 +201,7 @@ class Passages:
         return float(self._comm.allreduce(min(shares, default=1.0), op=MPI.MIN))
 
 
-def passages(distance: Distance, start: Floats, end: Floats) -> Floats:
+def passages(distance: DistanceFunction, start: Floats, end: Floats) -> Floats:
     """Return the share of each straight way just beyond its entry into an obstacle that it passes through.
 
     It is infinite for a way that does not pass through the obstacle.

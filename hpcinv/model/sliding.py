@@ -33,7 +33,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.mesh.source import Floats
-from hpcinv.model.sliding_surfaces import Surface
+from hpcinv.model.sliding_surfaces import SlidingSurface
 from hpcinv.model.spaces import Integers, Unknowns
 
 _SUBSET: Any = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN  # its stub has the wrong type
@@ -57,7 +57,7 @@ class Slide:
     space: fem.FunctionSpace
     nodes: Integers
     normals: Floats
-    surface: Surface | None = None
+    surface: SlidingSurface | None = None
 
     @property
     def points(self) -> Floats:

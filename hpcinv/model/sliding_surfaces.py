@@ -31,7 +31,7 @@ _FITTED = {
 
 
 @dataclass(frozen=True)
-class Surface:
+class SlidingSurface:
     """The surface on which a formula of x, y, z in m is zero; ``constants`` are values of further names."""
 
     formula: Expression
@@ -54,7 +54,7 @@ class Surface:
 
 def surface_of(
     spec: Support, field: str, points: Floats, normals: Floats, corners: Floats, comm: MPI.Intracomm
-) -> Surface:
+) -> SlidingSurface:
     """Return the surface of a support that slides; collective.
 
     Args:
@@ -66,11 +66,11 @@ def surface_of(
     """
     assert spec.surface is not None
     if spec.fitted_surface is None:
-        surface = Surface(spec.surface, spec.constants)
+        surface = SlidingSurface(spec.surface, spec.constants)
     else:
         gathered = comm.gather((points, normals))
 
-        def fit() -> Surface:
+        def fit() -> SlidingSurface:
             assert gathered is not None
             all_points, all_normals = (np.vstack(parts) for parts in zip(*gathered, strict=True))
             if is_flat(all_points):
@@ -103,7 +103,7 @@ def is_flat(points: Floats) -> bool:
     return float(np.abs(arms @ normal).max(initial=0.0)) <= _FLAT * size
 
 
-def _fitted(kind: str, points: Floats, normals: Floats) -> Surface:
+def _fitted(kind: str, points: Floats, normals: Floats) -> SlidingSurface:
     """Return the sphere or cylinder nearest to points (m) in the mean square."""
     from scipy.optimize import least_squares  # slow import
 
@@ -127,4 +127,4 @@ def _fitted(kind: str, points: Floats, normals: Floats) -> Surface:
     constants = dict(zip("abcr", [*(middle + size * best[:3]), size * best[3]], strict=True))
     if kind == "cylinder":
         constants |= dict(zip("uvw", best[4:] / np.linalg.norm(best[4:]), strict=True))
-    return Surface(Expression(_FITTED[kind]), {name: float(value) for name, value in constants.items()})
+    return SlidingSurface(Expression(_FITTED[kind]), {name: float(value) for name, value in constants.items()})

@@ -14,8 +14,7 @@ from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Ints
 from hpcinv.model.split_dofs import split
 from hpcinv.parallel.runtime import MPI
-
-type Integers = npt.NDArray[np.int32]
+from hpcinv.quantity.arrays import Integers as Integers
 
 
 class Unknowns:

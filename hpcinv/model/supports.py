@@ -165,7 +165,7 @@ class Supports:
 
     @property
     def holders(self) -> list[Prescribed | Slide]:
-        """All that holds the body, component by component; regions under remote loads do not."""
+        """Supports and their regions, component by component; regions under remote loads are left out."""
         return [*(entry for entry in self.prescribed if entry.support not in self._found), *self.slides]
 
     def move_region(self, number: int, displacement: Callable[[Floats], Floats]) -> None:

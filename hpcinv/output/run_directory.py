@@ -73,7 +73,7 @@ class RunDirectory:
 
     @property
     def is_begun(self) -> bool:
-        """Whether job and origin can be read, so that a run can resume here."""
+        """True if job and origin can be read, so that a run can resume here."""
         try:
             origin, _ = self._origin()
             return origin is None or isinstance(read_yaml(self.path / _JOB), dict)

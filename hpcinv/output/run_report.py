@@ -182,7 +182,7 @@ class RunReport(Observer):
             write_summary(path, content, store.comm, formats=others)
             try:
                 if self.job.output.report:
-                    from hpcinv.reports.of_run import write_run_report  # loads VTK
+                    from hpcinv.reports.run_page import write_run_report  # loads VTK
 
                     on_root(store.comm, lambda: write_run_report(path, content))
             finally:  # the results are kept if there is an error in the report, which 'report' writes again

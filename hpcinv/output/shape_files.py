@@ -1,4 +1,4 @@
-"""What the files of a shape leave out of the computed body, and the lines on it in log and certificate."""
+"""Distance of the files of a shape from the computed body, and the lines on it in log and certificate."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ShapeFile:
 
     @property
     def why(self) -> str:
-        """Why there is a distance, and what to do."""
+        """Reason of the distance, and the remedy."""
         if self.degree == 1:
             return "straight between its vertices; 'mesh: {geometry_degree: 2}' writes the nodes between them"
         return "without some nodes of the computed cells, which it cannot hold"

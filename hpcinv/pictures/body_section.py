@@ -14,7 +14,7 @@ _BESIDE = 1e-5  # of the body, from a plane that often has nodes; if it is raise
 
 
 @dataclass(frozen=True)
-class Shape:
+class PictureBody:
     """One body of a picture.
 
     Attributes:
@@ -76,7 +76,7 @@ class Cut:
     axis: str
     place: float | None = None
 
-    def section(self, shape: Shape) -> BodySection:
+    def section(self, shape: PictureBody) -> BodySection:
         """Return the section of one body; raises ``OutputError`` if the plane misses it."""
         result, k = self.interior.results[shape.number], "xyz".index(self.axis)
         low, high = float(shape.points[:, k].min()), float(shape.points[:, k].max())

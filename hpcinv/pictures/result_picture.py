@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import OutputError
-from hpcinv.pictures.body_section import BodySection, Cut, Shape
+from hpcinv.pictures.body_section import BodySection, Cut, PictureBody
 from hpcinv.pictures.boundary_surface import Boundary, BoundaryResult
 from hpcinv.pictures.colours import REGIONS, Colour
 from hpcinv.pictures.drawing import DrawnBody, Picture, View, directions, figure
@@ -109,7 +109,11 @@ def _palette(boundary: Boundary, cut: Cut | None) -> dict[str, str]:
 
 
 def _coloured_regions(
-    boundary: Boundary, shape: Shape, cut: Cut | None, section: BodySection | None, plane: tuple[Floats, float] | None
+    boundary: Boundary,
+    shape: PictureBody,
+    cut: Cut | None,
+    section: BodySection | None,
+    plane: tuple[Floats, float] | None,
 ) -> Iterator[DrawnBody]:
     """Yield the parts of a body in the colours of its regions; of those that overlap the last is on top."""
     masks: Mapping[str, npt.NDArray[np.bool_]] = boundary.regions
@@ -128,16 +132,16 @@ def _coloured_regions(
             yield DrawnBody(points, triangles[~hidden], cut=own_plane, is_section=is_section)
 
 
-def _shapes(boundary: Boundary, rest: str) -> list[Shape]:
+def _shapes(boundary: Boundary, rest: str) -> list[PictureBody]:
     """The given body, the one that the first solve found, and the bodies of further states."""
     first, *further = boundary.results
     names = ("undeformed", "deformed") if not first.state else (rest, first.state)
     given, computed = names if first.direction == "forward" else names[::-1]
     return [
-        Shape(f"{given}, given", first.mesh, first, 0, is_mesh=True),
-        Shape(f"{computed}, found", first.others, first, 0, is_mesh=False),
+        PictureBody(f"{given}, given", first.mesh, first, 0, is_mesh=True),
+        PictureBody(f"{computed}, found", first.others, first, 0, is_mesh=False),
         *(
-            Shape(f"{result.state}, found", result.others, result, number, is_mesh=False)
+            PictureBody(f"{result.state}, found", result.others, result, number, is_mesh=False)
             for number, result in enumerate(further, 1)
         ),
     ]

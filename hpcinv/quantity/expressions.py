@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 
 from pydantic_core import core_schema
 
-from hpcinv.quantity.dimensional_analysis import RELATIONS, Condition, Measure
+from hpcinv.quantity.dimensional_analysis import RELATIONS, Condition, TermDimension
 from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS, numpy_functions
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension, as_float, parse_quantity, parse_unit
@@ -140,16 +140,16 @@ class Expression:
                 hint = did_you_mean(unknown, (*known, *defined))
                 raise ValueError(f"unknown name '{unknown}' in {_quoted(text)}{place}.{hint}")
             defined.append(name)
-        measures: dict[str, Any] = {name: Measure(d) for name, d in (known | dict.fromkeys(CONSTANTS)).items()}
+        measures: dict[str, Any] = {name: TermDimension(d) for name, d in (known | dict.fromkeys(CONSTANTS)).items()}
         functions = {name: f.measure for name, f in FUNCTIONS.items()} | RELATIONS
         for name, text in (*self.definitions, ("", self.source)):
             tree, literals = _parse(text)
             place = f" ('{name}' of 'let')" if name else ""
-            own = measures | {literal: Measure(dimension) for literal, (_, dimension) in literals.items()}
+            own = measures | {literal: TermDimension(dimension) for literal, (_, dimension) in literals.items()}
             own |= {n: measures.get(unit, own[n]) for n, unit in _further(literals)}
             _refuse_ambiguous(text, measures)
             try:
-                measures[name] = _walk(tree, own, functions, lambda number: Measure(plain, number))
+                measures[name] = _walk(tree, own, functions, lambda number: TermDimension(plain, number))
             except TypeError:  # a condition instead of a number, or the reverse
                 raise ValueError(f"{_quoted(text)}{place} mixes up conditions and numbers") from None
             except ValueError as error:

@@ -12,7 +12,7 @@ from hpcinv.errors import OutputError
 
 @dataclass(frozen=True)
 class JobText:
-    """Where entries are written into the text of a job.
+    """Places in the text of a job at which entries are written.
 
     Attributes:
         before, after: the text around that place.

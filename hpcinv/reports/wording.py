@@ -1,4 +1,4 @@
-"""What a run has found, how sure that is, and what to do next, in plain words."""
+"""Sentences on the result of a run, its certainty and the next step."""
 
 import math
 from collections.abc import Mapping, Sequence

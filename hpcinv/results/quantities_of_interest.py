@@ -33,7 +33,7 @@ from hpcinv.solver.equations import Equations
 type Value = float | list[float]
 
 NOT_FINITE = "look for divisions by zero, and roots and logarithms of negative values"
-"""What to do about a formula without a finite value."""
+"""Remedy for a formula without a finite value."""
 
 _INSIDE = "Integrals and stress are evaluated on boundary facets or in cells: name a region that has such."
 

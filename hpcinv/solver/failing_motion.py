@@ -1,4 +1,4 @@
-"""What moves where load steps keep failing: the motion that the load would cause to first order.
+"""Motion of the body where load steps keep failing: the one that the load would cause to first order.
 
 A body that is held on little of its surface, or by something soft, moves as a whole long before it is strained. Its
 motion, the place of its largest displacement and the area of each support show that before all steps have failed.
@@ -24,7 +24,7 @@ from hpcinv.solver.equilibrium import Equilibrium
 _RIGID = 0.5
 """Share of a motion (of its squares) from which it is called rigid; higher, and less firm supports are not named."""
 _RIGID_SHEET = 0.9
-"""The same of a shell: a square that is hinged at its edges and bends has 0.66."""
+"""`_RIGID` of shells: a square that is hinged at its edges and bends has 0.66."""
 _FAR = 0.1
 """Largest displacement, in lengths of the body, below which the supports are not blamed."""
 _SMALL = 1e-4

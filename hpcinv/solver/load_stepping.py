@@ -110,7 +110,7 @@ class LimitPointAhead:
 
 
 type Steps = AdaptiveSteps | FixedSteps | ArcLengthSteps
-type Series = Callable[[float, Solve], Iterator[Solve]]
+type SeriesSolver = Callable[[float, Solve], Iterator[Solve]]
 """Solves from a load factor on, after a solve that failed there."""
 
 
@@ -122,7 +122,7 @@ def follow(
     load: float = 0.0,
     passed: int = 0,
     stop_early: bool = False,
-    series: Series | None = None,
+    series: SeriesSolver | None = None,
     farthest: float = math.inf,
 ) -> Iterator[Solve]:
     """Yield every solve on the path from ``load``, where the state is in equilibrium, to the full load.

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from hpcinv.errors import OutputError
-from hpcinv.reports.of_cases import cases_page, outcome_of
+from hpcinv.reports.cases_page import cases_page, outcome_of
 from hpcinv.reports.page import write_page
 from hpcinv.study.executions import Executions
 from hpcinv.study.findings import findings

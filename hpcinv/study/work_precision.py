@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from hpcinv.batch.diagram_drawing import Scale, Series, draw_lines
+from hpcinv.batch.diagram_drawing import DiagramSeries, Scale, draw_lines
 from hpcinv.pictures.figures import as_files, new_figure, style
 from hpcinv.study.findings import Accuracy, StepStatistics
 from hpcinv.study.result_rows import StudyRow
@@ -71,7 +71,7 @@ def case_diagrams(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> d
                     group = row.place.series, row.place.step, row.place.label
                     places.setdefault(group, []).append((value, error))
             series = [
-                Series(
+                DiagramSeries(
                     ", ".join(filter(None, (name, label))),
                     colour,
                     [(x,) for x, _ in points],

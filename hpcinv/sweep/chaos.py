@@ -197,12 +197,12 @@ class Indices:
 
     @property
     def has_long_tail(self) -> bool:
-        """Whether rare values carry so much of the variance that the intervals are too narrow."""
+        """True if rare values carry so much of the variance that the intervals are too narrow."""
         return self.kurtosis > _LONG_TAIL
 
     @property
     def decided(self) -> bool:
-        """Whether the surrogate is good enough for its indices to count."""
+        """True if the surrogate is good enough for its indices to count."""
         return self.q2 >= GOOD
 
     @property

@@ -1,4 +1,4 @@
-"""How a shape varies over the cases of a sweep: standard deviation and dominating parameter at each node."""
+"""Spread of a shape over the cases of a sweep: standard deviation and dominating parameter at each node."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence

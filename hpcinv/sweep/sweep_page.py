@@ -8,11 +8,11 @@ from pathlib import Path
 from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.pictures.boundary_surface import NAME, Boundary, read_boundary
-from hpcinv.reports.of_cases import cases_page, outcome_of
-from hpcinv.reports.of_run import write_run_report
+from hpcinv.reports.cases_page import cases_page, outcome_of
 from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.page import NAME as PAGE
 from hpcinv.reports.page import write_page
+from hpcinv.reports.run_page import write_run_report
 from hpcinv.reports.shapes import mean_and_cases, pictures
 from hpcinv.sweep.results import results
 from hpcinv.sweep.shape_spread import kept_file
@@ -82,7 +82,7 @@ def _found(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> str:
 
 
 def _notes(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> list[str]:
-    """What cases failed of, the most frequent first."""
+    """Return the reasons why cases failed, the most frequent first."""
     failed = [record for case in plan.cases if (record := records.get(case.key)) and not record.converged]
     why = Counter(record.diagnosis for record in failed)
     advice = {record.diagnosis: record.advice for record in failed}

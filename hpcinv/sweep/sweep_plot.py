@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from hpcinv.batch.diagram_drawing import Scale, Series, draw_lines, draw_maps, draw_outcomes
+from hpcinv.batch.diagram_drawing import DiagramSeries, Scale, draw_lines, draw_maps, draw_outcomes
 from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.specification import text_of
 from hpcinv.batch.tables import Columns, in_written_units
@@ -91,7 +91,7 @@ def _left_out(plan: SweepPlan, table: Columns, quantity: str, axes: Sequence[str
 
 def _series(
     plan: SweepPlan, table: Columns, axes: Sequence[str], cases: Mapping[int, tuple[tuple[float, ...], float, str]]
-) -> list[Series]:
+) -> list[DiagramSeries]:
     """Return series of cases with the same values of all other parameters, except sampled ones.
 
     The points of samples are not joined.
@@ -110,7 +110,7 @@ def _series(
     series = []
     for (label, colour), rows in zip(_labels(others, groups, len(axes)), groups.values(), strict=True):
         places, values, statuses = zip(*(cases[i] for i in rows), strict=True)
-        series.append(Series(label, colour, places, values, statuses, is_curve=not is_sample and not is_text))
+        series.append(DiagramSeries(label, colour, places, values, statuses, is_curve=not is_sample and not is_text))
     return series
 
 
@@ -165,7 +165,7 @@ def _label(name: str, known_units: Mapping[str, str]) -> str:
     return f"{name} / {known_units[name]}" if known_units.get(name) else name
 
 
-def _drawn(title: str, quantity: str, series: list[Series], scales: list[Scale], label: str) -> dict[str, bytes]:
+def _drawn(title: str, quantity: str, series: list[DiagramSeries], scales: list[Scale], label: str) -> dict[str, bytes]:
     if len(scales) == 1:
         with new_figure(6.5, 4.5) as figure:
             axes = figure.add_subplot()

@@ -46,7 +46,7 @@ class Solid:
 
     @property
     def is_closed(self) -> bool:
-        """Whether each side of a triangle is also another one's, in the opposite direction."""
+        """True if each side of a triangle is also a side of another one, in the opposite direction."""
         forth = np.concatenate([self.triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
         count = len(self.points)
         there, back = (np.sort(forth[:, i] * count + forth[:, 1 - i]) for i in (0, 1))

@@ -95,11 +95,11 @@ def test_quantities_that_the_body_does_not_have_are_reported_on_all_ranks_before
     outside = [quantity(n, "displacement", at=[x, 0.5, 0.5]) for n, x in (("left", "-1 mm"), ("in-mm", 8.0))]
     with pytest.raises(MeshError) as error:
         check_points([outside[0], inside, outside[1]], body)
-    told = str(error.value)
-    assert "left: the point (-0.001, 0.5, 0.5) m" in told
-    assert "in-mm: the point (8, 0.5, 0.5) m" in told
-    assert "inside" not in told
-    assert "from (0, 0, 0) to (0.008, 1, 1) m" in told
+    message = str(error.value)
+    assert "left: the point (-0.001, 0.5, 0.5) m" in message
+    assert "in-mm: the point (8, 0.5, 0.5) m" in message
+    assert "inside" not in message
+    assert "from (0, 0, 0) to (0.008, 1, 1) m" in message
     with pytest.raises(MeshError, match="no region 'to'"):
         check_points([quantity("typo", "ux", on="to", reduce="max")], body)
 

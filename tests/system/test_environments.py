@@ -59,8 +59,8 @@ def test_the_launcher_of_open_mpi_is_refused(ranks: int, tmp_path: Path) -> None
     assert OPEN_MPI is not None
     launcher = [OPEN_MPI, "--allow-run-as-root", "--oversubscribe", "-n", str(ranks)]
     done = run([*launcher, *hpcinv("run", TETRAHEDRON, "--output", "results")], tmp_path)
-    told = "Open MPI's mpirun speaks PMIx, which MPICH"
-    assert_refused(done, 5, told, f"Start it by {MPIRUN}, or under Slurm by 'srun --mpi=pmi2'.")
+    message = "Open MPI's mpirun speaks PMIx, which MPICH"
+    assert_refused(done, 5, message, f"Start it by {MPIRUN}, or under Slurm by 'srun --mpi=pmi2'.")
     assert "Abort(" not in done.stderr
     assert not (tmp_path / "results").exists()
 

@@ -27,21 +27,21 @@ bindings = SimpleNamespace(is_built_with_mpi=False, __version__="2.10.0")
 
 
 @pytest.mark.parametrize(
-    ("module", "text", "told"),
+    ("module", "text", "message"),
     [
         ("dolfinx", "__version__ = '0.9.0'", "DOLFINx 0.9.0 is installed, and hpcinv needs 0.11"),
         ("adios2", WITHOUT_MPI, "adios2 cannot be imported: version 2.10.0 was built without MPI"),
         ("adios4dolfinx", "raise ImportError('no such library')", "adios4dolfinx cannot be imported: no such library"),
     ],
 )
-def test_an_unsuitable_part_is_named(tmp_path: Path, module: str, text: str, told: str) -> None:
+def test_an_unsuitable_part_is_named(tmp_path: Path, module: str, text: str, message: str) -> None:
     (tmp_path / module).mkdir()
     (tmp_path / module / "__init__.py").write_text(text)
     command = [sys.executable, "-m", "hpcinv", "run", str(ROOT / "jobs" / "column.yaml"), "--output", "out"]
     settings = environment(PYTHONPATH=os.pathsep.join([str(tmp_path), str(ROOT)]))
     ended = subprocess.run(command, cwd=tmp_path, env=settings, capture_output=True, text=True, timeout=120)
     assert ended.returncode == 5, ended.stderr
-    assert told in ended.stderr
+    assert message in ended.stderr
     assert "docs/start/installing.md" in ended.stderr
     assert ("pip install --no-deps" in ended.stderr) == (module == "adios4dolfinx")
     assert "Traceback" not in ended.stderr
@@ -62,8 +62,8 @@ def test_a_package_that_is_missing_is_named_without_a_traceback(
 ) -> None:
     ended = _without(missing, [sys.executable, "-m", "hpcinv", *arguments], tmp_path)
     assert ended.returncode == 5, ended.stderr
-    told, advice = ended.stderr.splitlines()
-    assert told == f"{missing} cannot be imported: No module named '{missing}'"
+    message, advice = ended.stderr.splitlines()
+    assert message == f"{missing} cannot be imported: No module named '{missing}'"
     assert sys.executable in advice
     assert "docs/start/installing.md" in advice
 

@@ -159,23 +159,23 @@ FAULTS: dict[str, tuple[str, str]] = {
 
 def test_faults_in_a_plugin_file_are_reported_with_their_line(project: Path) -> None:
     expected = []
-    for name, (text, told) in FAULTS.items():
+    for name, (text, message) in FAULTS.items():
         (project / "laws" / name).mkdir()
         plugin = project / "laws" / name / "gel.py"
         plugin.write_text(text)
         job = write_job(project / "jobs" / f"{name}.yaml", BUILT_IN, plugins=[f"../laws/{name}/gel.py"])
-        expected.append((job, rf"'{re.escape(str(plugin))}' cannot be imported: {told}"))
-    for name, plugin_file, told in (
+        expected.append((job, rf"'{re.escape(str(plugin))}' cannot be imported: {message}"))
+    for name, plugin_file, message in (
         ("gone", "../laws/gell.py", "there is no file '"),
         ("yaml", "gel.yaml", "'gel.yaml' is not a Python file"),
     ):
-        expected.append((write_job(project / "jobs" / f"{name}.yaml", BUILT_IN, plugins=[plugin_file]), told))
+        expected.append((write_job(project / "jobs" / f"{name}.yaml", BUILT_IN, plugins=[plugin_file]), message))
     done = hpcinv(1, "validate", *(job for job, _ in expected), cwd=project)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
-    for job, told in expected:
+    for job, message in expected:
         (line,) = (line for line in done.stderr.splitlines() if line.startswith(f"{job}: "))
-        assert re.match(rf"{re.escape(str(job))}: plugins\[0\]: {told}", line), line
+        assert re.match(rf"{re.escape(str(job))}: plugins\[0\]: {message}", line), line
 
 
 def test_plugin_fault_is_reported_once_on_two_ranks(project: Path) -> None:

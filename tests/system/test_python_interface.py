@@ -52,7 +52,7 @@ def test_a_changed_job_is_a_new_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         (
             {"effects[3].density": 1},
@@ -63,9 +63,9 @@ def test_a_changed_job_is_a_new_one(tmp_path: Path) -> None:
         ({"x y": 1}, r"block\.yaml: .*is not a key"),
     ],
 )
-def test_a_change_that_cannot_be_is_reported(changes: dict[str, Any], told: str, tmp_path: Path) -> None:
+def test_a_change_that_cannot_be_is_reported(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
     job = hpcinv.load(write_job(tmp_path / "block.yaml", BLOCK))
-    with pytest.raises(JobError, match=told):
+    with pytest.raises(JobError, match=message):
         job.with_(changes)
 
 

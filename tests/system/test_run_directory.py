@@ -300,16 +300,16 @@ def test_a_finished_run_of_another_problem_is_refused(finished: Path) -> None:
     assert content(finished) == before
 
 
-@pytest.mark.parametrize(("changes", "told"), [({}, False), ({"certificate": "full"}, True)])
+@pytest.mark.parametrize(("changes", "message"), [({}, False), ({"certificate": "full"}, True)])
 def test_a_finished_run_of_the_same_problem_is_finished(
-    changes: dict[str, object], told: bool, finished: Path, tmp_path: Path
+    changes: dict[str, object], message: bool, finished: Path, tmp_path: Path
 ) -> None:
     before = content(finished)
     job = write_job(tmp_path / "new.yaml", CUBE, **changes) if changes else finished.parent / "cube.yaml"
     done = hpcinv(1, "resume", finished, "--job", job, cwd=finished.parent)
     assert done.returncode == 0, done.stderr
     assert "this run is finished" in done.stdout
-    assert ("were not used" in done.stdout) == told
+    assert ("were not used" in done.stdout) == message
     assert content(finished) == before
 
 

@@ -416,7 +416,7 @@ def test_no_order_is_given_where_more_than_the_mesh_varies(begin: Begin, tmp_pat
 
 
 def test_a_series_of_meshes_that_does_not_refine_is_reported(begin: Begin, tmp_path: Path) -> None:
-    def told(*cells: int) -> list[str]:
+    def message(*cells: int) -> list[str]:
         directory = tmp_path / "-".join(map(str, cells))
         directory.mkdir()
         records = [good(1.0 + 1 / n, unknowns=n, total=float(i)) for i, n in enumerate(cells)]
@@ -425,8 +425,8 @@ def test_a_series_of_meshes_that_does_not_refine_is_reported(begin: Begin, tmp_p
         return list(not_refined(rows))
 
     series = [{"name": "sizes", "vary": {"mesh.parameters.nz": [1, 2, 4, 8]}}]
-    assert told(1000, 2000, 3000, 4000) == []
-    (line,) = told(2001, 2365, 1439, 3788)
+    assert message(1000, 2000, 3000, 4000) == []
+    (line,) = message(2001, 2365, 1439, 3788)
     assert "'sizes' do not become finer (2,001, 2,365, 1,439, 3,788 cells)" in line
 
 

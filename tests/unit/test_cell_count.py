@@ -58,10 +58,10 @@ def generator(tmp_path: Path, text: str) -> Path:
 
 def expected(path: Path, **parameters: Any) -> tuple[float, int]:
     """The messages, and the number of cells made."""
-    told: list[str] = []
-    source = read_source(spec(path, parameters=parameters), path, told.append)
-    numbers = [float(text.split()[1].replace(",", "")) for text in told]
-    assert all(text.endswith(" cells expected") for text in told)
+    message: list[str] = []
+    source = read_source(spec(path, parameters=parameters), path, message.append)
+    numbers = [float(text.split()[1].replace(",", "")) for text in message]
+    assert all(text.endswith(" cells expected") for text in message)
     return numbers[0], len(source.cells)
 
 
@@ -132,8 +132,8 @@ def test_the_limit_is_the_jobs_and_holds_for_what_is_made_in_other_ways(tmp_path
 def test_a_mesh_to_be_partitioned_is_reported_too_and_refused_where_it_is_absurd(tmp_path: Path) -> None:
     path = generator(tmp_path, BALL)
     cut = hpcinv(1, "mesh", "partition", path, "ball.bp", "--parts", 2, cwd=tmp_path)
-    told, done = cut.stdout.splitlines()
-    assert re.fullmatch(rf"meshing {path}: about \d,\d00 cells expected", told)
+    message, done = cut.stdout.splitlines()
+    assert re.fullmatch(rf"meshing {path}: about \d,\d00 cells expected", message)
     assert "number of parts 2" in done
     absurd = hpcinv(1, "mesh", "partition", path, "b.bp", "--parts", 2, "--parameter", "size=1e-4", cwd=tmp_path)
     assert (absurd.returncode, "more than mesh.maximum_cells allows" in absurd.stderr) == (2, True)

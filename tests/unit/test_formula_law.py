@@ -136,8 +136,8 @@ def test_a_law_that_is_none_is_refused_in_one_sentence(data: dict[str, Any], mes
 def test_parameters_must_have_names_and_values_of_their_own() -> None:
     taken = dict.fromkeys(("I1", "J", "I2_bar", "I4_f", "I8_f_s", "ln", "max", "pi", "kappa"), 1)
     faults = problems(energy="(1 Pa)*(I1_bar - 3)", kappa=1.0, parameters=taken)
-    told = "is already the name of something else; 'hpcinv formulas' lists the reserved names"
-    assert faults == [f"parameters.{name}: {told}" for name in taken]
+    text = "is already the name of something else; 'hpcinv formulas' lists the reserved names"
+    assert faults == [f"parameters.{name}: {text}" for name in taken]
     words = dict.fromkeys(("lambda", "c-1", "_a", "if"), 1)
     faults = problems(energy="(1 Pa)*(I1_bar - 3)", kappa=1.0, parameters=words)
     assert faults == [

@@ -330,9 +330,9 @@ def test_all_labels_are_listed_with_their_volumes(tmp_path: Path, capsys: pytest
     assert f"the labels in it are {every}" in str(refused.value)
     for arguments in ([], ["--label", ""], ["--label", "ball=1"], [str(tmp_path / "b.msh"), "--size", "4 mm"]):
         assert main(["mesh", "from-image", str(image), *arguments]) == 2
-        told = capsys.readouterr().err
-        assert every in told
-        assert "such as: hpcinv mesh from-image" in told.lower()
+        text = capsys.readouterr().err
+        assert every in text
+        assert "such as: hpcinv mesh from-image" in text.lower()
 
 
 def test_a_neighbour_behind_a_thin_wall_is_not_next_to_its_other_side(tmp_path: Path) -> None:
@@ -388,9 +388,9 @@ def many_islands() -> np.ndarray:
     ],
 )
 def test_unmeshable_images_are_reported(voxels: Callable[[], np.ndarray], fault: str, tmp_path: Path) -> None:
-    with pytest.raises(MeshError) as told:
+    with pytest.raises(MeshError) as text:
         meshed(written(tmp_path / "image.nii.gz", voxels()))
-    assert fault in str(told.value)
+    assert fault in str(text.value)
 
 
 def test_labels_that_touch_in_edges_only_are_joined_before_they_are_filled() -> None:
@@ -487,9 +487,9 @@ def test_files_that_are_not_images_are_reported(tmp_path: Path) -> None:
     ],
 )
 def test_bad_sections_are_reported(changes: dict[str, Any], fault: str, tmp_path: Path) -> None:
-    with pytest.raises((JobError, MeshError)) as told:
+    with pytest.raises((JobError, MeshError)) as text:
         meshed(written(tmp_path / "ball.nii.gz", ball()), **changes)
-    assert fault in str(told.value)
+    assert fault in str(text.value)
 
 
 def inside(surface: Path, **mesh: Any) -> MeshSource:
@@ -620,9 +620,9 @@ def test_curved_cells_are_nearer_to_the_true_surface(tmp_path: Path) -> None:
     straight, bent = (beside_sphere(meshed(image, said, geometry_degree=d, **spec), middle).std() for d in (1, 2))
     print(f"voxels: {straight:.3g} m, curved {bent:.3g} m")
     assert bent < 0.85 * straight
-    told = [line for line in said if line.startswith("cells of second degree: ")]
-    assert len(told) == 1
-    assert "held back for the shape of cells" in told[0]
+    text = [line for line in said if line.startswith("cells of second degree: ")]
+    assert len(text) == 1
+    assert "held back for the shape of cells" in text[0]
     surface = tmp_path / "ball.stl"
     straight, bent = (beside_sphere(inside(surface, geometry_degree=d), [0, 0, 0]).std() for d in (1, 2))
     print(f"triangles: {straight:.3g} m, curved {bent:.3g} m")
@@ -678,19 +678,19 @@ def test_surfaces_that_cannot_be_meshed_are_reported(
 ) -> None:
     made = surface()
     (made if isinstance(made, pyvista.PolyData) else made.extract_surface(algorithm=None)).save(tmp_path / "body.stl")
-    with pytest.raises((JobError, MeshError)) as told:
+    with pytest.raises((JobError, MeshError)) as text:
         inside(tmp_path / "body.stl", **mesh)
-    assert fault in str(told.value)
+    assert fault in str(text.value)
 
 
 def test_an_open_surface_is_refused_with_a_place_of_its_hole(tmp_path: Path) -> None:
     """A tetrahedron without the side x + y + z = 1."""
     points = np.vstack([np.zeros(3), np.eye(3)])
     pyvista.PolyData.from_regular_faces(points, [[0, 2, 1], [0, 1, 3], [0, 3, 2]]).save(tmp_path / "body.stl")
-    with pytest.raises(MeshError) as told:
+    with pytest.raises(MeshError) as text:
         inside(tmp_path / "body.stl")
     middles = r"(0, 0\.5, 0\.5|0\.5, 0, 0\.5|0\.5, 0\.5, 0)"
-    assert re.search(rf"is open: 3 edges .* first at \({middles}\)", str(told.value))
+    assert re.search(rf"is open: 3 edges .* first at \({middles}\)", str(text.value))
 
 
 def test_labels_of_a_mesh_file_are_refused(tmp_path: Path) -> None:

@@ -132,12 +132,12 @@ FAULTS = [
 ]
 
 
-@pytest.mark.parametrize(("given", "key", "told"), FAULTS, ids=lambda v: str(v) if isinstance(v, dict) else "")
-def test_moduli_that_cannot_be_are_refused_at_their_key(given: dict[str, Any], key: str, told: str) -> None:
+@pytest.mark.parametrize(("given", "key", "message"), FAULTS, ids=lambda v: str(v) if isinstance(v, dict) else "")
+def test_moduli_that_cannot_be_are_refused_at_their_key(given: dict[str, Any], key: str, message: str) -> None:
     with pytest.raises(ValidationError) as caught:
         laws()["gent"].model_validate({"law": "gent", "jm": 30} | given)
     messages = {error["loc"]: error["msg"] for error in caught.value.errors()}
-    assert told in messages[key,]
+    assert message in messages[key,]
 
 
 def test_validate_names_the_convention_of_a_modulus_that_no_one_means(
@@ -147,9 +147,9 @@ def test_validate_names_the_convention_of_a_modulus_that_no_one_means(
     material = {"law": "mooney-rivlin", "c1": 9e5, "c2": 0, "d1": 2e-10}
     job = write_job(tmp_path / "job.yaml", BLOCK, material=material)
     assert main(["validate", str(job)]) == 0
-    told = capsys.readouterr().err
-    assert told.startswith(f"warning: {job}: material: Poisson's ratio is -1, ")
-    assert "Abaqus's D1 is 1/d1" in told
+    message = capsys.readouterr().err
+    assert message.startswith(f"warning: {job}: material: Poisson's ratio is -1, ")
+    assert "Abaqus's D1 is 1/d1" in message
     write_job(job, BLOCK, material=material | {"d1": "1/2e-10"})
     assert main(["validate", str(job)]) == 0
     assert capsys.readouterr().err == ""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hpcinv.effects.obstacles import Cylinder, LevelSet, Obstacle, Plane, Sphere
-from hpcinv.model.obstacle_passage import Distance, passages
+from hpcinv.model.obstacle_passage import DistanceFunction, passages
 from hpcinv.model.surface_distance import SurfaceDistance
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.expressions import Expression
@@ -21,7 +21,7 @@ BAR = {"point": (0.0, 0.0, 0.0), "axis": (0.0, 1.0, 0.0), "radius": RADIUS}
 ROUND = LevelSet(shape="level-set", formula=Expression(f"x^2 + y^2 + z^2 - ({RADIUS} m)^2"))
 
 
-def of(obstacle: Obstacle) -> Distance:
+def of(obstacle: Obstacle) -> DistanceFunction:
     """The distance of an obstacle in metres."""
     values = {name: value for name, (value, _) in obstacle.quantities().items()}
     columns = {n: np.reshape(v, (3, 1)) if isinstance(v, tuple) else v for n, v in values.items()}

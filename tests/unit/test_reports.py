@@ -22,8 +22,8 @@ from hpcinv.pictures.decimation import decimated
 from hpcinv.pictures.snapshots import NAME as SNAPSHOTS
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots, write_snapshot
 from hpcinv.reports.charts import convergence_chart, load_chart
-from hpcinv.reports.of_run import run_page, write_run_report
 from hpcinv.reports.packed_arrays import PackedArrays
+from hpcinv.reports.run_page import run_page, write_run_report
 from hpcinv.reports.wording import LINE_REMEDIES, MEANINGS, meaning, remedy, words
 
 

@@ -18,7 +18,7 @@ from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.result import Result
 from hpcinv.output.run_report import RunReport
 from hpcinv.parallel.runtime import MPI
-from hpcinv.reports import of_run
+from hpcinv.reports import run_page
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SolvedDirection, SolveEvent
 
@@ -154,7 +154,7 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
                 raise OutputError("the report cannot be written")
 
         monkeypatch.setattr(run_report, "write_summary", write_summary)
-        monkeypatch.setattr(of_run, "write_run_report", write_run_report)
+        monkeypatch.setattr(run_page, "write_run_report", write_run_report)
         job = SimpleNamespace(
             solver=SimpleNamespace(patience=500),
             directions=("inverse", "forward")[:directions],

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.verification import box, job
 
-from hpcinv.certificate.discretisation_error import at_singular_fibres
+from hpcinv.certificate.discretisation_error import quantities_at_singular_fibres
 from hpcinv.certificate.singular_edges import SingularEdges, singular_edges
 from hpcinv.certificate.singular_limit import SingularLimit
 from hpcinv.certificate.wedge_exponents import SMOOTH, Hold, axial_exponent, plane_exponent
@@ -149,5 +149,5 @@ def test_quantities_at_singular_fibres_are_named(comm: MPI.Intracomm) -> None:
             ],
         )
         body = build_body(its.mesh, its.regions, comm, resolve=its.resolve)
-        names = at_singular_fibres(its.quantities, body, singular_edges(its, body))
+        names = quantities_at_singular_fibres(its.quantities, body, singular_edges(its, body))
         assert names == (("tip",) if direction is fibres else ())

@@ -34,7 +34,7 @@ def test_all_points_of_a_table_are_read(text: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "report"),
     [
         ("0.1 mm,0.2 mm,0.3 mm\n0.4,0.5,0.6", "line 1: '0.1 mm' is not a number"),
         ("0.1,0.2,z\n0.4,0.5,0.6", "line 1: 'z' is not a number"),
@@ -48,12 +48,12 @@ def test_all_points_of_a_table_are_read(text: str, tmp_path: Path) -> None:
         ("0.1,0.2," + "3" * 200_000, "line 1: cannot be read: field larger than field limit"),
     ],
 )
-def test_ambiguous_tables_are_refused(text: str, told: str, tmp_path: Path) -> None:
+def test_ambiguous_tables_are_refused(text: str, report: str, tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     path.write_text(text)
     with pytest.raises(MeshError) as refused:
         read_table(path, 3)
-    assert refused.value.message == f"{path}: {told}" or refused.value.message.startswith(f"{path}: {told}")
+    assert refused.value.message == f"{path}: {report}" or refused.value.message.startswith(f"{path}: {report}")
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be", "latin-1"])

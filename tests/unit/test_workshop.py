@@ -225,8 +225,8 @@ for suffix in WRITERS:
 """
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
-    told = [line.partition(": cannot be written: ")[0] for line in done.stdout.splitlines()]
-    assert (done.returncode, told) == (0, [f"part{suffix}" for suffix in WRITERS]), done.stderr
+    report = [line.partition(": cannot be written: ")[0] for line in done.stdout.splitlines()]
+    assert (done.returncode, report) == (0, [f"part{suffix}" for suffix in WRITERS]), done.stderr
     assert list(tmp_path.iterdir()) == []
 
 

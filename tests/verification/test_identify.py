@@ -16,7 +16,7 @@ import hpcinv
 from hpcinv.errors import JobError, MeshError, OutputError
 from hpcinv.identification.identification_report import identifiability, warnings
 from hpcinv.identification.identification_run import Identified, identify
-from hpcinv.identification.shares import Share, shares_of, teams_of
+from hpcinv.identification.shares import StateShare, shares_of, teams_of
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import read_source
 from hpcinv.mesh.mesh_files import save
@@ -281,7 +281,7 @@ def test_derivatives_of_all_kinds_of_observations(comm: MPI.Intracomm, tmp_path:
         identify={"parameters": {"material.mu": None} | ties, "observations": observations, "given_sd": 2.0},
     )
     with Workspace(comm) as workspace:
-        evaluations = Evaluations(both, comm, workspace, Share(both), None, lambda: False)
+        evaluations = Evaluations(both, comm, workspace, StateShare(both), None, lambda: False)
         at = np.array([10e3, 150.0])
         base = evaluations.evaluate(at)
         assert base is not None

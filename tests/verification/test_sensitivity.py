@@ -372,11 +372,11 @@ TIES = [
 ]
 
 
-@pytest.mark.parametrize(("entry", "told"), TIES, ids=[told for _, told in TIES])
-def test_incompatible_sensitivity_parameters_are_refused(entry: dict[str, Any], told: str) -> None:
+@pytest.mark.parametrize(("entry", "message"), TIES, ids=[message for _, message in TIES])
+def test_incompatible_sensitivity_parameters_are_refused(entry: dict[str, Any], message: str) -> None:
     with pytest.raises(JobError) as caught:
         squeezed(sensitivities={"material.mu": entry})
-    assert told in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_numbers_that_change_together_count_once(comm: MPI.Intracomm) -> None:
@@ -392,16 +392,16 @@ def test_numbers_that_change_together_count_once(comm: MPI.Intracomm) -> None:
     assert tied.as_data()["parameters"]["material.mu"]["also"] == ["material.lam"]
 
 
-@pytest.mark.parametrize(("key", "told"), FAULTS.items(), ids=list(FAULTS))
-def test_non_numbers_are_refused_as_sensitivity_parameters(key: str, told: str) -> None:
+@pytest.mark.parametrize(("key", "message"), FAULTS.items(), ids=list(FAULTS))
+def test_non_numbers_are_refused_as_sensitivity_parameters(key: str, message: str) -> None:
     with pytest.raises(JobError) as caught:
         squeezed(sensitivities=[key])
     assert caught.value.problems[0].split(": ", 1)[1].startswith("sensitivities[0]: ")
-    assert told in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("law", "key", "told"),
+    ("law", "key", "message"),
     [
         ({"law": "neo-hookean", "mu": "1 kPa*(1 + x/(1 m))", "lam": 1}, "material.mu", "varies over the body"),
         ({"law": "neo-hookean", "mu": {"data": "a"}, "lam": 1}, "material.mu", "varies over the body"),
@@ -420,18 +420,18 @@ def test_non_numbers_are_refused_as_sensitivity_parameters(key: str, told: str) 
         ),
     ],
 )
-def test_parameters_without_a_derivative_are_refused(law: dict[str, Any], key: str, told: str) -> None:
+def test_parameters_without_a_derivative_are_refused(law: dict[str, Any], key: str, message: str) -> None:
     with pytest.raises(JobError) as caught:
         squeezed(material=law, sensitivities={key: None}, discretisation={"displacement": 2, "formulation": "mixed"})
-    assert f"sensitivities.{key}: {key} {told}" in str(caught.value) or told in str(caught.value)
+    assert f"sensitivities.{key}: {key} {message}" in str(caught.value) or message in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("deviation", "told"),
+    ("deviation", "message"),
     [("1 kg", "must be a stress, as material.mu is"), (0, "above 0"), (-1, "above 0"), (True, "must be a number")],
 )
-def test_a_deviation_is_positive_and_of_the_dimension_of_its_number(deviation: Any, told: str) -> None:
-    with pytest.raises(JobError, match=f"sensitivities.material.mu: .*{told}"):
+def test_a_deviation_is_positive_and_of_the_dimension_of_its_number(deviation: Any, message: str) -> None:
+    with pytest.raises(JobError, match=f"sensitivities.material.mu: .*{message}"):
         squeezed(sensitivities={"material.mu": deviation})
 
 

@@ -36,8 +36,8 @@ def quantity(name: str, of: Any, **settings: Any) -> QuantityOfInterest:
 
 def named(of: Any, **settings: Any) -> QuantityOfInterest:
     """With a name made of all that it asks for."""
-    told = "-".join(str(v) for v in (of, *settings.values()))
-    return quantity("q" + re.sub(r"\W", "_", told), of, **settings)
+    message = "-".join(str(v) for v in (of, *settings.values()))
+    return quantity("q" + re.sub(r"\W", "_", message), of, **settings)
 
 
 def values(
@@ -244,11 +244,11 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("given", "told"), WRONG, ids=[told[:40] for _, told in WRONG])
-def test_invalid_stress_quantities_are_refused(given: dict[str, Any], told: str) -> None:
+@pytest.mark.parametrize(("given", "message"), WRONG, ids=[message[:40] for _, message in WRONG])
+def test_invalid_stress_quantities_are_refused(given: dict[str, Any], message: str) -> None:
     with pytest.raises(JobError) as caught:
         job(**GOOD, quantities=[{"name": "a", **given}])
-    assert f"quantities[0].{told}" in str(caught.value)
+    assert f"quantities[0].{message}" in str(caught.value)
 
 
 def test_only_formulas_of_quantities_know_names_of_stresses() -> None:

@@ -52,7 +52,7 @@ class History:
 
     @property
     def is_claimed(self) -> bool:
-        """Whether the last claim was not released; its holder may be dead."""
+        """True if the last claim was not released; its holder may be dead."""
         return self.claims > 0 and self.claims not in self.released
 
     @property

@@ -13,11 +13,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.imaging.label_image import Bools, LabelImage
+from hpcinv.mesh.imaging.label_image import LabelImage
 from hpcinv.mesh.imaging.specks import check_extent
 from hpcinv.mesh.io.surface_files import read_triangles
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import unique_rows
+from hpcinv.quantity.arrays import Booleans
 from hpcinv.quantity.units import readable
 
 _VOXELS = 8  # along the size of a cell
@@ -72,7 +73,7 @@ def fill(
     return LabelImage(first, tuple(parts), voxels, np.full(3, voxel), origin, np.eye(3)), volumes, triangles.scale(unit)
 
 
-def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit: float) -> Bools:
+def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit: float) -> Booleans:
     """Return which voxels are inside of a surface; ``MeshError`` if their volume is not the triangles'."""
     voxel = float(grid.spacing[0])
     volume = signed_volume(surface)
@@ -89,7 +90,7 @@ def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit
     return (mask > 0).reshape(grid.dimensions, order="F")
 
 
-def _check_nested(names: Sequence[str], masks: Sequence[Bools], path: Path) -> None:
+def _check_nested(names: Sequence[str], masks: Sequence[Booleans], path: Path) -> None:
     """Check two regions, the larger one first: the smaller is in the other or apart from it."""
     for i, mask in enumerate(masks):
         for j in range(i + 1, len(masks)):

@@ -18,16 +18,17 @@ from hpcinv.mesh.imaging.closed_surface import fill
 from hpcinv.mesh.imaging.curved_cells import SmoothBoundary, curved
 from hpcinv.mesh.imaging.given_surface import GivenSurface
 from hpcinv.mesh.imaging.label_boundary import GOOD, ROUGH, Memberships, smoothed
-from hpcinv.mesh.imaging.label_image import Bools, LabelImage, read_labels
+from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
 from hpcinv.mesh.imaging.lattice import Lattice, drop_outside, interfaces, lattice_of
 from hpcinv.mesh.imaging.mesh_report import report_distance, report_mesh, report_sizes
 from hpcinv.mesh.imaging.packages import package
 from hpcinv.mesh.imaging.specks import check_extent, check_thickness, remove_specks, represented_volumes
-from hpcinv.mesh.imaging.surroundings import OUTSIDE, Names, surroundings
+from hpcinv.mesh.imaging.surroundings import OUTSIDE, NameArray, surroundings
 from hpcinv.mesh.imaging.wall_sizes import WallSizes, wall_sizes
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.mesh.surface import Surface
 from hpcinv.parallel.signals import handlers_restored
+from hpcinv.quantity.arrays import Booleans
 from hpcinv.quantity.units import readable
 
 _FINE = 0.5  # spacing of the lattice, relative to the size of cells
@@ -252,7 +253,7 @@ def _crossing(points: Floats, facets: Ints, pairs: Ints) -> Floats:
     return np.asarray(surface.nodes[list(find_overlap(surface).facets)].mean(axis=1))
 
 
-def _cells_outside(labels: Ints, places: Ints, reach: int) -> Bools:
+def _cells_outside(labels: Ints, places: Ints, reach: int) -> Booleans:
     """Cells (as in ``labels``) next to the body in narrow gaps, and up to ``reach`` cells from ``places`` (n, 3).
 
     There, they keep apart surfaces that face each other, and the surface from folding over: a cell between would be
@@ -332,7 +333,7 @@ def _tell_volumes(
         report(f"{name}: {readable(volume, 'm^3')}, {error:+.2%} in the mesh{note}")
 
 
-def _is_at_border(points: Floats, facets: Ints, first: Ints, image: LabelImage) -> Bools:
+def _is_at_border(points: Floats, facets: Ints, first: Ints, image: LabelImage) -> Booleans:
     """Return whether facets lie where the image ends: within a voxel of its last middles, and along it."""
     corners = points[facets]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -346,7 +347,9 @@ def _is_at_border(points: Floats, facets: Ints, first: Ints, image: LabelImage) 
     return np.asarray(is_border.any(axis=1))
 
 
-def _groups(names: Sequence[str], labels: Ints, pairs: Ints, is_cut: Bools, neighbours: Names) -> tuple[Group, ...]:
+def _groups(
+    names: Sequence[str], labels: Ints, pairs: Ints, is_cut: Booleans, neighbours: NameArray
+) -> tuple[Group, ...]:
     """Regions of cells and facets."""
     groups = [Group(name, 3, i, np.flatnonzero(labels == i)) for i, name in enumerate(names, start=1)]
     tag = len(names)

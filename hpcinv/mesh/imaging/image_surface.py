@@ -8,8 +8,9 @@ import pyvista
 from scipy import ndimage
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.imaging.label_image import Bools, read_labels
+from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.source import Floats
+from hpcinv.quantity.arrays import Booleans
 
 _SMOOTH = 0.7  # standard deviation of the smoothing, in voxels
 _MARGIN = 4  # voxels around the body, so that surfaces are closed where the image ends
@@ -41,7 +42,7 @@ def image_surface(path: Path, labels: Sequence[int], unit: float) -> pyvista.Pol
     return pyvista.PolyData.from_regular_faces(image.positions(points), triangles)
 
 
-def surface_around(path: Path, mask: Bools) -> pyvista.PolyData:
+def surface_around(path: Path, mask: Booleans) -> pyvista.PolyData:
     """Return the surface (voxels) that encloses the volume of the voxels in a mask, whose margin is empty.
 
     Raises:

@@ -10,12 +10,12 @@ import numpy.typing as npt
 from hpcinv.errors import MeshError
 from hpcinv.mesh.imaging.image_files import read_voxels
 from hpcinv.mesh.source import Floats
+from hpcinv.quantity.arrays import Booleans
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import readable
 from hpcinv.reading.voxels import Numbers, VoxelGrid
 
-type Labels = npt.NDArray[np.int16]
-type Bools = npt.NDArray[np.bool_]
+type LabelArray = npt.NDArray[np.int16]
 
 LPS = "LPS"
 _ENDS = {"L": "left", "R": "right", "P": "back", "A": "front", "S": "head", "I": "feet"}
@@ -37,12 +37,12 @@ class LabelImage:
 
     path: Path
     names: Sequence[str]
-    voxels: Labels
+    voxels: LabelArray
     spacing: Floats
     origin: Floats
     axes: Floats
     frame: str = ""
-    neighbours: Mapping[str, Bools] = field(default_factory=dict)
+    neighbours: Mapping[str, Booleans] = field(default_factory=dict)
     numbers: Numbers = field(default_factory=lambda: np.zeros((0, 0, 0), dtype=np.int64))
 
     def volume(self, label: int) -> float:

@@ -7,17 +7,18 @@ import numpy.typing as npt
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.boundary_shells import shells
-from hpcinv.mesh.imaging.label_image import Bools, LabelImage
+from hpcinv.mesh.imaging.label_image import LabelImage
 from hpcinv.mesh.source import Floats, Ints
+from hpcinv.quantity.arrays import Booleans
 from hpcinv.quantity.units import readable
 
-type Names = npt.NDArray[np.object_]
+type NameArray = npt.NDArray[np.object_]
 
 OUTSIDE, CAVITY = "outside", "cavity"
 _STEP = 0.5  # along normals, relative to the smallest side of voxels
 
 
-def surroundings(points: Floats, facets: Ints, pairs: Ints, image: LabelImage, first: Ints, reach: float) -> Names:
+def surroundings(points: Floats, facets: Ints, pairs: Ints, image: LabelImage, first: Ints, reach: float) -> NameArray:
     """Return a name for each facet: of those between two labels, `OUTSIDE`.
 
     A neighbour is looked for along the normal: the nearest one behind a wall is not at its other side.
@@ -68,7 +69,7 @@ def _normals(points: Floats, facets: Ints) -> Floats:
 
 
 def _neighbours(
-    middles: Floats, normals: Floats, image: LabelImage, masks: Sequence[Bools], first: Ints, reach: float
+    middles: Floats, normals: Floats, image: LabelImage, masks: Sequence[Booleans], first: Ints, reach: float
 ) -> Ints:
     """Return the number of the first mask along each normal; -1 if there is none before the body begins again."""
     mask_numbers, last = np.full(len(middles), -1), np.array(image.voxels.shape) - 1

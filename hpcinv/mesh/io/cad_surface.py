@@ -37,7 +37,7 @@ def cad_surface(gmsh: Any, kind: str, degree: int) -> CadSurface | None:
     reference_nodes = scalar_element(facet, 2 * degree).points
     shapes, straight = (scalar_element(facet, d).tabulate(0, reference_nodes)[0, :, :, 0] for d in (degree, 1))
     given = [_facets(gmsh, tag, ElementType.query(gmsh, facet, degree)) for _, tag in surfaces]
-    mesh.setOrder(1)  # numbers the nodes anew; nodes of degree 2 may have no parameters
+    mesh.setOrder(1)  # numbers the nodes again; nodes of degree 2 may have no parameters
     vertices, nodes = [np.zeros((0, straight.shape[1]), np.int64)], [np.zeros((0, len(reference_nodes), 3))]
     for (_, tag), (facet_nodes, points) in zip(surfaces, given, strict=True):
         if not len(facet_nodes):

@@ -41,7 +41,7 @@ _started: dict[tuple[str, Path], subprocess.Popen[bytes]] = {}
 
 
 class _Received:
-    """What the process writes: a line of JSON, and arrays."""
+    """Output of the process: a line of JSON, and arrays."""
 
     def __init__(self) -> None:
         self.head: dict[str, Any] = {}
@@ -130,7 +130,7 @@ def _command(action: str, path: Path) -> tuple[list[str], int]:
 
 
 def _ending(code: int) -> str:
-    """How the process ended without an answer."""
+    """Return how the process ended without an answer."""
     if code == -signal.SIGXCPU:
         return "that takes too long"
     if code == -signal.SIGKILL:

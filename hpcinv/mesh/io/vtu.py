@@ -11,7 +11,7 @@ from hpcinv.errors import MeshError
 from hpcinv.formats.mesh_format import MeshArrays
 from hpcinv.formats.vtu import REGION
 from hpcinv.mesh.cells import EDGE_KIND, FACET_KIND, degree_of, no_cells, vtk_order
-from hpcinv.mesh.io.isolated import read_isolated
+from hpcinv.mesh.io.isolated import Arrays, read_isolated
 from hpcinv.mesh.io.length_unit import FIELD, as_unit
 from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, SurfaceCells, data_arrays, distinct_tags
@@ -199,9 +199,6 @@ def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
     )
     if error is not None:
         raise error
-
-
-type Arrays = dict[str, npt.NDArray[Any]]
 
 
 def content_of(source: MeshSource) -> tuple[list[tuple[Ints, int]], Arrays, Arrays, dict[str, float]]:

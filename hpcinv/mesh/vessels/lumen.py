@@ -11,11 +11,12 @@ from hpcinv.errors import MeshError
 from hpcinv.job.sections import CENTRELINE, MeshSpec
 from hpcinv.mesh.imaging.closed_surface import read_closed, signed_volume
 from hpcinv.mesh.imaging.image_surface import surface_around
-from hpcinv.mesh.imaging.label_image import Bools, read_labels
+from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.io.surface_files import read_triangles
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.vessels.centrelines import read_centrelines, surface_of_tubes
 from hpcinv.mesh.vessels.flat_ends import open_edges, rims_of, without_caps
+from hpcinv.quantity.arrays import Booleans
 from hpcinv.reading.suffix import suffix_of
 
 _BEYOND = 5  # voxels by which a lumen goes on behind its flat ends; fewer round the edges of ends
@@ -112,7 +113,7 @@ def _lumen_of_image(path: Path, spec: MeshSpec) -> Lumen:
     return Lumen(pyvista.PolyData.from_regular_faces(position(surface.points), triangles), planes, image.frame)
 
 
-def _continued(mask: Bools) -> tuple[Bools, list[tuple[Floats, Floats]]]:
+def _continued(mask: Booleans) -> tuple[Booleans, list[tuple[Floats, Floats]]]:
     """Return voxels that go on behind the flat ends of others, and the planes (in voxels) of these ends.
 
     An end is flat where a whole section ends at once, which is about as large as the section two voxels before.

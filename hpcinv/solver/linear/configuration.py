@@ -49,7 +49,7 @@ class LinearConfiguration(ABC):
 
     @property
     def note(self) -> str:
-        """What is unusual about it; empty if nothing is."""
+        """Text on unusual settings; empty without any."""
         return ""
 
     def keep(self, ksp: PETSc.KSP) -> bool:

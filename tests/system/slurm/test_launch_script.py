@@ -114,10 +114,10 @@ def test_a_run_that_saves_nothing_is_requeued_at_most_twice_in_a_row(
 
     again = "requeue 17"
     assert [stopped(0), stopped(1), stopped(2, SAVES="yes"), stopped(3), stopped(4), stopped(5)] == [again] * 5 + [""]
-    told = capfd.readouterr()
-    assert told.out.count("was stopped before it could save anything, and is requeued to try again") == 4
-    assert told.out.count("has saved its state, and is requeued to go on") == 1
-    assert told.err.count("job 17: not requeued any more: three times in a row it was stopped before") == 1
+    message = capfd.readouterr()
+    assert message.out.count("was stopped before it could save anything, and is requeued to try again") == 4
+    assert message.out.count("has saved its state, and is requeued to go on") == 1
+    assert message.err.count("job 17: not requeued any more: three times in a row it was stopped before") == 1
     assert not list((tmp_path / "place").glob(".hpcinv-*"))
 
 

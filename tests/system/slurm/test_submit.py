@@ -108,7 +108,7 @@ def test_missing_slurm_is_reported(sweep: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["--ntasks", 3, "--ranks-per-case", 2], "3 ranks cannot be divided into groups of that size"),
         (["--ntasks", 3, "--ranks-per-case", 0], "--ranks-per-case 0"),
@@ -120,10 +120,10 @@ def test_missing_slurm_is_reported(sweep: Path, tmp_path: Path) -> None:
         (["--ntasks", 1, "--time", "0-1", "--lead", 3600], "--time 0-1: is not above the 3600 s that are kept"),
     ],
 )
-def test_impossible_requests_are_refused(words: list[object], told: str, sweep: Path) -> None:
+def test_impossible_requests_are_refused(words: list[object], message: str, sweep: Path) -> None:
     done = submit(sweep, *words)
     assert done.returncode == 2
-    assert told in done.stderr
+    assert message in done.stderr
 
 
 @pytest.mark.parametrize("limit", ["3", "2:01", "0:02:01", "1-0", "0-00:02:01", "UNLIMITED"])

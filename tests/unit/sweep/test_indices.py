@@ -195,15 +195,15 @@ def test_intervals_that_a_long_tail_makes_too_narrow_are_reported() -> None:
     v = np.expm1(s**2)
     whole = np.prod(1 + v) - 1
     exact = np.array([*(v / whole), *(v * np.prod(1 + v) / (1 + v) / whole)])
-    inside, told = [], []
+    inside, message = [], []
     for _ in range(100):
         points = rng.standard_normal((60, 2))
         indices = indices_of(points, [True] * 2, np.exp(points @ s))
         intervals = np.array([*indices.first, *indices.total])
         inside.append((intervals[:, 1] <= exact) & (exact <= intervals[:, 2]))
-        told.append(indices.has_long_tail)
-    print("long tail", np.mean(inside, axis=0), np.mean(told))
-    assert np.mean(told) > 0.9
+        message.append(indices.has_long_tail)
+    print("long tail", np.mean(inside, axis=0), np.mean(message))
+    assert np.mean(message) > 0.9
     uniform = rng.uniform(-1, 1, (60, 2))
     assert not indices_of(uniform, [False] * 2, uniform @ s).has_long_tail
 
@@ -315,9 +315,9 @@ def test_shapes_that_were_not_kept(
     solve(plan, linear)
     shape = tmp_path / "spread.vtu"
     assert main(["sweep", "indices", str(plan.path), "--shape", str(shape)]) == 2
-    assert "16 of 16 cases have kept no shape" in (told := capsys.readouterr().err)
-    assert "set: {output: {mesh: [vtu]}}" in told
-    assert "another 'store'" in told
+    assert "16 of 16 cases have kept no shape" in (message := capsys.readouterr().err)
+    assert "set: {output: {mesh: [vtu]}}" in message
+    assert "another 'store'" in message
     assert not shape.exists()
 
 

@@ -1,4 +1,4 @@
-"""What neighbours foretell: polynomials exactly, other fields with the order of moving least squares; distances."""
+"""Predictions from neighbours: polynomials exactly, other fields with the order of moving least squares; distances."""
 
 from __future__ import annotations
 

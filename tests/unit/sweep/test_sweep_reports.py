@@ -293,7 +293,7 @@ def test_the_table_as_csv_and_hdf5_has_the_same_numbers(
     rows = [{headers[header]: value for header, value in row.items()} for row in written]
     with h5py.File(io.BytesIO(as_hdf5(sweep_plan, records, told_by))) as file:
         frame = {name: data[()] for name, data in file["cases"].items()}
-        told = {name: data.attrs["unit"] for name, data in file["cases"].items() if "unit" in data.attrs}
+        message = {name: data.attrs["unit"] for name, data in file["cases"].items() if "unit" in data.attrs}
         origins = [json.loads(text) for text in file["provenance"].asstr()[()]]
     assert frame.keys() == table.keys() == rows[0].keys()
     for name, values in table.items():
@@ -305,10 +305,10 @@ def test_the_table_as_csv_and_hdf5_has_the_same_numbers(
                 assert row[name] == kept.decode() == value
             else:
                 assert float(row[name]) == kept == value
-    assert told == {k: v for k, v in units(sweep_plan, records).items() if k in table}
-    assert told[MU] == "Pa"
-    assert (told[DENSITY], told["top"], told["top sd"], told["seconds[1]"]) == ("kg/m^3", "m", "m", "m")
-    assert (told[f"top slope in {MU}"], told["seconds"], told["peak_memory"]) == ("m/Pa", "s", "B")
+    assert message == {k: v for k, v in units(sweep_plan, records).items() if k in table}
+    assert message[MU] == "Pa"
+    assert (message[DENSITY], message["top"], message["top sd"], message["seconds[1]"]) == ("kg/m^3", "m", "m", "m")
+    assert (message[f"top slope in {MU}"], message["seconds"], message["peak_memory"]) == ("m/Pa", "s", "B")
     assert [part.get("machine") for part in origins] == [{"ranks": 2}, None, None, None, {"ranks": 2}, None]
 
 
@@ -374,14 +374,14 @@ def test_a_diagram_names_the_cases_that_it_leaves_out(
     commit(sweep_plan.cases[1], good(quantities={}))
     for case in sweep_plan.cases[3:]:
         commit(case, good())
-    told = ["1 of 5 cases, not finished (neo-Hooke)", f"2 of 5 cases, without {MU} (Yeoh)"]
-    told.append("1 of 5 cases, without top (neo-Hooke)")
+    message = ["1 of 5 cases, not finished (neo-Hooke)", f"2 of 5 cases, without {MU} (Yeoh)"]
+    message.append("1 of 5 cases, without top (neo-Hooke)")
     files, left_out = plot(sweep_plan, results(sweep_plan, ledger_of(sweep_plan.store)), "top", [MU])
-    assert left_out == told
+    assert left_out == message
     assert drawn(files, "series-0") == 1
-    assert all(f"left out: {text}" in files["svg"].decode() for text in told)
+    assert all(f"left out: {text}" in files["svg"].decode() for text in message)
     assert main(["sweep", "plot", str(sweep_plan.path), "top", "--over", MU, "--output", str(tmp_path / "top")]) == 0
-    assert capsys.readouterr().out.splitlines()[2:] == [f"left out: {text}" for text in told]
+    assert capsys.readouterr().out.splitlines()[2:] == [f"left out: {text}" for text in message]
 
 
 def test_an_axis_with_a_zero_is_not_logarithmic(tmp_path: Path) -> None:

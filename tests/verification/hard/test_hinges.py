@@ -111,8 +111,8 @@ def test_a_part_that_hangs_on_a_vertex_or_an_edge_is_refused(kind: str, degree: 
 
 
 def test_a_support_that_leaves_the_turn_about_the_edge_does_not_help(comm: MPI.Intracomm) -> None:
-    told = refusal(comm, voxels(EDGE), {"left": "xyz", "top": "z"})
-    assert told.endswith("and is free to turn about the axis through (1, 1, 0) mm along z")
+    report = refusal(comm, voxels(EDGE), {"left": "xyz", "top": "z"})
+    assert report.endswith("and is free to turn about the axis through (1, 1, 0) mm along z")
 
 
 HELD: dict[str, tuple[MeshSource, dict[str, str]]] = {
@@ -136,8 +136,8 @@ def test_held_hinges_are_accepted(source: MeshSource, held: dict[str, str], comm
 def test_a_curved_edge_is_not_a_hinge_of_displacements_of_degree_1(comm: MPI.Intracomm) -> None:
     """Its vertices are on a straight line, but its cells cannot turn about that line."""
     model(comm, bent(voxels(EDGE, divisions=1)), {"left": "xyz"}, discretisation={"displacement": 1})
-    told = refusal(comm, voxels(EDGE, divisions=1), {"left": "xyz"}, discretisation={"displacement": 1})
-    assert told.endswith("and is free to turn about the axis through (1, 1, 0) mm along z")
+    report = refusal(comm, voxels(EDGE, divisions=1), {"left": "xyz"}, discretisation={"displacement": 1})
+    assert report.endswith("and is free to turn about the axis through (1, 1, 0) mm along z")
 
 
 @pytest.mark.parallel(2)
@@ -152,8 +152,8 @@ def test_several_nodes_on_one_line_are_a_hinge(comm: MPI.Intracomm) -> None:
 
 @pytest.mark.parallel(2)
 def test_of_a_chain_its_first_joint_is_described(comm: MPI.Intracomm) -> None:
-    told = refusal(comm, voxels([(i, i, 0) for i in range(5)], divisions=1), {"left": "xyz"})
-    assert told == (
+    report = refusal(comm, voxels([(i, i, 0) for i in range(5)], divisions=1), {"left": "xyz"})
+    assert report == (
         "voxels.msh: a part of 1 cell around (1.5, 1.5, 0.5) mm touches the rest of the body only at nodes between"
         " (1, 1, 0) and (2, 2, 1) mm, and is free to turn about the axis through (1, 1, 0) mm along z; and 3 more"
         " of its parts"
@@ -163,8 +163,8 @@ def test_of_a_chain_its_first_joint_is_described(comm: MPI.Intracomm) -> None:
 @pytest.mark.parallel(2)
 def test_parts_that_move_only_together_are_found(comm: MPI.Intracomm) -> None:
     """Four cubes in a ring, joined by edges: with one held, each other is held if its neighbours are."""
-    told = refusal(comm, voxels(RING), {"low": "xyz"})
-    assert told.count("a part of 8 cells around") == 3
+    report = refusal(comm, voxels(RING), {"low": "xyz"})
+    assert report.count("a part of 8 cells around") == 3
     model(comm, voxels(RING), {"low": "xyz", "far": "x"})
 
 
@@ -173,8 +173,8 @@ def test_springs_hold_a_hinge_if_they_resist_its_turn(comm: MPI.Intracomm) -> No
     held = {"left": "xyz"}
     model(comm, voxels(EDGE), held, effects=[SPRINGS])
     for useless in (SPRINGS | {"region": "top"}, SPRINGS | {"region": "left"}):
-        told = refusal(comm, voxels(EDGE), held, effects=[useless])
-        assert told.endswith("and is free to turn about the axis through (1, 1, 0) mm along z")
+        report = refusal(comm, voxels(EDGE), held, effects=[useless])
+        assert report.endswith("and is free to turn about the axis through (1, 1, 0) mm along z")
 
 
 def test_hinges_of_very_many_parts_are_found(comm: MPI.Intracomm) -> None:
@@ -184,9 +184,9 @@ def test_hinges_of_very_many_parts_are_found(comm: MPI.Intracomm) -> None:
     cubes = [(i, j, 1) for i in range(1, 16, 2) for j in range(1, 16, 2)]
     model(comm, voxels([*plate, *posts, *cubes], divisions=1), {"bottom": "xyz"})
     some = [post for post in posts if post[1] % 4 == 0]
-    told = refusal(comm, voxels([*plate, *some, *cubes], divisions=1), {"bottom": "xyz"})
-    assert "on the straight line from (1, 1, 1) to (2, 1, 1) mm, and is free to turn about" in told
-    assert told.endswith("; and 61 more of its parts")
+    report = refusal(comm, voxels([*plate, *some, *cubes], divisions=1), {"bottom": "xyz"})
+    assert "on the straight line from (1, 1, 1) to (2, 1, 1) mm, and is free to turn about" in report
+    assert report.endswith("; and 61 more of its parts")
 
 
 def test_the_command_line_reports_it_once_before_the_solve(tmp_path: Path) -> None:

@@ -234,8 +234,8 @@ ROLLERS = [{"region": f"{axis}{end}", "fix": [axis]} for axis in "xyz" for end i
 def test_an_incompressible_body_needs_a_free_surface(comm: MPI.Intracomm) -> None:
     clamped = [{"region": "boundary", "fix": ["x", "y", "z"]}]
     for supports in (clamped, ROLLERS):
-        told = refusal(comm, supports=supports, material=INCOMPRESSIBLE)
-        assert told.startswith("supports: hold the whole surface of an incompressible body")
+        report = refusal(comm, supports=supports, material=INCOMPRESSIBLE)
+        assert report.startswith("supports: hold the whole surface of an incompressible body")
     curved = {"file": "../../meshes/box.py", "parameters": {"nx": 2, "ny": 2, "nz": 2}, "geometry_degree": 2}
     assert "whole surface" in refusal(comm, mesh=curved, supports=ROLLERS, material=INCOMPRESSIBLE)
     model(comm, supports=ROLLERS[:-1], material=INCOMPRESSIBLE)

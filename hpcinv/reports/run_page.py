@@ -20,8 +20,8 @@ from hpcinv.pictures.interior import NAME as NAME_OF_INTERIOR
 from hpcinv.pictures.interior import Interior, read_interior
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots
 from hpcinv.quantity.written_units import as_shown
+from hpcinv.reports.cases_page import as_url
 from hpcinv.reports.charts import convergence_chart, load_chart
-from hpcinv.reports.of_cases import as_url
 from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.page import NAME, render, write_page
 from hpcinv.reports.viewer_scene import scene
@@ -103,7 +103,7 @@ def run_page(
 
 
 def _strained(boundary: Boundary | None) -> str:
-    """Where the last body is strained most, on its boundary; empty if it is not strained."""
+    """Return where the boundary of the last body is strained most; empty if it is not strained."""
     if boundary is None or not boundary.results:
         return ""
     last = boundary.results[-1]
