@@ -174,7 +174,7 @@ def missing_memory(data: JobData) -> float | None:
     model = Equations(job, build_body(job.mesh, job.regions, comm, resolve=job.resolve), Timings())
     if model.chooser.can_factorize:
         return None
-    equilibrium = model.equilibrium(model.scene(data["analysis"]))
+    equilibrium = model.equilibrium(model.weak_form(data["analysis"]))
     equilibrium.system.linearise(1.0)
     equilibrium.linear.factorize()
     size = 1e6 * float(equilibrium.linear.ksp.pc.getFactorMatrix().getMumpsInfog(17))
