@@ -1,7 +1,7 @@
 """Continuation in the load factor, from the unloaded body to the full load, in few factorizations."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps, trace
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.predictor import Increment
+from hpcinv.solver.predictor import Increment, Prediction
 
 
 @dataclass(frozen=True)
@@ -142,83 +142,8 @@ def follow(
     if isinstance(steps, ArcLengthSteps):
         yield from trace(equilibrium, steps, tolerance, load=load, passed=passed)
         return
-    state, forward = equilibrium.system.state.x, equilibrium.system.weak_form.kinematics.direction == "forward"
-    step, has_tangent, ahead = steps.start(), False, LimitPointAhead()
-    if load == 0.0 and not equilibrium.system.is_on_path:
-        ahead.sign = equilibrium.system.weak_form.unknowns.unloaded_sign
-    predict = equilibrium.predictor.predict
-    spent = 0  # factorizations that are not part of a report yet
-    end: _EndOfSeries | None = None
-    while load < 1.0:
-        target = target_of(load, step, steps.cases)
-        if end is not None and end.tries > end.most:
-            load, state.array[:], step, has_tangent, ahead.sign = end.load, end.values, end.step, False, end.sign
-            equilibrium.depart(load)
-            yield from end.reports(spent)
-            if step < steps.least:
-                return
-            end, spent = None, 0
-            continue
-        accepted = state.array.copy()
-        predicted = None
-        if has_tangent or isinstance(steps, AdaptiveSteps):
-            predicted = predict(target, new_tangent=not has_tangent)
-            if has_tangent:
-                ahead.rates.append(predicted.length / (target - load))
-            if isinstance(steps, AdaptiveSteps):
-                shorter = steps.shortened(target - load, predicted.increment, forward=forward)
-                if shorter < target - load:
-                    state.array[:] = accepted
-                    target = target_of(load, shorter, steps.cases)
-                    predicted = predict(target).including(predicted)
-                if end is not None and target <= end.load:
-                    end.tries += 1
-                    if end.tries > end.most:
-                        state.array[:], spent = accepted, predicted.factorizations
-                        continue
-        wanted = tolerance if target == 1.0 else steps.path_tolerance
-        tangents = equilibrium.system.tangents
-        solve = equilibrium.solve(target, wanted, predicted=predicted, farthest=farthest)
-        solve, spent = replace(solve, factorizations=solve.factorizations + spent), 0
-        if solve.outcome.accepted and isinstance(steps, AdaptiveSteps) and predicted is not None:
-            moved = state.petsc_vec.array - accepted[: state.petsc_vec.local_size]
-            length = math.sqrt(equilibrium.system.comm.allreduce(float(moved @ moved)))
-            solve = replace(solve, may_have_jumped=length > ahead.farther * predicted.length > 0)
-            if ahead.has_jumped(solve) or (solve.may_have_jumped and series is not None):
-                solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
-        is_refused = solve.outcome is Outcome.TOO_NONLINEAR
-        step = target - load if is_refused else steps.next_step(solve, target - load)
-        if solve.outcome.accepted:
-            # A step that changes nothing, as while an obstacle is still away, needs no tangent.
-            load, has_tangent = target, has_tangent or predicted is not None or equilibrium.system.tangents > tangents
-        else:
-            state.array[:] = accepted
-            if solve.outcome not in (Outcome.PASSED_THROUGH, Outcome.TOO_NONLINEAR):  # which say nothing about the load
-                ahead.failures.append((load, target))
-            has_tangent = is_refused  # the present factors belong to a state of the failed solve
-        if not is_refused:
-            yield solve
-        if series is not None and not (solve.outcome.accepted or solve.outcome.is_final):
-            last, begun, sign = None, load, ahead.sign
-            for last in series(load, solve):
-                if last.outcome.accepted:
-                    load, sign = last.load, (last.signs or (sign,))[-1]
-                yield last
-            if last is not None and (load == 1.0 or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
-                return
-            if last is not None and load > begun:
-                end = _EndOfSeries(last, load, state.array.copy(), sign)
-            series, farthest, load, state.array[:] = None, math.inf, begun, accepted
-            if is_refused:  # the step is tried all the same
-                has_tangent = last is None
-                spent = solve.factorizations if has_tangent else 0
-                continue
-        if not solve.outcome.accepted and (
-            step < steps.least or solve.outcome.is_final or (stop_early and ahead.is_likely(load))
-        ):
-            if end is None or load > end.load or solve.outcome.is_final:
-                return
-            end.tries = end.most + 1
+    path = _LoadSteps(equilibrium, steps, tolerance, load, series, farthest)
+    yield from path.solves(stop_early=stop_early)
 
 
 @dataclass
@@ -240,6 +165,15 @@ class _EndOfSeries:
     most = 1  # with more of them, steps repeat the series instead of stepping over its end
 
     @property
+    def is_next(self) -> bool:
+        """Whether steps go on from the end."""
+        return self.tries > self.most
+
+    def take_next(self) -> None:
+        """Let steps go on from the end, without more tries."""
+        self.tries = self.most + 1
+
+    @property
     def step(self) -> float:
         return (self.last.load - self.load) / 2
 
@@ -247,6 +181,150 @@ class _EndOfSeries:
         """Yield the state at the end as a solution again, and the last solve, which took ``spent`` factorizations."""
         yield Solve(self.load, Outcome.CONVERGED, (), 0, strategy=self.last.strategy)
         yield replace(self.last, iterations=(), factorizations=spent, signs=())
+
+
+class _LoadSteps:
+    """Adaptive or fixed steps from a load factor on. Arguments are the arguments of `follow`; methods are collective.
+
+    Attributes:
+        _step: the next step.
+        _has_tangent: whether the factors predict it.
+        _spent: factorizations that are not part of a report yet.
+        _end: end of the series from which steps may go on.
+    """
+
+    def __init__(
+        self,
+        equilibrium: Equilibrium,
+        steps: AdaptiveSteps | FixedSteps,
+        tolerance: float,
+        load: float,
+        series: SeriesSolver | None,
+        farthest: float,
+    ) -> None:
+        self._equilibrium, self._steps, self._tolerance, self._load = equilibrium, steps, tolerance, load
+        self._series, self._farthest = series, farthest
+        self._state = equilibrium.system.state.x
+        self._step, self._has_tangent, self._spent = steps.start(), False, 0
+        self._ahead = LimitPointAhead()
+        self._end: _EndOfSeries | None = None
+        if load == 0.0 and not equilibrium.system.is_on_path:
+            self._ahead.sign = equilibrium.system.weak_form.unknowns.unloaded_sign
+
+    def solves(self, *, stop_early: bool) -> Iterator[Solve]:
+        """Yield the solves to the full load, or to the failed one at which the path ends."""
+        while self._load < 1.0:
+            if self._end is not None and self._end.is_next:
+                yield from self._begin_at(self._end)
+                if self._step < self._steps.least:
+                    return
+                continue
+            solve = self._attempt()
+            if solve is None:
+                continue
+            has_failed, is_refused = not solve.outcome.accepted, solve.outcome is Outcome.TOO_NONLINEAR
+            if not is_refused:
+                yield solve
+            if self._series is not None and has_failed and not solve.outcome.is_final:
+                is_over = yield from self._follow(self._series, solve)
+                if is_over:
+                    return
+                if is_refused:  # the step is tried all the same
+                    continue
+            if has_failed and self._is_at_end(solve, stop_early=stop_early):
+                if self._end is None or self._load > self._end.load or solve.outcome.is_final:
+                    return
+                self._end.take_next()
+
+    def _is_at_end(self, solve: Solve, *, stop_early: bool) -> bool:
+        """Return whether no shorter step is tried after a failed one."""
+        is_likely = stop_early and self._ahead.is_likely(self._load)
+        return self._step < self._steps.least or solve.outcome.is_final or is_likely
+
+    def _attempt(self) -> Solve | None:
+        """Return the solve of the next step, or ``None`` if it would end before the end of the series once more."""
+        equilibrium, accepted = self._equilibrium, self._state.array.copy()
+        target, predicted = self._predicted(accepted)
+        if self._end is not None and target <= self._end.load:
+            self._end.tries += 1
+            if self._end.is_next:
+                self._state.array[:] = accepted
+                self._spent = predicted.factorizations if predicted is not None else 0
+                return None
+        wanted = self._tolerance if target == 1.0 else self._steps.path_tolerance
+        tangents = equilibrium.system.tangents
+        solve = equilibrium.solve(target, wanted, predicted=predicted, farthest=self._farthest)
+        solve, self._spent = replace(solve, factorizations=solve.factorizations + self._spent), 0
+        if solve.outcome.accepted and isinstance(self._steps, AdaptiveSteps) and predicted is not None:
+            solve = self._compared(solve, accepted, predicted)
+        is_refused, step = solve.outcome is Outcome.TOO_NONLINEAR, target - self._load
+        self._step = step if is_refused else self._steps.next_step(solve, step)
+        if solve.outcome.accepted:
+            self._load = target
+            # A step that changes nothing, as while an obstacle is still away, needs no tangent.
+            self._has_tangent |= predicted is not None or equilibrium.system.tangents > tangents
+        else:
+            self._state.array[:] = accepted
+            if solve.outcome not in (Outcome.PASSED_THROUGH, Outcome.TOO_NONLINEAR):  # which say nothing about the load
+                self._ahead.failures.append((self._load, target))
+            self._has_tangent = is_refused  # the present factors belong to a state of the failed solve
+        return solve
+
+    def _predicted(self, accepted: npt.NDArray[np.float64]) -> tuple[float, Prediction | None]:
+        """Return the load factor of the next step, and its prediction, to which the state has moved, if it has one."""
+        load, steps, equilibrium = self._load, self._steps, self._equilibrium
+        target, predict = target_of(load, self._step, steps.cases), equilibrium.predictor.predict
+        if not (self._has_tangent or isinstance(steps, AdaptiveSteps)):
+            return target, None
+        predicted = predict(target, new_tangent=not self._has_tangent)
+        if self._has_tangent:
+            self._ahead.rates.append(predicted.length / (target - load))
+        if isinstance(steps, AdaptiveSteps):
+            forward = equilibrium.system.weak_form.kinematics.direction == "forward"
+            shorter = steps.shortened(target - load, predicted.increment, forward=forward)
+            if shorter < target - load:
+                self._state.array[:] = accepted
+                target = target_of(load, shorter, steps.cases)
+                predicted = predict(target).including(predicted)
+        return target, predicted
+
+    def _compared(self, solve: Solve, accepted: npt.NDArray[np.float64], predicted: Prediction) -> Solve:
+        """Return an accepted solve, rejected if it has left the path, by its distance and by the tangent's sign."""
+        moved = self._state.petsc_vec.array - accepted[: self._state.petsc_vec.local_size]
+        length = math.sqrt(self._equilibrium.system.comm.allreduce(float(moved @ moved)))
+        solve = replace(solve, may_have_jumped=length > self._ahead.farther * predicted.length > 0)
+        if self._ahead.has_jumped(solve) or (solve.may_have_jumped and self._series is not None):
+            return replace(solve, outcome=Outcome.ANOTHER_PATH)
+        return solve
+
+    def _follow(self, series: SeriesSolver, failed: Solve) -> Generator[Solve, None, bool]:
+        """Yield the solves of the series after a failed one; return whether the path ends there.
+
+        If it does not, the state is where the series began.
+        """
+        last, load, sign, accepted = None, self._load, self._ahead.sign, self._state.array.copy()
+        for last in series(load, failed):
+            if last.outcome.accepted:
+                load, sign = last.load, (last.signs or (sign,))[-1]
+            yield last
+        if last is not None and (load == 1.0 or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
+            return True
+        if last is not None and load > self._load:
+            self._end = _EndOfSeries(last, load, self._state.array.copy(), sign)
+        self._series, self._farthest = None, math.inf
+        self._state.array[:] = accepted
+        if failed.outcome is Outcome.TOO_NONLINEAR:
+            self._has_tangent = last is None
+            self._spent = failed.factorizations if last is None else 0
+        return False
+
+    def _begin_at(self, end: _EndOfSeries) -> Iterator[Solve]:
+        """Go on from the end of the series, and yield its reports."""
+        self._load, self._state.array[:], self._step = end.load, end.values, end.step
+        self._has_tangent, self._ahead.sign = False, end.sign
+        self._equilibrium.depart(end.load)
+        yield from end.reports(self._spent)
+        self._end, self._spent = None, 0
 
 
 def target_of(load: float, step: float, cases: int) -> float:
