@@ -67,7 +67,11 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
     typed = sys.argv[1:] if arguments is None else arguments
     with imports_at_start():
-        options = _parser(*typed[:1]).parse_args(complete_action(typed))
+        parser = _parser(*typed[:1])
+        if not typed:
+            parser.print_help(sys.stderr)
+            return 2
+        options = parser.parse_args(complete_action(typed))
         from hpcinv.files.untrusted import asked_for
     if arguments is None:
         refuse_exit_without_end()

@@ -270,6 +270,10 @@ def test_a_command_that_does_not_exist_ends_with_2() -> None:
     assert python("-m", "hpcinv", "fly").returncode == 2
 
 
+def test_without_a_command_all_are_listed() -> None:
+    refused(python("-m", "hpcinv"), 2, "validate  check job, study and sweep")
+
+
 def test_from_python_a_run_gives_its_result_and_writes_nothing(
     cube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
