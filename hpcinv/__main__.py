@@ -44,6 +44,7 @@ COMMANDS = {
     "mesh": "mesh",
     "compare": "compare",
     "compile": "compile",
+    "completion": "completion",
 }
 """module of each command in `hpcinv.cli`, which has a function ``add_MODULE``"""
 
@@ -122,7 +123,8 @@ def _parser(command: str = "") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="command")
-    modules = [COMMANDS[command]] if command in COMMANDS else dict.fromkeys(COMMANDS.values())
+    is_alone = command in COMMANDS and command != "completion"  # which completes the others
+    modules = [COMMANDS[command]] if is_alone else dict.fromkeys(COMMANDS.values())
     for name in modules if command != "--version" else ():
         getattr(importlib.import_module(f"hpcinv.cli.{name}"), f"add_{name}")(commands)
     return parser
