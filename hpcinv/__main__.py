@@ -44,6 +44,7 @@ COMMANDS = {
     "mesh": "mesh",
     "compare": "compare",
     "compile": "compile",
+    "completion": "completion",
 }
 """module of each command in `hpcinv.cli`, which has a function ``add_MODULE``"""
 
@@ -67,7 +68,11 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
     typed = sys.argv[1:] if arguments is None else arguments
     with imports_at_start():
-        options = _parser(*typed[:1]).parse_args(complete_action(typed))
+        parser = _parser(*typed[:1])
+        if not typed:
+            parser.print_help(sys.stderr)
+            return 2
+        options = parser.parse_args(complete_action(typed))
         from hpcinv.files.untrusted import asked_for
     if arguments is None:
         refuse_exit_without_end()
@@ -118,7 +123,8 @@ def _parser(command: str = "") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="command")
-    modules = [COMMANDS[command]] if command in COMMANDS else dict.fromkeys(COMMANDS.values())
+    is_alone = command in COMMANDS and command != "completion"  # which completes the others
+    modules = [COMMANDS[command]] if is_alone else dict.fromkeys(COMMANDS.values())
     for name in modules if command != "--version" else ():
         getattr(importlib.import_module(f"hpcinv.cli.{name}"), f"add_{name}")(commands)
     return parser

@@ -15,7 +15,9 @@ from typing import Any
 import yaml
 
 from hpcinv.errors import JobError
+from hpcinv.formats import FORMATS
 from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.reading.suffix import suffix_of
 
 MOST_BYTES = 8 * 2**20
 """bytes of a file"""
@@ -62,6 +64,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """
     try:
         str(path).encode()
+        if suffix_of(path) in FORMATS and path.is_file():
+            raise JobError(f"{path}: is a mesh; give the job that names it as mesh.file ('hpcinv new' writes jobs)")
         text = _content(path).decode()
     except UnicodeEncodeError:
         raise JobError(f"{path}: the name of the file is not UTF-8; rename it") from None
@@ -91,7 +95,7 @@ def read_text(text: str, where: str) -> Any:
     except _YamlFault as fault:
         raise JobError(f"{where}:{fault.line}: {fault.text}") from None
     except yaml.MarkedYAMLError as error:
-        raise JobError(_syntax_error(error, where)) from None
+        raise JobError(_syntax_error(error, text, where)) from None
     except yaml.YAMLError as error:
         reason = getattr(error, "reason", error)
         raise JobError(f"{where}: is not valid YAML: {reason}") from None
@@ -108,11 +112,13 @@ _REMEDIES = {
 }
 
 
-def _syntax_error(error: yaml.MarkedYAMLError, where: str) -> str:
+def _syntax_error(error: yaml.MarkedYAMLError, text: str, where: str) -> str:
     """Return the message for a syntax error: what it is, its line, and what to do."""
     mark, begin = error.problem_mark or error.context_mark, error.context_mark
     line = f":{mark.line + 1}" if mark else ""
     problem = " ".join(filter(None, [error.problem or "is not valid YAML", error.context]))
+    if error.problem_mark and text[error.problem_mark.index : error.problem_mark.index + 1] == "\t":
+        problem = problem.replace("character that cannot", "a tab character that cannot")
     remedy = next((f"; {remedy}" for part, remedy in _REMEDIES.items() if part in problem), "")
     if mark and begin and begin.line != mark.line:
         problem += f", which begins in line {begin.line + 1}"

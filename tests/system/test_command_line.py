@@ -270,6 +270,35 @@ def test_a_command_that_does_not_exist_ends_with_2() -> None:
     assert python("-m", "hpcinv", "fly").returncode == 2
 
 
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [
+        ("va", "validate"),
+        ("run ''", ""),  # names of files
+        ("run --strict --cer", "--certificate"),
+        ("run job.yaml --certificate f", "full"),
+        ("sweep st", "status statistics"),
+        ("mesh gather --un", "--untrusted"),
+    ],
+)
+def test_bash_completes_commands_options_and_choices(typed: str, completed: str, script: str) -> None:
+    begin = f"{script}\nCOMP_WORDS=(hpcinv {typed}); COMP_CWORD=$((${{#COMP_WORDS[*]}} - 1)); _hpcinv"
+    done = subprocess.run(
+        ["bash", "-c", f'{begin}; echo "${{COMPREPLY[*]}}"'], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == f"{completed}\n"
+    assert not done.stderr
+
+
+@pytest.fixture(scope="module")
+def script() -> str:
+    return python("-m", "hpcinv", "completion").stdout
+
+
+def test_without_a_command_all_are_listed() -> None:
+    refused(python("-m", "hpcinv"), 2, "validate  check job, study and sweep")
+
+
 def test_from_python_a_run_gives_its_result_and_writes_nothing(
     cube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -85,6 +85,8 @@ def test_invalid_job_files_are_reported_with_their_place(tmp_path: Path, text: s
     ("text", "remedy"),
     [
         ("a: 1\n\tb: 2\n", "which begins in line 1; indent with spaces"),
+        ("a:\n\tb: 2\n", "a tab character that cannot start any token while scanning for the next token; indent with"),
+        ("a:\n  -\t{b: 2}\n", "indent with spaces"),
         ("a: {b: 1\nc: [1, 2\n", "close each '{' by '}' and each '[' by ']'"),
         ("a: 'b\n", "close the quotation mark"),
         ("a: b: c\n", "in quotation marks"),
@@ -98,6 +100,12 @@ def test_syntax_errors_come_with_a_remedy(tmp_path: Path, text: str, remedy: str
     with pytest.raises(JobError) as caught:
         read(tmp_path, text)
     assert remedy in str(caught.value)
+
+
+def test_a_mesh_is_not_taken_for_a_job(tmp_path: Path) -> None:
+    (tmp_path / "beam.VTU").write_text("<VTKFile>")
+    with pytest.raises(JobError, match=r"beam.VTU: is a mesh; give the job"):
+        read_yaml(tmp_path / "beam.VTU")
 
 
 def test_a_missing_file_suggests_a_neighbour(tmp_path: Path) -> None:
