@@ -19,7 +19,7 @@ from hpcinv.solver.linear.cost_model import (
     flat_share,
     shape_of,
 )
-from hpcinv.solver.linear.symbolic_analysis import operations_of
+from hpcinv.solver.linear.symbolic_analysis import METIS, MINIMUM_FILL, operations_of
 
 _WORTH = 1.1  # least gain of multigrid: factorizations also give signs along the path, and fail at once
 _FLAT_SHARE = 0.1  # of flat cells; above it multigrid hardly converges: smoothers of points leave errors across them
@@ -142,10 +142,16 @@ class Chooser:
         if not _WORTH < self.forecast.direct / self.forecast.iterative < _OBVIOUS:
             return
         self._is_analysed = True
-        operations = operations_of(unknowns)
-        if operations is not None and _UNLIKE * operations < self.forecast.operations:
-            shape = Shape.equal_rod(operations, self.forecast.unknowns)
-            self.forecast = replace(self.forecast, shape=shape, extents=self.forecast.shape)
+        block = self.forecast
+        for ordering in MINIMUM_FILL, METIS:
+            operations = operations_of(unknowns, ordering)
+            if operations is not None and _UNLIKE * operations < block.operations:
+                shape = Shape.equal_rod(operations, block.unknowns)
+                self.forecast = replace(block, shape=shape, extents=block.shape)
+            else:
+                self.forecast = block
+            if self.forecast.direct < self.forecast.iterative:  # a better ordering does not change that
+                return
 
     def choose(self, solver: Solver) -> Choice:
         """Return the configuration that ``solver.linear`` names, or the faster one for which there is memory."""
