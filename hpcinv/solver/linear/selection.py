@@ -19,7 +19,7 @@ from hpcinv.solver.linear.cost_model import (
     flat_share,
     shape_of,
 )
-from hpcinv.solver.linear.symbolic_analysis import operations_of
+from hpcinv.solver.linear.symbolic_analysis import METIS, MINIMUM_FILL, operations_of
 
 _WORTH = 1.1  # least gain of multigrid: factorizations also give signs along the path, and fail at once
 _FLAT_SHARE = 0.1  # of flat cells; above it multigrid hardly converges: smoothers of points leave errors across them
@@ -142,10 +142,16 @@ class Chooser:
         if not _WORTH < self.forecast.direct / self.forecast.iterative < _OBVIOUS:
             return
         self._is_analysed = True
-        operations = operations_of(unknowns)
-        if operations is not None and _UNLIKE * operations < self.forecast.operations:
-            shape = Shape.equal_rod(operations, self.forecast.unknowns)
-            self.forecast = replace(self.forecast, shape=shape, extents=self.forecast.shape)
+        block = self.forecast
+        for ordering in MINIMUM_FILL, METIS:
+            operations = operations_of(unknowns, ordering)
+            if operations is not None and _UNLIKE * operations < block.operations:
+                shape = Shape.equal_rod(operations, block.unknowns)
+                self.forecast = replace(block, shape=shape, extents=block.shape)
+            else:
+                self.forecast = block
+            if self.forecast.direct < self.forecast.iterative:  # a better ordering does not change that
+                return
 
     def choose(self, solver: Solver) -> Choice:
         """Return the configuration that ``solver.linear`` names, or the faster one for which there is memory."""
@@ -201,11 +207,12 @@ class Chooser:
 
     def _advice(self, chosen: Choice) -> str:
         """Return what makes multigrid slow and can be changed in the job; empty if nothing does."""
-        if self._is_shell or (chosen.configuration == "direct" and self.can_factorize) or self.forecast.locking < _SLOW:
+        slower = self.forecast.locking
+        if chosen.configuration != "iterative" or slower < _SLOW:
             return ""
         return (
-            f"; formulation: mixed, of degree 2, would spare multigrid about {self.forecast.locking:.2g} times the "
-            "iterations, since the material is nearly incompressible"
+            f"; the material is nearly incompressible, which multiplies iterations by about {slower:.2g} in the "
+            "displacement form, but not in the mixed one (formulation: mixed, of degree 2)"
         )
 
     def _choose(self, solver: Solver) -> Choice:

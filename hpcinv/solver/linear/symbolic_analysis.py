@@ -15,14 +15,16 @@ from petsc4py import PETSc
 
 from hpcinv.model.spaces import Unknowns
 
+MINIMUM_FILL, METIS = 2, 5  # of ICNTL(7); the first takes a fifth of the time, and cuts compact bodies less well
+_ORDERING = 7  # ICNTL
 _MATCHING = 6  # ICNTL(6) permutes columns by values, and there are none
 _INFO = 32  # numbers of PETSc's ``MatFactorInfo``: more than it has; MUMPS reads none of them
 
 
-def operations_of(unknowns: Unknowns) -> float | None:
+def operations_of(unknowns: Unknowns, ordering: int) -> float | None:
     """Return about the operations of a factorization L U of the tangent, ``None`` if not known; collective."""
     mesh = unknowns.mesh
-    operations = _scalar_operations(mesh)
+    operations = _scalar_operations(mesh, ordering)
     if operations is None:
         return None
     vertices = int(mesh.topology.index_map(0).size_global)
@@ -30,7 +32,7 @@ def operations_of(unknowns: Unknowns) -> float | None:
     return operations * (nodes / vertices) ** 2 * (unknowns.size / nodes) ** 3
 
 
-def _scalar_operations(mesh: Mesh) -> float | None:
+def _scalar_operations(mesh: Mesh, ordering: int) -> float | None:
     function = _petsc_function()
     if function is None:
         return None
@@ -43,6 +45,7 @@ def _scalar_operations(mesh: Mesh) -> float | None:
         pc.setFactorSetUpSolverType()
         factors = pc.getFactorMatrix()
         factors.setMumpsIcntl(_MATCHING, 0)
+        factors.setMumpsIcntl(_ORDERING, ordering)
         info = (ctypes.c_double * _INFO)()
         if function(ctypes.c_void_p(factors.handle), ctypes.c_void_p(graph.handle), None, None, info):
             return None
@@ -53,7 +56,10 @@ def _scalar_operations(mesh: Mesh) -> float | None:
 
 
 def _vertex_graph(mesh: Mesh) -> PETSc.Mat:
-    """Return a matrix of zeros, with an entry for any two vertices of a cell; collective."""
+    """Return a matrix of zeros, with an entry for any two vertices of a cell; collective.
+
+    It has either (i, j) or (j, i), since MUMPS's analysis is of the matrix and its transpose.
+    """
     topology = mesh.topology
     vertices, cells = topology.index_map(0), topology.index_map(3).size_local
     corners = topology.connectivity(3, 0).array.reshape(len(topology.connectivity(3, 0)), -1)[:cells]
@@ -61,8 +67,9 @@ def _vertex_graph(mesh: Mesh) -> PETSc.Mat:
     graph = PETSc.Mat().create(mesh.comm)
     graph.setSizes(((vertices.size_local, vertices.size_global),) * 2)
     graph.setType(PETSc.Mat.Type.AIJ)
-    rows: Any = np.repeat(numbers, corners.shape[1])
-    columns: Any = np.tile(numbers, (1, corners.shape[1])).ravel()  # arrays, whatever the stub says
+    first, second = np.triu_indices(corners.shape[1], 1)
+    rows: Any = numbers[:, first].ravel()  # an array, whatever the stub says
+    columns: Any = numbers[:, second].ravel()
     graph.setPreallocationCOO(rows, columns)
     graph.assemble()
     return graph

@@ -207,7 +207,10 @@ def test_stiffness_reaches_the_forecast(comm: MPI.Intracomm) -> None:
     chooser = equations.chooser
     assert chooser.forecast.stiffness == pytest.approx(499.7, abs=0.1)
     assert "formulation: mixed" not in chooser.choose(Solver()).why  # factors, which do not mind
-    assert "formulation: mixed, of degree 2, would spare" in chooser.choose(Solver(linear="iterative")).why
+    assert (
+        "multiplies iterations by about 7.1 in the displacement form, but not"
+        in chooser.choose(Solver(linear="iterative")).why
+    )
     chooser.forecast = replace(chooser.forecast, stiffness=2.0)
     assert "formulation" not in chooser.choose(Solver(linear="iterative")).why
 
