@@ -2,7 +2,8 @@
 
 The error is proportional to ``h^k``, the time of a factorization of ``N`` unknowns to ``N^q``, and the time of assembly
 to the number of cells and the cube of their nodes. The exponents are fitted to the steps of the run as soon as two of
-them can be compared; until then ``k`` is one more than the degree.
+them can be compared; until then ``k`` is one more than the degree. With ``f`` times smaller cells, solids have ``f^3``
+times as many, shells ``f^2``: their layer has one cell through the thickness.
 """
 
 import itertools
@@ -29,9 +30,10 @@ type RefinementKind = Literal["everywhere", "in places"]
 
 @dataclass(frozen=True)
 class Work:
-    """Seconds for assembly and factorization of ``count`` tangents of one degree."""
+    """Seconds for assembly and factorization of ``count`` tangents of one degree on ``cells`` cells."""
 
     degree: int
+    cells: int
     unknowns: int
     count: int
     assembly: float
@@ -45,8 +47,9 @@ class Step:
     Attributes:
         cell: "tetrahedron" or "hexahedron".
         size: of the cells, relative to the first mesh; ``None`` if they were refined locally.
-        solve, estimate: their work; the estimate is one tangent of one degree more.
+        solve, estimate: their work; the estimate is one tangent of one degree more, of a shell on halved cells.
         compilation: seconds to compile kernels.
+        dimension: 3, or 2 of a shell: of the directions in which cells get smaller.
     """
 
     cell: str
@@ -55,6 +58,7 @@ class Step:
     solve: Work
     estimate: Work
     compilation: float
+    dimension: Literal[2, 3] = 3
 
     @property
     def degree(self) -> int:
@@ -102,11 +106,12 @@ class RefinementForecast:
     ) -> None:
         self.steps, self.errors, self.excess, self.limit = steps, errors, excess, limit
         self.last = steps[-1]
-        done = [(work, step) for step in steps for work in (step.solve, step.estimate)]
-        self.power, self._factorization = _fit((w.unknowns, w.factorization / max(w.count, 1)) for w, _ in done)
+        done = [work for step in steps for work in (step.solve, step.estimate)]
+        self.power, self._factorization = _fit((w.unknowns, w.factorization / max(w.count, 1)) for w in done)
         # Measured on the largest problem so far: overhead matters least there.
-        largest, step = max(done, key=lambda pair: pair[0].unknowns)
-        self._assembly = largest.assembly / max(largest.count, 1) / (step.cells * nodes(step.cell, largest.degree) ** 3)
+        largest = max(done, key=lambda work: work.unknowns)
+        work_of_nodes = largest.cells * nodes(self.last.cell, largest.degree) ** 3
+        self._assembly = largest.assembly / max(largest.count, 1) / work_of_nodes
 
     def order(self, degree: int) -> float:
         """Return ``k`` of a degree if all cells are refined."""
@@ -143,7 +148,8 @@ class RefinementForecast:
 
     def everywhere(self, factor: float, degree: int) -> RefinementChoice:
         """Return the choice of all cells smaller by ``factor``, perhaps with one degree more."""
-        return self._choice("everywhere", factor, degree, factor**3, self._reached(factor, degree))
+        growth = factor**self.last.dimension
+        return self._choice("everywhere", factor, degree, growth, self._reached(factor, degree))
 
     def _reached(self, factor: float, degree: int) -> float:
         """Return the predicted ratio of the error to the demand."""
@@ -165,8 +171,11 @@ class RefinementForecast:
         self, kind: RefinementKind, factor: float, degree: int, growth: float, excess: float
     ) -> RefinementChoice:
         cells, unknowns = self.last.cells * growth, self.last.unknowns * growth * (degree / self.last.degree) ** 3
-        finer = unknowns * ((degree + 1) / degree) ** 3
-        seconds = SHAMANSKII * self.seconds(degree, cells, unknowns) + self.seconds(degree + 1, cells, finer)
+        seconds = SHAMANSKII * self.seconds(degree, cells, unknowns)
+        if self.last.dimension == 2:
+            seconds += self.seconds(degree, 4 * cells, 4 * unknowns)
+        else:
+            seconds += self.seconds(degree + 1, cells, unknowns * ((degree + 1) / degree) ** 3)
         if degree not in {step.degree for step in self.steps}:
             seconds += max(COMPILATION, *(step.compilation for step in self.steps))
         return RefinementChoice(kind, factor, degree, round(unknowns), excess, seconds)

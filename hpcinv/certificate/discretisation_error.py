@@ -107,6 +107,7 @@ class Estimate:
         limit: effect of singular edges; the errors are corrected for it; ``None`` without one.
         segments: ends (n, 2, 3) m of these edges, the same on all ranks.
         finer: where the finer problem is solved, as text for a note.
+        tangents: number of tangents of the finer spaces that were factorized.
         is_solved: whether the finer problem was solved: of a shell, or with a correction too large for one Newton step.
         is_too_dear: whether that was left out or given up, since it takes too long.
         without_geometry: why the error of the geometry is left out; empty if it is included.
@@ -122,6 +123,7 @@ class Estimate:
     limit: SingularLimit | None = None
     segments: Floats | None = None
     finer: str = "in spaces of one degree more"
+    tangents: int = 1
     is_solved: bool = False
     is_too_dear: bool = False
     without_geometry: str = ""
@@ -185,14 +187,15 @@ def estimate(
     body, is_shell = finer.body, equations.body.source.midsurface is not None
     forecast = finer.chooser.forecast if is_shell else finer_forecast(equations)
     start = finer.state().displacement
-    state, is_solved, is_too_dear = finer.unknowns.state.x.array, False, False
+    state, is_solved, is_too_dear, tangents = finer.unknowns.state.x.array, False, False, 1
     is_affordable = forecast.least <= equations.chooser.room
     is_large = forecast.operations > two_level.MANY
     if is_shell:
         if not is_affordable:
             return None
-        tangents = max(_SHELL_TANGENTS, _tangents_of_finer_solve(equations, solution, forecast))
-        is_solved = halved_cells.solve(equations, solution, finer, _Budget(observer, tangents))
+        budget = _Budget(observer, max(_SHELL_TANGENTS, _tangents_of_finer_solve(equations, solution, forecast)))
+        is_solved = halved_cells.solve(equations, solution, finer, budget)
+        tangents = max(budget.used, 1)
         stop_if_asked(body.mesh.comm, observer)
     elif not (is_large and two_level.correct(equations, solution.direction, finer, observer)):
         if not is_affordable:
@@ -231,6 +234,7 @@ def estimate(
         segments=edges.segments if edges else None,
         unknowns=finer.unknowns.size,
         finer=halved_cells.DESCRIPTION if is_shell else Estimate.finer,
+        tangents=tangents,
         is_solved=is_solved,
         is_too_dear=is_too_dear,
         without_geometry=_finer_body(equations, solution, rest_correction)[1],
@@ -254,11 +258,17 @@ class _Budget(IterationObserver):
     def __init__(self, observer: Observer, tangents: int) -> None:
         super().__init__(observer)
         self._left, self._of_this_solve = tangents, 0
+        self._most = tangents
 
     @property
     def is_spent(self) -> bool:
         """True if no tangent is left."""
         return self._of_this_solve >= self._left
+
+    @property
+    def used(self) -> int:
+        """Number of tangents so far."""
+        return self._most - self._left + self._of_this_solve
 
     def iteration(self, iteration: NewtonIteration) -> None:
         super().iteration(iteration)

@@ -22,19 +22,20 @@ from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.methods import solve_direction
 from hpcinv.methods.method import NESTED, UNLOADED, Guess, sign_of
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.observer import Observer
 
-_ROUGH = 1e-6
-"""Tolerance of the first solve, which shows how large the error is. Raised, it does not resolve the strains along a
-bent shell: at 1e-3, a pinched ring had an error of the wrong sign. Lowered, large errors take more iterations."""
-_SHARE = 0.01
+_SHARE = 0.05
 """Error of the finer solution, relative to the change from the given one; raised, estimates have fewer digits"""
-_CLOSE = 3.0
-"""Ratio to that up to which a solution is kept; lowered, a change that was a little smaller is solved for again"""
+_LARGE, _EXACT = 1e-3, 1e-6
+"""Change, relative to the state, from which on the error must be below ``_EXACT`` too: far from the solution,
+corrections shrink by chance. With 1e-3 for 1e-6, a pinched ring had an estimate of the wrong sign. Lowered, large
+changes take more iterations."""
+_REUSE = 0.6
+"""Contraction up to which a finer tangent is kept, since a new one takes as long as five corrections by a kept one.
+Lowered, more tangents are factorized."""
 
 DESCRIPTION = "on cells of half the size"
 """Text for a note: where a finer problem of a shell is solved."""
@@ -117,22 +118,15 @@ def solve(equations: Equations, solution: Solution, finer: Equations, observer: 
 
 def _corrected(finer: Equations, equilibrium: Equilibrium, sign: int) -> bool:
     """Solve from the present state, as exactly as an estimate needs it; return whether that was accepted."""
-    start, tolerance, most = equilibrium.system.position(), _ROUGH, finer.job.solver.tolerance
-    while True:
-        state = finer.state()
-        pressure = None if state.pressure is None else state.pressure.x.array.copy()
-        guess = Guess(state.displacement.x.array.copy(), pressure, sign, NESTED, keeps_factors=tolerance < _ROUGH)
-        if not guess.solve(finer, equilibrium, tolerance).outcome.accepted:
-            start.destroy()
-            return False
-        x = equilibrium.system.position()
-        size = norm(x)
-        start.aypx(-1.0, x)
-        change = norm(start)
-        start.aypx(-1.0, x)
-        x.destroy()
-        wanted = max(_SHARE * change / size if size else 0.0, most)
-        if tolerance <= _CLOSE * wanted:
-            start.destroy()
-            return True
-        tolerance = wanted
+
+    def tolerance(change: float) -> float:
+        wanted = _SHARE * change
+        return max(wanted if change < _LARGE else min(wanted, _EXACT), finer.job.solver.tolerance)
+
+    state, reuse = finer.state(), equilibrium.reuse
+    pressure = None if state.pressure is None else state.pressure.x.array.copy()
+    guess = Guess(state.displacement.x.array.copy(), pressure, sign, NESTED)
+    equilibrium.reuse = _REUSE if reuse else 0.0
+    solve = guess.solve(finer, equilibrium, tolerance)
+    equilibrium.reuse = reuse
+    return solve.outcome.accepted

@@ -22,11 +22,11 @@ def limit_points(equations: Equations, solution: Solution, stability: Line) -> I
 
     A spurious mode changes the sign of the determinant too: where the line on ``stability`` did not exclude that, a
     change of sign in the mixed form is not decided. Nor is one on a path from another state, along which the nodal
-    forces that hold the body there are taken away: no load of the job is such forces. From a rough shape, the sign
-    says nothing at all.
+    forces that hold the body there are taken away: no load of the job is such forces. Nor is one from a rough shape
+    to its end, or from the given body to that.
     """
     if solution.start and solution.start == solution.job.solver.start_shape:
-        yield skipped(LIMIT_POINTS, f"the path began with the shape '{solution.start}', not with the given body")
+        yield _start_shape_line(solution, equations.unknowns.unloaded_sign)
         return
     is_stability_known = stability.verdict not in (Verdict.UNDECIDED, Verdict.SKIPPED)
     may_be_spurious = equations.unknowns.p is not None and not is_stability_known
@@ -37,6 +37,24 @@ def limit_points(equations: Equations, solution: Solution, stability: Line) -> I
         precise_sign=lambda: _precise_sign(equations, solution),
     )
     yield _removal_line(line, solution.start) if solution.start else line
+
+
+def _start_shape_line(solution: Solution, unloaded: int) -> Line:
+    """Return the line on a path from a rough shape, which may end in one of several bodies that carry the load."""
+    solves = [solve for solve in solution.solves if solve.outcome.accepted]
+    signs = [solve.signs[-1] for solve in solves if solve.signs]
+    began = f"the path began with the shape '{solution.start}', not with the given body"
+    if (jumped := next((solve.load for solve in solves if solve.may_have_jumped), None)) is not None:
+        doubt = f"its step to load factor {jumped:.4g} moved the body farther than the tangent predicts"
+    elif len(set(signs)) > 1:
+        doubt = "the determinant of the tangent changed its sign on the way"
+    elif signs and signs[-1] != unloaded:
+        doubt = "the determinant of the tangent has another sign than on the given body without loads"
+    else:
+        return skipped(LIMIT_POINTS, began)
+    rule = "the determinant of the tangent must keep the sign that it has on the given body without loads"
+    note = f"{began}; {doubt}: another body may carry the same load"
+    return Line(LIMIT_POINTS, None, "", rule, Verdict.UNDECIDED, note)
 
 
 def _removal_line(line: Line, start: str) -> Line:

@@ -11,7 +11,7 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.solver.newton import Solve
+from hpcinv.solver.newton import Solve, Tolerance
 from hpcinv.solver.predictor import Increment, Prediction
 
 NESTED = "nested iteration"
@@ -38,14 +38,14 @@ class Guess:
     strategy: str = GUESS
     keeps_factors: bool = False
 
-    def solve(self, equations: Equations, equilibrium: Equilibrium, tolerance: float | None = None) -> Solve:
+    def solve(self, equations: Equations, equilibrium: Equilibrium, tolerance: Tolerance | None = None) -> Solve:
         """Solve equations at full load from the guess.
 
         The solution is not accepted where the tangent's determinant has another sign than in the similar problem: a
         limit point or a branching point lies between the two, and the path from the unloaded body has another solution.
 
         Args:
-            tolerance: estimated error of the solution relative to its norm; the job's without it.
+            tolerance: estimated error of the solution, as in `NewtonMonitor`; the job's without it.
         """
         u, p = equations.unloaded().fields
         u.x.array[:] = self.displacement

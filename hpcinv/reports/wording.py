@@ -59,7 +59,7 @@ LINE_REMEDIES: Mapping[str, str] = {
 _UNDECIDED: Mapping[str, str] = {
     "round trip": "Try 'certificate: {round_trip: path}', or a smaller solver.initial_step.",
     "stability": "Refine the mesh, or use tetrahedra, which have fewer spurious modes.",
-    "limit points": "Compare with smaller steps, or with a path from the rest shape (without 'start').",
+    "limit points": "Compare with smaller steps, or with a path without 'start' or 'start_shape'.",
 }
 """what to do about a line that is not decided, where that is something else"""
 

@@ -14,7 +14,7 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.mip_newton import ExtrapolatedStress
-from hpcinv.solver.newton import Floor, NewtonIteration, NewtonMonitor, Solve
+from hpcinv.solver.newton import Floor, NewtonIteration, NewtonMonitor, Solve, Tolerance
 from hpcinv.solver.observer import SILENT, Observer, is_stop_asked
 from hpcinv.solver.petsc_options import SolverOptions
 from hpcinv.solver.predictor import Increment, Prediction, Predictor
@@ -126,7 +126,7 @@ class Equilibrium:
     def solve(
         self,
         load: float,
-        tolerance: float,
+        tolerance: Tolerance,
         *,
         predicted: Prediction | None = None,
         begins_near: bool = False,
@@ -135,7 +135,7 @@ class Equilibrium:
         """Solve from the present state, which is unchanged if the outcome is not accepted.
 
         Args:
-            tolerance: estimated error of the state relative to its norm.
+            tolerance: estimated error of the state relative to its norm, as in `NewtonMonitor`.
             predicted: prediction of the present state; its effort is added to the effort of the solve.
             begins_near: whether the present state is known to be near the solution.
             farthest: ratio of the first correction to the prediction, both with the same tangent, above which the
@@ -256,7 +256,7 @@ class Equilibrium:
         for part in (self.snes, self._x, self._last_state, self.predictor, self.linear, self.system):
             part.destroy()
 
-    def _monitor(self, tolerance: float, *, begins_near: bool = False) -> NewtonMonitor:
+    def _monitor(self, tolerance: Tolerance, *, begins_near: bool = False) -> NewtonMonitor:
         inexact = self.linear.configuration.error
         return NewtonMonitor(tolerance, self.limit, self.reuse, begins_near, inexact=inexact, floor=self.floor())
 

@@ -15,6 +15,8 @@ from functools import cached_property
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.predictor import Increment
 
+type Tolerance = float | Callable[[float], float]
+
 
 @dataclass(frozen=True)
 class NewtonIteration:
@@ -87,7 +89,8 @@ class NewtonMonitor:
     """Decides after each correction whether to stop, and whether the next one needs a new tangent.
 
     Args:
-        tolerance: estimated error of the state, relative to its norm; a solve ends below it.
+        tolerance: estimated error of the state, relative to its norm; a solve ends below it. A function returns it from
+            the sum of the corrections, relative to the state.
         reuse: largest contraction at which a tangent is kept (Shamanskii's method); 0 is full Newton.
         begins_near: whether the initial state is known to be near the solution.
         predicted: length of the step along the tangent that predicted the initial state; 0 without a prediction.
@@ -96,7 +99,7 @@ class NewtonMonitor:
         floor: corrections are compared with it where the state is smaller, as where its exact value is zero.
     """
 
-    tolerance: float
+    tolerance: Tolerance
     limit: int
     reuse: float
     begins_near: bool = False
@@ -144,6 +147,13 @@ class NewtonMonitor:
             theta = last.correction / self.predicted
         return not (theta <= self.reuse and last.correction <= self.close_correction * last.state)
 
+    @property
+    def _tolerance(self) -> float:
+        if not callable(self.tolerance):
+            return self.tolerance
+        size = self.history[-1].state
+        return self.tolerance(sum(iteration.correction for iteration in self.history) / size if size else 0.0)
+
     def accepts(self, correction: float, state: float) -> bool:
         """Return whether a correction by a kept tangent is good enough; else it needs a new tangent at the same state.
 
@@ -170,7 +180,7 @@ class NewtonMonitor:
         if not (math.isfinite(iteration.correction) and math.isfinite(iteration.residual)):
             return Outcome.NOT_FINITE
         theta, last, size = max(self.contraction, self.inexact), iteration.correction, iteration.state
-        if last == 0.0 or (theta < 1 and last * theta / (1 - theta) <= self.tolerance * size):
+        if last == 0.0 or (theta < 1 and last * theta / (1 - theta) <= self._tolerance * size):
             return Outcome.CONVERGED
         if self.floor.exceeds(last, self.rounding):
             return Outcome.ROUND_OFF

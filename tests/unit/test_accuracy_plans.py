@@ -83,7 +83,7 @@ def steps(
 
         def work(degree: int, n: int, count: int, cells: int = cells) -> Work:
             assembly = 1e-9 * cells * nodes("tetrahedron", degree) ** 3
-            return Work(degree, n, count, count * assembly, count * 1e-6 * n**power)
+            return Work(degree, cells, n, count, count * assembly, count * 1e-6 * n**power)
 
         made.append(Step("tetrahedron", size, cells, work(degree, n, 2), work(degree + 1, finer, 1), compilation))
     return made
@@ -100,6 +100,23 @@ def test_orders_and_costs_are_learnt() -> None:
     n = finer.unknowns
     of_assembly = 1e-9 * 8 * forecast.last.cells * (1.5 * nodes("tetrahedron", 2) ** 3 + nodes("tetrahedron", 3) ** 3)
     assert finer.seconds == pytest.approx(1e-6 * (1.5 * n**1.5 + (n * 27 / 8) ** 1.5) + of_assembly)
+
+
+def test_shells_get_four_cells_for_one() -> None:
+    def step(size: float, cells: int) -> Step:
+        solve, estimate = (Work(2, n, 30 * n, 2, 2e-6 * n, 2e-9 * (30 * n) ** 1.5) for n in (cells, 4 * cells))
+        return Step("hexahedron", size, cells, solve, estimate, 0.0, dimension=2)
+
+    forecast = RefinementForecast([step(1.0, 100), step(0.5, 400)], [1.0, 0.125], 10.0)
+    finer = forecast.everywhere(2.0, 2)
+    assert finer.unknowns == 4 * forecast.last.unknowns
+    one = 1e-6 * 1600 + 1e-9 * (30 * 1600) ** 1.5
+    four = 1e-6 * 6400 + 1e-9 * (30 * 6400) ** 1.5
+    assert finer.seconds == pytest.approx(1.5 * one + four)
+    # A limit of the unknowns that a solid would reach leaves a shell a finer mesh.
+    choice = choose(forecast, [2.0, 4.0], None, limit=5 * forecast.last.unknowns, highest=2)
+    assert choice is not None
+    assert choice.factor == 2.0
 
 
 def test_orders_are_presumed_with_care() -> None:

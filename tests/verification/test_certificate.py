@@ -542,6 +542,29 @@ def test_signs_of_the_tangent_are_compared_between_equilibria(
     assert path_line.verdict is verdict
 
 
+@pytest.mark.parametrize(
+    ("signs", "jumped", "verdict"),
+    [
+        ([1, 1], False, Verdict.SKIPPED),
+        ([-1, 1], False, Verdict.UNDECIDED),
+        ([-1, -1], False, Verdict.UNDECIDED),  # the load path of the given body does not end here
+        ([1, 1], True, Verdict.UNDECIDED),
+        ([], False, Verdict.SKIPPED),
+    ],
+)
+def test_path_from_a_rough_shape_is_not_decided_where_there_may_be_others(
+    signs: list[int], jumped: bool, verdict: Verdict
+) -> None:
+    solves = tuple(Solve(1.0, Outcome.CONVERGED, (), 1, (1, sign)) for sign in signs)
+    solves += (Solve(1.0, Outcome.CONVERGED, (), 0, may_have_jumped=jumped),)
+    model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=1, p=None))
+    own = SimpleNamespace(solver=SimpleNamespace(start_shape="rough.msh"))
+    solution: Any = SimpleNamespace(solves=solves, start="rough.msh", job=own)
+    (path_line,) = limit_points(model, solution, skipped("stability", ""))
+    assert path_line.verdict is verdict
+    assert "rough.msh" in path_line.note
+
+
 @pytest.mark.parametrize(("wrong", "verdict"), [(Refined, Verdict.UNDECIDED), (Direct, Verdict.WARN)])
 def test_sign_of_single_precision_is_compared_with_double(
     wrong: type, verdict: Verdict, monkeypatch: pytest.MonkeyPatch

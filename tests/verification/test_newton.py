@@ -147,6 +147,14 @@ def test_converged_means_that_the_error_left_is_small_not_the_last_correction() 
     assert monitored(1.0)[1] is None
 
 
+def test_tolerance_may_depend_on_the_change() -> None:
+    monitor = NewtonMonitor(lambda change: 0.05 * change, limit=30, reuse=0.6)
+    corrections = [1e-5, 5e-6, 2.5e-6, 1.25e-6, 6.25e-7]
+    outcomes = [monitor.judge(NewtonIteration(c, 1.0, 1.0, new_tangent=c == 1e-5)) for c in corrections]
+    # With contraction 0.5 the error is the last correction: 7 % of the change after the fourth, 3 % after the fifth.
+    assert outcomes == [None, None, None, None, Outcome.CONVERGED]
+
+
 def test_linear_residual_counts_in_the_newton_criterion() -> None:
     monitor = NewtonMonitor(1e-10, limit=30, reuse=0.3, inexact=0.03)
     outcomes = [monitor.judge(NewtonIteration(c, 1.0, 1.0, True)) for c in (1.0, 1e-2, 1e-7, 2e-9)]
