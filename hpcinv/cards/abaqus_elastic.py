@@ -30,7 +30,7 @@ def _kind(keyword: Keyword) -> str:
 
 
 def elastic_law(keyword: Keyword) -> tuple[str, Counterpart]:
-    """Return title and counterpart of a law that is not isotropic; its axes are those of an ``*ORIENTATION``.
+    """Return title and counterpart of a law that is not isotropic; its axes are the axes of an ``*ORIENTATION``.
 
     Raises:
         UnknownLaw: it has no counterpart.

@@ -1,4 +1,4 @@
-"""Sections of several materials as those of one job."""
+"""One job's sections for several materials."""
 
 from __future__ import annotations
 

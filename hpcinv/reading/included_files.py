@@ -1,4 +1,4 @@
-"""Lines of input files of Abaqus and CalculiX, with those of the files that they include.
+"""Lines of input files of Abaqus and CalculiX, and of the files that they include.
 
 ``*INCLUDE, INPUT=FILE`` stands for the lines of a file, ``INPUT=FILE`` of ``*NODE``, ``*ELEMENT`` and ``*AMPLITUDE``
 for their lines of data. Names are relative to the directory of the input file, or else of the file that includes them.
