@@ -11,7 +11,7 @@ from helpers.verification import box, job
 
 import hpcinv.solver.linear.selection
 from hpcinv import run
-from hpcinv.assembly.tangent import as_for
+from hpcinv.assembly.tangent import tangents_for
 from hpcinv.job.settings import Solver
 from hpcinv.mesh import build_body
 from hpcinv.parallel.available_memory import available
@@ -73,7 +73,7 @@ def test_bodies_whose_extents_do_not_decide_are_analysed(comm: MPI.Intracomm) ->
     body.chooser.forecast = Forecast(300_000, 2, Shape(cut=8700.0, aspect=1.0))  # a cube
     body.chooser.room = 1e12
     ratio = body.chooser.forecast.direct / body.chooser.forecast.iterative
-    with as_for(10**6):
+    with tangents_for(10**6):
         equilibrium = body.equilibrium(body.weak_form("inverse"))
     assert 1.1 < ratio < 10
     assert equilibrium.linear.choice.configuration == "direct"
