@@ -107,7 +107,7 @@ def tangent_of(
 
 
 @contextmanager
-def as_for(cells: int) -> Iterator[None]:
+def tangents_for(cells: int) -> Iterator[None]:
     """Context in which tangents are chosen as for a mesh of a given number of cells."""
     _assumed.append(cells)
     try:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import isfinite
 
 from hpcinv.certificate.check import Certificate, Line, Verdict, skipped, upper_bound_line
@@ -57,88 +57,128 @@ def certify(
         computed: values of the job's quantities of interest.
         prior_estimate: the estimate of the first solution, if it has been made before.
         begins: called with the name of each check when it begins.
-        observer: of the solve back, and of a solve in finer spaces; it is also asked whether to stop.
+        observer: of the return solve, and of a solve in finer spaces; it is also asked whether to stop.
         rest_correction: for a further state, the correction of the rest shape by the estimate of the given one.
         deviation: standard deviation (m) of the shape by errors of the given surface, 0 if it is not known.
 
     Raises:
         Stopped: on all ranks, before a check or within a long one, if the observer asks to stop.
     """
-    solution, estimated, lines = solutions[0], prior_estimate, list[Line]()
-    equations.put(solution)
+    equations.put(solutions[0])
+    checks = _Checks(equations, solutions, computed, prior_estimate, begins, observer, rest_correction, deviation)
+    with equations.timings.as_one("certificate"):
+        with freeing(checks.forward.destroy, equations.free_multigrid):
+            checks.check_equations()
+            checks.make("discretisation error", checks.discretisation_line)
+            checks.check_shape()
+            checks.make("round trip", checks.round_trip_lines)
+            checks.check_stability()
+        if checks.is_on:
+            checks.make("limit points", checks.limit_point_lines)
+            checks.make("ineffective loads", lambda: ineffective_loads(equations, solutions[0]))
+    return Certificate(tuple(checks.lines)), checks.estimated
 
-    def check(name: str, function: Callable[[], Iterable[Line]]) -> list[Line]:
-        """Make a check, and add its lines with its seconds."""
+
+@dataclass
+class _Checks:
+    """Checks of one certificate. Later ones use the estimate and the stability that earlier ones found."""
+
+    equations: Equations
+    solutions: Sequence[Solution]
+    computed: Mapping[str, Value]
+    estimated: Estimate | None
+    begins: Callable[[str], None]
+    observer: Observer
+    rest_correction: Correction | None
+    deviation: float
+    lines: list[Line] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.solution = self.solutions[0]
+        self.forward = ForwardFactors(self.equations, self.solution)
+        self.has_unknown_loads = bool(self.solution.cavities or self.solution.remote_loads)
+        self.is_on = self.solution.job.certificate.level != "off"
+
+    def make(self, name: str, function: Callable[[], Iterable[Line]]) -> list[Line]:
+        """Make a check; add its lines with its seconds, and return them."""
         # Also since the check before may have been cut short, so that its lines say nothing.
-        stop_if_asked(equations.body.mesh.comm, observer)
-        begins(name)
+        comm = self.equations.body.mesh.comm
+        stop_if_asked(comm, self.observer)
+        self.begins(name)
         started = time.perf_counter()
         made = list(function())
-        seconds = equations.body.mesh.comm.allreduce(time.perf_counter() - started, op=MPI.MAX)
+        seconds = comm.allreduce(time.perf_counter() - started, op=MPI.MAX)
         made[:1] = [replace(line, seconds=seconds) for line in made[:1]]
-        made = [replace(line, state=solution.state) for line in made]
-        lines.extend(made)
+        made = [replace(line, state=self.solution.state) for line in made]
+        self.lines.extend(made)
         return made
 
-    def discretisation() -> Iterable[Line]:
-        nonlocal estimated
-        if has_unknowns:
+    def check_equations(self) -> None:
+        """Check that the solution satisfies the discrete equations."""
+        equations, solution = self.equations, self.solution
+        if not self.is_on:
+            return
+        self.make("equilibrium", lambda: equilibrium_residual(equations, solution))
+        self.make("forces at vertices", lambda: vertex_forces(equations, solution))
+        if solution.contacts:
+            self.make("contact", lambda: contacts(equations, solution))
+        if self.has_unknown_loads:
+            self.make("unknown loads", lambda: unknown_loads(solution))
+        self.make("volume", lambda: volume(equations, solution))
+        if solution.job.mesh.shell is not None:
+            self.make("faces", lambda: faces(equations, solution))
+
+    def discretisation_line(self) -> Iterator[Line]:
+        """Yield the line on the discretisation error, which is estimated if it was not before."""
+        solution = self.solution
+        if self.has_unknown_loads:
             what = "the pressure of a cavity" if solution.cavities else "the motion under a remote load"
             yield skipped(DISCRETISATION, f"is not estimated where {what} is unknown")
             return
-        if estimated is None and solution.job.certificate.estimate:
-            estimated = estimate(equations, solution, computed, rest_correction, observer)
-        yield _discretisation(equations, solution, estimated, deviation)
+        if self.estimated is None and solution.job.certificate.estimate:
+            self.estimated = estimate(self.equations, solution, self.computed, self.rest_correction, self.observer)
+        yield _discretisation(self.equations, solution, self.estimated, self.deviation)
 
-    def return_lines() -> Iterable[Line]:
-        if len(solutions) == 1:
-            checked = round_trip(equations, solution, forward, observer)
+    def check_shape(self) -> None:
+        """Check the cells of the computed shape, and that it does not pass through itself."""
+        if self.is_on:
+            self.make("cells", lambda: cells(self.equations, self.solution))
+        self.make("overlap", lambda: self_overlap(self.equations, self.solution))
+
+    def round_trip_lines(self) -> Iterator[Line]:
+        """Yield the lines of the round trip, judged by the largest other error of the shape."""
+        has_returned = len(self.solutions) > 1
+        if has_returned:
+            checked = iter([closure_error(self.equations, self.solution, self.solutions[1].u)])
         else:
-            checked = iter([closure_error(equations, solution, solutions[1].u)])
-        largest = max(deviation, 0.0 if estimated is None or not isfinite(estimated.shape) else estimated.shape)
-        checked = judged_with_given_numbers(checked) if has_unknowns and len(solutions) == 1 else checked
-        return (_return_line(line, displacement_scale(equations, solution).length, largest) for line in checked)
+            checked = round_trip(self.equations, self.solution, self.forward, self.observer)
+        error = 0.0 if self.estimated is None or not isfinite(self.estimated.shape) else self.estimated.shape
+        if self.has_unknown_loads and not has_returned:
+            checked = judged_with_given_numbers(checked)
+        for line in checked:
+            scale = displacement_scale(self.equations, self.solution).length
+            yield _return_line(line, scale, max(self.deviation, error))
 
-    def stable_state() -> Iterable[Line]:
-        checked = stability(equations, forward, observer)
-        return judged_with_given_numbers(checked) if has_unknowns else checked
+    def check_stability(self) -> None:
+        """Check stability, and what needs the factors of the forward tangent besides."""
+        equations, solution, forward = self.equations, self.solution, self.forward
+        (self.stable,) = self.make("stability", self._stability_line)
+        if not (self.is_on and solution.job.certificate.stability):
+            return
+        if solution.remote_loads:
+            self.make("remote loads", lambda: stable_motions(equations, forward))
+        if any(contact.tolerance is not None for contact in solution.contacts):
+            self.make("penalty", lambda: penalties(equations, solution, forward))
 
-    def path() -> Iterable[Line]:
-        return no_limit_points(solution) if has_unknowns else limit_points(equations, solution, stable)
+    def _stability_line(self) -> Iterable[Line]:
+        checked = stability(self.equations, self.forward, self.observer)
+        return judged_with_given_numbers(checked) if self.has_unknown_loads else checked
 
-    forward = ForwardFactors(equations, solution)
-    has_unknowns = bool(solution.cavities or solution.remote_loads)
-    is_checked = solution.job.certificate.level != "off"
-    with equations.timings.as_one("certificate"):
-        with freeing(forward.destroy, equations.free_multigrid):
-            if is_checked:
-                check("equilibrium", lambda: equilibrium_residual(equations, solution))
-                check("forces at vertices", lambda: vertex_forces(equations, solution))
-                if solution.contacts:
-                    check("contact", lambda: contacts(equations, solution))
-                if has_unknowns:
-                    check("unknown loads", lambda: unknown_loads(solution))
-                check("volume", lambda: volume(equations, solution))
-                if solution.job.mesh.shell is not None:
-                    check("faces", lambda: faces(equations, solution))
-            check("discretisation error", discretisation)
-            if is_checked:
-                check("cells", lambda: cells(equations, solution))
-            check("overlap", lambda: self_overlap(equations, solution))
-            check("round trip", return_lines)
-            (stable,) = check("stability", stable_state)
-            if solution.remote_loads and is_checked and solution.job.certificate.stability:
-                check("remote loads", lambda: stable_motions(equations, forward))
-            if (
-                is_checked
-                and solution.job.certificate.stability
-                and any(contact.tolerance is not None for contact in solution.contacts)
-            ):
-                check("penalty", lambda: penalties(equations, solution, forward))
-        if is_checked:
-            check("limit points", path)
-            check("ineffective loads", lambda: ineffective_loads(equations, solution))
-    return Certificate(tuple(lines)), estimated
+    def limit_point_lines(self) -> Iterable[Line]:
+        """Return the lines on limit points of the path."""
+        if self.has_unknown_loads:
+            return no_limit_points(self.solution)
+        return limit_points(self.equations, self.solution, self.stable)
 
 
 def _return_line(line: Line, scale: float, largest: float) -> Line:

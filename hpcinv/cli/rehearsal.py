@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hpcinv.assembly.tangent import as_for
+from hpcinv.assembly.tangent import tangents_for
 from hpcinv.certificate import certify, two_level
 from hpcinv.certificate.confirmation import given_u_of, second_variation
 from hpcinv.certificate.discretisation_error import finer_equations
@@ -100,7 +100,7 @@ def _rehearse(
     if job.certificate.estimate and not source.is_partitioned:
         finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
     points = [np.array(q.at) for q in job.quantities if q.at is not None]
-    with as_for(len(source.cells)), Workspace(MPI.COMM_SELF) as workspace:
+    with tangents_for(len(source.cells)), Workspace(MPI.COMM_SELF) as workspace:
         body = sample_body(source, job.regions, points, finer).raise_degree(job.discretisation.displacement)
         held = _held(job)
         all_equations = workspace.equations(held, body, Timings())

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import dolfinx
 import numpy as np
@@ -17,7 +18,7 @@ from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
 from hpcinv.mesh.label_groups import integer_arrays
 from hpcinv.mesh.smooth_faces import smooth_face
-from hpcinv.mesh.source import MASK_BITS, Ints, MeshSource
+from hpcinv.mesh.source import MASK_BITS, Floats, Ints, MeshSource
 from hpcinv.mesh.vertex_sets import nearest_vertices
 from hpcinv.parallel.runtime import MPI, agree
 from hpcinv.quantity.expressions import Expression
@@ -25,6 +26,7 @@ from hpcinv.quantity.suggestions import did_you_mean
 
 BOUNDARY = "boundary"
 _OF_FACETS = {"nx", "ny", "nz", "cavity"}
+_NONE = np.zeros(0, dtype=np.int32)
 
 
 @dataclass(frozen=True)
@@ -63,61 +65,94 @@ def build_regions(
     topology.create_connectivity(2, 3)
     topology.create_connectivity(2, 0)
     exterior = dolfinx.mesh.exterior_facet_indices(topology).astype(np.int32)
-    none = np.zeros(0, dtype=np.int32)
-    boundary = _region(mesh, BOUNDARY, "built in", exterior, none)
+    boundary = _region(mesh, BOUNDARY, "built in", exterior, _NONE)
     regions = {BOUNDARY: boundary} | _physical(mesh, source)
     problems = [f"region '{name}' is also a physical group of the mesh" for name in rules if name in regions]
     if not mesh.comm.allreduce(np.array_equal(regions[BOUNDARY].facets, exterior), MPI.LAND):
         problems.append("the physical group 'boundary' is not the whole boundary; that name is reserved for it")
-    error: HpcinvError | None = None
-    cavity: Ints | None = None
-    owned = np.arange(topology.index_map(3).size_local, dtype=np.int32)
-    points = mesh.geometry.x * length_scale
-    for name, condition in rules.items():
-        if isinstance(condition, RegionUnion):
-            members, without = (
-                [find(regions, member, source) for member in names] for names in (condition.members, condition.without)
-            )
-            facets = np.setdiff1d(_joined([m.facets for m in members]), _joined([m.facets for m in without]))
-            cells = np.setdiff1d(_joined([m.cells for m in members]), _joined([m.cells for m in without]))
-            regions[name] = region = _region(mesh, name, "union", facets, cells)
-            if region.facet_count == region.cell_count == 0:
-                problems.append(f"region '{name}': nothing is left of {condition}")
-            continue
-        if isinstance(condition, SmoothFace):
-            mask = smooth_face(mesh, exterior, np.array(condition.point) / length_scale, condition.angle)
-            regions[name] = _region(mesh, name, "geometric", exterior[mask], none)
-            continue
-        if isinstance(condition, VertexSet):
-            vertices, far = nearest_vertices(mesh, np.array(condition.points) / length_scale)
-            regions[name] = Region(name, "geometric", none, none, 0, 0, vertices)
-            problems += [f"region '{name}': {text}" for text in _far_from(condition, far * length_scale)]
-            continue
-        if "cavity" in condition.names and cavity is None:
-            cavity = cavities(mesh, exterior)
-        try:
-            if is_facet_condition(condition):
-                facets, cells = exterior[_facet_mask(mesh, name, condition, exterior, points, cavity)], owned[:0]
-            else:
-                is_inside = evaluate(name, condition, points)
-                facets = exterior[_all_vertices(mesh, 2, exterior, is_inside)]
-                cells = owned[_all_vertices(mesh, 3, owned, is_inside)]
-        except HpcinvError as exc:
-            error = exc
-        except (ArithmeticError, TypeError, ValueError) as exc:
-            error = MeshError(f"{source.path}: region '{name}': '{condition}' cannot be evaluated: {exc}")
-        agree(mesh.comm, error)
-        regions[name] = region = _region(mesh, name, "geometric", facets, cells)
-        if region.facet_count == region.cell_count == 0:
-            problems.append(f"region '{name}': no boundary facet and no cell satisfies '{condition}'")
+    builder = _Builder(mesh, source, length_scale, exterior, regions)
+    for name, rule in rules.items():
+        regions[name], faults = builder.build(name, rule)
+        problems += (f"region '{name}': {text}" for text in faults)
     if problems:
-        low, high = (", ".join(f"{v:g}" for v in corner) for corner in extent(mesh.comm, points))
+        low, high = (", ".join(f"{v:g}" for v in corner) for corner in extent(mesh.comm, builder.points))
         raise MeshError(
             "\n".join(f"{source.path}: {p}" for p in problems),
             f"The mesh extends from ({low}) to ({high}) m; a condition must hold at all vertices of a facet, and a"
             " listed point must be a vertex.",
         )
     return regions
+
+
+@dataclass(frozen=True)
+class _Builder:
+    """Builder of the regions that a job defines; methods are collective.
+
+    Attributes:
+        exterior: local facets of the boundary.
+        regions: built so far, by name.
+    """
+
+    mesh: Mesh
+    source: MeshSource
+    length_scale: float
+    exterior: LocalIndices
+    regions: Mapping[str, Region]
+
+    @cached_property
+    def points(self) -> Floats:
+        """Local geometry nodes, (n, 3) in m."""
+        return np.asarray(self.mesh.geometry.x * self.length_scale)
+
+    @cached_property
+    def cavity(self) -> Ints:
+        """Number of the cavity of each boundary facet."""
+        return cavities(self.mesh, self.exterior)
+
+    def build(self, name: str, rule: RegionRule) -> tuple[Region, list[str]]:
+        """Return the region of a rule, and messages on its faults."""
+        if isinstance(rule, RegionUnion):
+            return self._union(name, rule)
+        if isinstance(rule, SmoothFace):
+            mask = smooth_face(self.mesh, self.exterior, np.array(rule.point) / self.length_scale, rule.angle)
+            return _region(self.mesh, name, "geometric", self.exterior[mask], _NONE), []
+        if isinstance(rule, VertexSet):
+            vertices, far = nearest_vertices(self.mesh, np.array(rule.points) / self.length_scale)
+            faults = list(_far_from(rule, far * self.length_scale))
+            return Region(name, "geometric", _NONE, _NONE, 0, 0, vertices), faults
+        return self._conditional(name, rule)
+
+    def _union(self, name: str, rule: RegionUnion) -> tuple[Region, list[str]]:
+        members, without = (
+            [find(self.regions, member, self.source) for member in names] for names in (rule.members, rule.without)
+        )
+        facets = np.setdiff1d(_joined([m.facets for m in members]), _joined([m.facets for m in without]))
+        cells = np.setdiff1d(_joined([m.cells for m in members]), _joined([m.cells for m in without]))
+        region = _region(self.mesh, name, "union", facets, cells)
+        return region, [] if region.facet_count or region.cell_count else [f"nothing is left of {rule}"]
+
+    def _conditional(self, name: str, condition: Expression) -> tuple[Region, list[str]]:
+        """Return the region where a condition holds."""
+        error: HpcinvError | None = None
+        facets = cells = _NONE
+        cavity = self.cavity if "cavity" in condition.names else None
+        try:
+            if is_facet_condition(condition):
+                mask = _facet_mask(self.mesh, name, condition, self.exterior, self.points, cavity)
+                facets = self.exterior[mask]
+            else:
+                is_inside = evaluate(name, condition, self.points)
+                owned = np.arange(self.mesh.topology.index_map(3).size_local, dtype=np.int32)
+                facets = self.exterior[_all_vertices(self.mesh, 2, self.exterior, is_inside)]
+                cells = owned[_all_vertices(self.mesh, 3, owned, is_inside)]
+        except HpcinvError as exc:
+            error = exc
+        except (ArithmeticError, TypeError, ValueError) as exc:
+            error = MeshError(f"{self.source.path}: region '{name}': '{condition}' cannot be evaluated: {exc}")
+        agree(self.mesh.comm, error)
+        region = _region(self.mesh, name, "geometric", facets, cells)
+        is_empty = region.facet_count == region.cell_count == 0
+        return region, [f"no boundary facet and no cell satisfies '{condition}'"] if is_empty else []
 
 
 def _far_from(rule: VertexSet, nearest: npt.NDArray[np.float64]) -> Iterator[str]:

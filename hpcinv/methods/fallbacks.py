@@ -190,12 +190,12 @@ def _line_search(problem: Problem, steps: Steps, load: float) -> Solves:
 def _bulk_modulus(problem: Problem, steps: Steps, load: float) -> Solves:
     rescue = BulkModulus(problem.equations, problem.equilibrium)
     if rescue.is_applicable and not problem.equilibrium.system.is_on_path:
-        yield from _as_one(problem, rescue.solves(), EFFORT["bulk-modulus"])
+        yield from _as_one_solve(problem, rescue.solves(), EFFORT["bulk-modulus"])
 
 
 def _anderson(problem: Problem, steps: Steps, load: float) -> Solves:
     if problem.direction == "inverse":
-        yield from _as_one(problem, _fixed_point(problem), EFFORT["anderson"])
+        yield from _as_one_solve(problem, _fixed_point(problem), EFFORT["anderson"])
 
 
 def _fixed_point(problem: Problem) -> Solves:
@@ -234,7 +234,7 @@ def _limited(solves: Solves, effort: int) -> Solves:
                 return
 
 
-def _as_one(problem: Problem, solves: Solves, effort: int) -> Solves:
+def _as_one_solve(problem: Problem, solves: Solves, effort: int) -> Solves:
     """Report solves as one, since no state but the last is a solution of the problem."""
     start = problem.equilibrium.system.position()
     taken = list(_limited(solves, effort))

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from hpcinv.assembly.tangent import as_for
+from hpcinv.assembly.tangent import tangents_for
 from hpcinv.effects import Direction
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
@@ -87,7 +87,7 @@ def solve_nested(
         return _not_begun(equations, direction), None
     if not _is_wanted(equations, direction):
         return solve_direction(equations, direction, UNLOADED, observer), None
-    with as_for(sum(equations.body.partition.cells)):  # with the kernels of the given mesh
+    with tangents_for(sum(equations.body.partition.cells)):  # with the kernels of the given mesh
         guess, coarse = _coarse_solution(equations, direction, observer, note)
     collect_garbage(equations.body.mesh.comm)  # before the first factorization on the given mesh
     if _is_interrupted(equations, observer, coarse.solves):

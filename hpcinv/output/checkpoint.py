@@ -92,11 +92,11 @@ class Checkpoints:
     """Checkpoints of one run in ``directory``, oldest first.
 
     Args:
-        problem: the job's fingerprint; only checkpoints of the same problem are read.
+        fingerprint: of the job; only checkpoints of the same problem are read.
     """
 
-    def __init__(self, directory: Path, comm: MPI.Intracomm, problem: Mapping[str, Any], keep: int) -> None:
-        self.directory, self.comm, self.problem, self.keep = directory, comm, problem, keep
+    def __init__(self, directory: Path, comm: MPI.Intracomm, fingerprint: Mapping[str, Any], keep: int) -> None:
+        self.directory, self.comm, self.fingerprint, self.keep = directory, comm, fingerprint, keep
         self._damaged: list[Path] = []
 
     def write(self, position: Position, functions: Mapping[str, Function]) -> None:
@@ -122,7 +122,7 @@ class Checkpoints:
                 "format": _FORMAT,
                 "position": position.as_json(),
                 "functions": sorted(functions),
-                "problem": self.problem,
+                "problem": self.fingerprint,
             }
             try:
                 state["digest"] = functions_digest(state, partial / "functions.bp")
@@ -182,11 +182,11 @@ class Checkpoints:
         if digest != functions_digest(state, path / "functions.bp"):
             raise _Damaged("functions.bp or state.json is damaged: the digest does not match")
         try:  # after the digest: what is whole, but not known here, is not damage, after which it would be removed
-            problem, functions = state["problem"], tuple(state["functions"])
+            fingerprint, functions = state["problem"], tuple(state["functions"])
             position = Position.from_json(state["position"])
         except (ValueError, KeyError, TypeError, AttributeError) as exc:
             raise CheckpointError(f"{path}: was written by another version of hpcinv", _WITH_ITS_VERSION) from exc
-        check_same_problem(path, problem, self.problem)
+        check_same_problem(path, fingerprint, self.fingerprint)
         return Restart(path, position, functions, complaints)
 
 

@@ -88,7 +88,7 @@ class RunStore:
         if (directory := self.directory) is None:
             return None, None
         # Functions are saved cell by cell, so that a generator must make the same cells again, at the same nodes.
-        problem = problem_of(job, equations.body)
+        problem = problem_fingerprint(job, equations.body)
         checkpoints = None
         if not job.accuracy:
             checkpoints = Checkpoints(directory.checkpoints, self.comm, problem, job.checkpoint.keep)
@@ -136,7 +136,7 @@ class RunStore:
             self._lock = None
 
 
-def problem_of(job: Job, body: Body) -> Mapping[str, Any]:
+def problem_fingerprint(job: Job, body: Body) -> Mapping[str, Any]:
     """Return the fingerprint of a job on its body, which their checkpoints must share; collective."""
     problem = on_root(body.mesh.comm, lambda: fingerprint(job) | {"inputs": dict(body.source.inputs)})
     return problem | {"cells": cells_digest(body), "nodes": nodes_digest(body)}

@@ -13,7 +13,7 @@ from hpcinv.errors import JobError
 from hpcinv.methods.method import Guess, sign_of
 from hpcinv.output.checkpoint import Checkpoints, Restart
 from hpcinv.output.reduced_basis import ReducedBasis, TrainingCase
-from hpcinv.output.run_store import problem_of
+from hpcinv.output.run_store import problem_fingerprint
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
@@ -55,7 +55,7 @@ def train(plan: SweepPlan, path: Path, comm: MPI.Intracomm) -> Training:
         cases: list[TrainingCase] = []
         for case, directory in kept:
             job = on_root(comm, partial(plan.job, case))
-            restart = Checkpoints(directory, comm, problem_of(job, body), keep=1).latest()
+            restart = Checkpoints(directory, comm, problem_fingerprint(job, body), keep=1).latest()
             if restart is None or restart.position.load != 1.0 or len(restart.position.solves) != len(job.plan):
                 raise JobError(f"{plan.path}: case {case.number} has kept no whole solution; open it again, and run it")
             cases.append(TrainingCase(case.numbers, list(_solutions(restart, equations))))

@@ -161,7 +161,7 @@ def test_a_missing_checkpoint_is_not_an_error(tmp_path: Path) -> None:
 
 
 def test_one_of_another_problem_is_refused_with_the_difference(three: Checkpoints) -> None:
-    three.problem = {"material": {"law": "neo-hookean", "mu": 2.0}}
+    three.fingerprint = {"material": {"law": "neo-hookean", "mu": 2.0}}
     with pytest.raises(CheckpointError, match=r"material\.mu: 1\.0 -> 2\.0"):
         three.latest()
 

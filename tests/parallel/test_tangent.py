@@ -17,7 +17,7 @@ from ufl.algorithms import expand_derivatives
 
 from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.system import System
-from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, as_for, tangent_of
+from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, tangent_of, tangents_for
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, gradient, remove_stages
 from hpcinv.mesh import build_body
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -72,7 +72,7 @@ def test_matrix_agrees_with_the_derivative(case: dict[str, Any], comm: MPI.Intra
 
     for kind, cells in ((FilledTangent, 1_000_000), (CompiledTangent, 1)):
         first = System(weak_form, supports, Timings())
-        with as_for(cells):
+        with tangents_for(cells):
             first.linearise(0.3)
         again = System(weak_form, supports, Timings(), like=first)
         for ours in (first, again):  # of which the second has the pattern of the first
@@ -101,7 +101,7 @@ def test_scattered_unknowns_of_a_node_are_not_filled_directly(
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
 
     def chosen() -> type:
-        with as_for(cells=1_000_000):
+        with tangents_for(cells=1_000_000):
             return type(tangent_of(Equations(given, body, Timings()).weak_form("inverse")))
 
     assert chosen() is FilledTangent

@@ -16,7 +16,7 @@ from helpers.command_line import NO_CERTIFICATE
 from helpers.verification import BOX, box, job
 from petsc4py import PETSc
 
-from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, as_for, tangent_of
+from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, tangent_of, tangents_for
 from hpcinv.assembly.tangent_moduli import moduli_of
 from hpcinv.driver import run
 from hpcinv.effects import effects
@@ -113,7 +113,7 @@ def test_moduli_of_the_registry_make_the_compiled_tangent(
     parts[0].interpolate(lambda x: 0.04 * np.stack([np.sin(2 * x[1]), x[0] * x[2], np.cos(x[0] + x[1])]))
     for pressure in parts[1:]:
         pressure.interpolate(lambda x: 0.3 * np.cos(x[0] - 2 * x[2]))
-    with as_for(cells=1_000_000):
+    with tangents_for(cells=1_000_000):
         filled = tangent_of(weak_form, UNOPTIMIZED)
     assert isinstance(filled, FilledTangent), filled.note
     matrices = []
@@ -177,7 +177,7 @@ def test_a_residual_without_moduli_has_the_compiled_tangent_and_says_so(tmp_path
     }
     log = io.StringIO()
     small = run(parse(given, tmp_path / "job.yaml"), comm)
-    with as_for(cells=1_000_000):
+    with tangents_for(cells=1_000_000):
         large = run(parse(given, tmp_path / "job.yaml"), comm, progress=Progress(comm, log))
     note = "the tangent is assembled by DOLFINx, which takes two to three times as long: it has derivatives"
     assert note in log.getvalue()

@@ -9,7 +9,7 @@ import pytest
 from helpers.verification import box, job
 from petsc4py import PETSc
 
-from hpcinv.assembly.tangent import FilledTangent, as_for
+from hpcinv.assembly.tangent import FilledTangent, tangents_for
 from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
@@ -95,7 +95,7 @@ def test_mixed_integration_point_term_is_symmetric_and_of_second_order(form: str
 def test_mixed_integration_point_term_is_equal_by_compiled_forms_and_in_place(form: str, comm: MPI.Intracomm) -> None:
     products = []
     for cells in (1, 1_000_000):
-        with as_for(cells):
+        with tangents_for(cells):
             model, equilibrium = equations(comm, form=form)
             before = field(model, lambda X: 0.1 * np.array([X[2] ** 2, 0 * X[0], X[0] * X[2]]))
             equilibrium.system.set_state(field(model, lambda X: 0.2 * np.array([X[2] * X[1], -X[2], X[0] * X[2]])))

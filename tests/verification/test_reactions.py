@@ -15,7 +15,7 @@ from helpers.verification import box, job
 from hpcinv import run
 from hpcinv.batch.tables import unit_of
 from hpcinv.job.job import load
-from hpcinv.output.progress import report
+from hpcinv.output.text_report import report
 from hpcinv.parallel.runtime import MPI
 
 ABOUT = [0.3, -0.2, 0.4]
