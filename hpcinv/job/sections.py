@@ -263,7 +263,7 @@ class MeshFile(Spec):
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if "unit" not in self.model_fields_set:
-            if self.is_surface and self.shell is None:
+            if self.is_surface and "shell" not in self.model_fields_set:
                 yield ("unit",), "is needed: files of surfaces do not have one"
         elif self.is_partitioned:
             yield ("unit",), "is not valid with a partitioned mesh, which is in metres"
