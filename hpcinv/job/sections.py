@@ -263,7 +263,7 @@ class MeshFile(Spec):
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if "unit" not in self.model_fields_set:
-            if self.is_surface:
+            if self.is_surface and "shell" not in self.model_fields_set:
                 yield ("unit",), "is needed: files of surfaces do not have one"
         elif self.is_partitioned:
             yield ("unit",), "is not valid with a partitioned mesh, which is in metres"
@@ -533,7 +533,7 @@ class MeshSpec(MeshFile):
             yield ("glue",), "is for CAD files only"
         yield from self._faults_of_vessel()
         is_meshed = self.is_image or self.is_surface or self.is_cad or self.wall is not None
-        if is_meshed and self.size is None:
+        if is_meshed and self.size is None and self.shell is None:
             yield ("size",), "is needed: the largest length of edges, as 5 mm"
         if self.size is not None and not is_meshed:
             yield ("size",), "is for CAD files, images and surfaces only; give a generator's among its 'parameters'"

@@ -43,7 +43,8 @@ def unsuited_shell(job: Any) -> Faults:
 
 def _unsuited_mesh(mesh: MeshSpec) -> Faults:
     if Path(mesh.file).suffix not in SUFFIXES:
-        yield ("shell",), f"needs a surface mesh of gmsh or its generator ({', '.join(SUFFIXES)})"
+        remedy = "save others as .msh with gmsh or meshio"
+        yield ("shell",), f"needs a surface mesh of gmsh or its generator ({', '.join(SUFFIXES)}): {remedy}"
     for key in _MESH:
         if key in mesh.model_fields_set and getattr(mesh, key):
             yield (key,), "is not valid with a shell"

@@ -363,8 +363,10 @@ def _normals(surface: MeshSource) -> Floats:
     normals = np.cross(tangents[0], tangents[1])
     lengths = np.linalg.norm(normals, axis=2, keepdims=True)
     sizes = np.linalg.norm(tangents, axis=3).prod(axis=0)[..., None]
-    if not (lengths > 1e-12 * sizes).all():
-        _refuse(surface.path, "has cells without area", "Mesh it again with another size.")
+    if (is_flat := ~(lengths > 1e-12 * sizes).all(axis=(1, 2))).any():
+        first = _place(surface.points[surface.cells[np.argmax(is_flat)]].mean(axis=0))
+        text = f"has cells without area (first of {np.count_nonzero(is_flat)} quadrilaterals: at {first})"
+        _refuse(surface.path, text, "Merge nodes at the same place and remove such cells, or mesh it again.")
     normals = normals / lengths
     # The angle of a cell is between its edges at a vertex, and 180° at other nodes.
     inward = 1 - 2 * element.points

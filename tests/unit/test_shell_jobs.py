@@ -48,6 +48,15 @@ def job(path: Path, **data: Any) -> dict[str, Any]:
     return base | data
 
 
+@pytest.mark.parametrize("name", ["sheet.stl", "sheet.vtu"])
+def test_surfaces_in_other_formats_are_refused_in_one_line(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).touch()
+    with pytest.raises(JobError) as caught:
+        load(job(tmp_path / name))
+    assert len(caught.value.problems) == 1
+    assert "mesh.shell: needs a surface mesh of gmsh" in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("data", "message"),
     [
@@ -166,7 +175,9 @@ def test_layers_and_thickness_follow_the_job(sheet: Path, place: Any) -> None:
     assert body(thicken(measured, by_data)).sum() == pytest.approx(2 * volumes.sum())
 
 
-@pytest.mark.parametrize("kind", ["junction", "fold", "strip with one side", "too thin", "too thick", "name of a face"])
+@pytest.mark.parametrize(
+    "kind", ["junction", "fold", "strip with one side", "too thin", "too thick", "name of a face", "cell without area"]
+)
 def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None:
     surface, shell = read_surface(sheet), THIN
     message = {
@@ -176,6 +187,7 @@ def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None
         "too thin": r"is 3\.61 m long, 36,056 times its thickness of 100 µm",
         "too thick": r"the shell is 10 m thick, and its surface only 3\.61 m long",
         "name of a face": "has a physical group .outer.",
+        "cell without area": r"cells without area \(first of \d+ quadrilaterals: at \([\d.]+, [\d.]+, 0\) m\)",
     }[kind]
     if kind == "junction":
         points = np.concatenate([surface.points, surface.points[:, [0, 2, 1]]])
@@ -196,6 +208,8 @@ def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None
         surface = replace(surface, points=np.column_stack([np.minimum(x, 1), y, np.maximum(x - 1, 0)]))
     elif kind == "strip with one side":
         surface = _moebius()
+    elif kind == "cell without area":
+        surface.points[surface.cells[0], 0] = 0.0
     elif kind == "name of a face":
         surface = replace(surface, groups=tuple(replace(group, name="outer") for group in surface.groups[:1]))
     else:

@@ -1,4 +1,4 @@
-"""Sze, Liu and Lo's eight shells at their full loads, and back: ``python benchmarks/sze_backwards.py [CASE ...]``.
+"""Sze, Liu and Lo's eight shells at full load, and back: ``python -m benchmarks.published.sze.backwards [CASE ...]``.
 
 Each is solved forward, and its shape file then backwards: without a start, and the panels once more from a cylinder
 whose radius is 10 % too large. The table shows the largest distance of the recovered surface from the unloaded one
@@ -31,8 +31,8 @@ from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.readers import build_python, read_surface
 from hpcinv.mesh.source import DataArray
 
-SZE = Path(__file__).parent / "published" / "sze"
-sys.path[:0] = [str(Path(__file__).parents[1] / "tests")]
+SZE = Path(__file__).parent
+sys.path[:0] = [str(Path(__file__).parents[3] / "tests")]
 
 from helpers.sheets import flat, save_sheet  # noqa: E402
 
@@ -141,16 +141,10 @@ def rows(name: str, case: Case, directory: Path) -> None:
     size = float(np.linalg.norm(np.ptp(forward.mesh_nodes, axis=0)))
     largest = np.linalg.norm(forward.u, axis=1).max() / size
     unloaded = cKDTree(forward.mesh_nodes)
-    starts: dict[str, Path | None] = {"": None}
-    if case.radius:
-        starts["rough cylinder"] = _rough(Path(case.job["mesh"]["file"]), case.radius)
-    for start, shape in starts.items():
-        shell = {"director": "data"} | {k: v for k, v in case.job["mesh"]["shell"].items() if k == "layers"}
+    for start in ["", "rough cylinder"] if case.radius else [""]:
         back = {
             **there,
-            "analysis": "inverse",
-            "mesh": {"file": str(loaded / "shape.msh"), "shell": shell},
-            "solver": {} if shape is None else {"start_shape": str(shape), "initial_step": 0.05},
+            **way_back(case, loaded / "shape.msh", is_rough=bool(start)),
             "quantities": [],
             "output": {**OUTPUT, "mesh": []},
             "certificate": {"estimate": False, "round_trip": "off", "overlap": False},
@@ -163,6 +157,16 @@ def rows(name: str, case: Case, directory: Path) -> None:
         except HpcinvError as error:
             distance, unstable = str(error).splitlines()[0], ""
         print(f"| {name} | {start} | {distance} | {largest:.2f} | {unstable} |", flush=True)
+
+
+def way_back(case: Case, loaded: Path, *, is_rough: bool = True) -> dict[str, Any]:
+    """Return the settings of the way back from a loaded surface: if it is a cylinder, from one of another radius."""
+    shell = {"director": "data"} | {k: v for k, v in case.job["mesh"]["shell"].items() if k == "layers"}
+    solver: dict[str, Any] = {}
+    if case.radius and is_rough:
+        start = _rough(Path(case.job["mesh"]["file"]), case.radius)
+        solver = {"start_shape": str(start), "initial_step": 0.05}
+    return {"analysis": "inverse", "mesh": {"file": str(loaded), "shell": shell}, "solver": solver}
 
 
 def _rough(path: Path, radius: float) -> Path:
