@@ -316,7 +316,9 @@ class _Amplitudes:
         entries = [number(entry, "*AMPLITUDE") for line in table.lines for entry in line if entry]
         points = list(zip(entries[::2], entries[1::2], strict=False))
         if kind == "TABULAR" and points and len(entries) % 2 == 0:
-            return _interpolated(points, end)
+            delay = number(keyword.parameters.get("TIME DELAY", "0"), f"*{keyword.name}")  # of CalculiX, as the shifts
+            later, higher = (number(table.parameters.get(name, "0"), "*AMPLITUDE") for name in ("SHIFTX", "SHIFTY"))
+            return _interpolated(points, end - delay - later) + higher
         deck.unused.append(f"*AMPLITUDE {name} ({kind}) of *{keyword.name}")
         return 1.0
 

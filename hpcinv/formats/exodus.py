@@ -8,6 +8,7 @@ class Exodus(MeshFormat):
     other_suffixes = (
         ".exo",
         ".ex2",
+        ".g",
     )
     reader = "hpcinv.mesh.io.exodus:read_exodus"
     saver = "hpcinv.mesh.io.exodus:save_exodus"

@@ -218,6 +218,8 @@ class MeshFile(Spec):
     @classmethod
     def _check_file(cls, file: str, info: ValidationInfo) -> str:
         path = directory_of(info) / file
+        if suffix_of(path) == ".gz" and suffix_of(path.stem) in (*FORMATS, *SURFACES):
+            raise ValueError(f"{shown(file)} is packed; unpack it by gunzip, and name the file that it makes")
         if suffix_of(path) not in cls.formats:
             raise ValueError(f"{shown(file)} is not a readable mesh; valid suffixes are {', '.join(cls.formats)}")
         if applies(info) and (fault := mesh_fault(directory_of(info), file)):

@@ -4,12 +4,15 @@ Fields are of 8 or 16 characters, or between commas. HyperMesh writes names of s
 Source: *MSC Nastran Quick Reference Guide*, "Bulk Data Entries".
 """
 
+import contextlib
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from hpcinv.reading.fault import Fault, shown
+from hpcinv.reading.included_files import Line, check_loop, found_file, place_in, text_of
 from hpcinv.reading.numbered_elements import (
     Blocks,
     all_in,
@@ -30,18 +33,16 @@ _BRICK = (
 )  # middle nodes of upright edges come before the nodes of top edges
 _NAME = re.compile(r"\$HM(SET|NAME\s+PROP)\s+(\d+)\s*(\d*)\s*\"([^\"]+)\"")
 _CASE_SET = re.compile(r"SET\s+(\d+)\s*=\s*(.*)", re.I)
+_BEGIN = re.compile(r"\s*BEGIN\s+BULK", re.I)
+_INCLUDE = re.compile(r"\s*INCLUDE\b", re.I)
 _GENERAL = ("PARAM", "ENDDATA", "PSOLID", "PSHELL", "BEGIN", "SOL", "CEND")
 
 
 @dataclass
 class _Card:
-    line: int
+    place: str
     name: str
     fields: list[str]
-
-    @property
-    def place(self) -> str:
-        return f"line {self.line}"
 
 
 @dataclass
@@ -78,17 +79,18 @@ def read_bdf(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             blocks.add_facet(tag, vertices_of(nodes), _name(deck, "property", owner))
         elif card.name in ("CPENTA", "CPYRAM"):
             raise Fault(f"{card.place}: elements {card.name} are not supported", f"Elements are {_KINDS}.")
-        elif card.name == "INCLUDE":
-            raise Fault(f"{card.place}: includes another file", "Put its lines in their place: one file is read.")
         elif card.name in ("SET1", "SET3", "SET"):
             _read_set(card, listed)
         elif card.name not in _GENERAL:
             ignored.add(card.name)
-    for tag, text in deck.case_sets.items():
-        listed.setdefault(tag, ("", _members(re.split(r"[,\s]+", text), f"SET {tag}")))
     sets = {f"cells:{_name(deck, 'property', owner)}": members for owner, members in properties.items()}
     elements = {tag for numbers, _ in blocks.solids.values() for tag in numbers} | blocks.others.keys()
     nodes_known = set(tags)
+    for tag, text in deck.case_sets.items():  # requests of output, which may be ALL or other numbers
+        with contextlib.suppress(Fault):
+            members = _members(re.split(r"[,\s]+", text), f"SET {tag}")
+            if all_in(members, nodes_known) or all_in(members, elements):
+                listed.setdefault(tag, ("", members))
     for tag, (kind, members) in listed.items():
         kind = kind or deck.kinds.get(tag, "") or ("nodes" if all_in(members, nodes_known) else "")
         kind = kind or ("cells" if all_in(members, elements) else "nodes")
@@ -119,11 +121,10 @@ def _check_frame(card: _Card) -> None:
 
 def _deck(path: Path) -> _Deck:
     """Return the cards of a file, without what comes before ``BEGIN BULK`` but the sets there."""
-    deck, text = _Deck(), path.read_text(encoding="latin-1")
-    lines = text.splitlines()
-    is_bulk = not re.search(r"^\s*BEGIN\s+BULK", text, re.I | re.M)
+    deck, lines = _Deck(), list(lines_of(path, path.parent, (), []))
+    is_bulk = not any(_BEGIN.match(line.text) for line in lines)
     pending = 0
-    for line_number, raw in enumerate(lines, 1):
+    for place, raw in lines:
         if match := _NAME.match(raw):
             is_set = match[1] == "SET"
             deck.names["set" if is_set else "property", int(match[2][:18])] = match[4]
@@ -141,7 +142,7 @@ def _deck(path: Path) -> _Deck:
             pending = pending if line.endswith(",") else 0
             is_bulk = line.strip().upper().startswith("BEGIN")
             continue
-        _add_line(deck, line, line_number)
+        _add_line(deck, line, place)
         if deck.cards and deck.cards[-1].name == "ENDDATA":
             break
     if not deck.cards:
@@ -149,7 +150,33 @@ def _deck(path: Path) -> _Deck:
     return deck
 
 
-def _add_line(deck: _Deck, line: str, line_number: int) -> None:
+def lines_of(path: Path, home: Path, above: tuple[Path, ...], names: list[str]) -> Iterator[Line]:
+    """Yield the lines of a file with the lines of the files that it includes.
+
+    Args:
+        home: directory of the outermost file.
+        above: the files that include this one.
+        names: receives the names of included files.
+
+    Raises:
+        Fault: a file is missing, includes itself, or is not text.
+    """
+    command, inner = "", (*above, path.resolve())
+    for row, line in enumerate(text_of(path, above).splitlines(), 1):
+        place = place_in(above, path, f"line {row}")
+        if not command and not _INCLUDE.match(line):
+            yield Line(place, line)
+            continue
+        command += line.split("$")[0].strip()
+        if command.count("'") == 1 or command.count('"') == 1:  # a name may be continued
+            continue
+        file = found_file(command[len("INCLUDE") :].strip().strip("'\"=").strip(), home, path.parent, place, names)
+        check_loop(file, inner, place)
+        yield from lines_of(file, home, inner, names)
+        command = ""
+
+
+def _add_line(deck: _Deck, line: str, place: str) -> None:
     """Add the fields of a line to the last card, or begin one."""
     line = line.expandtabs(8)
     if "," in line:
@@ -162,11 +189,11 @@ def _add_line(deck: _Deck, line: str, line_number: int) -> None:
     name = head.strip().rstrip("*_").upper()  # meshio writes CTETRA_ with 10 nodes
     if not name or name.startswith("+") or head.lstrip().startswith("*"):
         if not deck.cards:
-            raise Fault(f"line {line_number}: continues nothing", "Is it an input file of Nastran?")
+            raise Fault(f"{place}: continues nothing", "Is it an input file of Nastran?")
         last = deck.cards[-1]
         last.fields += fields
         return
-    deck.cards.append(_Card(line_number, name.split()[0], fields))
+    deck.cards.append(_Card(place, name.split()[0], fields))
 
 
 def _read_set(card: _Card, listed: dict[int, tuple[str, list[int]]]) -> None:

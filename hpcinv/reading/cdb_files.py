@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.reading.fault import Fault, shown
+from hpcinv.reading.included_files import text_of
 from hpcinv.reading.numbered_elements import Blocks, element_arrays, number, whole_number, whole_numbers
 
 _SOLIDS = {45: 8, 95: 20, 92: 10, 185: 8, 186: 20, 187: 10, 285: 4}
@@ -26,7 +27,7 @@ class _Lines:
     """Lines of a file with their numbers."""
 
     def __init__(self, path: Path) -> None:
-        self._lines = path.read_text(encoding="latin-1").splitlines()
+        self._lines = text_of(path).splitlines()
         self.row = 0
 
     def more(self) -> bool:

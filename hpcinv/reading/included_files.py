@@ -6,7 +6,7 @@ Source: *Abaqus Keywords Guide*, ``*INCLUDE``, ``*NODE``.
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
@@ -36,11 +36,14 @@ def lines_of(path: Path) -> Iterator[Line]:
     yield from _lines(path, path.parent, ())
 
 
-def included_by(path: Path) -> list[str]:
+type Reader = Callable[[Path, Path, tuple[Path, ...], list[str]], Iterator[Line]]
+
+
+def included_by(path: Path, reader: Reader | None = None) -> list[str]:
     """Return the names of all files that a file includes, relative to its directory, as far as they can be read."""
     names: list[str] = []
     try:
-        for line in _lines(path, path.parent, (), names):
+        for line in (reader or _lines)(path, path.parent, (), names):
             del line
     except (Fault, OSError):  # reported by the reader
         pass
@@ -48,21 +51,16 @@ def included_by(path: Path) -> list[str]:
 
 
 def _lines(path: Path, home: Path, above: tuple[Path, ...], names: list[str] | None = None) -> Iterator[Line]:
-    try:
-        text = decoded(path.read_bytes())[0]
-    except ValueError:
-        raise Fault(_place(above, path, "is not a text file"), "Save it as text, in UTF-8.") from None
     inner = (*above, path.resolve())
-    for number, head in joined_lines(StringIO(text, newline=None)):
-        place = _place(above, path, f"line {number}")
+    for number, head in joined_lines(StringIO(text_of(path, above), newline=None)):
+        place = place_in(above, path, f"line {number}")
         including = _INCLUDING.match(head)
         is_include = including is not None and including[1].upper() == "INCLUDE"
         if not is_include:
             yield Line(place, head)
         if including is not None and (included := _INPUT.search(head)):
-            file = _found(included[1].strip().strip('"').strip(), home, path.parent, place, names)
-            if file.resolve() in inner or len(inner) > _DEEPEST:
-                raise Fault(f"{place}: '{shown(file.name)}' includes itself", "Remove the line.")
+            file = found_file(included[1].strip().strip('"').strip(), home, path.parent, place, names)
+            check_loop(file, inner, place)
             yield from _lines(file, home, inner, names)
         elif is_include:
             raise Fault(f"{place}: *INCLUDE needs INPUT=")
@@ -90,12 +88,30 @@ def joined_lines(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
         yield number, head.rstrip(", ")
 
 
-def _place(above: tuple[Path, ...], path: Path, text: str) -> str:
+def text_of(path: Path, above: tuple[Path, ...] = ()) -> str:
+    """Return the text of a file; ``Fault`` if it is not text.
+
+    Args:
+        above: the files that include it, the first one outermost.
+    """
+    try:
+        return decoded(path.read_bytes())[0]
+    except ValueError:
+        raise Fault(place_in(above, path, "is not a text file"), "Save it as text, in UTF-8.") from None
+
+
+def check_loop(file: Path, above: tuple[Path, ...], place: str) -> None:
+    """Raise ``Fault`` if a file is one of those that include it."""
+    if file.resolve() in above or len(above) > _DEEPEST:
+        raise Fault(f"{place}: '{shown(file.name)}' includes itself", "Remove the line.")
+
+
+def place_in(above: tuple[Path, ...], path: Path, text: str) -> str:
     """Return a place in a file; the file that is not included is named by the message."""
     return f"{shown(path.name)}, {text}" if above else text
 
 
-def _found(name: str, home: Path, beside: Path, place: str, names: list[str] | None) -> Path:
+def found_file(name: str, home: Path, beside: Path, place: str, names: list[str] | None) -> Path:
     """Return the file of a name, which may be spelled as Windows does."""
     spellings = dict.fromkeys((name, name.replace("\\", "/")))
     for file in (directory / spelled for spelled in spellings for directory in dict.fromkeys((home, beside))):

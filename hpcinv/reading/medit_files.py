@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.reading.fault import Fault, shown
+from hpcinv.reading.included_files import text_of
 from hpcinv.reading.numbered_elements import Blocks, element_arrays
 
 _SECTIONS = {
@@ -34,7 +35,7 @@ def read_medit(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     content = path.read_bytes()
     if content[:4] in (b"\1\0\0\0", b"\0\0\0\1"):
         raise Fault("is a binary file of Medit", "Save it as text (.mesh).")
-    words = [word for line in content.decode("latin-1").splitlines() for word in line.split("#")[0].split()]
+    words = [word for line in text_of(path).splitlines() for word in line.split("#")[0].split()]
     sections: dict[str, Any] = {}
     at = 0
     while at < len(words):

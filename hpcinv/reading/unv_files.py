@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.reading.fault import Fault
+from hpcinv.reading.included_files import text_of
 from hpcinv.reading.numbered_elements import Blocks, element_arrays, number, whole_numbers
 
 _SOLIDS = {
@@ -56,7 +57,7 @@ def _datasets(path: Path) -> Iterator[tuple[int, _Lines]]:
     """Yield the number and the lines of each dataset, which lines of -1 enclose."""
     inside: list[tuple[int, str]] | None = None
     is_empty = True
-    for at, line in enumerate(path.read_text(encoding="latin-1").splitlines(), 1):
+    for at, line in enumerate(text_of(path).splitlines(), 1):
         if line.strip() != "-1":
             if inside is not None:
                 inside.append((at, line))

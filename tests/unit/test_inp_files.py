@@ -265,6 +265,12 @@ def test_included_files_are_read_in_their_place(tmp_path: Path) -> None:
     assert "leads out of the directory" in mesh_fault(tmp_path, "body.inp")
 
 
+def test_a_packed_mesh_is_refused_as_packed(tmp_path: Path) -> None:
+    (tmp_path / "a.inp.gz").write_bytes(b"")
+    with pytest.raises(ValueError, match="is packed; unpack it by gunzip"):
+        spec(tmp_path / "a.inp.gz")
+
+
 def test_damaged_files_get_a_message_or_are_read(tmp_path: Path) -> None:
     whole, source = assembly().encode("latin-1"), random.Random(7)
     path = tmp_path / "damaged.inp"

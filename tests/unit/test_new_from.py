@@ -242,7 +242,11 @@ def test_steps_and_amplitudes_count_at_their_end(tmp_path: Path) -> None:
     assert job["regions"]["held_z_vertices"] == {"vertices": [["0 mm", "0 mm", "10 mm"]]}
     assert head.count("*CLOAD") == 1
     linear = text.replace("*HYPERELASTIC, NEO HOOKE\n0.1, 0.2", "*ELASTIC\n2., 0.3\n*PLASTIC\n1., 0.")
-    job, head = job_of(tmp_path, "part.inp", linear, "--force")
+    linear = linear.replace("amplitude=half", "amplitude=half, TIME DELAY=0.5")
+    job, head = job_of(
+        tmp_path, "part.inp", linear.replace("NAME=Half", "NAME=Half, SHIFTX=0.25, SHIFTY=0.5"), "--force"
+    )
+    assert job["effects"][0]["pressure"] == "0.00625 MPa"  # 0.5 and (1 - 0.5 - 0.25)/2 times 0.01
     assert job["material"] == {"law": "neo-hookean", "young": "2 MPa", "poisson": 0.3}
     assert "Not taken from the file: *PLASTIC of material Rubber" in head
 

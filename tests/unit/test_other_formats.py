@@ -14,6 +14,7 @@ from helpers.command_line import ROOT
 from helpers.mesh_cases import spec
 
 from hpcinv.errors import MeshError
+from hpcinv.formats import FORMATS
 from hpcinv.mesh import read_source
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.io import elements, vtu
@@ -398,7 +399,8 @@ FAULTS = [
         "SET3          11    ELEM      77",
         "set 'set-11' has element 77, which is not",
     ),
-    (".bdf", "MAT1    ", "INCLUDE ", "includes another file"),
+    (".bdf", "MAT1    ", "INCLUDE 'b.bdf' $", "includes 'b.bdf', which does not exist"),
+    (".bdf", "MAT1    ", "INCLUDE 'a.bdf' $", "'a.bdf' includes itself"),
     (".bdf", "1    THRU       3", "9    THRU       3", "the range to 3 is not valid"),
     (".cdb", "(19i9)", "(nineteen)", "'(nineteen)' is not a format of a block"),
     (".cdb", "EBLOCK,19,SOLID", "EBLOCK,10,", "the EBLOCK is not of the kind SOLID"),
@@ -436,6 +438,31 @@ FAULTS = [
     (".mesh", "Tetrahedra", "TetrahedraP2", "has curved cells"),
     (".mesh", "Tetrahedra", "Prisms", "has prisms"),
 ]
+
+
+@pytest.mark.usefixtures("same_process")
+def test_files_that_nastran_includes_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.bdf"
+    path.write_text(BDF)
+    whole = read(path)
+    head, rest = BDF.split("GRID           4")
+    path.write_text(f"{head}include 'sub/\nrest.blk'\nENDDATA".replace("SET 6", "SET 8 = ALL\nSET 6"))
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "rest.blk").write_text(f"GRID           4{rest}")
+    assert read(path).points == pytest.approx(whole.points)
+    assert [group.name for group in read(path).groups] == [group.name for group in whole.groups]
+    assert FORMATS[".bdf"].data_files(path) == ["sub/rest.blk"]
+
+
+@pytest.mark.usefixtures("same_process")
+@pytest.mark.parametrize("suffix", TEXTS)
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
+def test_text_is_read_in_other_encodings(suffix: str, encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix}"
+    path.write_text(TEXTS[suffix])
+    points = read(path).points
+    path.write_text(TEXTS[suffix], encoding=encoding)
+    assert (read(path).points == points).all()
 
 
 @pytest.mark.usefixtures("same_process")
