@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-MOST = {"docs": 0, "hpcinv": 2, "benchmarks": 5, "meshes": 0, "tests": 4}
+MOST = {"docs": 0, "hpcinv": 0, "benchmarks": 5, "meshes": 0, "tests": 2}
 MOST |= dict.fromkeys(("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md"), 0)
 """allowed oddities; lower these numbers after each clean-up"""
 GENERATED = ("docs/reference/", "docs/notes/", "docs/verification/published.md", "docs/prose.py")

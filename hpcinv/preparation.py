@@ -59,11 +59,13 @@ def prepare(job: Job, workspace: Workspace, progress: Progress, timings: Timings
         Interrupted: ``stop`` asked to stop on some rank.
     """
     if job.accuracy:
-        return _searched(job, workspace, progress, timings, stop)
-    return _given(job, workspace, progress, timings, stop)
+        return _prepared_by_search(job, workspace, progress, timings, stop)
+    return _prepared_on_job_mesh(job, workspace, progress, timings, stop)
 
 
-def _given(job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer) -> Prepared:
+def _prepared_on_job_mesh(
+    job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer
+) -> Prepared:
     """Return the equations of a job on its mesh; collective."""
     comm = workspace.comm
     verb = "meshing" if is_generator(Path(job.mesh.file)) else "reading"
@@ -100,7 +102,9 @@ def _end_if_asked(comm: MPI.Intracomm, stop: Observer) -> None:
         raise Interrupted("stopped by a signal before there was anything to save", "Start the same command again.")
 
 
-def _searched(job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer) -> Prepared:
+def _prepared_by_search(
+    job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer
+) -> Prepared:
     """Return the equations on a mesh and in spaces that meet the accuracy that the job demands; collective."""
     from hpcinv.accuracy.search import Search
 

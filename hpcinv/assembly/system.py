@@ -251,7 +251,7 @@ class System:
         if passages := self.weak_form.passages:
             with self.timings("admissibility check"):
                 self.set_state(x)
-                start = passages.here()
+                start = passages.points()
                 x.copy(trial)
                 trial.axpy(-1.0, step)
                 self.set_state(trial)

@@ -71,7 +71,7 @@ def rehearse_certificate(job: Job, source: MeshSource, forecast: Forecast) -> No
 
     Args:
         source: the mesh of the run.
-        forecast: of its linear solvers, by which the run chooses.
+        forecast: of its linear solvers; the run chooses one by it.
     """
 
     def assume_solved(

@@ -41,7 +41,12 @@ def solve_direction(equations: Equations, direction: Direction, start: Start, ob
         restartable = method.can_restart_after(solve)
         can_restart |= restartable
         event = SolveEvent(
-            solve, tuple(solves), method.reached, restartable, equations.largest_displacement(), method.min_mesh_J()
+            solve,
+            tuple(solves),
+            method.reached_load,
+            restartable,
+            equations.largest_displacement(),
+            method.min_mesh_J(),
         )
         observer.solved(event)
         stopped = is_stop_asked(comm, observer) or interrupted
@@ -51,11 +56,11 @@ def solve_direction(equations: Equations, direction: Direction, start: Start, ob
         ends = not solve.outcome.accepted and is_given_up(solves, equations.job.solver.patience)
         is_time = failures == _FAILURES and not solve.outcome.accepted
         if (is_time or (ends and failures < _FAILURES)) and isinstance(method, DirectMethod):
-            lines = failing_motion(equations.job, equations.body, method.equilibrium, method.reached, failures)
+            lines = failing_motion(equations.job, equations.body, method.equilibrium, method.reached_load, failures)
             observer.failing(lines)
         if ends:
             break
-    bordered = method if isinstance(method, BorderedMethod) and method.reached else None
+    bordered = method if isinstance(method, BorderedMethod) and method.reached_load else None
     cavities, remote_loads = ((), ()) if bordered is None else (bordered.cavities(), bordered.remote_loads())
     equilibrium = method.equilibrium
     # If nothing was solved, PETSc has used no options.
@@ -63,7 +68,7 @@ def solve_direction(equations: Equations, direction: Direction, start: Start, ob
     equations.release(equilibrium)
     used = equilibrium.linear.used
     solved = SolvedDirection(
-        direction, tuple(solves), method.reached, used, stopped, can_restart, unused, cavities, remote_loads
+        direction, tuple(solves), method.reached_load, used, stopped, can_restart, unused, cavities, remote_loads
     )
     observer.ended(solved)
     return solved

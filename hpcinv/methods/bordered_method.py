@@ -30,7 +30,7 @@ class BorderedMethod(Method):
         self._motions = [RemoteBorder(system, *item, equations.scales) for item in job.remote_loads.items()]
 
     def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
-        self.reached = load = start.load
+        self.reached_load = load = start.load
         names = ["cavities"] * bool(self._pressures) + ["remote loads"] * bool(self._motions)
         newton = BorderedNewton(self.equilibrium, [*self._motions, *self._pressures], " and ".join(names))
         if load > 0.0:
@@ -49,7 +49,7 @@ class BorderedMethod(Method):
                 solve = newton.solve(target, tolerance, start=load, shortened=shortened)
                 step = self._steps.next_step(solve, solve.load - load)
                 if solve.outcome.accepted:
-                    self.reached = load = solve.load
+                    self.reached_load = load = solve.load
                 yield solve
                 if not solve.outcome.accepted and (step < self._steps.least or solve.outcome.is_final):
                     return
@@ -60,11 +60,11 @@ class BorderedMethod(Method):
 
     def cavities(self) -> tuple[CavityReport, ...]:
         """Return the pressures and volumes of the present state; collective."""
-        return reports_of(self._cavities, self.reached)
+        return reports_of(self._cavities, self.reached_load)
 
     def remote_loads(self) -> tuple[RemoteReport, ...]:
         """Return the motions of regions under remote loads in the present state; collective."""
-        return tuple(motion.report(self.reached) for motion in self._motions)
+        return tuple(motion.report(self.reached_load) for motion in self._motions)
 
     def can_restart_after(self, solve: Solve) -> bool:
         return solve.outcome.accepted

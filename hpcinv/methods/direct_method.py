@@ -29,7 +29,7 @@ class DirectMethod(Method):
             self.steps = replace(self.steps, limit_points=0)  # the second direction has none
 
     def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
-        self.reached = start.load
+        self.reached_load = start.load
         contacts, tolerance = self.equilibrium.system.weak_form.contacts, self.problem.equations.job.solver.tolerance
         if start.load == 0.0 and start.solution is None:
             self.equilibrium.system.set_load(0.0 if contacts.is_iterated else 1.0)
@@ -37,7 +37,7 @@ class DirectMethod(Method):
         if contacts.is_iterated:
             contacts.reset()
             if start.load == 1.0:  # a checkpoint has no contact pressures
-                self.reached = 0.0
+                self.reached_load = 0.0
                 solve = self.equilibrium.solve(1.0, tolerance, begins_near=True)
                 yield solve
                 if solve.outcome.accepted:
@@ -60,7 +60,7 @@ class DirectMethod(Method):
             self.equilibrium.depart(0.0)
             solve = start.guess.solve(self.problem.equations, self.equilibrium)
             if solve.outcome.accepted:
-                self.reached = 1.0
+                self.reached_load = 1.0
             else:
                 self.problem.equations.unload()
             yield solve
@@ -70,7 +70,7 @@ class DirectMethod(Method):
         for solve in reach(self.problem, self.steps, load=start.load, passed=passed):
             is_last = solve.outcome.accepted and solve.load == 1.0 and contacts.is_iterated
             if solve.outcome.accepted and not is_last:
-                self.reached = solve.load
+                self.reached_load = solve.load
             yield solve
             if is_last:
                 yield from self._augment(tolerance)
@@ -86,7 +86,7 @@ class DirectMethod(Method):
         for _ in range(_MOST_UPDATES):
             system.set_load(1.0)
             if not system.weak_form.contacts.update():
-                self.reached = 1.0
+                self.reached_load = 1.0
                 return
             solve = self.equilibrium.solve(1.0, tolerance, begins_near=True)
             yield replace(solve, strategy=AUGMENTATION)

@@ -47,7 +47,7 @@ class FixedPointMethod(Method):
 
     Attributes:
         equilibrium: equations of the forward problem, at the present coordinates of the mesh.
-        reached: 1 once the position residual is within the tolerance, else 0.
+        reached_load: 1 once the position residual is within the tolerance, else 0.
     """
 
     _least_volume_ratio = 0.1  # of one step, at any point
@@ -76,7 +76,7 @@ class FixedPointMethod(Method):
         """
         resumed = start.solution is not None
         if start.load == 1.0:
-            self.reached = 1.0
+            self.reached_load = 1.0
             return
         mesh = self.mesh
         self._X = self._body_of_state() if resumed else mesh.x
@@ -99,7 +99,7 @@ class FixedPointMethod(Method):
                 if end is None and not self._move(self._update.step(X, r)):
                     end = Outcome.FIXED_POINT_DIVERGED
                 mesh.correct_displacement(X - self._X - r)  # to x - X
-            self.reached = 1.0 if end is not None and end.accepted else 0.0
+            self.reached_load = 1.0 if end is not None and end.accepted else 0.0
             yield replace(
                 last, outcome=end or last.outcome, position_residual=residuals[-1] * self.equations.scales.length
             )

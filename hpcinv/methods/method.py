@@ -108,11 +108,11 @@ class Method(ABC):
     """A path from the unloaded body, or from a checkpoint, to the solution of one direction.
 
     Attributes:
-        reached: share of the load under which the present state is a solution; 1 only at the end.
+        reached_load: share of the load under which the present state is a solution; 1 only at the end.
     """
 
     equilibrium: Equilibrium
-    reached: float = 0.0
+    reached_load: float = 0.0
 
     @abstractmethod
     def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:

@@ -151,7 +151,7 @@ def _coarse_solution(
             note(_line(solve))
             if _is_interrupted(coarse, observer, (solve,)):
                 return None, replace(coarse_solve, unused=Outcome.INTERRUPTED.text)
-        if method.reached < 1.0:
+        if method.reached_load < 1.0:
             return None, replace(
                 coarse_solve, unused=f"the load was not reached there: {coarse_solve.solves[-1].outcome.text}"
             )

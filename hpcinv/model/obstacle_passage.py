@@ -133,7 +133,7 @@ class Passage:
 
     def depart(self) -> None:
         """Let ways begin at the present state."""
-        self._start = self._here()
+        self._start = self._position()
 
     def forget(self) -> None:
         """Let ways begin at the next state that `has_passed` sees."""
@@ -141,20 +141,21 @@ class Passage:
 
     def has_passed(self) -> bool:
         """Return whether the way from the start to the present state leads through the obstacle."""
-        here = self._here()
+        here = self._position()
         if self._start is None or not np.array_equal(self._start.places, here.places):
             self.depart()
             return False
         return bool(np.isfinite(self._passes(self._start.points, here.points)).any())
 
-    def here(self) -> Floats:
-        return self._here().points
+    def points(self) -> Floats:
+        """Return the present points, relative to the obstacle."""
+        return self._position().points
 
     def share(self, start: Floats, end: Floats) -> float:
         """Return the share of a way up to where the first passage begins, 1 without one."""
         return float(self._passes(start, end).min(initial=1.0))
 
-    def _here(self) -> _Position:
+    def _position(self) -> _Position:
         places = self._points.places()
         return _Position(places + self._points.displacements() - self._shift(), places)
 
@@ -171,33 +172,33 @@ class Passages:
     """The ways past all obstacles that a surface can pass through; methods are collective if there are any."""
 
     def __init__(self, passages: Sequence[Passage], comm: MPI.Intracomm) -> None:
-        self._all, self._comm = tuple(passages), comm
+        self._passages, self._comm = tuple(passages), comm
 
     def __bool__(self) -> bool:
-        return bool(self._all)
+        return bool(self._passages)
 
     def depart(self) -> None:
-        for passage in self._all:
+        for passage in self._passages:
             passage.depart()
 
     def forget(self) -> None:
-        for passage in self._all:
+        for passage in self._passages:
             passage.forget()
 
     def has_passed(self) -> bool:
         """Return whether a way from where they began to the present state leads through an obstacle."""
-        if not self._all:
+        if not self._passages:
             return False
-        have_passed = [passage.has_passed() for passage in self._all]  # all of them, which gives each a start
+        have_passed = [passage.has_passed() for passage in self._passages]  # all of them, which gives each a start
         return bool(self._comm.allreduce(any(have_passed), op=MPI.LOR))
 
-    def here(self) -> list[Floats]:
+    def points(self) -> list[Floats]:
         """Return the present points, relative to each obstacle."""
-        return [passage.here() for passage in self._all]
+        return [passage.points() for passage in self._passages]
 
     def share(self, start: Sequence[Floats]) -> float:
         """Return the share of the straight way from ``start`` to the present state that passes through no obstacle."""
-        shares = [p.share(a, b) for p, a, b in zip(self._all, start, self.here(), strict=True)]
+        shares = [p.share(a, b) for p, a, b in zip(self._passages, start, self.points(), strict=True)]
         return float(self._comm.allreduce(min(shares, default=1.0), op=MPI.MIN))
 
 

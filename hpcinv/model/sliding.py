@@ -244,7 +244,7 @@ def _inverses(directions: Floats) -> Floats:
 
 
 class MatrixConstraint:
-    """``K ← Q K P + A`` of one matrix, which keeps its pattern; the blocks are those of `Sliding.blocks`."""
+    """``K ← Q K P + A`` of one matrix, which keeps its pattern; the blocks are `Sliding.blocks`."""
 
     def __init__(self, matrix: PETSc.Mat, sliding: Sliding) -> None:
         self._matrix, self._sliding = matrix, sliding

@@ -93,7 +93,7 @@ class Supports:
         self._path: list[npt.NDArray[np.float64]] | None = None  # displacements at the beginning of a path
         self.slides: list[Slide] = []
         self.remote_faces: dict[int, RemoteFace] = {}
-        self._found: frozenset[int] = frozenset()  # numbers of supports whose motion is an unknown
+        self._with_unknown_motion: frozenset[int] = frozenset()  # numbers of supports whose motion is an unknown
         self._first_gap: Floats | float = 0.0  # distance of slides' nodes from them at the beginning of a path
         self._gap: Floats | float = 0.0  # now
         self._unknowns = unknowns
@@ -166,7 +166,7 @@ class Supports:
     @property
     def holders(self) -> list[Prescribed | Slide]:
         """Supports and their regions, component by component; regions under remote loads are left out."""
-        return [*(entry for entry in self.prescribed if entry.support not in self._found), *self.slides]
+        return [*(entry for entry in self.prescribed if entry.support not in self._with_unknown_motion), *self.slides]
 
     def move_region(self, number: int, displacement: Callable[[Floats], Floats]) -> None:
         """Prescribe displacements (n, 3) of points of the present mesh (scaled) by one support at any load."""
@@ -187,7 +187,7 @@ class Supports:
         Raises:
             MeshError: on all ranks, if a formula has no finite value somewhere.
         """
-        self._found = frozenset(job.remote_loads)
+        self._with_unknown_motion = frozenset(job.remote_loads)
         for entry in self.prescribed:
             spec = job.supports[entry.support]
             if spec.remote is not None:
@@ -253,7 +253,11 @@ class Supports:
         self._gap = (1 - load) * self._first_gap
         for number, entry in enumerate(self.prescribed):
             if self._path is None:
-                share = 1.0 if entry.support in self._found else load_factor(load, entry.case, self._case_count)
+                share = (
+                    1.0
+                    if entry.support in self._with_unknown_motion
+                    else load_factor(load, entry.case, self._case_count)
+                )
                 entry.now.x.array[:] = share * entry.full
             else:
                 entry.now.x.array[entry.nodes] = (1 - load) * self._path[number] + load * entry.full[entry.nodes]
@@ -346,7 +350,7 @@ class Supports:
         """Let the displacements lead from the unloaded body again; collective."""
         self._path, self._first_gap, self._gap = None, 0.0, 0.0
         moves = self.is_curved
-        moves |= any(bool(entry.full.any()) or entry.support in self._found for entry in self.prescribed)
+        moves |= any(bool(entry.full.any()) or entry.support in self._with_unknown_motion for entry in self.prescribed)
         self.prescribe_motion = self._comm.allreduce(moves, op=MPI.LOR)
 
 

@@ -139,10 +139,10 @@ def _surface_distance(
     return on_root(comm, compare_on_root)
 
 
-def closure(there: Solution, back: Solution) -> dict[str, float]:
+def closure(first: Solution, second: Solution) -> dict[str, float]:
     """Return the difference ``u₁ - u₀`` of the displacements ``u = x - X`` of a round trip's solutions; collective."""
-    mesh = there.displacement.function_space.mesh
-    return _size(mesh.comm, mesh.geometry, back.u - there.u, there.mesh_nodes)
+    mesh = first.displacement.function_space.mesh
+    return _size(mesh.comm, mesh.geometry, second.u - first.u, first.mesh_nodes)
 
 
 def _size(comm: MPI.Intracomm, geometry: Geometry, difference: Floats, nodes: Floats) -> dict[str, float]:

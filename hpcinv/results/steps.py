@@ -54,20 +54,20 @@ def carry_out(
     plan: Sequence[PlannedSolve],
     equations: Sequence[Equations],
     observer: StepObserver,
-    known: Sequence[Solution] = (),
+    first_solutions: Sequence[Solution] = (),
     solve: StepSolver | None = None,
 ) -> Iterator[Solution]:
     """Yield the solutions of a plan in order; collective.
 
     Args:
         equations: of each step; several steps may share them.
-        known: solutions of the first steps, which are yielded without a solve.
+        first_solutions: of the first steps, which are yielded without a solve.
         solve: solver of a step, by default `solve_step`.
     """
     solutions: list[Solution] = []
     for number, step in enumerate(plan):
-        if number < len(known):
-            solutions.append(known[number])
+        if number < len(first_solutions):
+            solutions.append(first_solutions[number])
         else:
             solutions.append(_solution(number, step, equations[number], solutions, observer, solve or solve_step))
         yield solutions[-1]

@@ -117,7 +117,7 @@ def sensitivities(
     """Differentiate a solution at full load by parameters of the job; collective.
 
     Args:
-        first: for a further state, solution and derivatives of the given state, from which the reference shape comes.
+        first: for a further state, solution and derivatives of the given state, which determines the reference shape.
         mesh: for the first solve, derivatives (n, 3) of its local geometry nodes by those parameters that move these.
 
     Raises:

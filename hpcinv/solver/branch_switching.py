@@ -65,7 +65,7 @@ def switched(
     equilibrium: Equilibrium,
     series: PowerSeries,
     origin: PETSc.Vec,
-    found: Bifurcation,
+    bifurcation: Bifurcation,
     side: int,
     *,
     tolerance: float,
@@ -80,20 +80,20 @@ def switched(
         side: 1 to go along the mode, -1 to go the other way.
         cases: number of load cases.
     """
-    system, a, count = equilibrium.system, found.parameter, len(series.loads)
+    system, a, count = equilibrium.system, bifurcation.parameter, len(series.loads)
     weights = series.weights(a, pade=False)
     weights[-1] -= count * a**count  # the sum of the progression
     x, mode = origin.copy(), origin.duplicate()
     x.array[:] += weights @ series.states
-    mode.array[:] = found.mode
+    mode.array[:] = bifurcation.mode
     system.set_state(x)
     increment = equilibrium.predictor.increments(mode)
     x.axpy(side * _STEP / max(increment.rotation, increment.strain), mode)
     mode.scale(1 / norm(mode))
     bordering = Bordering(equilibrium, cases)
-    corrected = bordering.correct(x, found.load, mode, tolerance, direction=1, scale=found.load)
+    corrected = bordering.correct(x, bifurcation.load, mode, tolerance, direction=1, scale=bifurcation.load)
     bordering.destroy()
-    is_found = corrected.solve.outcome.accepted and corrected.solve.load > found.load
+    is_found = corrected.solve.outcome.accepted and corrected.solve.load > bifurcation.load
     system.set_state(corrected.x if is_found else origin)
     system.set_load(corrected.solve.load)
     return corrected if is_found else None

@@ -28,3 +28,14 @@ def beam(size: str = "4 mm", geometry_degree: int = 2, load: float = 1.0) -> dic
         "effects": [weight(load)],
         "supports": [CLAMP],
     }
+
+
+def sagging(size: str, degree: int, certificate: dict[str, Any], geometry_degree: int = 2) -> dict[str, Any]:
+    """A forward job with the displacement of the tip as a quantity."""
+    return {
+        "analysis": "forward",
+        **beam(size, geometry_degree),
+        "quantities": [TIP],
+        "discretisation": {"displacement": degree},
+        "certificate": certificate,
+    }

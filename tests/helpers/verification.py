@@ -63,8 +63,8 @@ class Solved:
 
     def again(self) -> np.ndarray:
         """Displacement (scaled) at the nodes after the second direction, solved on the body that the first found."""
-        u = self.model.unknowns.geometry_values(self.model.unknowns.displacement())
-        self.body.mesh.geometry.x[:] += self.kinematics.sign * u
+        u = self.model.unknowns.geometry_values(self.model.state().displacement)
+        self.model.put(self.model.unloaded(nodes=self.body.nodes + self.kinematics.sign * u))
         self._solve(1)
         return self.model.unknowns.geometry_values(self.model.unknowns.displacement())
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -157,22 +158,15 @@ def test_moduli_are_derived_once(comm: MPI.Intracomm, tmp_path: Path, monkeypatc
     """And again, where the record or a kernel is not there any more or is damaged, or for other points."""
     directory = Path(comm.bcast(str(tmp_path)))
     options = {"cffi_extra_compile_args": ["-O0", "-g0"], "cache_dir": directory}
-    derived = 0
-
-    def derive(*arguments: Any) -> Any:
-        nonlocal derived
-        derived += 1
-        return moduli_of(*arguments)
-
-    moduli_of = module.moduli_of
+    derive = Mock(wraps=module.moduli_of)
     monkeypatch.setattr(module, "moduli_of", derive)
 
     def values(degree: int = 2) -> tuple[int, Any]:
         """How often moduli are derived in a new model, and their values."""
         data = TWO_REGIONS | {"discretisation": {"displacement": 2, "quadrature": degree}}
-        before, model = derived, model_of(data, comm)
+        before, model = derive.call_count, model_of(data, comm)
         moduli = compiled_moduli(model.weak_form("inverse").residual, model.unknowns, options)
-        return derived - before, [part.expression.eval(model.unknowns.mesh, part.cells) for part in moduli]
+        return derive.call_count - before, [part.expression.eval(model.unknowns.mesh, part.cells) for part in moduli]
 
     count, first = values()
     assert count == 1

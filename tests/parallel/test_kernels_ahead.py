@@ -1,4 +1,4 @@
-"""Kernels of a certificate, compiled by a second process while a run compiles those of its solve."""
+"""Kernels of a certificate, compiled by a second process while a run compiles the kernels of its solve."""
 
 from __future__ import annotations
 

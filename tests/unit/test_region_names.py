@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,31 +45,22 @@ def block() -> MeshSource:
     return read_source(spec(path), path)
 
 
-def text_41(path: Path, mesh: MeshSource) -> None:
+def convert(path: Path, mesh: MeshSource, version: float, *, binary: bool) -> None:
+    """Write a mesh, and again by gmsh in a version of MSH."""
     save(path, mesh, mesh.points)
     gmsh.initialize(interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.open(str(path))
-    gmsh.option.setNumber("Mesh.Binary", 0)
-    gmsh.write(str(path))
-    gmsh.finalize()
-
-
-def binary_22(path: Path, mesh: MeshSource) -> None:
-    save(path, mesh, mesh.points)
-    gmsh.initialize(interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.open(str(path))
-    gmsh.option.setNumber("Mesh.Binary", 1)
-    gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)
+    gmsh.option.setNumber("Mesh.Binary", binary)
+    gmsh.option.setNumber("Mesh.MshFileVersion", version)
     gmsh.write(str(path))
     gmsh.finalize()
 
 
 WRITERS: dict[str, Callable[[Path, MeshSource], None]] = {
     "binary41.msh": lambda path, mesh: save(path, mesh, mesh.points),
-    "text41.msh": text_41,
-    "binary22.msh": binary_22,
+    "text41.msh": partial(convert, version=4.1, binary=False),
+    "binary22.msh": partial(convert, version=2.2, binary=True),
     "own.vtu": lambda path, mesh: save(path, mesh, mesh.points),
     "parts.bp": lambda path, mesh: write_partitioned(path, MPI.COMM_SELF, partitioned(mesh, 2)[0]),
 }

@@ -90,6 +90,16 @@ def test_loaded_again_a_body_is_the_given_one(comm: MPI.Intracomm) -> None:
         assert lines[solution.state, "stability: unstable directions"].verdict.value == "pass"
 
 
+def column_stretch(z: float, up: float) -> float:
+    """Stretch of a confined column at height z under a weight that acts upwards ``up``-fold."""
+    return root(lambda s: confined(s) - up * 9810 * (1 - z), 0.5, 2.0)
+
+
+def column_length(up: float) -> float:
+    """Length (m) of the same column, which is 1 m long where it stands."""
+    return float(quad(lambda z: column_stretch(z, up) / column_stretch(z, -1), 0, 1, epsabs=1e-11)[0])
+
+
 def test_a_column_that_stands_and_hangs_has_one_mass(comm: MPI.Intracomm) -> None:
     """Confined laterally: stress and weight above a section balance in each state, with the mass measured standing."""
     weight = {"density": 1000, "density_in": "current"}
@@ -112,15 +122,9 @@ def test_a_column_that_stands_and_hangs_has_one_mass(comm: MPI.Intracomm) -> Non
         comm,
     )
 
-    def stretch(z: float, up: float) -> float:
-        return root(lambda s: confined(s) - up * 9810 * (1 - z), 0.5, 2.0)
-
-    def length(up: float) -> float:
-        return float(quad(lambda z: stretch(z, up) / stretch(z, -1), 0, 1, epsabs=1e-11)[0])
-
-    undeformed = float(quad(lambda z: 1 / stretch(z, -1), 0, 1, epsabs=1e-11)[0])
+    undeformed = float(quad(lambda z: 1 / column_stretch(z, -1), 0, 1, epsabs=1e-11)[0])
     assert undeformed == pytest.approx(1.0802799, abs=1e-7)
-    exact = {"top-hanging": length(1), "top-on-the-moon": length(-1 / 6), "rest-standing": undeformed}
+    exact = {"top-hanging": column_length(1), "top-on-the-moon": column_length(-1 / 6), "rest-standing": undeformed}
     print(", ".join(f"{name} {result.quantities[name]:.6g}, exactly {value:.6g}" for name, value in exact.items()))
     for name, value in exact.items():
         assert result.quantities[name] == pytest.approx(value, rel=2e-6)
@@ -145,10 +149,7 @@ def test_the_error_of_a_further_state_includes_the_rest_shape(comm: MPI.Intracom
         comm,
     )
 
-    def stretch(z: float, up: float) -> float:
-        return root(lambda s: confined(s) - up * 9810 * (1 - z), 0.5, 2.0)
-
-    exact = float(quad(lambda z: stretch(z, 1) / stretch(z, -1), 0, 1, epsabs=1e-11)[0])
+    exact = column_length(1)
     error = exact - result.quantities["top-hanging"]
     assert result.estimate is not None
     effectivity = result.estimate.quantities["top-hanging"] / error

@@ -76,7 +76,7 @@ def test_sweeps_without_enough_solutions_are_refused(tmp_path: Path, comm: MPI.I
 
 
 def test_interpolation_over_dependent_numbers() -> None:
-    """Smooth values of two numbers, of which a third one follows; the error at points left out is the real one."""
+    """Smooth values of three numbers, one a function of the others; the error at points left out is the real one."""
     random = np.random.default_rng(3)
 
     def numbers(x: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -628,16 +629,10 @@ def test_status_of_10_000_cases_costs_a_scan_per_two_digits(ledger: Ledger, monk
         claim = ledger.claim(key)
         assert claim is not None
         ledger.commit(claim, DONE)
-    scans, scan = 0, os.scandir
-
-    def counted(path: Any) -> Any:
-        nonlocal scans
-        scans += 1
-        return scan(path)
-
-    monkeypatch.setattr(os, "scandir", counted)
+    scan = Mock(wraps=os.scandir)
+    monkeypatch.setattr(os, "scandir", scan)
     monkeypatch.setattr(os, "stat", pytest.fail)
     monkeypatch.setattr(os, "open", pytest.fail)
     states = ledger.states(keys)
-    assert scans == 256
+    assert scan.call_count == 256
     assert sum(state.name == "finished" for state in states.values()) == 128
