@@ -271,7 +271,7 @@ class _LoadSteps:
         return solve
 
     def _predicted(self, accepted: npt.NDArray[np.float64]) -> tuple[float, Prediction | None]:
-        """Return the load factor of the next step, and its prediction, if it has one; the state has moved there."""
+        """Move the state to the prediction of the next step, if any; return the load factor and the prediction."""
         load, steps, equilibrium = self._load, self._steps, self._equilibrium
         target, predict = target_of(load, self._step, steps.cases), equilibrium.predictor.predict
         if not (self._has_tangent or isinstance(steps, AdaptiveSteps)):

@@ -25,6 +25,7 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear import selection
+from hpcinv.solver.linear.cost_model import Forecast
 from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT
@@ -77,6 +78,20 @@ def test_series_and_load_steps_end_in_the_same_state(name: str, comm: MPI.Intrac
     assert error < 1e-10
     assert counts[0] <= counts[1]
     assert counts[0] <= 2 * len(PATHS[name].get("load_cases", ["all"]))
+
+
+def test_factors_of_an_earlier_tangent_serve_where_new_ones_take_longer(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = []
+    for seconds in (1e-30, 1e30):  # of a solve by factors
+        monkeypatch.setattr(Forecast, "back_substitution", seconds)
+        runs.append(solved(comm, "series", analysis="forward", effects=[GRAVITY | {"acceleration": [0, -40, 0]}]))
+    kept, renewed = (factorizations(run) for run in runs)
+    print(f"factorizations {kept} and {renewed}, {len(runs[0].solves)} ranges")
+    assert renewed == kept + len(runs[0].solves) - 1 > kept
+    states = [run.model.unknowns.geometry_values(run.model.unknowns.displacement()) for run in runs]
+    assert np.abs(states[0] - states[1]).max() < 1e-9 * np.abs(states[1]).max()
 
 
 BENT: dict[str, Any] = {

@@ -157,6 +157,11 @@ class Forecast:
         return self.operations / 48e9 + 1.2e-8 * self.entries
 
     @property
+    def back_substitution(self) -> float:
+        """Time of one solve by these factors and one product with the tangent (s)."""
+        return 1.2e-9 * self.entries + 2e-7 * self.unknowns
+
+    @property
     def direct(self) -> float:
         """Time of the factorizations (s), and of their refinement."""
         block = self.block

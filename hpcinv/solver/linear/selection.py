@@ -53,6 +53,8 @@ class Choice:
         minimum_fill: whether factors are ordered by approximate minimum fill.
         nearly_symmetric: whether factors of nearly symmetric tangents are symmetric. Slender bodies turn so far that
             their later tangents are not.
+        equal_solves: number of solves by factors that take as long as a factorization. A larger one lets power series
+            use factors of an earlier tangent more often.
     """
 
     configuration: str
@@ -66,6 +68,7 @@ class Choice:
     low_rank: bool = False
     minimum_fill: bool = False
     nearly_symmetric: bool = False
+    equal_solves: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -184,6 +187,7 @@ class Chooser:
             low_rank=low_rank,
             minimum_fill=self._is_slender and self._ranks == 1,  # two ranks make better use of METIS's ordering
             nearly_symmetric=not self._is_slender,
+            equal_solves=self.forecast.factorization / self.forecast.back_substitution,
         )
 
     @staticmethod
