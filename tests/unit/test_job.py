@@ -250,7 +250,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"checkpoint": {"every": -1}}, "checkpoint.every: must be at least 0, not -1"),
     (
         {"output": {"mesh": ["stl"]}},
-        "output.mesh[0]: must be 'bdf', 'bp', 'cdb', 'e', 'ex2', 'exo', 'feb', 'fem', 'inp', 'med', 'mesh', 'msh',"
+        "output.mesh[0]: must be 'bdf', 'bp', 'cdb', 'e', 'ex2', 'exo', 'feb', 'fem', 'g', 'inp', 'med', 'mesh', 'msh',"
         " 'nas', 'unv', 'vtk' or 'vtu', not 'stl'",
     ),
     ({"quantities": [{"name": "a", "of": "x"}]}, "quantities[0]: needs exactly one of 'at'"),
