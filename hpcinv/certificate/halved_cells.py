@@ -30,7 +30,7 @@ from hpcinv.solver.observer import Observer
 _SHARE = 0.05
 """Error of the finer solution, relative to the change from the given one; raised, estimates have fewer digits"""
 _LARGE, _EXACT = 1e-3, 1e-6
-"""Change, relative to the state, from which on the error must be below ``_EXACT`` too: far from the solution,
+"""Change, relative to the state, above which the error must be below ``_EXACT`` too: far from the solution,
 corrections shrink by chance. With 1e-3 for 1e-6, a pinched ring had an estimate of the wrong sign. Lowered, large
 changes take more iterations."""
 _REUSE = 0.6
