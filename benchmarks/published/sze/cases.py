@@ -24,7 +24,7 @@ _SECTIONS = {
 
 
 def job_file(name: str, store: Path) -> Path:
-    """Return the job file of that name, with its meshes in the same directory."""
+    """Return the job file of that name, next to its meshes."""
     case_name = name.split("-", maxsplit=1)[0]
     directory = store / f"{case_name}-full-files"
     directory.mkdir(parents=True, exist_ok=True)
