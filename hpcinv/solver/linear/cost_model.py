@@ -181,7 +181,7 @@ class Forecast:
     @property
     def _single_precision_time(self) -> float:
         """Time of one factorization in single precision (s)."""
-        compressed = 0.7 if self.operations >= LOW_RANK else 1.0
+        compressed = 0.7 if self.operations >= LOW_RANK and self.block.shape.aspect < SLENDER else 1.0
         return compressed * (self.operations / 1e11 + 7e-9 * self.entries)
 
     @property

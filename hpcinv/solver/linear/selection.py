@@ -164,7 +164,8 @@ class Chooser:
         chosen = self._choose(solver)
         # Where fewer operations are counted than a block has, entries take the time, and they are as many.
         operations = self.forecast.block.operations
-        low_rank = operations >= LOW_RANK
+        is_large = operations >= LOW_RANK
+        low_rank = is_large and not self._is_slender  # whose fronts are small
         is_refined = operations >= SINGLE
         # For the series of thin bodies single precision does not suffice, and a series takes two factorizations only.
         # Slender ones are solved by nested iteration, or by steps, which take more.
@@ -172,7 +173,7 @@ class Chooser:
         is_series_likely = (
             not self.is_compact and solver.strategy == "adaptive" and solver.continuation in ("series", series)
         )
-        single = low_rank if is_series_likely else is_refined
+        single = is_large if is_series_likely else is_refined
         precision = str(solver.petsc.get("pc_precision", "single" if single else "double"))
         low_rank = bool(solver.petsc.get("mat_mumps_icntl_35", low_rank))
         krylov = self.forecast.krylov
