@@ -46,7 +46,7 @@ def symmetry_planes(job: Job, body: Body, mesh_nodes: Floats, other_nodes: Float
     for support in job.supports:
         held[support.region] = held.get(support.region, set()).union(support.components)
     alone = [s for s in job.supports if s.fix is not None and len(held[s.region]) == 1]
-    alone = [s for s in alone if body.held_entities(s.region)[0] == 2]
+    alone = [s for s in alone if 2 in body.held_entities(s.region)]
     planes = (_plane(body, s.region, _direction(body, s, mesh_nodes), mesh_nodes, other_nodes) for s in alone)
     return [plane for plane in planes if plane is not None]
 

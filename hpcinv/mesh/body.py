@@ -145,15 +145,16 @@ class Body:
             raise MeshError(f"{self.source.path}: region '{name}' has cells but no facets", advice)
         return region.facets
 
-    def held_entities(self, name: str) -> tuple[int, LocalIndices]:
-        """Dimension and local numbers of what a support holds: facets of a region, or vertices; as `facets`."""
-        vertices = find(self.regions, name, self.source).vertices
-        return (2, self.facets(name)) if vertices is None else (0, vertices)
+    def held_entities(self, name: str) -> dict[int, LocalIndices]:
+        """Local numbers of what a support holds, by dimension: facets, or vertices and edges; as `facets`."""
+        region = find(self.regions, name, self.source)
+        if region.vertices is None or region.edges is None:
+            return {2: self.facets(name)}
+        return {0: region.vertices, 1: region.edges}
 
     def held_facets(self, name: str) -> LocalIndices:
         """Local facets that a support holds, none of vertices; as `facets`."""
-        dimension, entities = self.held_entities(name)
-        return entities if dimension == 2 else entities[:0]
+        return self.held_entities(name).get(2, np.zeros(0, dtype=np.int32))
 
     def boundary_facets(
         self, name: str, remedy: str = "A surface load needs a region of the boundary."

@@ -19,7 +19,7 @@ from hpcinv.mesh.cells import FACET_KIND, vertex_count
 from hpcinv.mesh.label_groups import integer_arrays
 from hpcinv.mesh.smooth_faces import smooth_face
 from hpcinv.mesh.source import MASK_BITS, Floats, Ints, MeshSource
-from hpcinv.mesh.vertex_sets import nearest_vertices
+from hpcinv.mesh.vertex_sets import edges_between, nearest_vertices
 from hpcinv.parallel.runtime import MPI, agree
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.suggestions import did_you_mean
@@ -33,7 +33,7 @@ _NONE = np.zeros(0, dtype=np.int32)
 class Region:
     """A named set of facets and cells: local indices of this rank, and their numbers on all ranks together.
 
-    A set of vertices has none of these, and ``vertices``.
+    A set of vertices has none of these, and ``vertices``, with the ``edges`` between two of them.
     """
 
     name: str
@@ -43,6 +43,7 @@ class Region:
     facet_count: int
     cell_count: int
     vertices: LocalIndices | None = None
+    edges: LocalIndices | None = None
 
 
 def build_regions(
@@ -119,7 +120,7 @@ class _Builder:
         if isinstance(rule, VertexSet):
             vertices, far = nearest_vertices(self.mesh, np.array(rule.points) / self.length_scale)
             faults = list(_far_from(rule, far * self.length_scale))
-            return Region(name, "geometric", _NONE, _NONE, 0, 0, vertices), faults
+            return Region(name, "geometric", _NONE, _NONE, 0, 0, vertices, edges_between(self.mesh, vertices)), faults
         return self._conditional(name, rule)
 
     def _union(self, name: str, rule: RegionUnion) -> tuple[Region, list[str]]:

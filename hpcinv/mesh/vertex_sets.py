@@ -1,4 +1,4 @@
-"""Vertices of a mesh at given points."""
+"""Vertices of a mesh at given points, and edges between them."""
 
 import dolfinx
 import numpy as np
@@ -41,3 +41,13 @@ def nearest_vertices(mesh: Mesh, points: Floats) -> tuple[LocalIndices, Floats]:
         else:
             chosen.append(vertices[numbers == number])
     return np.unique(np.concatenate([vertices[:0], *chosen])), far
+
+
+def edges_between(mesh: Mesh, vertices: LocalIndices) -> LocalIndices:
+    """Return the edges of this rank, also ghosts, both of whose ends are among these vertices; collective."""
+    topology = mesh.topology
+    topology.create_entities(1)
+    for pair in ((1, 0), (1, 3)):
+        topology.create_connectivity(*pair)
+    ends = topology.connectivity(1, 0).array.reshape(-1, 2)
+    return np.flatnonzero(np.isin(ends, vertices).all(axis=1)).astype(np.int32)

@@ -1,6 +1,6 @@
 """Supports: components of the displacement that are fixed or prescribed on regions of the boundary."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES, Support
 from hpcinv.kinematics.rigid_motion import RigidMotion
 from hpcinv.mesh import Body
+from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
 from hpcinv.model.nodal_normals import nodal_normals
 from hpcinv.model.parameters import load_factor
@@ -117,7 +118,7 @@ class Supports:
                     continue
                 part = unknowns.displacement_component(axis)
                 scalar, _ = part.collapse()
-                dofs = fem.locate_dofs_topological((part, scalar), *held)
+                dofs = list(_dofs_on((part, scalar), held))
                 if spec.hinge:
                     kept = np.isin(dofs[1], _surface_nodes(scalar, body))
                     dofs = [part_dofs[kept] for part_dofs in dofs]
@@ -354,11 +355,17 @@ class Supports:
         self.prescribe_motion = self._comm.allreduce(moves, op=MPI.LOR)
 
 
+def _dofs_on(spaces: Any, held: Mapping[int, LocalIndices]) -> Any:
+    """Return the unknowns of a space, or of a part and its collapsed space, on entities by dimension; collective."""
+    found = [np.asarray(fem.locate_dofs_topological(spaces, *entities)) for entities in held.items()]
+    return np.ascontiguousarray(np.unique(np.concatenate(found, axis=-1), axis=-1))
+
+
 def _slide(spec: Support, place: str, body: Body, unknowns: Unknowns) -> Slide:
     """Return the nodes of a support that slide, on the mesh at its given coordinates; collective."""
     space = unknowns.displacement_space
     if spec.normal is not None:
-        nodes = fem.locate_dofs_topological(space, *body.held_entities(spec.region))
+        nodes = _dofs_on(space, body.held_entities(spec.region))
         normals = np.tile(np.array(spec.normal) / np.linalg.norm(spec.normal), (len(nodes), 1))
         return Slide(f"{place}.fix", spec.region, space, nodes, normals)
     if spec.surface is None or spec.fitted_surface:

@@ -72,6 +72,24 @@ def test_a_force_on_a_vertex_causes_a_warning(comm: MPI.Intracomm) -> None:
     assert line.note == "on a, b, c"
 
 
+@pytest.mark.parallel(2)
+def test_an_edge_between_held_vertices_stays_in_place(comm: MPI.Intracomm) -> None:
+    """Elements of degree 2 have nodes in the middle of the edges, which sets of other programs contain too."""
+    ends = [[0, y, 0] for y in (0, 0.5, 1)]
+    common: dict[str, Any] = {"mesh": box((2, 2, 2)), "material": NEO_HOOKEAN, "discretisation": {"displacement": 2}}
+    common |= {"regions": {"line": {"vertices": ends}, "b": REGIONS["b"]}}
+    common["supports"] = [{"region": "line", "fix": ["x", "y", "z"]}, {"region": "b", "fix": ["z"]}]
+    bent = {"effect": "gravity", "acceleration": [0, 0, -1], "density": 0.05, "density_in": "reference"}
+    result = hpcinv.run(job(analysis="forward", certificate="quick", effects=[bent], **common), comm)
+    (solution,) = result.solutions
+    x, _, z = solution.reference_nodes.T
+    on_line = (np.abs(x) < 1e-12) & (np.abs(z) < 1e-12)
+    count = comm.allreduce(int(on_line.sum()))
+    assert count >= 5  # shared nodes count on both ranks
+    assert np.abs(solution.u[on_line]).max(initial=0.0) < 1e-15  # 5e-7 in the middle of free edges
+    assert comm.allreduce(float(np.abs(solution.u).max()), op=MPI.MAX) > 1e-5
+
+
 @pytest.mark.fast
 def test_vertices_are_for_supports_alone() -> None:
     data: dict[str, Any] = {"mesh": box((2, 2, 2)), "material": NEO_HOOKEAN, "regions": REGIONS}
