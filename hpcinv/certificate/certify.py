@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
 
+from hpcinv.certificate import halved_cells
 from hpcinv.certificate.check import Certificate, Line, Verdict, skipped, upper_bound_line
 from hpcinv.certificate.contact_check import contacts, penalties
 from hpcinv.certificate.discretisation_error import LINEAR, Correction, Estimate, estimate, finer_forecast
@@ -191,13 +192,14 @@ def _return_line(line: Line, scale: float, largest: float) -> Line:
 
 
 def _discretisation(equations: Equations, solution: Solution, estimated: Estimate | None, deviation: float) -> Line:
+    if estimated is None and not solution.job.certificate.estimate:
+        return skipped(DISCRETISATION, "switched off: certificate.estimate")
     if estimated is None:
-        forecast = finer_forecast(equations)
-        tried = ", and iterations do not find it" if forecast.operations > MANY else ""
-        needed = f"there is no memory for {forecast.least / 1e9:.2g} GB{tried}"
-        return skipped(
-            DISCRETISATION, needed if solution.job.certificate.estimate else "switched off: certificate.estimate"
-        )
+        forecast, is_shell = finer_forecast(equations), solution.job.mesh.shell is not None
+        tried = f" {halved_cells.DESCRIPTION}" if is_shell else ""
+        if forecast.operations > MANY and not is_shell:
+            tried = ", and iterations do not find it"
+        return skipped(DISCRETISATION, f"there is no memory for {forecast.least / 1e9:.2g} GB{tried}")
     if not isfinite(estimated.shape) and estimated.finer is not Estimate.finer:
         note = f"could not be estimated: no solution on this path was found {estimated.finer} in the time allowed"
         return Line(DISCRETISATION, None, "", "must be finite", Verdict.UNDECIDED, note)

@@ -405,7 +405,9 @@ def _halved_equations(equations: Equations, solution: Solution, rest_correction:
 
 
 def finer_forecast(equations: Equations) -> Forecast:
-    """Return the forecast for a factorization in spaces of one degree more."""
+    """Return the forecast for a factorization in spaces of one degree more, of a shell on halved cells; collective."""
+    if equations.body.source.midsurface is not None:
+        return Equations(equations.job, equations.body.halved, equations.timings).chooser.forecast
     forecast = equations.chooser.forecast
     return forecast.degree_forecast(forecast.degree + 1)
 

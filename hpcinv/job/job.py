@@ -39,6 +39,7 @@ from hpcinv.job.sections import REGION_NAMES, ExpectedShape, Motion, QuantityOfI
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
+from hpcinv.job.shell_rules import SAVED as SAVED_SHELLS
 from hpcinv.job.shell_rules import unsuited_shell
 from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
 from hpcinv.job.yaml_reader import read_yaml
@@ -211,7 +212,8 @@ class Job(Spec):
         if self.output.mesh is not None:
             return self.output.mesh
         given = suffix_of(self.mesh.file).removeprefix(".")
-        return ("bp",) if self.mesh.is_partitioned else (given if given in SAVED else "msh", *({"vtu"} - {given}))
+        known = SAVED if self.mesh.shell is None else SAVED_SHELLS
+        return ("bp",) if self.mesh.is_partitioned else (given if given in known else "msh", *({"vtu"} - {given}))
 
     @property
     def directions(self) -> tuple[Direction, ...]:

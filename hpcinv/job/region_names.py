@@ -38,6 +38,7 @@ def unknown_regions(
         return
     if groups is None:
         return
+    has_names = bool(groups.names or groups.patterns)
     if is_shell:
         groups = groups.of_shell()
     known = {*defined, _BOUNDARY, *groups.names}
@@ -45,6 +46,8 @@ def unknown_regions(
         if name in known or any(re.fullmatch(pattern, name) for pattern in groups.patterns):
             continue
         hint = did_you_mean(name, known)
+        if not has_names:
+            hint += f" The file names none itself: give a condition, such as 'regions: {{{name}: x < 1 mm}}'."
         if name in groups.thin:
             hint = f" It {THIN}. {THIN_REMEDY}"
         yield where, f"there is no region '{name}' in {path.name}, nor in 'regions'.{hint}"

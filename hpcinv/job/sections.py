@@ -265,7 +265,7 @@ class MeshFile(Spec):
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if "unit" not in self.model_fields_set:
-            if self.is_surface and "shell" not in self.model_fields_set:
+            if self.is_surface:
                 yield ("unit",), "is needed: files of surfaces do not have one"
         elif self.is_partitioned:
             yield ("unit",), "is not valid with a partitioned mesh, which is in metres"
@@ -332,7 +332,7 @@ WRITTEN_AS["array_labels"] = "labels"
 
 
 class Shell(Spec):
-    """A shell whose surface is the mesh: triangles and quadrilaterals, in a file (.msh) or by a generator of gmsh.
+    """A shell whose surface is the mesh: triangles and quadrilaterals, in a file or by a generator of gmsh.
 
     The displacement is quadratic through each layer, and any law of three dimensions holds there.
     """

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 from hpcinv.job.sections import MeshSpec, Support
 from hpcinv.quantity.schema import Faults, KeyPath, dotted_key
+from hpcinv.reading.suffix import suffix_of
 
-SUFFIXES = (".msh", ".py", ".geo")
+SUFFIXES = (".msh", ".py", ".geo", ".vtu", ".vtk", ".inp", ".stl", ".ply", ".obj", ".vtp")
 """suffixes of meshes of shells"""
 SAVED = frozenset({"msh", "vtu"})
-_MESH = ("geometry_degree", "array_labels", "faces", "surface_error")
+_LABELLED = (".vtu", ".vtk")
+_WITH_FACES = (".msh", ".vtu")
+"""suffixes of shape files, which have both faces"""
+_MESH = ("geometry_degree", "faces", "surface_error", "size", "grade")
 
 
 def unsuited_shell(job: Any) -> Faults:
@@ -42,14 +45,17 @@ def unsuited_shell(job: Any) -> Faults:
 
 
 def _unsuited_mesh(mesh: MeshSpec) -> Faults:
-    if Path(mesh.file).suffix not in SUFFIXES:
-        remedy = "save others as .msh with gmsh or meshio"
-        yield ("shell",), f"needs a surface mesh of gmsh or its generator ({', '.join(SUFFIXES)}): {remedy}"
+    suffix = suffix_of(mesh.file)
+    if suffix not in SUFFIXES:
+        yield ("shell",), f"needs a surface in a file of {', '.join(SUFFIXES)}: save others as .vtu or .msh"
+        return
     for key in _MESH:
         if key in mesh.model_fields_set and getattr(mesh, key):
             yield (key,), "is not valid with a shell"
-    if mesh.shell is not None and mesh.shell.director == "data" and Path(mesh.file).suffix != ".msh":
-        yield ("shell", "director"), "can be from data in a .msh file only"
+    if mesh.array_labels is not None and suffix not in _LABELLED:
+        yield ("labels",), "of a shell can be in a .vtu or .vtk file only; give other formats named regions"
+    if mesh.shell is not None and mesh.shell.director == "data" and suffix not in _WITH_FACES:
+        yield ("shell", "director"), "can be from data in a .msh or .vtu file only"
 
 
 def _refused(job: Any) -> Iterable[KeyPath]:

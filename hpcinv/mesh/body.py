@@ -237,8 +237,8 @@ def read_source(
 
 def read_mesh_file(spec: MeshSpec, path: Path) -> MeshSource:
     """Read a mesh file, of a shell its surface, in metres; not collective."""
-    source = FILES[suffix_of(path)](path) if spec.shell is None else read_surface(path)
-    if FORMATS[suffix_of(path)].is_partitioned:  # in metres
+    source = FILES[suffix_of(path)](path) if spec.shell is None else read_surface(path, spec.array_labels)
+    if suffix_of(path) in FORMATS and FORMATS[suffix_of(path)].is_partitioned:  # in metres
         return source
     check_unit(path, source.unit, spec.unit)
     return source.convert_to_metres(spec.unit)
@@ -249,7 +249,7 @@ def _with_sets(source: MeshSource, spec: MeshSpec, path: Path) -> MeshSource:
     if spec.faces:
         faces = {n: [sibling_path(path, spec.file, f) for f in files] for n, files in spec.faces.items()}
         source = add_face_files(source, faces, spec.unit)
-    if spec.array_labels is not None:
+    if spec.array_labels is not None and spec.shell is None:
         source = add_label_groups(source, spec.array_labels)
         check_nodes(source)
     return replace(source, surface_cells=None) if source.surface_cells is not None else source

@@ -15,15 +15,18 @@ from hpcinv.files.inputs import recorded_inputs
 from hpcinv.formats import FORMATS
 from hpcinv.formats.mesh_format import MeshFormat, loaded
 from hpcinv.job.mesh_generators import ParameterValue
+from hpcinv.job.sections import ArrayLabels
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored, require_at_most
 from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.generator_files import note_script, noted_files
 from hpcinv.mesh.io.gmsh_model import extract, extract_surface, read_views, session
 from hpcinv.mesh.io.isolated import check_msh
 from hpcinv.mesh.io.length_unit import stored_unit
+from hpcinv.mesh.io.shell_surfaces import read_shell_surface
 from hpcinv.mesh.io.vtu import source_of
 from hpcinv.mesh.quadrilaterals import quadrilaterals
 from hpcinv.mesh.source import MeshSource
+from hpcinv.reading.suffix import suffix_of
 
 
 def build_python(
@@ -100,8 +103,14 @@ def read_msh(path: Path) -> MeshSource:
         return _with_data(gmsh, extract(gmsh, path))
 
 
-def read_surface(path: Path) -> MeshSource:
-    """Read the surface of a shell from an MSH file, as quadrilaterals of degree 2."""
+def read_surface(path: Path, labels: ArrayLabels | None = None) -> MeshSource:
+    """Read the surface of a shell from a file, as quadrilaterals of degree 2.
+
+    Args:
+        labels: array of a file of VTK that has further regions.
+    """
+    if suffix_of(path) != ".msh":
+        return quadrilaterals(read_shell_surface(path, labels))
     with _opened_msh(path) as gmsh:
         return quadrilaterals([_with_data(gmsh, part) for part in extract_surface(gmsh, path)])
 

@@ -44,7 +44,7 @@ def _points(spec: MeshSpec, path: Path, given: MeshSource) -> Floats:
     if not exists(path):
         raise MeshError(f"{path}: no such file", "solver.start_shape is relative to the job file.")
     try:
-        shape = read_mesh_file(spec, path)
+        shape = read_mesh_file(spec.model_copy(update={"array_labels": None}), path)
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     shape = shape.drop_unused_nodes()

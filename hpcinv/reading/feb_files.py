@@ -41,7 +41,7 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     cells, cell_tags, blocks = _elements(mesh)
     if not cells:
         has_shells = any(part.get("type", "").lower().startswith(_FLAT) for part in mesh.iter("Elements"))
-        remedy = " Shells are read from .msh files." if has_shells else ""
+        remedy = " Save shells as .vtu or .inp, with 'mesh: {shell: …}'." if has_shells else ""
         raise Fault("has no solid elements", f"Elements are {', '.join(_SOLID)}.{remedy}")
     row, cell_row = ({tag: i for i, tag in enumerate(numbers)} for numbers in (nodes, cell_tags))
     for part in mesh.iter("NodeSet"):

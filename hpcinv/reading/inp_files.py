@@ -6,7 +6,7 @@ Sources: *Abaqus Keywords Guide*; Dhondt, *CalculiX CrunchiX User's Manual*, "El
 
 import contextlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,10 +23,14 @@ FACES = {
 }
 """vertices of the faces S1, S2, … of an element, by its number of vertices"""
 _SOLID = re.compile(r"C3D(4|10|8|20|27)[A-Z]*")
+_SHELL = re.compile(r"(?:S|STRI|M3D)(3|4|6|8|9)[A-Z0-9]*", re.ASCII)
 _NOT_SOLID = re.compile(
     r"(?:CPS|CPE|CAX|S|STRI|M3D|SFM3D|R3D|DS|T3D|B3|C1D|MASS|ROTARYI|DASHPOT|GAP|DCOUP|CONN)\w*|D", re.ASCII
 )
 _FACE = re.compile(r"S([1-6])", re.IGNORECASE)
+_EDGE = re.compile(r"(?:E|EDGE)([1-4])|S([3-6])", re.IGNORECASE)
+"""edge of a shell: Abaqus' E1, E2, …, CalculiX' S3, S4, …"""
+_WHOLE = re.compile(r"SPOS|SNEG|S[12]|", re.IGNORECASE)
 _PRESSED = re.compile(r"P([1-6])", re.IGNORECASE)
 _WITHOUT_EFFECT = ("HEADING", "ASSEMBLY", "END ASSEMBLY", "END STEP", "PREPRINT", "RESTART", "OUTPUT")
 _INSTANCE = "instance "  # begins the name of a part that holds the sets of an instance
@@ -99,12 +103,32 @@ class _Single:
 
 
 def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the number of nodes of an element, and arrays: nodes, elements and sets.
+    """Return the keywords that are not used, and arrays: nodes, elements and sets.
 
     Arrays are ``points`` (n, 3), ``node_tags`` (n,), ``cells`` (m, k) in the order of the file, ``cell_tags`` (m,),
     ``cells:NAME`` and ``nodes:NAME`` (rows of the members of a set), ``faces:NAME`` (cell, number of the face from 0).
     """
-    parts, instances, ignored = _parts(path)
+    head, arrays, cells = _content(path, _SOLID)
+    sizes = {len(cell) for cell in cells}
+    if len(sizes) > 1:
+        raise Fault(f"has elements of {' and '.join(map(str, sorted(sizes)))} nodes", "Use one kind of elements.")
+    return head, {"points": arrays.pop("points"), "cells": np.array(cells, dtype=np.int64)} | arrays
+
+
+def read_inp_shells(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the same of shell and membrane elements.
+
+    Instead of ``cells`` there are ``offsets`` (m + 1,) and ``connectivity``. A surface has the number of an edge, or -1
+    for the whole element.
+    """
+    head, arrays, cells = _content(path, _SHELL)
+    offsets = np.cumsum([0, *map(len, cells)])
+    return head, arrays | {"offsets": offsets, "connectivity": np.concatenate(cells).astype(np.int64)}
+
+
+def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[str, Any], list[list[int]]]:
+    """Return what `read_inp` does, and the nodes of the elements of some kinds apart."""
+    parts, instances, ignored = _parts(path, kinds)
     placed = _placed(parts, instances) or [(parts[""], np.zeros(3), "")]
     points: list[Any] = []
     tags: list[int] = []
@@ -113,9 +137,7 @@ def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     sets: dict[str, list[Any]] = {}
     for part, shift, name in placed:
         if not part.elements:
-            remedy = " Shells are read from .msh files." if part.others else ""
-            text = f"Elements are C3D4, C3D10, C3D8, C3D20 and C3D27, also with H, R, I or M.{remedy}"
-            raise Fault("has no solid elements", text)
+            raise _without_elements(part, kinds)
         node_row = {tag: len(points) + i for i, tag in enumerate(part.nodes)}
         cell_row = {tag: len(cells) + i for i, tag in enumerate(part.elements)}
         points += [np.add(position, shift) for position in part.nodes.values()]
@@ -125,29 +147,40 @@ def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             if missing := [node for node in nodes if node not in node_row]:
                 raise Fault(f"element {tag} has node {missing[0]}, which is not defined")
             cells.append([node_row[node] for node in nodes])
+        face = _solid_face if kinds is _SOLID else _shell_edge
         for (kind, key), spelled in part.names.items():
-            rows = _rows(part, kind, key, node_row, cell_row, cells)
+            rows = _rows(part, kind, key, node_row, cell_row, cells, face)
             if len(rows):
                 prefix = f"{name}." if len(placed) > 1 and (kind, key) not in part.shared else ""
                 sets.setdefault(f"{kind}:{prefix}{spelled}", []).extend(rows)
-    sizes = {len(cell) for cell in cells}
-    if len(sizes) > 1:
-        raise Fault(f"has elements of {' and '.join(map(str, sorted(sizes)))} nodes", "Use one kind of elements.")
     if len(placed) > 1:  # numbers of several instances repeat
         tags, cell_tags = list(range(1, len(tags) + 1)), list(range(1, len(cell_tags) + 1))
     arrays: dict[str, Any] = {
         "points": np.array(points),
         "node_tags": np.array(tags, dtype=np.int64),
-        "cells": np.array(cells, dtype=np.int64),
         "cell_tags": np.array(cell_tags, dtype=np.int64),
     }
     for name, rows in sets.items():
         arrays[name] = np.unique(np.array(rows, dtype=np.int64), axis=0)
-    return {"ignored": sorted(ignored)}, arrays
+    return {"ignored": sorted(ignored)}, arrays, cells
 
 
-def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
-    """Return parts by lower-case name (``""``: outside of parts), instances, and keywords that are not used."""
+def _without_elements(part: _Part, kinds: re.Pattern[str]) -> Fault:
+    """Return the fault of a part without elements of the kinds that are read."""
+    if kinds is _SHELL:
+        text = "Elements of shells are S3, S4, S6, S8 and S9, also with R. Leave 'shell' out for a solid."
+        return Fault("has no shell elements", text)
+    remedy = " For shell elements give 'mesh: {shell: {thickness: …}}'." if part.others else ""
+    text = f"Elements are C3D4, C3D10, C3D8, C3D20 and C3D27, also with H, R, I or M.{remedy}"
+    return Fault("has no solid elements", text)
+
+
+def _parts(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, _Part], list[_Card], set[str]]:
+    """Return parts by lower-case name (``""``: outside of parts), instances, and keywords that are not used.
+
+    Args:
+        kinds: of elements that are read.
+    """
     parts: dict[str, _Part] = {"": _Part()}
     current, instances, ignored = parts[""], list[_Card](), set[str]()
     pressed, single = list[tuple[str, str]](), _Single()
@@ -167,7 +200,7 @@ def _parts(path: Path) -> tuple[dict[str, _Part], list[_Card], set[str]]:
             case "NODE":
                 _read_nodes(current, card)
             case "ELEMENT":
-                _read_elements(current, card)
+                _read_elements(current, card, kinds)
             case "NSET" | "ELSET":
                 kind, owner = ("nodes" if card.keyword == "NSET" else "cells"), current
                 if instance := options.get("INSTANCE"):
@@ -311,10 +344,13 @@ def _read_nodes(part: _Part, card: _Card) -> None:
         group.append((str(int(tag)), ""))
 
 
-def _read_elements(part: _Part, card: _Card) -> None:
+def _read_elements(part: _Part, card: _Card, kinds: re.Pattern[str]) -> None:
     kind = _needed(card, "TYPE").upper()
-    solid = _SOLID.fullmatch(kind)
-    if solid is None:
+    match = kinds.fullmatch(kind)
+    if match is None and kinds is _SHELL and _SOLID.fullmatch(kind):
+        text = f"{card.place}: a shell cannot be tied to solid elements, such as {shown(kind)}"
+        raise Fault(text, "Save the surface alone, or mesh all of it as a solid.")
+    if match is None:
         if _NOT_SOLID.fullmatch(kind):  # such as the surface elements of mesh programs, springs and masses
             tags = [_tags(row[:1], place)[0] for place, row in card.rows if row[0]]
             part.others.update(tags)
@@ -323,7 +359,7 @@ def _read_elements(part: _Part, card: _Card) -> None:
             return
         text = f"{card.place}: elements {shown(kind)} are not supported"
         raise Fault(text, "Use C3D4, C3D10, C3D8, C3D20 or C3D27, also with H, R, I or M.")
-    count = int(solid[1])
+    count = int(match[1])
     group = part.members("cells", card.options["ELSET"]) if card.options.get("ELSET") else []
     pending: list[int] = []
     for place, row in card.rows:
@@ -353,7 +389,13 @@ def _read_set(part: _Part, kind: str, name: str, card: _Card) -> None:
 
 
 def _rows(
-    part: _Part, kind: str, key: str, node_row: Mapping[int, int], cell_row: Mapping[int, int], cells: list[list[int]]
+    part: _Part,
+    kind: str,
+    key: str,
+    node_row: Mapping[int, int],
+    cell_row: Mapping[int, int],
+    cells: list[list[int]],
+    number_of_face: Callable[[str, int], int],
 ) -> list[Any]:
     """Return rows of the members of a set; pairs of a cell and a face for a surface."""
     rows: list[Any] = []
@@ -369,14 +411,36 @@ def _rows(
         if kind != "faces":
             rows.append(numbers[tag])
             continue
-        if (match := _FACE.fullmatch(face)) is None:
-            text = f"surface '{shown(part.names[kind, key])}': '{shown(face)}' is not a face of a solid element"
-            raise Fault(text, "Give faces as S1 to S6.")
-        count = 6 if len(cells[cell_row[tag]]) in (8, 20, 27) else 4
-        if int(match[1]) > count:
-            raise Fault(f"surface '{shown(part.names[kind, key])}': element {tag} has no face S{match[1]}")
-        rows.append((numbers[tag], int(match[1]) - 1))
+        try:
+            rows.append((numbers[tag], number_of_face(face, len(cells[cell_row[tag]]))))
+        except IndexError:
+            text = f"element {tag} has no face {shown(face.upper())}"
+            raise Fault(f"surface '{shown(part.names[kind, key])}': {text}") from None
+        except ValueError as error:
+            text = f"surface '{shown(part.names[kind, key])}': '{shown(face)}' is not a face of a"
+            raise Fault(f"{text} {error.args[0]}", error.args[1]) from None
     return rows
+
+
+def _solid_face(face: str, nodes: int) -> int:
+    """Return the number from 0 of a face of a solid element; ``IndexError`` if it has fewer."""
+    if (match := _FACE.fullmatch(face)) is None:
+        raise ValueError("solid element", "Give faces as S1 to S6.")
+    if int(match[1]) > (6 if nodes in (8, 20, 27) else 4):
+        raise IndexError
+    return int(match[1]) - 1
+
+
+def _shell_edge(face: str, nodes: int) -> int:
+    """Return the number from 0 of an edge of a shell element, -1 for all of it; ``IndexError`` if it has fewer."""
+    if _WHOLE.fullmatch(face):
+        return -1
+    if (match := _EDGE.fullmatch(face)) is None:
+        raise ValueError("shell element", "Give SPOS or SNEG, or edges as E1 to E4.")
+    number = int(match[1]) - 1 if match[1] else int(match[2]) - 3
+    if number >= (3 if nodes in (3, 6) else 4):
+        raise IndexError
+    return number
 
 
 def _flattened(part: _Part, kind: str, key: str, above: frozenset[str]) -> Iterator[tuple[str, str]]:

@@ -118,6 +118,7 @@ ACTIONS: dict[str, _Action] = {
     "vtu": _vtu,
     "cad": _reader("cad_files", "read_cad"),
     "inp": _reader("inp_files", "read_inp"),
+    "inp-shells": _reader("inp_files", "read_inp_shells"),
     "feb": _reader("feb_files", "read_feb"),
     "cdb": _reader("cdb_files", "read_cdb"),
     "bdf": _reader("bdf_files", "read_bdf"),

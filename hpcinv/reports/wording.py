@@ -35,7 +35,7 @@ MEANINGS: Mapping[str, str] = {
 """what a line of the certificate means, by the beginning of its name"""
 
 LINE_REMEDIES: Mapping[str, str] = {
-    "equilibrium residual": "Lower solver.tolerance; near the limit of a law, rounding errors leave this much.",
+    "equilibrium residual": "Remove slivers of the mesh, or lower solver.tolerance unless a law is near its limit.",
     "force on supports at vertices": "Let the loads balance, or hold a spot of facets (how-to/supports.md).",
     "smallest volume ratio": "Check load and moduli, or refine the mesh where J is small ('hpcinv show --colour J').",
     "largest volume ratio": "Check load and moduli, or refine the mesh where J is large ('hpcinv show --colour J').",
@@ -44,7 +44,7 @@ LINE_REMEDIES: Mapping[str, str] = {
     "balance of the remote load": "Lower solver.tolerance.",
     "discretisation error": "Use smaller cells, 'geometry_degree: 2' on a curved body, or demand an accuracy.",
     "worst cell, by its curvature": "Refine the mesh at this place; corners of supports and loads are singular.",
-    "worst cell": "Refine the mesh at this place; 'mesh: {geometry_degree: 2}' writes curved cells.",
+    "worst cell": "Mesh this place again or finer; 'mesh: {geometry_degree: 2}' writes curved cells of solids.",
     "depth beyond the plane": "If this is a plane of symmetry, check load and stiffness.",
     "boundary facets that cross": "Check load and stiffness; where parts touch, the job needs their contact.",
     "round trip": "Read the line on stability: the return solve may lead to another state.",

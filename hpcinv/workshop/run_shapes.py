@@ -100,8 +100,9 @@ def _summary(run: Path) -> dict[str, Any]:
 
 def _found(run: Path, name: str) -> MeshSource:
     given = (read_yaml(run / "job.yaml").get("mesh") or {}).get("shell")
-    if given and is_file(path := run / f"{name}.msh"):
-        source = read_surface(path)
+    kept = [path for suffix in (".msh", ".vtu") if is_file(path := run / f"{name}{suffix}")]
+    if given and kept:
+        source = read_surface(kept[0])
         shell = Shell.model_validate({**given, "thickness": None, "director": "data"})
         return thicken(source.convert_to_metres(source.unit or 1.0), shell)
     for suffix in sorted(FILES, key=lambda suffix: suffix not in _WITH_ALL_NODES):

@@ -48,13 +48,24 @@ def job(path: Path, **data: Any) -> dict[str, Any]:
     return base | data
 
 
-@pytest.mark.parametrize("name", ["sheet.stl", "sheet.vtu"])
-def test_surfaces_in_other_formats_are_refused_in_one_line(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "keys", "message"),
+    [
+        ("sheet.bdf", {}, "mesh.shell: needs a surface in a file of .msh, .py, .geo, .vtu"),
+        ("sheet.stl", {}, "mesh.unit: is needed: files of surfaces do not have one"),
+        ("sheet.stl", {"unit": "mm", "size": "1 mm"}, "mesh.size: is not valid with a shell"),
+        ("sheet.inp", {"labels": {"array": "part"}}, "mesh.labels: of a shell can be in a .vtu or .vtk file only"),
+        ("sheet.inp", {"shell": {"director": "data"}}, "mesh.shell.director: can be from data in a .msh or .vtu"),
+    ],
+)
+def test_surfaces_in_other_formats_are_refused_in_one_line(
+    tmp_path: Path, name: str, keys: dict[str, Any], message: str
+) -> None:
     (tmp_path / name).touch()
     with pytest.raises(JobError) as caught:
-        load(job(tmp_path / name))
+        load(job(tmp_path / name, mesh={"file": str(tmp_path / name), "shell": {"thickness": "100 mm"}} | keys))
     assert len(caught.value.problems) == 1
-    assert "mesh.shell: needs a surface mesh of gmsh" in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,10 @@ from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.readers import read_surface
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
 from hpcinv.pictures.boundary_surface import read_boundary
 from hpcinv.results.cell_fields import face_arrays
+from hpcinv.solver.equations import Equations
 
 YOUNG = 1.2e6
 LINEAR = {"law": "st-venant-kirchhoff", "young": YOUNG, "poisson": 0.0}
@@ -341,6 +343,22 @@ def test_error_estimate_agrees_with_a_finer_mesh(tmp_path: Path, comm: MPI.Intra
         assert 0.5 < result.estimate.quantities[tip] / true < 2
     largest = max(comm.allgather(abs(exact.quantities["tip-a"] - result.quantities["tip-a"])))
     assert result.estimate.shape == pytest.approx(largest, rel=0.8)
+
+
+def test_without_memory_for_halved_cells_the_need_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The need of the finer problem: four times as many cells, not spaces of one degree more."""
+    monkeypatch.setattr(hpcinv.solver.linear.selection, "available", lambda comm: 1e5)
+    result = solve(
+        save_sheet(tmp_path / "sheet.msh", 3, 2, flat(3, 2)),
+        0.1,
+        analysis="forward",
+        certificate={"round_trip": "off", "stability": False},
+        effects=[{"effect": "pressure", "region": "inner", "pressure": 1.0}],
+        supports=[CLAMPED],
+    )
+    (line,) = (line for line in result.certificate.lines if line.name.startswith("discretisation error"))
+    finer = Equations(result.job, result.body.halved, Timings()).chooser.forecast
+    assert line.note == f"there is no memory for {finer.least / 1e9:.2g} GB on cells of half the size"
 
 
 def test_error_estimate_of_a_ring_that_bends_far_has_the_right_sign(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def read_vtu(path: Path) -> MeshSource:
 
 def read_grid(path: Path, action: str) -> MeshSource:
     """Read an unstructured grid by an action of ``hpcinv.reading.isolated_reader``."""
-    names, arrays = _read(path, action)
+    names, arrays = read_arrays(path, action)
     if "types" not in arrays:
         raise MeshError(f"{path}: has no unstructured grid with cells", "Save the mesh as VTU (unstructured grid).")
     return _source(path, names, arrays)
@@ -71,15 +71,15 @@ def _source(path: Path, names: Mapping[int, str], arrays: Mapping[str, npt.NDArr
     groups = []
     for name in arrays:
         if name.startswith(f"cells:{REGION}"):
-            marks = _whole_numbers(path, name.removeprefix("cells:"), arrays[name], len(types))
+            marks = whole_numbers(path, name.removeprefix("cells:"), arrays[name], len(types))
             for dim, part in rows.items():
                 values = marks[part]
                 members = np.flatnonzero(values)
                 if len(members):
                     short = name.removeprefix(f"cells:{REGION}")
                     groups.append(Group(short, dim, int(values[members[0]]), members))
-    node_tags = _tags(path, NODE_TAG, arrays.get(f"nodes:{NODE_TAG}"), len(points))
-    cell_tags = _tags(path, CELL_TAG, arrays.get(f"cells:{CELL_TAG}"), len(types))[rows[3]]
+    node_tags = tags_of(path, NODE_TAG, arrays.get(f"nodes:{NODE_TAG}"), len(points))
+    cell_tags = tags_of(path, CELL_TAG, arrays.get(f"cells:{CELL_TAG}"), len(types))[rows[3]]
     return MeshSource(
         path,
         kind,
@@ -89,8 +89,8 @@ def _source(path: Path, names: Mapping[int, str], arrays: Mapping[str, npt.NDArr
         cells,
         cell_tags,
         *_named(facets, groups),
-        data=data_arrays(_data(arrays, rows[3])),
-        unit=_unit(arrays),
+        data=data_arrays(without_tags(arrays, rows[3])),
+        unit=unit_of(arrays),
         surface_cells=_surface_cells(facets, rows[2], arrays),
     )
 
@@ -106,9 +106,9 @@ def _surface_cells(facets: Ints, rows: Ints, arrays: Mapping[str, npt.NDArray[An
     return SurfaceCells(facets, values) if values else None
 
 
-def _read(path: Path, action: str) -> tuple[dict[int, str], dict[str, npt.NDArray[Any]]]:
-    """Names of the cell types in a file by their number, and its arrays: ``points``, …, and data ``nodes:NAME`` or
-    ``cells:NAME``."""
+def read_arrays(path: Path, action: str) -> tuple[dict[int, str], dict[str, npt.NDArray[Any]]]:
+    """Return names of the cell types in a file by their number, and its arrays: ``points``, …, and data ``nodes:NAME``
+    or ``cells:NAME``; raises ``MeshError``."""
     with path.open("rb"):  # raises OSError if the file cannot be opened
         pass
     remedy = f"Is it a complete .{action} file?{' If so, save it as .vtu.' if action == 'vtk' else ''}"
@@ -116,11 +116,13 @@ def _read(path: Path, action: str) -> tuple[dict[int, str], dict[str, npt.NDArra
     return {int(number): name for number, name in head["names"].items()}, arrays
 
 
-def _tags(path: Path, name: str, values: npt.NDArray[Any] | None, count: int) -> Ints:
-    return np.arange(1, count + 1) if values is None else _whole_numbers(path, name, values, count)
+def tags_of(path: Path, name: str, values: npt.NDArray[Any] | None, count: int) -> Ints:
+    """Return the numbers of nodes or cells, from 1 if the file has none."""
+    return np.arange(1, count + 1) if values is None else whole_numbers(path, name, values, count)
 
 
-def _whole_numbers(path: Path, name: str, values: npt.NDArray[Any], count: int) -> Ints:
+def whole_numbers(path: Path, name: str, values: npt.NDArray[Any], count: int) -> Ints:
+    """Return values (count,) as integers; raises ``MeshError`` if they are not."""
     if values.shape != (count,) or values.dtype.kind not in "iuf":
         raise MeshError(f"{path}: the array '{name}' is not one number for each entity", "Correct or remove it.")
     with np.errstate(invalid="ignore"):
@@ -130,8 +132,10 @@ def _whole_numbers(path: Path, name: str, values: npt.NDArray[Any], count: int) 
     return np.asarray(whole)
 
 
-def _data(arrays: Mapping[str, npt.NDArray[Any]], solids: Ints) -> Iterator[tuple[str, Place, npt.NDArray[np.generic]]]:
-    """Data arrays: those without a special meaning here or for VTK; rows of cells for the ``solids`` only."""
+def without_tags(
+    arrays: Mapping[str, npt.NDArray[Any]], solids: Ints
+) -> Iterator[tuple[str, Place, npt.NDArray[np.generic]]]:
+    """Yield arrays without a special meaning here or for VTK; rows of cells for the ``solids`` only."""
     for key, values in arrays.items():
         place, _, name = key.partition(":")
         if place == "nodes" and name != NODE_TAG and not name.startswith(OF_VTK):
@@ -140,7 +144,7 @@ def _data(arrays: Mapping[str, npt.NDArray[Any]], solids: Ints) -> Iterator[tupl
             yield name, "cells", values[solids]
 
 
-def _unit(arrays: Mapping[str, npt.NDArray[Any]]) -> float | None:
+def unit_of(arrays: Mapping[str, npt.NDArray[Any]]) -> float | None:
     """Length unit (m) that the file states, or ``None``."""
     stated = arrays.get(f"field:{FIELD}", np.zeros(0))
     return as_unit(float(stated[0])) if stated.shape == (1,) else None
@@ -156,7 +160,7 @@ def _solid_kind(path: Path, names: Mapping[int, str]) -> str:
     if not solid:
         raise MeshError(
             f"{path}: no solid cells",
-            "Save the tetrahedra or hexahedra of the body, or give a shell's surface as .msh with 'mesh: {shell: …}'.",
+            "Save the tetrahedra or hexahedra of the body, or make it a shell: 'mesh: {shell: {thickness: …}}'.",
         )
     raise MeshError(
         f"{path}: cells are {' and '.join(sorted(names[number] for number in solid))}",
