@@ -13,6 +13,7 @@ from hpcinv.certificate.multigrid_solver import MultigridSolver
 from hpcinv.certificate.symmetry import symmetry_planes
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, freeing
+from hpcinv.solver.support_checks import barely_held
 
 STABILITY = "stability: unstable directions"
 _RULE = "no negative eigenvalue of the forward tangent; fail if some are confirmed as instabilities of the body"
@@ -34,7 +35,7 @@ def stability(equations: Equations, forward: ForwardFactors, observer: Observer 
         yield skipped(STABILITY, "switched off: certificate.stability")
         return
     line = _factors_line(equations, forward) if forward.affordable else _iteration_line(equations, forward, observer)
-    yield replace(line, note="; ".join([line.note, *_left_out(equations, forward)]))
+    yield replace(line, note="; ".join([line.note, *_left_out(equations, forward), *_barely_held(line, equations)]))
 
 
 def _left_out(equations: Equations, forward: ForwardFactors) -> Iterator[str]:
@@ -42,6 +43,17 @@ def _left_out(equations: Equations, forward: ForwardFactors) -> Iterator[str]:
     nodes = forward.solution.mesh_nodes
     if planes := [f"'{plane.region}'" for plane in symmetry_planes(forward.solution.job, equations.body, nodes, nodes)]:
         yield f"motions that are not symmetric about {', '.join(planes)} are left out"
+
+
+def _barely_held(line: Line, equations: Equations) -> Iterator[str]:
+    """Yield the rigid motion that a line that does not pass may be due to; collective."""
+    is_sprung = any(effect.holds for effect in equations.job.effects)
+    if (
+        line.verdict is not Verdict.PASS
+        and not is_sprung
+        and (motion := barely_held(equations.body, equations.supports))
+    ):
+        yield f"the supports leave the body nearly free to {motion}: 'fix: [normal]' barely resists that"
 
 
 def _factors_line(equations: Equations, forward: ForwardFactors) -> Line:

@@ -154,7 +154,7 @@ def _refit_distance(options: argparse.Namespace) -> float | None:
     """Return the distance (m) of refitted faces."""
     if options.refit is None:
         return None
-    if options.to.suffix != ".step" or options.region is not None:
+    if suffix_of(options.to) not in (".step", ".stp") or options.region is not None:
         raise OutputError("--refit: is for whole bodies in .step files", "Write --to NAME.step, without --region.")
     return length("--refit", options.refit)
 

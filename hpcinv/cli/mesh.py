@@ -178,9 +178,11 @@ def _what_to_give(options: argparse.Namespace, missing: list[str]) -> str:
     from hpcinv.mesh.imaging.label_image import labels_in
 
     labels = labels_in(options.input, length_unit(options.unit or "mm"))
+    first = labels.partition(" ")[0]
+    label = f"--label body={first if first.isdigit() else 1}"
     return (
         f"{options.input}: {' and '.join(missing)} must be given; the labels in the image are {labels}\n"
-        f"  Such as: hpcinv mesh from-image {shlex.quote(str(options.input))} body.msh --label body=1 --size '5 mm'"
+        f"  Such as: hpcinv mesh from-image {shlex.quote(str(options.input))} body.msh {label} --size '5 mm'"
     )
 
 

@@ -32,7 +32,7 @@ def add_run(commands: Any) -> None:
     run.add_argument(
         "--output", type=Path, metavar="DIR", help="where results go (default: results/JOB, then JOB-2, …)"
     )
-    run.add_argument("--overwrite", action="store_true", help="replace the results of the run in --output")
+    run.add_argument("--overwrite", action="store_true", help="replace the run in --output (default: results/JOB)")
     run.add_argument(
         "--certificate", choices=LEVELS, help="level of the certificate, instead of the job's section of that name"
     )
@@ -75,7 +75,7 @@ def _run(options: argparse.Namespace) -> int:
         if options.certificate is not None:
             job = job.with_({"certificate": options.certificate})
         job = _reported(job, options)
-        directory = choose(options.output, job)
+        directory = choose(options.output, job, overwrite=options.overwrite)
         directory.check_free(overwrite=options.overwrite)
         return job, directory
 

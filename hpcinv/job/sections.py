@@ -143,8 +143,9 @@ class MeshFile(Spec):
     .feb, .cdb, .bdf, .e, .med, .unv, .vtk, .mesh), or a partitioned mesh made by 'hpcinv mesh partition' (.bp): each
     rank reads a part"""
     unit: LengthUnit = 1.0
-    """length unit of the coordinates in a mesh file, or of a Python generator, such as mm: lengths are passed to it in
-    that unit, for bodies too small or too large for gmsh's absolute tolerances in metres"""
+    """length unit of the coordinates in a mesh file, of a .geo script without 'parameters', or of a Python generator,
+    such as mm: lengths are passed to it in that unit, for bodies too small or too large for gmsh's absolute tolerances
+    in metres"""
     parameters: Annotated[
         Mapping[str, ParameterValue],
         WithJsonSchema({"type": "object", "additionalProperties": {"type": ["number", "string", "boolean"]}}),
@@ -270,7 +271,12 @@ class MeshFile(Spec):
         elif self.is_partitioned:
             yield ("unit",), "is not valid with a partitioned mesh, which is in metres"
         elif suffix_of(self.file) == ".geo":
-            yield ("unit",), "is not valid with a .geo script, which does not define which parameters are lengths"
+            if self.parameters:
+                yield (
+                    ("unit",),
+                    "is not valid with parameters of a .geo script, which does not define which of them are lengths: "
+                    "leave out 'unit' and write the script in metres, or set its numbers in the script",
+                )
         elif is_generator(Path(self.file)):
             try:
                 converted_parameters(directory_of(info) / self.file, self.parameters, self.unit)

@@ -198,7 +198,12 @@ def read_source(
         raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
     try:
         if suffix_of(path) in GENERATORS:
-            parameters = spec.parameters if spec.unit == 1.0 else converted_parameters(path, spec.parameters, spec.unit)
+            is_python = suffix_of(path) == ".py"  # a .geo script with a unit has no parameters
+            parameters = (
+                converted_parameters(path, spec.parameters, spec.unit)
+                if is_python and spec.unit != 1.0
+                else spec.parameters
+            )
             monitor = MeshingMonitor(spec.maximum_cells, report)
             generate = GENERATORS[suffix_of(path)]
             is_surface = spec.shell is not None

@@ -77,7 +77,7 @@ def build_geo(
     *,
     is_surface: bool = False,
 ) -> MeshSource:
-    """Mesh a gmsh script (metres) whose ``DefineConstant`` values are the parameters."""
+    """Mesh a gmsh script, in its own unit, whose ``DefineConstant`` values are the parameters."""
     file = path.absolute()
     with session(path.stem, size_factor) as gmsh, recorded_inputs(path) as inputs:
         note_script(file)

@@ -13,6 +13,8 @@ from hpcinv.mesh.source import Floats
 # Share of the best held motion below which one is free: above rounding errors, below any clamp that can be meshed.
 _FREE = 1e-7
 _SOFT = 1e-9  # likewise for the stiffness of springs
+_ALONG = 0.95  # cosine of the angle to an axis up to which a direction is roughly called by its name
+_TURNS = 0.1  # rotation relative to translation at the centre, above which a motion is roughly called a turn
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,25 @@ def names(free: Floats, frame: Frame, length: float, unit: str = "m") -> list[st
         is_screw = abs(t @ axis) > 1e-6
         turns.append(f"screw {about}" if is_screw else f"turn {about}")
     return [*([f"move along {' and '.join(slides)}"] if slides else []), *turns]
+
+
+def nearest_name(motion: Floats, frame: Frame, length: float) -> str:
+    """Return a description of the translation or turn that is nearest to a motion (6,); ``frame`` as for `names`."""
+    size = frame.size * length
+    translation, turn = motion[:3], motion[3:]
+    if np.linalg.norm(turn) < _TURNS * np.linalg.norm(translation):
+        return f"move along {_rounded_direction(translation)}"
+    # The point on the axis that is closest to the origin.
+    point = frame.centre * length + np.cross(turn, translation) / (turn @ turn) * size
+    point = point - (point @ turn) / (turn @ turn) * turn
+    place = ", ".join(f"{c:.3g}" for c in np.round(point / size, 2) * size + 0.0)
+    return f"turn about the axis through ({place}) m along {_rounded_direction(turn)}"
+
+
+def _rounded_direction(vector: Floats) -> str:
+    unit = vector / np.linalg.norm(vector)
+    axis = int(np.abs(unit).argmax())
+    return AXES[axis] if abs(unit[axis]) > _ALONG else f"({', '.join(f'{c:.2g}' for c in unit.round(2) + 0.0)})"
 
 
 def _reduced(free: Floats) -> Floats:

@@ -273,13 +273,19 @@ def _is_remainder(path: Path) -> bool:
     return path.name == LOCK or (path.name.startswith(".") and path.name.endswith(".partial"))
 
 
-def choose(output: Path | None, job: Job) -> RunDirectory:
-    """Return the given directory, or the first free one of ``results/JOB``, ``results/JOB-2``, …"""
+def choose(output: Path | None, job: Job, *, overwrite: bool = False) -> RunDirectory:
+    """Return the given directory, or the first free one of ``results/JOB``, ``results/JOB-2``, …
+
+    Args:
+        overwrite: return ``results/JOB`` instead, also if it is not free.
+    """
     if output is not None:
         return RunDirectory(output)
     base = Path("results")
     number = 1
     check_output(base / job.job)
+    if overwrite:
+        return RunDirectory(base / job.job)
     while (path := base / (job.job if number == 1 else f"{job.job}-{number}")).exists():
         number += 1
     return RunDirectory(path)

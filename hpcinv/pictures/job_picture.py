@@ -153,6 +153,10 @@ def _unknown_pressures(job: Job) -> Iterator[Mapping[str, Any]]:
 
 def _text(given: Mapping[str, Any], head: str) -> str:
     kept = {name: value for name, value in given.items() if f"{name}: {value}" != head}
-    more = yaml.safe_dump(kept, default_flow_style=True, sort_keys=False, width=10_000).strip()[1:-1] if kept else ""
+    more = (
+        yaml.safe_dump(kept, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10_000).strip()[1:-1]
+        if kept
+        else ""
+    )
     text = f"{head}, {more}" if more else head
     return text if len(text) <= _TEXT else text[: _TEXT - 1] + "…"

@@ -50,7 +50,7 @@ LINE_REMEDIES: Mapping[str, str] = {
     "round trip": "Read the line on stability: the return solve may lead to another state.",
     "stability": "Check supports, direction of the load and stiffness.",
     "limit points": "Compare with smaller steps (solver.initial_step), or with 'limit_points: 0'.",
-    "shape files": "Use 'mesh: {geometry_degree: 2}', a format with all nodes (msh, vtu), or smaller cells.",
+    "shape files": "Use 'mesh: {geometry_degree: 2}' or smaller cells; if it is set, write msh or vtu.",
     "loads on parts": "Remove the load or the support.",
     "contact": "Refine the mesh where the body touches, and check the place of the obstacle.",
 }

@@ -1,6 +1,6 @@
 """Checks that supports do not contradict each other, hold the body and leave it its volume, before it is solved."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,13 +20,16 @@ from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected
-from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, unsprung_basis
+from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, nearest_name, unsprung_basis
 from hpcinv.model.sliding import Slide
 from hpcinv.model.supports import Prescribed, Supports
 from hpcinv.parallel.runtime import MPI, agree, on_root
 from hpcinv.solver.spring_stiffness import stiffness_of
 
 _MOST_DESCRIBED = 3  # parts of a body in one message
+_BARELY = 0.02
+"""Share of the best held motion below which slides barely hold one: the normals of a coarse mesh are known to about a
+degree. Raised, bodies that slightly oblique planes hold are named too."""
 _FLAT = 1e-9  # component of a facet's normal that counts as zero
 
 
@@ -118,6 +121,34 @@ def check_held(body: Body, supports: Supports, system: System | None = None) -> 
         )
 
 
+def barely_held(body: Body, supports: Supports) -> str:
+    """Return the rigid motion that only small differences between the normals of slides hold, else ""; collective.
+
+    A round bore alone does not hold a body against turning in it, but the normals of its mesh are not quite radial.
+    Springs are not regarded.
+    """
+    if not supports.slides:
+        return ""
+    comm = body.mesh.comm
+    count, labels = parts_of(body)
+    for label in range(count):
+        part = _part(body, supports, labels, label, whole=False)
+        rows = _constraints(comm, supports.holders, labels, part)
+        others = _constraints(comm, [s for s in supports.holders if isinstance(s, Prescribed)], labels, part)
+
+        def found(rows: Floats = rows, others: Floats = others, frame: Frame = part.frame) -> str:
+            _, singular, motions = np.linalg.svd(np.vstack([rows, np.zeros((6, 6))]), full_matrices=False)
+            weakest, motion = singular[-1], motions[-1]
+            resisted = float(np.linalg.norm(others @ motion)) if len(others) else 0.0
+            if weakest > _BARELY * singular[0] or resisted > weakest / 2:
+                return ""
+            return nearest_name(motion, frame, body.length_scale)
+
+        if name := on_root(comm, found):
+            return name
+    return ""
+
+
 def parts_of(body: Body, *, joined_by_facets: bool = False) -> tuple[int, Ints]:
     """Return the number of parts of the body, which share no node, and the part of each local cell; collective.
 
@@ -190,13 +221,19 @@ def _free(
     comm: MPI.Intracomm, supports: Supports, labels: Ints, part: _Part, springs: Floats, stiffest: float
 ) -> Floats:
     """Return a basis (6, k) of the free rigid motions of a part; collective."""
+    rows = _constraints(comm, supports.holders, labels, part)
+    return on_root(comm, lambda: unsprung_basis(free_motions(rows), springs, stiffest))
+
+
+def _constraints(comm: MPI.Intracomm, holders: Iterable[Prescribed | Slide], labels: Ints, part: _Part) -> Floats:
+    """Return rows (n, 6) of the held components of a part for its six motions, on rank 0 (0 rows elsewhere)."""
     rows = []
-    for support in supports.holders:
+    for support in holders:
         components = support.component_of(part.frame.motions(support.points))
         rows.append(components[node_labels(support.space, labels)[support.nodes] == part.label])
     # The triangle of a QR factorization constrains what its many rows do.
     triangles = comm.gather(np.linalg.qr(np.vstack([np.zeros((0, 6)), *rows]), mode="r"))
-    return on_root(comm, lambda: unsprung_basis(free_motions(np.vstack(triangles or [])), springs, stiffest))
+    return np.vstack([np.zeros((0, 6)), *(triangles or [])])
 
 
 def _stiffness(system: System, labels: Ints, parts: list[_Part]) -> list[Floats]:

@@ -82,5 +82,11 @@ def _3mf(solid: Solid, unit: str) -> bytes:
     return bytes(model.QueryWriter("3mf").WriteToBuffer())
 
 
-WRITERS: dict[str, Callable[[Solid, str], bytes]] = {".stl": _stl, ".ply": _ply, ".3mf": _3mf, ".step": step_content}
+WRITERS: dict[str, Callable[[Solid, str], bytes]] = {
+    ".stl": _stl,
+    ".ply": _ply,
+    ".3mf": _3mf,
+    ".step": step_content,
+    ".stp": step_content,
+}
 """Contents of files by their suffix, made in memory: on a full disk VTK leaves half of a PLY, and lib3mf aborts."""

@@ -108,9 +108,10 @@ def test_results_go_to_the_first_free_place_and_no_other_run_is_touched(cube: Pa
     refused(hpcinv(1, "run", wrong, "--output", run, "--overwrite", cwd=tmp_path), 2, "supports")
     assert {p: p.read_bytes() for p in run.rglob("*") if p.is_file()} == before
 
-    changed = write_job(tmp_path / "changed.yaml", CUBE, output={"mesh": ["vtu"], "fields": False})
-    done = hpcinv(2, "run", changed, "--output", run, "--overwrite", cwd=tmp_path)
+    changed = write_job(cube, CUBE, output={"mesh": ["vtu"], "fields": False})
+    done = hpcinv(2, "run", changed, "--overwrite", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+    assert "results in results/cube\n" in done.stdout
     assert {p.name for p in run.iterdir()} >= {"shape.vtu", "summary.json", "notes.txt"}
     assert not (run / "shape.msh").exists()
     assert not (run / "fields").exists()

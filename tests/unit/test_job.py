@@ -153,7 +153,10 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"mesh": {"file": "../meshes/beam.sldprt"}}, "mesh.file: '../meshes/beam.sldprt' is not a readable mesh"),
     ({"mesh": {"file": "../meshes/beam.py", "parameters": {"sise": 1}}}, "mesh.parameters.sise: beam.py has no such"),
     ({"mesh": {"file": "../meshes/beam.py", "parameters": {"size": "1 kg"}}}, "mesh.parameters.size: must be a length"),
-    ({"mesh": {"file": "../meshes/beam.geo", "unit": "mm"}}, "mesh.unit: is not valid with a .geo script"),
+    (
+        {"mesh": {"file": "../meshes/beam.geo", "unit": "mm", "parameters": {"size": 1}}},
+        "mesh.unit: is not valid with parameters of a .geo script",
+    ),
     ({"mesh": {"file": "../meshes/beam.msh", "unit": "kg"}}, "mesh.unit: must be a length"),
     ({"mesh": {"file": "../meshes/beam.msh", "parameters": {"a": 1}}}, "mesh.parameters: only generators have"),
     ({"mesh": {"file": "../meshes/beam.msh", "geometry_degree": 3}}, "mesh.geometry_degree: must be 1 or 2, not 3"),

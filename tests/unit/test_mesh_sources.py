@@ -224,6 +224,13 @@ def test_geo_parameters_reach_the_script(meshes: Path) -> None:
     assert {g.name for g in block.groups} == FACES | {"block"}
 
 
+def test_a_geo_script_may_be_in_another_unit(meshes: Path) -> None:
+    block = read(meshes / "block.geo", unit="mm", geometry_degree=2)
+    check(block)
+    assert block.points.max(axis=0) == pytest.approx([1e-3] * 3)
+    assert len(block.cells) == len(read(meshes / "block.geo").cells)
+
+
 def test_a_broken_script_spoils_no_later_one(meshes: Path, tmp_path: Path) -> None:
     broken = tmp_path / "broken.geo"
     broken.write_text('SetFactory("OpenCASCADE");\nBox(1) = {0, 0, 0, 1, 1, q};\n')

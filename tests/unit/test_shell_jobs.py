@@ -421,10 +421,17 @@ def test_pictures_show_faces_and_unknown_pressures(sheet: Path, monkeypatch: pyt
     faces = {name: np.arange(2) == number for number, name in enumerate(("outer", "inner"))}
     boundary = Boundary(corners, np.array([[0, 1, 2], [0, 2, 1]]), faces, is_shell=True)
     room = {"surface": "inner", "lid": {"apex": [1, 1, -1]}, "volume": "2 m^3"}
-    read = load(job(sheet, analysis="forward", effects=[], cavities={"room": room}))
+    heat = {
+        "effect": "thermal-expansion",
+        "coefficient": 1e-4,
+        "temperature": "37 °C",
+        "reference_temperature": "20 °C",
+    }
+    read = load(job(sheet, analysis="forward", effects=[heat], cavities={"room": room}))
     job_picture.draw_job(read, boundary)
     texts = [text for text, _ in legends[0]]
-    assert texts[1:] == ["pressure, region: inner, pressure: unknown (cavity room)", "outer face"]
+    assert "temperature: 37 °C" in texts[1]
+    assert texts[2:] == ["pressure, region: inner, pressure: unknown (cavity room)", "outer face"]
 
     pressure = {"effect": "pressure", "region": "inner", "pressure": 0.0}
     data = {"effects": [pressure], "cavities": {"room": room}}

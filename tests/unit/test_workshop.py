@@ -362,15 +362,15 @@ def test_runs_without_a_shape_are_refused(tmp_path: Path, capsys: pytest.Capture
         assert not (tmp_path / "a.stl").exists()
 
 
-@pytest.mark.parametrize("unit", ["mm", "in"])
-def test_step_files_are_solids_of_the_same_volume(unit: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("unit", "suffix"), [("mm", ".step"), ("in", ".stp")])
+def test_step_files_are_solids_of_the_same_volume(unit: str, suffix: str, tmp_path: Path) -> None:
     """OpenCASCADE reads one solid, whose neighbouring faces share their edges (Euler: corners - edges + faces = 2)."""
     corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)]) * [20.0, 10, 5] + 1 / 3
     sides = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
     triangles = np.array([triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))])
-    write(tmp_path / "a.step", Solid(corners, triangles), unit)
+    write((tmp_path / "a").with_suffix(suffix), Solid(corners, triangles), unit)
     with session("step") as gmsh:
-        gmsh.model.occ.importShapes(str(tmp_path / "a.step"))
+        gmsh.model.occ.importShapes(str((tmp_path / "a").with_suffix(suffix)))
         gmsh.model.occ.synchronize()
         ((_, solid),) = gmsh.model.getEntities(3)
         volume = gmsh.model.occ.getMass(3, solid)

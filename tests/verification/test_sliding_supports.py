@@ -288,6 +288,25 @@ def test_nodes_off_their_surface_are_refused(surface: str, message: str) -> None
         run(job(mesh=box(), material=NEO_HOOKEAN, supports=supports))
 
 
+@pytest.mark.parallel(2)
+def test_a_bore_that_barely_holds_a_body_is_named(comm: MPI.Intracomm) -> None:
+    """A heated sector turns outwards on its bore, unless a plane holds it."""
+    heat = {"effect": "thermal-expansion", "coefficient": "1e-3 1/K", "temperature_change": "20 K"}
+    slides = [{"region": name, "fix": ["normal"]} for name in ("inner", "z0")]
+    for further, said in (([], True), ([{"region": "y0", "fix": ["normal"]}], False)):
+        case = job(
+            analysis="forward",
+            mesh=TUBE | {"parameters": {"radial": 1, "around": 4, "along": 1, "hexahedra": True}},
+            material=NEO_HOOKEAN,
+            supports=[*slides, *further],
+            effects=[heat],
+            certificate={"level": "off", "stability": True},
+        )
+        lines = run(case, comm, progress=False).certificate.lines
+        (line,) = (line for line in lines if line.name.startswith("stability"))
+        assert ("nearly free to turn about the axis through (0, 0, 0) m along z" in line.note) is said, line
+
+
 def test_a_sharp_edge_has_no_normal() -> None:
     supports = [{"region": "boundary", "fix": ["normal"]}]
     with pytest.raises(MeshError, match=r"supports\[0\].fix: 'boundary' has a sharp edge at"):
