@@ -8,9 +8,12 @@ from typing import Any
 
 import pytest
 import yaml
+from helpers.mesh_cases import spec
 
 from hpcinv.__main__ import main
+from hpcinv.errors import MeshError
 from hpcinv.job.job import load
+from hpcinv.mesh import read_source
 
 INP = """*HEADING
 *NODE
@@ -176,6 +179,23 @@ def test_a_model_of_febio_is_a_job(tmp_path: Path, capsys: pytest.CaptureFixture
     assert job["supports"] == [{"region": "foot", "fix": ["x", "z"]}]
     assert job["effects"] == [{"effect": "pressure", "region": "side", "pressure": "1.5 MPa"}]
     assert "Not taken" not in text
+
+
+def test_fibres_between_local_nodes_are_an_array_of_the_mesh(tmp_path: Path) -> None:
+    fibres = '<fiber type="local"><local>1,3</local></fiber>'
+    mixture = (
+        'type="solid mixture"><solid type="neo-Hookean"><E>2</E><v>0.3</v></solid>'
+        f'<solid type="fiber-exp-pow"><ksi>1</ksi><beta>3</beta>{fibres}</solid>'
+    )
+    model = FEB.replace('type="neo-Hookean"><E>2</E><v>0.3</v>', mixture)
+    job, _ = job_of(tmp_path, "part.feb", model)
+    assert job["fibres"] == {"f2": {"data": "local-1-3", "given_on": "reference"}}
+    assert job["material"]["a"]["energy"].endswith("ksi2/beta2*max(I4_f2 - 1, 0)**3")
+    array = read_source(spec(tmp_path / "part.feb"), tmp_path / "part.feb").data["local-1-3"]
+    assert (array.place, array.values.tolist()) == ("cells", [[0, 1, 0], [-1, 0, 1], [0, -1, 1]])
+    (tmp_path / "part.feb").write_text(model.replace("1,3", "1,5"))
+    with pytest.raises(MeshError, match="fibres to node 5 of elements of 4 nodes"):
+        read_source(spec(tmp_path / "part.feb"), tmp_path / "part.feb")
 
 
 def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
