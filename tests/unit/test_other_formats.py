@@ -279,6 +279,40 @@ def test_fields_and_sets_of_nastran(tmp_path: Path) -> None:
     assert source.notes == ("only its mesh is read, not MAT1",)
 
 
+SYSTEMS = """BEGIN BULK
+GRDSET,,1
+CORD2R,1,,1.,2.,3.,2.,2.,3.
+,1.,3.,3.
+CORD2C         2       1      0.      0.      1.      0.      0.      2.
+              1.      0.      1.
+CORD2S,4,2,0.,0.,0.,0.,0.,1.
+,1.,90.,0.
+GRID,1,0,1.,2.,3.
+GRID,2,2,2.,90.,3.
+GRID,3,4,3.,90.,0.
+GRID,4,,-1.,0.5,0.25
+CTETRA,1,7,1,2,3,4
+"""
+
+
+@pytest.mark.usefixtures("same_process")
+def test_coordinate_systems_of_nastran(tmp_path: Path) -> None:
+    path = tmp_path / "a.bdf"
+    path.write_text(SYSTEMS)
+    # the system 1 has the axes y, z, x and the origin (1, 2, 3); 2 begins further by 1 along x; 4 has their second as x
+    expected = np.array([[1.0, 2, 3], [5, 2, 5], [2, 2, 6], [1.25, 1, 3.5]])
+    np.testing.assert_allclose(read(path).points, expected, atol=1e-15)
+    for old, new, message in (
+        ("CORD2S,4,2", "CORD2S,4,3", "line 7: coordinate system 3 is not defined"),
+        ("CORD2R,1,,1", "CORD2R,1,2,1", "coordinate system [12] refers to itself"),
+        ("CORD2R,1,", "CORD1R,1,", "coordinate system 1 is a CORD1R, which is not read"),
+        (",1.,3.,3.", ",3.,2.,3.", "line 3: the points of coordinate system 1 are on one line"),
+    ):
+        path.write_text(SYSTEMS.replace(old, new))
+        with pytest.raises(MeshError, match=message):
+            read(path)
+
+
 def test_elements_without_a_property_in_nastran(tmp_path: Path) -> None:
     """As meshio writes them: fields without a property, which is then of the element's number, and other names."""
     grid = "".join(f"GRID,{number},,{x},{y},{z}\n" for number, (x, y, z) in enumerate(TEN_NODES, 1))
@@ -387,7 +421,7 @@ TEXTS = {".bdf": BDF, ".cdb": cdb(), ".unv": UNV, ".mesh": MESH}
 FAULTS = [
     (".bdf", "GRID,2,,1.0", "GRID,2,,x", "line 9: 'x' is not a number"),
     (".bdf", "GRID,2,,1.0", "GRID,2,,nan", "node 2 has a coordinate that is not finite"),
-    (".bdf", "GRID,2,,1.0", "GRID,2,8,1.0", "line 9: a grid point is in coordinate system 8"),
+    (".bdf", "GRID,2,,1.0", "GRID,2,8,1.0", "line 9: coordinate system 8 is not defined"),
     (".bdf", "GRID,2,,1.0", "GRID,1,,1.0", "node 1 is defined twice"),
     (".bdf", "GRID,2,,1.0", "GRID,12,,1.0", "element 1 has node 2, which is not defined"),
     (".bdf", "CTETRA  ", "CPENTA  ", "elements CPENTA are not supported"),
