@@ -170,6 +170,29 @@ def test_files_of_gmsh_are_read(suffix: str, hexahedra: bool, degree: int, tmp_p
         assert points[..., 1].max() - points[..., 1].min() == pytest.approx(1)
 
 
+@pytest.mark.usefixtures("same_process")
+def test_bricks_of_27_nodes_in_med_are_the_same_as_in_msh(tmp_path: Path) -> None:
+    paths = tmp_path / "a.med", tmp_path / "a.msh"
+    with session("bricks") as gmsh:
+        box = gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.mesh.setTransfiniteAutomatic()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+        gmsh.model.addPhysicalGroup(3, [box], name="whole")
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(2)
+        tags, flat, _ = gmsh.model.mesh.getNodes()
+        for tag, point in zip(tags, flat.reshape(-1, 3), strict=True):
+            gmsh.model.mesh.setNode(tag, point + 0.02 * np.sin(9 * point[[1, 2, 0]] + [0, 1, 2]), [])
+        for path in paths:
+            gmsh.write(str(path))
+    med, msh = map(read, paths)
+    assert (med.cells.shape[1], med.nodes_per_cell) == (27, 27)
+    assert volume(med) == pytest.approx(volume(msh), rel=1e-12)
+    middles = [np.sort(source.points[source.cells].mean(axis=1), axis=0) for source in (med, msh)]
+    np.testing.assert_allclose(*middles, atol=1e-12)
+
+
 def volume(source: MeshSource) -> float:
     from hpcinv.mesh.cells import jacobians, quadrature
 
