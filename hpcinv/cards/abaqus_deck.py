@@ -152,7 +152,8 @@ class _Reader:
         frame = frames.pop() if len(frames) == 1 else None
         converted = frame.supports(values) if frame else None
         if converted is None:
-            self._deck.unused.append(f"support on '{region}', whose components are along the axes of *TRANSFORM")
+            text = "whose components are along the axes of *TRANSFORM: state it, such as by 'fix: [normal]'"
+            self._deck.unused.append(f"support on '{region}', {text}")
             return
         displacements, normal = converted
         self._deck.support(region, displacements)
