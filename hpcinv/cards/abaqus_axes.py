@@ -31,17 +31,22 @@ def axes_of(keyword: Keyword) -> Axes:
     except CardError:  # the name of a *DISTRIBUTION
         return Axes()
     first, second, origin = np.array([*rows[0], *[0.0] * 9][:9]).reshape(3, 3)
-    first, second = first - origin, second - origin
-    third = np.cross(first, second)
-    if not third.any():
-        raise CardError(f"{place}: its points are on one line")
-    frame: Floats = np.array([first, np.cross(third, first), third])
-    frame /= np.linalg.norm(frame, axis=1)[:, None]
+    frame = frame_of(first - origin, second - origin, place)
     turned, *fibres = rows[1:] or [[]]
     if len(turned) > 1 and turned[0] in (1, 2, 3):  # about an axis, by degrees
         frame = frame @ _rotation(frame[int(turned[0]) - 1], radians(turned[1])).T
     directions = [np.array([*entries, 0.0, 0.0][:3]) @ frame for entries in fibres]
     return Axes(tuple(map(_as_vector, frame)), tuple(map(_as_vector, directions)))
+
+
+def frame_of(first: Floats, second: Floats, place: str) -> Floats:
+    """Return axes (3, 3), as rows: along the first vector, in the plane of both, and across it."""
+    third = np.cross(first, second)
+    if not third.any():
+        raise CardError(f"{place}: its points are on one line")
+    frame: Floats = np.array([first, np.cross(third, first), third])
+    frame /= np.linalg.norm(frame, axis=1)[:, None]
+    return frame
 
 
 def _as_vector(values: Floats) -> Vector:

@@ -10,6 +10,7 @@ from typing import Any
 from hpcinv.cards.abaqus_axes import GLOBAL, axes_of
 from hpcinv.cards.abaqus_elastic import elastic_law, is_isotropic
 from hpcinv.cards.abaqus_keywords import Keyword, keywords
+from hpcinv.cards.abaqus_transform import Frame, Transforms
 from hpcinv.cards.card import CardError, Counterpart, UnknownLaw, number
 from hpcinv.cards.deck import Deck, Measure, NodalForces, RemoteForce, isotropic
 from hpcinv.reading.single_conditions import force_groups, held_axes, held_groups, pressed_groups
@@ -65,7 +66,7 @@ class _Reader:
         self._spelled: dict[str, str] = {}  # sets as they are first named: case does not count
         self._coupled: tuple[int, str] | None = None  # node and surface of the last coupling
         self._single = Counter[str]()  # conditions on single nodes, by keyword
-        self._turned: set[str] = set()  # sets with axes of their own
+        self._transforms = Transforms(file, nodes_of_sets)
 
     def deck(self) -> Deck:
         deck, material, step = self._deck, "", 0
@@ -84,8 +85,6 @@ class _Reader:
                     self._densities[material] = number(keyword.lines[0][0], "*DENSITY")
                 case "SOLID SECTION":
                     self._read_section(keyword)
-                case "TRANSFORM":
-                    self._turned.add(keyword.parameters.get("NSET", "").lower())
                 case "BOUNDARY" | "DLOAD" | "DSLOAD" | "CLOAD" if not (keyword.lines or "OP" in keyword.parameters):
                     deck.unused.append(f"*{keyword.name}, which has no line of data")
                 case "BOUNDARY":
@@ -102,12 +101,9 @@ class _Reader:
                     deck.unused.append(f"*{name} of material {material}")
         deck.unused += [f"{name} of single nodes or elements ({count:,})" for name, count in self._single.items()]
         for name, values in self._held.items():
-            if name.lower() in self._turned:
-                deck.unused.append(f"support on '{name}', whose components are along the axes of *TRANSFORM")
-            else:
-                deck.support(name, values)
-        for name in sorted(self._turned - {name.lower() for name in self._held}):
-            deck.unused.append(f"*TRANSFORM of '{name}': a support on its nodes has other axes than in the file")
+            self._add_support(name, values, self._transforms.frames(name))
+        for name in self._transforms.unknown:
+            deck.unused.append(f"*TRANSFORM of '{name}': other sets with its nodes have other axes than in the file")
         self._add_supports_of_nodes()
         self._add_loads()
         self._add_pressed_elements()
@@ -148,6 +144,22 @@ class _Reader:
                 entry = self._held.setdefault(self._spelled.setdefault(name.lower(), name), {})
                 entry.update({axis: value * factor for axis, value in values.items()})
 
+    def _add_support(self, region: str, values: Mapping[str, float], frames: set[Frame | None]) -> None:
+        """Add a support by the displacements of its components along the axes of its nodes."""
+        if frames == {None}:
+            self._deck.support(region, values)
+            return
+        frame = frames.pop() if len(frames) == 1 else None
+        converted = frame.supports(values) if frame else None
+        if converted is None:
+            text = "whose components are along the axes of *TRANSFORM: state it, such as by 'fix: [normal]'"
+            self._deck.unused.append(f"support on '{region}', {text}")
+            return
+        displacements, normal = converted
+        self._deck.support(region, displacements)
+        if normal:
+            self._deck.supports.append({"region": region, "fix": ["normal"], "normal": normal})
+
     def _add_supports_of_nodes(self) -> None:
         """Add the supports of single nodes by the sets that the reader of the mesh makes of them."""
         raw = {axis: {node: value for node, (value, _) in nodes.items()} for axis, nodes in self._held_nodes.items()}
@@ -156,7 +168,8 @@ class _Reader:
             factors = {self._held_nodes[axis][node][1] for axis in values for node in nodes}
             if self._sets.get(name) == nodes and len(factors) == 1:
                 (factor,) = factors
-                self._deck.support(name, {axis: value * factor for axis, value in values.items()})
+                turned = {axis: value * factor for axis, value in values.items()}
+                self._add_support(name, turned, self._transforms.frames_of(nodes))
                 for axis in values:
                     added[axis] += len(nodes)
         if missing := sum(len(nodes) - added[axis] for axis, nodes in raw.items()):
@@ -248,18 +261,33 @@ class _Reader:
         spelled_sets = {name.lower(): name for name in self._sets}
         for name, (x, y, z) in vectors.items():
             if name.isdigit() and int(name) in self._couplings:
-                self._add_coupled(int(name), (x, y, z))
+                if self._transforms.frames_of([int(name)]) != {None}:
+                    self._deck.unused.append(f"*CLOAD on node {name}, along the axes of *TRANSFORM")
+                    self._couplings.pop(int(name))
+                else:
+                    self._add_coupled(int(name), (x, y, z))
             elif name.isdigit():
                 single[int(name)] = x, y, z
             elif (region := spelled_sets.get(name.lower())) is not None:
-                forces = dict.fromkeys(self._sets[region], (x, y, z))
-                self._deck.forces.append(NodalForces(region, f"*CLOAD on {name}", forces))
+                self._add_nodal(region, f"*CLOAD on {name}", dict.fromkeys(self._sets[region], (x, y, z)))
             else:
                 self._deck.unused.append(f"*CLOAD on {name}, which has no node of the mesh")
         for name, nodes in force_groups(single):
             region = name if self._sets.get(name) == nodes else None
             title = f"*CLOAD on {len(nodes):,} single nodes"
-            self._deck.forces.append(NodalForces(region, title, {node: single[node] for node in nodes}))
+            self._add_nodal(region, title, {node: single[node] for node in nodes})
+
+    def _add_nodal(self, region: str | None, title: str, forces: Mapping[int, tuple[float, float, float]]) -> None:
+        """Add forces at nodes by their components along the axes of the nodes."""
+        turned: dict[int, tuple[float, float, float]] = {}
+        for node, force in forces.items():
+            (frame,) = self._transforms.frames_of([node])
+            in_space = frame.force(force) if frame else force
+            if in_space is None:
+                self._deck.unused.append(f"{title}, along the radial axes of *TRANSFORM")
+                return
+            turned[node] = in_space
+        self._deck.forces.append(NodalForces(region, title, turned))
 
     def _add_coupled(self, node: int, force: tuple[float, float, float]) -> None:
         surface, kind = self._couplings.pop(node)

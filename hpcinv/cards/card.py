@@ -36,19 +36,23 @@ class Stress:
     value: float
 
 
+type Direction = Sequence[float] | str | None
+"""of fibres: a vector, or the name of an array of the mesh; ``None`` where the card does not state it"""
+
+
 @dataclass(frozen=True)
 class Counterpart:
     """Sections of a job for the law of a card.
 
     Attributes:
         material: the section; stresses in it are `Stress`.
-        fibres: directions by family; ``None`` where the card does not state them.
+        fibres: directions by family.
         definitions: the section ``let``.
         notes: what a user should know.
     """
 
     material: Mapping[str, Any]
-    fibres: Mapping[str, Sequence[float] | None] = field(default_factory=dict)
+    fibres: Mapping[str, Direction] = field(default_factory=dict)
     definitions: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 

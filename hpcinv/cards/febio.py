@@ -15,6 +15,7 @@ from hpcinv.cards.card import (
     Card,
     CardError,
     Counterpart,
+    Direction,
     Stress,
     UnknownLaw,
     Values,
@@ -25,11 +26,13 @@ from hpcinv.cards.card import (
 )
 from hpcinv.cards.entry import Entry, entry_of
 from hpcinv.cards.febio_curves import LoadCurves
+from hpcinv.cards.febio_mixture import exponential_fibres, sum_of, toe_fibres
 from hpcinv.cards.orthotropic import FAMILIES, lame, orthotropic, quadratic, stiffness_of
 from hpcinv.cards.series import exponential_integral, inverse_langevin
 from hpcinv.materials.moduli import young_and_poisson
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.units import parse_unit
+from hpcinv.reading.local_fibres import local_name, local_nodes
 
 PROGRAM = "FEBio"
 TERMS = 20
@@ -289,11 +292,40 @@ def _fibre(law: Entry, stretch: str) -> tuple[dict[str, Any], str, dict[str, str
     return parameters, energy, definitions
 
 
-def _family(law: Entry) -> dict[str, Sequence[float] | None]:
+def _family(law: Entry) -> dict[str, Direction]:
     fibre = law.part("fiber")
     if fibre is None:
         raise UnknownLaw(f"law {law.type} without <fiber> has no counterpart; give the direction of its fibres")
-    return {"f": _direction(fibre)}
+    direction = _direction(fibre)
+    if law.part("mat_axis") is None:
+        return {"f": direction}
+    if direction is None or isinstance(direction, str):
+        raise UnknownLaw(f"law {law.type} with <mat_axis> and fibres that vary has no counterpart; state 'fibres'")
+    return {"f": (np.array(direction) @ np.array(_axes(law))).tolist()}
+
+
+def _mixture(law: Entry) -> Counterpart:
+    parts = [part for part in law.parts if part.tag == "solid"]
+    if unknown := [part.type for part in parts if part.type not in {**LAWS, **_FIBRE_LAWS}]:
+        raise UnknownLaw(f"law {law.type} with {', '.join(unknown)} has no counterpart; {_FORMULA}")
+    if not parts:
+        raise CardError(f"law {law.type} has no <solid>")
+    laws = [(part.type, _fibre_law(part) if part.type in _FIBRE_LAWS else counterpart(part)) for part in parts]
+    if law.part("mat_axis") is not None and any(converted.fibres for _, converted in laws):
+        raise UnknownLaw(f"law {law.type} with <mat_axis> has no counterpart; state the axes in its solids")
+    return sum_of(laws)
+
+
+def _fibre_law(law: Entry) -> Counterpart:
+    """Return a law of fibres alone, which only a mixture may have."""
+    energy, parameters = _FIBRE_LAWS[law.type](law)
+    return Counterpart({"law": "formula", "energy": energy, "parameters": parameters}, _family(law))
+
+
+_FIBRE_LAWS: Mapping[str, Callable[[Entry], tuple[str, dict[str, Any]]]] = {
+    "fiber-exp-pow": exponential_fibres,
+    "fiber-pow-linear": toe_fibres,
+}
 
 
 LAWS: Mapping[str, Callable[[Entry], Counterpart]] = {
@@ -316,6 +348,7 @@ LAWS: Mapping[str, Callable[[Entry], Counterpart]] = {
     "coupled trans-iso Mooney-Rivlin": _coupled_trans_iso,
     "trans iso Mooney-Rivlin": _trans_iso_mooney_rivlin,
     "trans iso Veronda-Westmann": _trans_iso_veronda_westmann,
+    "solid mixture": _mixture,
 }
 
 
@@ -346,8 +379,17 @@ def _families(law: Entry) -> dict[str, Sequence[float]]:
     return {name: axis.tolist() for name, axis in zip(FAMILIES, _axes(law), strict=True)}
 
 
-def _direction(fibre: Entry) -> Sequence[float] | None:
-    """Return the unit direction of fibres, or ``None`` if it is not constant."""
+def _direction(fibre: Entry) -> Direction:
+    """Return the unit direction of fibres, or the name of its array; ``None`` if it varies in another way."""
+    if fibre.type == "local":
+        text = fibre.values.get("local") or fibre.values.get("", "0,0")
+        try:
+            return local_name(local_nodes(text))
+        except ValueError:
+            raise CardError(f"fibres from local node to node {text!r}: name two different nodes") from None
+    if fibre.type == "angles":
+        theta, phi = (math.radians(fibre.number(name, at)) for name, at in (("theta", 0.0), ("phi", 90.0)))
+        return [math.cos(theta) * math.sin(phi), math.sin(theta) * math.sin(phi), math.cos(phi)]
     if fibre.type != "vector":
         return None
     direction = fibre.vector("vector" if "vector" in fibre.values else "")

@@ -141,7 +141,10 @@ def checked_sections(card: Card, unit: str) -> dict[str, Any]:
         ]
         raise CardError(*faults) from None
     fibres = {
-        name: {"direction": list(direction), "given_on": "reference"}
+        name: {
+            **({"data": direction} if isinstance(direction, str) else {"direction": list(direction)}),
+            "given_on": "reference",
+        }
         for name, direction in law.fibres.items()
         if direction is not None
     }

@@ -25,6 +25,7 @@ def check(source: MeshSource) -> None:
         raise MeshError(f"{source.path}: some node coordinates are not finite", "Write the mesh again.")
     if (np.abs(source.points) > FARTHEST).any():
         raise MeshError(f"{source.path}: some node coordinates are beyond {FARTHEST:g} m", "Write the mesh again.")
+    _check_vertices(source)
     table = FacetTable.build(source.kind, source.cells[:, : vertex_count(source.kind)])
     problems = [
         *_duplicate_nodes(source),
@@ -54,6 +55,19 @@ def check_nodes(source: MeshSource) -> None:
                 f" the mesh has {len(source.points)} nodes",
                 "Write the mesh again.",
             )
+
+
+def _check_vertices(source: MeshSource) -> None:
+    """Raise ``MeshError`` if a cell has a vertex twice; else it would be called inverted, and its facets overlaps."""
+    vertices = np.sort(source.cells[:, : vertex_count(source.kind)], axis=1)
+    collapsed = (vertices[:, 1:] == vertices[:, :-1]).any(axis=1)
+    if collapsed.any():
+        raise MeshError(
+            f"{source.path}: {collapsed.sum():,} cells are collapsed: they have a vertex twice"
+            f" ({_first_of(source.cell_tags[collapsed], 'cell')})",
+            "Mesh by tetrahedra alone (Abaqus: Mesh Controls, Tet; Ansys: MSHAPE,1,3D), or by hexahedra of eight"
+            " different vertices.",
+        )
 
 
 def _duplicate_cells(source: MeshSource) -> MeshProblems:

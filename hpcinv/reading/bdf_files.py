@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hpcinv.reading.fault import Fault, shown
+from hpcinv.reading.bdf_frames import BY_NODES, KINDS, Entry, Frames
+from hpcinv.reading.fault import Fault
 from hpcinv.reading.included_files import Line, check_loop, found_file, place_in, text_of
 from hpcinv.reading.numbered_elements import (
     Blocks,
@@ -58,15 +59,22 @@ def read_bdf(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     deck = _deck(path)
     tags: list[int] = []
     points: list[list[float]] = []
+    systems: dict[int, Entry] = {}
+    own_systems: list[tuple[str, str]] = []  # of the grid points, with their places
+    default = ""
     blocks = Blocks()
     properties: dict[int, list[int]] = {}
     listed: dict[int, tuple[str, list[int]]] = {}
     ignored = set[str]()
     for card in deck.cards:
         if card.name == "GRID":
-            _check_frame(card)
+            own_systems.append((card.place, [*card.fields, "", ""][1]))
             tags.append(whole_number((card.fields or [""])[0], card.place))
             points.append([number(text, card.place) for text in (card.fields + ["0"] * 5)[2:5]])
+        elif card.name in (*KINDS, *BY_NODES):
+            systems[whole_number((card.fields or [""])[0], card.place)] = Entry(card.place, card.name, card.fields)
+        elif card.name == "GRDSET":
+            default = [*card.fields, "", ""][1]
         elif card.name in _SOLIDS:
             tag, owner, *nodes = _element(card, 22)
             nodes = [node for node in nodes if node]
@@ -83,6 +91,9 @@ def read_bdf(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             _read_set(card, listed)
         elif card.name not in _GENERAL:
             ignored.add(card.name)
+    frames = Frames(systems)
+    for row, (place, system) in enumerate(own_systems):
+        points[row] = frames.position(points[row], system if system.strip() else default, place)
     sets = {f"cells:{_name(deck, 'property', owner)}": members for owner, members in properties.items()}
     elements = {tag for numbers, _ in blocks.solids.values() for tag in numbers} | blocks.others.keys()
     nodes_known = set(tags)
@@ -111,12 +122,6 @@ def _element(card: _Card, most: int) -> list[int]:
 
 def _name(deck: _Deck, what: str, tag: int) -> str:
     return deck.names.get((what, tag), f"{what}-{tag}")
-
-
-def _check_frame(card: _Card) -> None:
-    if len(card.fields) > 1 and card.fields[1].strip() not in ("", "0"):
-        text = f"{card.place}: a grid point is in coordinate system {shown(card.fields[1].strip())}"
-        raise Fault(text, "Save the mesh in the basic coordinate system.")
 
 
 def _deck(path: Path) -> _Deck:

@@ -1,5 +1,6 @@
 """Model files of FEBio (``.feb``, formats 2.5 to 4.0): nodes, solid elements, sets and surfaces."""
 
+import contextlib
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ import numpy as np
 
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.inp_files import FACES
+from hpcinv.reading.local_fibres import local_name, local_nodes
 
 _SOLID = {"tet4": 4, "tet10": 10, "hex8": 8, "hex20": 20}
 _KIND = re.compile(r"(tet4|tet10|hex8|hex20)(g\d+|gl11|ri)?")
@@ -78,9 +80,27 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             arrays[key] = np.unique([_row(row, tag, "a node set") for tag in rows])
         else:
             arrays[key] = np.array([[_row(row, node, "a surface") for node in facet] for facet in rows], dtype=np.int64)
+    for nodes_of_fibre in _local_fibres(root):
+        first, second = (arrays["points"][_local(arrays["cells"], number)] for number in nodes_of_fibre)
+        arrays[f"values:{local_name(nodes_of_fibre)}"] = second - first
     return {
         "ignored": [part.tag for part in root if part is not mesh and part.tag not in _GENERAL and len(part)]
     }, arrays
+
+
+def _local_fibres(root: ET.Element) -> Iterator[tuple[int, int]]:
+    """Yield the nodes of an element between which fibres of a material point; damaged ones are reported with it."""
+    for fibre in root.iter("fiber"):
+        if fibre.get("type") == "local":
+            with contextlib.suppress(ValueError):
+                yield local_nodes((fibre.findtext("local") or fibre.text or "").strip() or "0,0")
+
+
+def _local(cells: Any, number: int) -> Any:
+    """Return a node of each cell."""
+    if number > cells.shape[1]:
+        raise Fault(f"has fibres to node {number} of elements of {cells.shape[1]} nodes", "Correct <fiber>.")
+    return cells[:, number - 1]
 
 
 def _shells(mesh: ET.Element, cells: list[list[int]]) -> set[frozenset[int]]:

@@ -25,8 +25,10 @@ FACES = {
 _SOLID = re.compile(r"C3D(4|10|8|20|27)[A-Z]*")
 _SHELL = re.compile(r"(?:S|STRI|M3D)(3|4|6|8|9)[A-Z0-9]*", re.ASCII)
 _NOT_SOLID = re.compile(
-    r"(?:CPS|CPE|CAX|S|STRI|M3D|SFM3D|R3D|DS|T3D|B3|C1D|MASS|ROTARYI|DASHPOT|GAP|DCOUP|CONN)\w*|D", re.ASCII
+    r"(?:CPS|CPE|CAX|S|STRI|M3D|SFM3D|R3D|DS|T[23]D|B3|C1D|MASS|ROTARYI|DASHPOT|GAP|DCOUP|CONN)\w*|D", re.ASCII
 )
+_DATA = re.compile(r"[-+.,\s\deEdD]+")
+"""a line of numbers, whose keyword is lost if it is the first one"""
 _FACE = re.compile(r"S([1-6])", re.IGNORECASE)
 _EDGE = re.compile(r"(?:E|EDGE)([1-4])|S([3-6])", re.IGNORECASE)
 """edge of a shell: Abaqus' E1, E2, …, CalculiX' S3, S4, …"""
@@ -199,8 +201,10 @@ def _parts(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, _Part], list[_
                 current = parts[""]
             case "NODE":
                 _read_nodes(current, card)
+            case "":
+                ignored.add(f"{len(card.rows):,} lines before the first keyword")
             case "ELEMENT":
-                _read_elements(current, card, kinds)
+                ignored.update(_read_elements(current, card, kinds))
             case "NSET" | "ELSET":
                 kind, owner = ("nodes" if card.keyword == "NSET" else "cells"), current
                 if instance := options.get("INSTANCE"):
@@ -287,18 +291,19 @@ def _placed(parts: Mapping[str, _Part], instances: list[_Card]) -> list[tuple[_P
 
 
 def _cards(path: Path) -> Iterator[_Card]:
-    """Yield the keywords with their lines of data."""
+    """Yield the keywords with their lines of data; text before the first one, which CalculiX leaves out, has none."""
     card: _Card | None = None
     for place, line in lines_of(path):
         if line.startswith("*"):
             if card is not None:
                 yield card
             card = _keyword(line, place)
-        elif card is None:
-            raise Fault(f"{place} is not a keyword", "Input files begin with a keyword such as *NODE.")
         else:
+            card = card or _Card(place, "", {}, [])
+            if not card.keyword and _DATA.fullmatch(line):
+                raise Fault(f"{place} is not a keyword", "Input files begin with a keyword such as *NODE.")
             card.rows.append((place, [entry.strip().strip('"') for entry in line.rstrip(",").split(",")]))
-    if card is None:
+    if card is None or not card.keyword:
         raise Fault("has no keywords", "Is it an input file of Abaqus or CalculiX?")
     yield card
 
@@ -344,7 +349,12 @@ def _read_nodes(part: _Part, card: _Card) -> None:
         group.append((str(int(tag)), ""))
 
 
-def _read_elements(part: _Part, card: _Card, kinds: re.Pattern[str]) -> None:
+def _read_elements(part: _Part, card: _Card, kinds: re.Pattern[str]) -> list[str]:
+    """Read the elements of a keyword; return what is ignored.
+
+    As CalculiX does, entries after the last node of an element are ignored. They are faults if lines differ in length:
+    then they may be nodes of another type of elements.
+    """
     kind = _needed(card, "TYPE").upper()
     match = kinds.fullmatch(kind)
     if match is None and kinds is _SHELL and _SOLID.fullmatch(kind):
@@ -356,14 +366,16 @@ def _read_elements(part: _Part, card: _Card, kinds: re.Pattern[str]) -> None:
             part.others.update(tags)
             if card.options.get("ELSET"):
                 part.members("cells", card.options["ELSET"]).extend((str(tag), "") for tag in tags)
-            return
+            return []
         text = f"{card.place}: elements {shown(kind)} are not supported"
         raise Fault(text, "Use C3D4, C3D10, C3D8, C3D20 or C3D27, also with H, R, I or M.")
     count = int(match[1])
     group = part.members("cells", card.options["ELSET"]) if card.options.get("ELSET") else []
     pending: list[int] = []
+    length = len(card.rows[0][1]) if len({len(row) for _, row in card.rows}) == 1 else 0
+    is_longer = length > count + 1
     for place, row in card.rows:
-        pending += _tags(row, place)
+        pending += _tags(row, place)[: count + 1 if is_longer else None]
         if len(pending) < count + 1:
             continue
         if len(pending) > count + 1:
@@ -373,6 +385,7 @@ def _read_elements(part: _Part, card: _Card, kinds: re.Pattern[str]) -> None:
         pending = []
     if pending:
         raise Fault(f"{card.rows[-1][0]}: element {pending[0]} has {len(pending) - 1} nodes, not {count}")
+    return [f"entries after the {count} nodes of elements {shown(kind)}"] if is_longer else []
 
 
 def _read_set(part: _Part, kind: str, name: str, card: _Card) -> None:

@@ -20,10 +20,12 @@ MIRRORED = {
     20: (0, 3, 2, 1, 4, 7, 6, 5, 11, 10, 9, 8, 15, 14, 13, 12, 16, 19, 18, 17),
 }
 """places of the nodes of a cell, and of a mirrored one"""
-_SOLIDS = {"TE4": 4, "T10": 10, "HE8": 8, "H20": 20}
+_COMPLETE = (*MIRRORED[20], 26, 20, 25, 24, 23, 22, 21)
+"""the same of 27 nodes: bottom, sides by the edges of the bottom, top and centre, read as centre and faces S1 to S6"""
+_SOLIDS = {"TE4": 4, "T10": 10, "HE8": 8, "H20": 20, "H27": 27}
 _FLAT = {"TR3": 3, "TR6": 6, "TR7": 7, "QU4": 4, "QU8": 8, "QU9": 9}
-_OTHERS = ("PE6", "P15", "PY5", "P13", "H27", "P18", "POE")
-_KINDS = "TETRA4, TETRA10, HEXA8 and HEXA20"
+_OTHERS = ("PE6", "P15", "PY5", "P13", "P18", "POE")
+_KINDS = "TETRA4, TETRA10, HEXA8, HEXA20 and HEXA27"
 
 
 def read_med(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -60,7 +62,9 @@ def _read_cells(step: Any, tags: Any, names: dict[int, list[str]], blocks: Block
         if kind not in kinds:
             continue
         if kind in _OTHERS:
-            raise Fault(f"has cells of the kind {kind}", f"Cells are {_KINDS}.")
+            raise Fault(
+                f"has cells of the kind {kind}", f"Cells are {_KINDS}; mesh by tetrahedra alone or by hexahedra alone."
+            )
         cells, size = group_in(kinds, kind), {**_SOLIDS, **_FLAT}[kind]
         flat = array_in(cells, "NOD")
         if flat.ndim != 1 or flat.size % size:
@@ -76,7 +80,7 @@ def _read_cells(step: Any, tags: Any, names: dict[int, list[str]], blocks: Block
         for tag, member, nodes in zip(own, family, tags[rows - 1].tolist(), strict=True):
             groups = names.get(member, [])
             if kind in _SOLIDS:
-                blocks.add(tag, [nodes[i] for i in MIRRORED[size]])
+                blocks.add(tag, [nodes[i] for i in (_COMPLETE if size == 27 else MIRRORED[size])])
                 for group in groups:
                     sets.setdefault(f"cells:{group}", []).append(tag)
             else:

@@ -115,6 +115,19 @@ def ligament(s: State, c3: float, c4: float, c5: float, limit: float) -> Any:
     return c3 * mp.exp(-c4) * (mp.ei(c4 * l) - mp.ei(c4)) - c3 * mp.ln(l) + linear
 
 
+def toe(square: Any, young: Any, start: Any, beta: Any) -> Any:
+    """Energy of FEBio's fibres with a toe region, by integrating their stress over the squared stretch."""
+    ksi = young / 4 / (beta - 1) * start**-3 * (start**2 - 1) ** (2 - beta)
+    b = ksi * (start**2 - 1) ** (beta - 1) + young / 2 / start
+    low = lambda x: ksi * (x - 1) ** (beta - 1)  # noqa: E731
+    high = lambda x: b - young / 2 / mp.sqrt(x)  # noqa: E731
+    if square <= 1:
+        return mp.mpf(0)
+    end = min(square, start**2)
+    return mp.quad(low, [1, end]) + (mp.quad(high, [start**2, square]) if square > end else 0)
+
+
+ANGLE = mp.nstr(mp.degrees(mp.acos(mp.mpf("0.6"))), 17)
 FIBRE = '<fiber type="vector"><vector>3,4,0</vector></fiber></material>'
 
 CASES: dict[str, tuple[ModuleType, str, Callable[[State], Any]]] = {
@@ -284,6 +297,24 @@ CASES: dict[str, tuple[ModuleType, str, Callable[[State], Any]]] = {
             + 40 / 2 * mp.ln(s.J) ** 2
         ),
     ),
+    "febio solid mixture": (  # FEFiberExpPow, FEFiberPowLinear
+        febio,
+        f"""<material id="1" type="solid mixture"><solid type="neo-Hookean"><E>2.6</E><v>0.3</v></solid>
+        <solid type="isotropic elastic"><E>1.3</E><v>0.3</v></solid>
+        <solid type="fiber-exp-pow"><ksi>0.4</ksi><alpha>2</alpha><beta>3</beta><mu>0</mu>
+        <fiber type="angles"><theta>{ANGLE}</theta><phi>90</phi></fiber></solid>
+        <solid type="fiber-pow-linear"><E>5</E><lam0>1.02</lam0><beta>2.5</beta>
+        <mat_axis type="vector"><a>0,1,0</a><d>0,0,1</d></mat_axis>
+        <fiber type="vector">1,0,0</fiber></solid></material>""",
+        lambda s: (
+            1.0 / 2 * (s.I1 - 3)
+            - 1.0 * mp.ln(s.J)
+            + mp.mpf("1.5") / 2 * mp.ln(s.J) ** 2
+            + quadratic(s, mp.matrix([[1.75, 0.75, 0.75], [0.75, 1.75, 0.75], [0.75, 0.75, 1.75]]), [0.5] * 3)
+            + mp.mpf("0.4") / 6 * (mp.exp(2 * max(s.I4(FIBRES["fibre1"]) - 1, 0) ** 3) - 1)
+            + toe(s.I4((0.0, 1.0, 0.0)), 5, mp.mpf("1.02"), mp.mpf("2.5"))
+        ),
+    ),
     "febio coupled Mooney-Rivlin": (
         febio,
         material("coupled Mooney-Rivlin", c1=0.3, c2=0.2, k=4),
@@ -392,6 +423,16 @@ def test_a_written_card_gives_the_law_back(program: ModuleType, name: str, volum
         (ansys, "TB,HYPER,1,,,NEO\nTBDATA,1,2*X", "is not a number"),
         (ansys, "TB,HYPER,1,,,NEO\nTBDATA,1e9,1", "from 1 to 100"),
         (febio, material("Shenoy", mu=1), "law Shenoy"),
+        (
+            febio,
+            '<material id="1" type="solid mixture"><solid type="elastic damage"><E>1</E></solid></material>',
+            "solid mixture with elastic damage has no counterpart",
+        ),
+        (
+            febio,
+            '<material id="1" type="solid mixture"><solid type="Gent"><G>1</G><Jm>9</Jm><k>9</k></solid></material>',
+            "solid mixture of Gent has no counterpart",
+        ),
         (febio, material("Mooney-Rivlin", c1=1, c2=0), "k is not a number"),
         (febio, material("Gent", G=1, Jm=0, k="nan"), "k is not a number"),
         (febio, '<material id="1" type="Gent"><G lc="2">1</G></material>', "load curve 2"),

@@ -117,9 +117,9 @@ def test_outputs_that_pages_show_are_of_scripts_and_tests_that_exist() -> None:
     for file in kept:
         command = file.read_text().splitlines()[0]
         program = r"(?:(?:mpirun -n \d )?python|pytest -n 0 (?:-m '' )?-s)"
-        named = re.match(rf"\$ python3 -m uv run {program} (\S+\.py)", command)
+        named = re.match(rf"\$ python3 -m uv run {program} (?:(\S+\.py)|-m (\S+))", command)
         assert named, file
-        assert (ROOT / named[1]).is_file(), command
+        assert (ROOT / (named[1] or f"{named[2].replace('.', '/')}.py")).is_file(), command
 
 
 def sweeps_and_studies() -> list[Any]:

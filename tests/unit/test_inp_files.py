@@ -213,7 +213,8 @@ FAULTS = {
     "*NODE\n1, 0, 0, nan": "line 2: has a number that is not finite",
     "*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4": "element 1 has node 1, which is not defined",
     "*ELEMENT, TYPE=C3D4\n1, 1, 2, 3": "line 2: element 1 has 3 nodes, not 4",
-    "*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4, 5": "line 2: an element C3D4 has 4 nodes, not 5",
+    "*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4, 5\n2, 1": "line 2: an element C3D4 has 4 nodes, not 5",
+    "Cube\n": "has no keywords",
     "*ELEMENT, TYPE=C3D15\n1, 1": "line 1: elements C3D15 are not supported",
     "*ELEMENT\n1, 1": "line 1: *ELEMENT needs TYPE=",
     "*INCLUDE, INPUT=sub/b.inp": "line 1: includes 'sub/b.inp', which does not exist",
@@ -241,6 +242,15 @@ def test_faults_are_named_with_their_line(text: str, message: str, tmp_path: Pat
         read(path)
     assert str(path) in refused.value.message
     assert message in refused.value.message
+
+
+def test_what_calculix_ignores_is_ignored_and_noted(tmp_path: Path) -> None:
+    path = tmp_path / "a.inp"
+    path.write_text(f">**\n  a tetrahedron\n{TET.replace('1,1,2,3,4', '1,1,2,3,4, 9, 8,')}")
+    source = read(path)
+    assert source.node_tags[source.cells].tolist() == [[1, 2, 3, 4]]
+    text = "only its mesh is read, not 2 lines before the first keyword, entries after the 4 nodes of elements C3D4"
+    assert source.notes == (text,)
 
 
 def test_included_files_are_read_in_their_place(tmp_path: Path) -> None:

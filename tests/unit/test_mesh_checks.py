@@ -51,6 +51,11 @@ BAD_MESHES = {
         (*TWO, TWO[0]),
         (FIRST, SECOND, (4, 1, 1, (2, 3, 6, 5))),
     ),
+    "collapsed": Bad(
+        r"1 cells are collapsed: they have a vertex twice \(cell 1\)",
+        (*TETRAHEDRON, (1.0, 0.0, 1.0), (0.0, 1.0, 1.0)),
+        ((5, 1, 1, (1, 2, 3, 3, 4, 5, 6, 6)),),
+    ),
     "double cell": Bad("facets have more than two cells", TWO, (FIRST, SECOND, FIRST)),
     "facet of no cell": Bad(
         "1 facets of physical group 'clamp' belong to no cell",

@@ -8,9 +8,14 @@ from typing import Any
 
 import pytest
 import yaml
+from helpers.mesh_cases import spec
 
 from hpcinv.__main__ import main
+from hpcinv.cards.abaqus_deck import read_deck
+from hpcinv.cards.deck import Measure
+from hpcinv.errors import MeshError
 from hpcinv.job.job import load
+from hpcinv.mesh import read_source
 
 INP = """*HEADING
 *NODE
@@ -178,6 +183,23 @@ def test_a_model_of_febio_is_a_job(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "Not taken" not in text
 
 
+def test_fibres_between_local_nodes_are_an_array_of_the_mesh(tmp_path: Path) -> None:
+    fibres = '<fiber type="local"><local>1,3</local></fiber>'
+    mixture = (
+        'type="solid mixture"><solid type="neo-Hookean"><E>2</E><v>0.3</v></solid>'
+        f'<solid type="fiber-exp-pow"><ksi>1</ksi><beta>3</beta>{fibres}</solid>'
+    )
+    model = FEB.replace('type="neo-Hookean"><E>2</E><v>0.3</v>', mixture)
+    job, _ = job_of(tmp_path, "part.feb", model)
+    assert job["fibres"] == {"f2": {"data": "local-1-3", "given_on": "reference"}}
+    assert job["material"]["a"]["energy"].endswith("ksi2/beta2*max(I4_f2 - 1, 0)**3")
+    array = read_source(spec(tmp_path / "part.feb"), tmp_path / "part.feb").data["local-1-3"]
+    assert (array.place, array.values.tolist()) == ("cells", [[0, 1, 0], [-1, 0, 1], [0, -1, 1]])
+    (tmp_path / "part.feb").write_text(model.replace("1,3", "1,5"))
+    with pytest.raises(MeshError, match="fibres to node 5 of elements of 4 nodes"):
+        read_source(spec(tmp_path / "part.feb"), tmp_path / "part.feb")
+
+
 def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
     more = FEB.replace("<Material>", "<Control><analysis>DYNAMIC</analysis></Control><Material>")
     more = more.replace("<LoadData>", "<Discrete><discrete/></Discrete><LoadData>").replace('lc="1"', 'lc="7"')
@@ -225,7 +247,7 @@ def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
 
 def test_steps_and_amplitudes_count_at_their_end(tmp_path: Path) -> None:
     later = "*STEP\n*STATIC\n0.1, 3.\n*DLOAD\nbody, GRAV, 4905., 0,0,-1\n*CLOAD\n5, 2, 1.\n*END STEP\n"
-    text = INP.replace("*STEP\n", "*AMPLITUDE, NAME=Half\n0., 0., 2., 1.\n*TRANSFORM, NSET=foot\n1,1,0,-1,1,0\n*STEP\n")
+    text = INP.replace("*STEP\n", "*AMPLITUDE, NAME=Half\n0., 0., 2., 1.\n*STEP\n")
     text = text.replace("*DSLOAD\n", "*DSLOAD, amplitude=half\n").replace("Tip, 1\n", "5, 1\n5, 2\n4, pinned\n")
     text = text.replace("*DLOAD\n", "*ELSET, ELSET=Upper\n2\n*DLOAD\nUpper, P3, 2.\n") + later
     job, head = job_of(tmp_path, "part.inp", text)
@@ -236,8 +258,7 @@ def test_steps_and_amplitudes_count_at_their_end(tmp_path: Path) -> None:
         {"effect": "pressure", "region": "Upper-P3", "pressure": "2 MPa"},
         {"effect": "gravity", "acceleration": ["0 mm/s^2", "0 mm/s^2", "-4905 mm/s^2"], "density": "1000 kg/m^3"},
     ]
-    assert "support on 'foot', whose components are along the axes of *TRANSFORM" in head
-    supports = {entry["region"]: entry["fix"] for entry in job["supports"]}
+    supports = {entry["region"]: entry["fix"] for entry in job["supports"] if "fix" in entry}
     assert supports == {"held_xy_vertices": ["x", "y"], "held_z_vertices": ["z"]}
     assert job["regions"]["held_z_vertices"] == {"vertices": [["0 mm", "0 mm", "10 mm"]]}
     assert head.count("*CLOAD") == 1
@@ -295,6 +316,57 @@ TOP, 2, 0.
 1, P3, 0.5
 *END STEP
 """
+
+
+OBLIQUE = "1,1,0,-1,1,0"  # x' = (1, 1, 0)/√2, y' = (-1, 1, 0)/√2, z' = z
+SKEW = "1,1,1,-1,1,0"
+NORMAL = {"fix": ["normal"], "normal": pytest.approx([0.5**0.5, 0.5**0.5, 0])}
+
+
+@pytest.mark.parametrize(
+    ("options", "axes", "lines", "supports"),
+    [
+        ("", OBLIQUE, "foot, 1", [NORMAL]),
+        ("", OBLIQUE, "1, 1\n2, 1\n3, 1", [NORMAL]),
+        ("", OBLIQUE, "foot, 1, 2", [{"fix": ["x", "y"]}]),
+        ("", OBLIQUE, "foot, 1\nfoot, 3, 3, 0.5", [{"displacement": [None, None, 0.5]}, NORMAL]),
+        ("", OBLIQUE, "foot, 1, 3, 0.5", [{"displacement": pytest.approx([0, 0.5**0.5, 0.5])}]),
+        ("", "0,-1,0,0,0,1", "foot, 1, 1, 0.5", [{"displacement": [None, -0.5, None]}]),
+        (", TYPE=C", "0,0,0,0,0,-2", "foot, 3, 3, 0.5", [{"displacement": [None, None, -0.5]}]),
+        (", TYPE=C", "0,0,0,0,0,-2", "foot, 1, 2", [{"fix": ["x", "y"]}]),
+        (", TYPE=C", "0,0,0,0,0,-2", "foot, 2", None),
+        ("", OBLIQUE, "foot, 1, 1, 0.5", None),
+        ("", SKEW, "foot, 1, 2", None),
+        ("", OBLIQUE, "wide, 1", None),  # one of its nodes is not turned
+    ],
+)
+def test_components_along_turned_axes(options: str, axes: str, lines: str, supports: list[Any] | None) -> None:
+    nodes = {"Foot": frozenset((1, 2, 3)), "wide": frozenset((1, 2, 3, 4)), "held-x": frozenset((1, 2, 3))}
+    deck = read_deck(f"*TRANSFORM, NSET=Foot{options}\n{axes}\n*STEP\n*BOUNDARY\n{lines}\n", nodes)
+    found = [
+        {
+            key: [v.value if isinstance(v, Measure) else v for v in value]
+            for key, value in entry.items()
+            if key != "region"
+        }
+        for entry in deck.supports
+    ]
+    assert found == (supports or [])
+    assert bool(deck.unused) == (supports is None)
+
+
+def test_forces_along_turned_axes() -> None:
+    nodes = {"Foot": frozenset((1, 2)), "loaded-1": frozenset((1,)), "loaded-2": frozenset((4,))}
+    text = "*TRANSFORM, NSET=Foot{}\n{}\n*STEP\n*CLOAD\n1, 1, 2.\n4, 2, 3.\nfoot, 3, 1.\n"
+    deck = read_deck(text.format("", "0,1,0,0,0,1"), nodes)
+    assert {entry.region: dict(entry.forces) for entry in deck.forces} == {
+        "Foot": {1: (1, 0, 0), 2: (1, 0, 0)},
+        "loaded-1": {1: (0, 2, 0)},
+        "loaded-2": {4: (0, 3, 0)},
+    }
+    deck = read_deck(text.format(", TYPE=C", "0,0,0,0,0,1"), nodes)
+    assert {entry.region for entry in deck.forces} == {"Foot", "loaded-2"}
+    assert deck.unused == ["*CLOAD on 1 single nodes, along the radial axes of *TRANSFORM"]
 
 
 def test_conditions_on_single_nodes_and_elements_become_regions(tmp_path: Path) -> None:

@@ -170,6 +170,29 @@ def test_files_of_gmsh_are_read(suffix: str, hexahedra: bool, degree: int, tmp_p
         assert points[..., 1].max() - points[..., 1].min() == pytest.approx(1)
 
 
+@pytest.mark.usefixtures("same_process")
+def test_bricks_of_27_nodes_in_med_are_the_same_as_in_msh(tmp_path: Path) -> None:
+    paths = tmp_path / "a.med", tmp_path / "a.msh"
+    with session("bricks") as gmsh:
+        box = gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.mesh.setTransfiniteAutomatic()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+        gmsh.model.addPhysicalGroup(3, [box], name="whole")
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(2)
+        tags, flat, _ = gmsh.model.mesh.getNodes()
+        for tag, point in zip(tags, flat.reshape(-1, 3), strict=True):
+            gmsh.model.mesh.setNode(tag, point + 0.02 * np.sin(9 * point[[1, 2, 0]] + [0, 1, 2]), [])
+        for path in paths:
+            gmsh.write(str(path))
+    med, msh = map(read, paths)
+    assert (med.cells.shape[1], med.nodes_per_cell) == (27, 27)
+    assert volume(med) == pytest.approx(volume(msh), rel=1e-12)
+    middles = [np.sort(source.points[source.cells].mean(axis=1), axis=0) for source in (med, msh)]
+    np.testing.assert_allclose(*middles, atol=1e-12)
+
+
 def volume(source: MeshSource) -> float:
     from hpcinv.mesh.cells import jacobians, quadrature
 
@@ -277,6 +300,40 @@ def test_fields_and_sets_of_nastran(tmp_path: Path) -> None:
     found = {(group.dim, group.name) for group in source.groups}
     assert found == {(3, "rubber"), (2, "property-30"), (2, "foot"), (2, "set-5"), (2, "set-6"), (3, "set-11")}
     assert source.notes == ("only its mesh is read, not MAT1",)
+
+
+SYSTEMS = """BEGIN BULK
+GRDSET,,1
+CORD2R,1,,1.,2.,3.,2.,2.,3.
+,1.,3.,3.
+CORD2C         2       1      0.      0.      1.      0.      0.      2.
+              1.      0.      1.
+CORD2S,4,2,0.,0.,0.,0.,0.,1.
+,1.,90.,0.
+GRID,1,0,1.,2.,3.
+GRID,2,2,2.,90.,3.
+GRID,3,4,3.,90.,0.
+GRID,4,,-1.,0.5,0.25
+CTETRA,1,7,1,2,3,4
+"""
+
+
+@pytest.mark.usefixtures("same_process")
+def test_coordinate_systems_of_nastran(tmp_path: Path) -> None:
+    path = tmp_path / "a.bdf"
+    path.write_text(SYSTEMS)
+    # the system 1 has the axes y, z, x and the origin (1, 2, 3); 2 begins further by 1 along x; 4 has their second as x
+    expected = np.array([[1.0, 2, 3], [5, 2, 5], [2, 2, 6], [1.25, 1, 3.5]])
+    np.testing.assert_allclose(read(path).points, expected, atol=1e-15)
+    for old, new, message in (
+        ("CORD2S,4,2", "CORD2S,4,3", "line 7: coordinate system 3 is not defined"),
+        ("CORD2R,1,,1", "CORD2R,1,2,1", "coordinate system [12] refers to itself"),
+        ("CORD2R,1,", "CORD1R,1,", "coordinate system 1 is a CORD1R, which is not read"),
+        (",1.,3.,3.", ",3.,2.,3.", "line 3: the points of coordinate system 1 are on one line"),
+    ):
+        path.write_text(SYSTEMS.replace(old, new))
+        with pytest.raises(MeshError, match=message):
+            read(path)
 
 
 def test_elements_without_a_property_in_nastran(tmp_path: Path) -> None:
@@ -387,7 +444,7 @@ TEXTS = {".bdf": BDF, ".cdb": cdb(), ".unv": UNV, ".mesh": MESH}
 FAULTS = [
     (".bdf", "GRID,2,,1.0", "GRID,2,,x", "line 9: 'x' is not a number"),
     (".bdf", "GRID,2,,1.0", "GRID,2,,nan", "node 2 has a coordinate that is not finite"),
-    (".bdf", "GRID,2,,1.0", "GRID,2,8,1.0", "line 9: a grid point is in coordinate system 8"),
+    (".bdf", "GRID,2,,1.0", "GRID,2,8,1.0", "line 9: coordinate system 8 is not defined"),
     (".bdf", "GRID,2,,1.0", "GRID,1,,1.0", "node 1 is defined twice"),
     (".bdf", "GRID,2,,1.0", "GRID,12,,1.0", "element 1 has node 2, which is not defined"),
     (".bdf", "CTETRA  ", "CPENTA  ", "elements CPENTA are not supported"),

@@ -17,7 +17,7 @@ from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import node_order, scalar_element, vertex_count
 from hpcinv.mesh.facet_groups import add_facets, facets_and_cells_inside
 from hpcinv.mesh.io.isolated import read_isolated
-from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, distinct_tags
+from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, distinct_tags
 from hpcinv.mesh.topology import FacetTable, unique_rows
 from hpcinv.reading.inp_files import FACES
 
@@ -49,7 +49,8 @@ def _source_of_elements(path: Path, arrays: Mapping[str, npt.NDArray[Any]], igno
     Args:
         arrays: ``points`` (n, 3), ``node_tags`` (n,), ``cells`` (m, k), ``cell_tags`` (m,), and sets by their names:
             ``cells:NAME`` and ``nodes:NAME`` (rows), ``faces:NAME`` (cell, face), ``facets:NAME`` (vertices of each),
-            ``skin:NAME`` (the same of surface elements, which need not be facets of the cells).
+            ``skin:NAME`` (the same of surface elements, which need not be facets of the cells); ``values:NAME`` (m, 3)
+            are an array in the cells.
         ignored: parts of the file that are not read.
     """
     cells, points, tags = arrays["cells"], arrays["points"], arrays["node_tags"]
@@ -72,6 +73,11 @@ def _source_of_elements(path: Path, arrays: Mapping[str, npt.NDArray[Any]], igno
         cells[:, order],
         arrays["cell_tags"],
         no_facets,
+        data={
+            name: DataArray(name, "cells", values)
+            for key, values in arrays.items()
+            if (name := key.removeprefix("values:")) != key
+        },
         notes=tuple(notes),
         nodes_per_cell=arrays["cells"].shape[1],
     )
@@ -199,7 +205,7 @@ def _with_sets(source: MeshSource, arrays: Mapping[str, npt.NDArray[Any]], eleme
     for key, rows in arrays.items():
         place, separator, name = key.partition(":")
         has_surface = {f"{other}:{name}" for other in ("faces", "facets", "skin")} & arrays.keys()
-        if not separator or (place == "nodes" and has_surface):  # the surface is exact
+        if not separator or place == "values" or (place == "nodes" and has_surface):  # the surface is exact
             continue
         if place == "cells":
             groups.append(Group(name, 3, 0, rows))

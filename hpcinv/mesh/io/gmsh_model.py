@@ -170,7 +170,8 @@ def _solid(gmsh: Any, path: Path) -> tuple[str, int]:
     if len(types) > 1 or kind is None:
         raise MeshError(
             f"{path}: cells are {' and '.join(sorted(name for name, *_ in types))}",
-            "Use one kind of cell in a mesh: all tetrahedra or all hexahedra, all of one degree.",
+            "Use one kind of cell in a mesh, all of one degree: all tetrahedra (gmsh: extrude without 'recombine'),"
+            " or all hexahedra (gmsh: Mesh.SubdivisionAlgorithm = 2).",
         )
     return kind, degree_of(path, kind, size)
 

@@ -1,0 +1,97 @@
+"""Solid mixtures of FEBio, whose stresses add up, and the fibres in them; energies of its source (``FEBioMech``)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Any
+
+from hpcinv.cards.card import Counterpart, Stress, UnknownLaw
+from hpcinv.cards.entry import Entry
+from hpcinv.materials.moduli import shear_and_bulk
+
+_WORD = re.compile(r"[^\W\d]\w*")
+_ENERGIES = {
+    "neo-hookean": "mu/2*(I1 - 3) - mu*ln(J) + lam/2*ln(J)**2",
+    "st-venant-kirchhoff": "mu*(I1**2 - 2*I2 - 2*I1 + 3)/4 + lam/8*(I1 - 3)**2",
+}
+"""energies by Lamé's parameters of named laws"""
+
+
+def sum_of(parts: Sequence[tuple[str, Counterpart]]) -> Counterpart:
+    """Return the law whose energy is the sum of the energies of others.
+
+    Args:
+        parts: type, for messages, and law.
+
+    Raises:
+        UnknownLaw: the energy of one is not a formula of the whole deformation.
+    """
+    energies: list[str] = []
+    parameters: dict[str, Any] = {}
+    fibres: dict[str, Any] = {}
+    definitions: dict[str, str] = {}
+    notes: list[str] = []
+    for number, (kind, part) in enumerate(parts, 1):
+        energy, own = _formula(kind, part)
+        names = {name: f"{name}{number}" for name in (*own, *part.definitions, *part.fibres)}
+        energies.append(_renamed(energy, names, part.fibres))
+        parameters |= {names[name]: value for name, value in own.items()}
+        fibres |= {names[name]: direction for name, direction in part.fibres.items()}
+        definitions |= {names[name]: _renamed(text, names, part.fibres) for name, text in part.definitions.items()}
+        notes += part.notes
+    material = {"law": "formula", "energy": " + ".join(energies), "parameters": parameters}
+    return Counterpart(material, fibres, definitions, tuple(notes))
+
+
+def _formula(kind: str, part: Counterpart) -> tuple[str, Mapping[str, Any]]:
+    """Return energy and parameters of a law."""
+    material = part.material
+    if material["law"] == "formula" and "kappa" not in material:
+        return material["energy"], material["parameters"]
+    if material["law"] not in _ENERGIES:
+        raise UnknownLaw(f"law solid mixture of {kind} has no counterpart; state an energy in a job, by 'law: formula'")
+    mu, kappa = shear_and_bulk({"young": material["young"].value, "poisson": material["poisson"]})
+    if not isfinite(kappa):
+        raise UnknownLaw(f"law solid mixture of an incompressible {kind} has no counterpart")
+    return _ENERGIES[material["law"]], {"mu": Stress(mu), "lam": Stress(kappa - 2 / 3 * mu)}
+
+
+def _renamed(text: str, names: Mapping[str, str], families: Mapping[str, Any]) -> str:
+    """Return a formula with other names, also of the families of invariants such as ``I4_f``."""
+
+    def renamed(match: re.Match[str]) -> str:
+        invariant, _, family = match[0].partition("_")
+        return f"{invariant}_{names[family]}" if family in families else names.get(match[0], match[0])
+
+    return _WORD.sub(renamed, text)
+
+
+def exponential_fibres(law: Entry) -> tuple[str, dict[str, Any]]:
+    """Return energy and parameters of ``fiber-exp-pow``, along a family f."""
+    if law.number("mu", 0.0):
+        raise UnknownLaw("law fiber-exp-pow with mu has no counterpart; state an energy in a job, by 'law: formula'")
+    alpha, beta, start = law.number("alpha", 0.0), law.number("beta", 2.0), law.number("lam0", 1.0)
+    power = f"max(I4_f - {start**2:.17g}, 0)**{beta:.17g}"
+    energy = f"ksi/(alpha*beta)*(exp(alpha*{power}) - 1)" if alpha else f"ksi/beta*{power}"
+    values = {"ksi": Stress(law.number("ksi", 0.0)), "beta": beta}
+    return energy, values | ({"alpha": alpha} if alpha else {})
+
+
+def toe_fibres(law: Entry) -> tuple[str, dict[str, Any]]:
+    """Return energy and parameters of ``fiber-pow-linear``, whose stress is a power of the strain and then linear."""
+    if law.number("tension_only", 1.0) == 0:
+        raise UnknownLaw("law fiber-pow-linear with compression has no counterpart; state an energy in a job")
+    young, start, beta = law.number("E"), law.number("lam0"), law.number("beta", 2.0)
+    if start <= 1:
+        raise UnknownLaw(f"law fiber-pow-linear with lam0 {start:g} has no counterpart; it must be above 1")
+    square = start**2
+    ksi = young / 4 / (beta - 1) * square**-1.5 * (square - 1) ** (2 - beta)
+    values = {"ksi": Stress(ksi), "beta": beta, "b": Stress(ksi * (square - 1) ** (beta - 1) + young / 2 / start)}
+    strain = f"min(max(I4_f - 1, 0), {square - 1:.17g})"
+    energy = (
+        f"ksi/beta*{strain}**{beta:.17g} + b*max(I4_f - {square:.17g}, 0)"
+        f" - e*(sqrt(max(I4_f, {square:.17g})) - {start:.17g})"
+    )
+    return energy, values | {"e": Stress(young)}
