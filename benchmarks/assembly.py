@@ -110,7 +110,7 @@ def profile(name: str, data: dict[str, Any], repeat: int) -> None:
     def evaluate() -> None:
         for part in tangent._volume:
             for cells in part.chunks():
-                part._expression.eval(weak_form.unknowns.mesh, part.cells[cells])
+                part._values(weak_form.unknowns.mesh, part.cells[cells])
 
     def contract() -> None:
         for part in tangent._volume:

@@ -20,8 +20,8 @@ from pathlib import Path
 from hpcinv.output.console import table_console, table_of_numbers
 
 ROOT = Path(__file__).parents[1]
-NAMES = ("single-tetrahedron", "thick-sphere", "sagging-block", "pdms-beam")
-JOBS = [ROOT / "jobs" / f"{name}.yaml" for name in NAMES]
+NAMES = ("single-tetrahedron", "thick-sphere", "sagging-block", "pdms-beam", "muscle", "heart-wall")
+JOBS = [*(ROOT / "jobs" / f"{name}.yaml" for name in NAMES), Path("shell.yaml")]
 
 
 def run_here(job: str) -> None:
@@ -61,7 +61,9 @@ def seconds(job: Path, kernels: Path) -> list[float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("jobs", type=Path, nargs="*", default=JOBS, help="job files")
+    parser.add_argument(
+        "jobs", type=Path, nargs="*", default=JOBS, help="job files, or shell.yaml and other names of templates"
+    )
     parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.here:
@@ -70,8 +72,12 @@ def main() -> None:
     parts = ("this process", "second", "elapsed")
     table = table_of_numbers("job", *(f"{part}, s" for part in parts), "kernels there", "more by an empty cache")
     for job in options.jobs:
-        with tempfile.TemporaryDirectory() as kernels:
-            cold, warm = (seconds(job, Path(kernels)) for _ in range(2))
+        with tempfile.TemporaryDirectory() as directory:
+            if not job.exists():
+                command = [sys.executable, "-m", "hpcinv", "new", job.stem, f"{directory}/{job.name}"]
+                subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
+                job = Path(directory, job.name)
+            cold, warm = (seconds(job, Path(directory, "kernels")) for _ in range(2))
         table.add_row(job.stem, *(f"{s:.1f}" for s in cold), f"{warm[0]:.1f}", f"{cold[0] - warm[0]:.1f}")
     table_console().print(table)
 

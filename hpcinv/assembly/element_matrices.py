@@ -36,7 +36,7 @@ class ElementMatrices:
 
     def __init__(self, moduli: CompiledModuli, unknowns: Unknowns, director: DirectorUnknowns | None = None) -> None:
         self._mesh = mesh = unknowns.mesh
-        self._expression, points, weights = moduli.expression, moduli.points, moduli.weights
+        self._values, points, weights = moduli.values, moduli.points, moduli.weights
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
         self.cells: Integers = owned if moduli.cells is None else moduli.cells
         tables = [tabulated(element, points) for element in unknowns.scalar_elements]
@@ -55,7 +55,7 @@ class ElementMatrices:
 
     def __iter__(self) -> Iterator[tuple[slice, list[Floats]]]:
         for chunk in self.chunks():
-            moduli = self._expression.eval(self._mesh, self.cells[chunk])
+            moduli = self._values(self._mesh, self.cells[chunk])
             yield chunk, [block(moduli) for block in self.blocks]
 
     def chunks(self) -> Iterator[slice]:

@@ -20,6 +20,7 @@ from petsc4py import PETSc
 from hpcinv.assembly.csr_tangent import FilledTangent
 from hpcinv.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.assembly.tangent_moduli import Term, UnsupportedForm
+from hpcinv.mesh.regions import Mesh
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.jit import JIT_OPTIONS
 
@@ -92,8 +93,7 @@ def tangent_of(
     """
     if director is not None:
         return FilledTangent(weak_form, jit_options, director)
-    cells = _assumed[-1] if _assumed else weak_form.unknowns.mesh.topology.index_map(3).size_global
-    has_many = cells >= _MANY if like is None else isinstance(like, FilledTangent)
+    has_many = cells_of(weak_form.unknowns.mesh) >= _MANY if like is None else isinstance(like, FilledTangent)
     if not has_many:
         return CompiledTangent(weak_form, jit_options)
     try:
@@ -104,6 +104,11 @@ def tangent_of(
         compiled = CompiledTangent(weak_form, jit_options)
         compiled.note = f"the tangent is assembled by DOLFINx, which takes two to three times as long: {why}"
         return compiled
+
+
+def cells_of(mesh: Mesh) -> int:
+    """Return the number of cells of a mesh, or of the mesh `tangents_for` which kernels are chosen."""
+    return _assumed[-1] if _assumed else int(mesh.topology.index_map(3).size_global)
 
 
 @contextmanager

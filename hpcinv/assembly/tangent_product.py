@@ -165,7 +165,7 @@ class _Part:
         evaluated = np.zeros((groups, len(extended), rows, columns, _LANES), dtype=np.float32)
         for first in range(0, groups, _CHUNK):
             cells = lanes[first * _LANES : (first + _CHUNK) * _LANES]
-            values = extended @ moduli.expression.eval(form_unknowns.mesh, cells)  # (cells, points, entries)
+            values = extended @ moduli.values(form_unknowns.mesh, cells)  # (cells, points, entries)
             group_values = values.reshape(-1, _LANES, *values.shape[1:]).transpose(0, 2, 3, 1)
             offset = 0
             for test, trial in moduli.pairs:

@@ -26,14 +26,15 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.assembly.compiled_moduli import CompiledModuli, compiled_moduli
+from hpcinv.assembly.compiled_moduli import CompiledModuli, compiled_moduli, moduli_of_two_rules
 from hpcinv.assembly.csr_tangent import surface_tangent
+from hpcinv.assembly.tangent import cells_of
 from hpcinv.assembly.tangent_moduli import UnsupportedForm
 from hpcinv.assembly.tangent_product import TangentProduct
 from hpcinv.certificate.tangent_scale import diagonals_of_cells, tangent_scale
 from hpcinv.certificate.transfer import Transfer
 from hpcinv.effects import Direction
-from hpcinv.mesh.cells import kind_and_degree, scalar_element
+from hpcinv.mesh.cells import kind_and_degree, quadrature, scalar_element
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
@@ -54,6 +55,7 @@ _CHANGE = 0.3  # of the displacement in one cycle, relative; its error is then a
 _STIFFEST = 4.0  # ratio of stiffnesses up to which corrections are right to a fifth
 _SAMPLE = 500  # cells of each rank by which it is found
 _STRAIGHT = 0.03  # offset of a node, relative to its cell, up to which moduli are extended: corrections change by 0.004
+_FEW = 20_000  # points of a mesh (10 µs each) up to which one kernel for both rules takes less time than two
 _INCREMENT = 1e-7  # length of the difference by which the residual is differentiated, in scaled unknowns
 
 
@@ -90,16 +92,31 @@ def _volume_product(equations: Equations, finer: Equations, direction: Direction
     residual, coarse, degree = equations.weak_form(direction).residual, equations.unknowns, finer.quadrature_degree
     try:
         with finer.timings("compile"):
-            moduli = compiled_moduli(residual, coarse, JIT_OPTIONS)
             # In strongly curved cells the moduli vary too much to be extended from the points of the solve.
-            curved = _curved_cells(equations.body.mesh)
+            curved = _curved_cells(coarse.mesh)
             if coarse.mesh.comm.allreduce(bool(curved.any()), op=MPI.LOR):
-                all_moduli = compiled_moduli(residual, coarse, JIT_OPTIONS, degree)
+                moduli, all_moduli = _moduli_of_both(residual, coarse, equations.quadrature_degree, degree)
                 moduli = [*_moduli_of_cells(moduli, ~curved), *_moduli_of_cells(all_moduli, curved)]
+            else:
+                moduli = compiled_moduli(residual, coarse, JIT_OPTIONS)
     except UnsupportedForm:
         return None
     with finer.timings("tangent"):
         return TangentProduct(moduli, coarse, finer.unknowns, degree)
+
+
+def _moduli_of_both(
+    residual: Any, unknowns: Unknowns, degree: int, finer_degree: int
+) -> tuple[list[CompiledModuli], list[CompiledModuli]]:
+    """Return the moduli at the points of the solve and of the finer spaces, by one kernel on a small mesh."""
+    kind = unknowns.mesh.basix_cell().name
+    points = sum(len(quadrature(kind, rule_degree)[1]) for rule_degree in (degree, finer_degree))
+    if cells_of(unknowns.mesh) * points <= _FEW:
+        return moduli_of_two_rules(residual, unknowns, JIT_OPTIONS, finer_degree)
+    return (
+        compiled_moduli(residual, unknowns, JIT_OPTIONS),
+        compiled_moduli(residual, unknowns, JIT_OPTIONS, finer_degree),
+    )
 
 
 def _curved_cells(mesh: Mesh) -> npt.NDArray[np.bool_]:
