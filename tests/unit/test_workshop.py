@@ -163,6 +163,7 @@ READERS: dict[str, Callable[[Path], tuple[np.ndarray, np.ndarray]]] = {
     ".ply": read_ply,
     ".3mf": read_3mf,
     ".step": read_step,
+    ".stp": read_step,
 }
 
 
