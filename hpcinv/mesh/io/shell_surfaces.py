@@ -13,7 +13,6 @@ from hpcinv.job.sections import SURFACES, ArrayLabels
 from hpcinv.mesh.cells import degree_of, no_cells, scalar_element, sub_entities, vertex_count, vtk_order
 from hpcinv.mesh.checks import check_nodes
 from hpcinv.mesh.io.isolated import Arrays, read_isolated
-from hpcinv.mesh.io.surface_files import read_triangles
 from hpcinv.mesh.io.vtu import CELL_TAG, NODE_TAG, VTK_TYPES, read_arrays, tags_of, unit_of, whole_numbers, without_tags
 from hpcinv.mesh.source import Group, Ints, MeshSource, data_arrays, distinct_tags
 from hpcinv.mesh.topology import find_rows, unique_rows
@@ -61,6 +60,8 @@ def read_shell_surface(path: Path, labels: ArrayLabels | None = None) -> list[Me
 
 def _of_triangles(path: Path) -> MeshSource:
     """Return a surface without groups; its note says by how much flat triangles are bent at their edges."""
+    from hpcinv.mesh.io.surface_files import read_triangles  # loads VTK
+
     surface = read_triangles(path)
     cells = np.asarray(surface.regular_faces, dtype=np.int64)
     points = np.asarray(surface.points, dtype=np.float64)
