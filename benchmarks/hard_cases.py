@@ -42,7 +42,8 @@ def row(path: Path, comm: MPI.Intracomm) -> tuple[str, ...]:
         try:
             result = hpcinv.run(hpcinv.load(path), comm, directory=directory, progress=False)
         except HpcinvError as error:
-            ending = f"exit code {error.exit_code}: {error.message.splitlines()[0].split('supports: ', 1)[-1]}"
+            message = re.sub(r"^\S+\.yaml: (supports: )?", "", error.message.splitlines()[0])
+            ending = f"exit code {error.exit_code}: {message}"
         else:
             ending = certified(result.statistics["certificate"])
         seconds = time.perf_counter() - begin
