@@ -27,7 +27,7 @@ from hpcinv.mesh.cells import mirrored, scalar_element, sub_entities, vertex_cou
 from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.quadrilaterals import halved
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, distinct_tags
-from hpcinv.mesh.topology import neighbour_signs, unique_rows, vertex_sets
+from hpcinv.mesh.topology import edge_neighbours, neighbour_signs, unique_rows, vertex_sets
 from hpcinv.quantity.spatial_fields import ByData, ByFormula, Field
 from hpcinv.quantity.units import readable
 
@@ -317,11 +317,7 @@ def _oriented(surface: MeshSource) -> Ints:
     """
     path, cells = surface.path, surface.cells
     local = sub_entities(_KIND, 1)
-    # Basix numbers the vertices of a quadrilateral row by row: around it, its edges go so.
-    around = np.array([1, -1, 1, -1])
     vertices, place = unique_rows(vertex_sets(cells[:, : vertex_count(_KIND)], local))
-    ends = cells[:, local]
-    direction = np.where(ends[:, :, 0] < ends[:, :, 1], 1, -1) * around
     sharing = np.bincount(place, minlength=len(vertices))
     if (sharing > 2).any():
         middle = _place(surface.points[vertices[np.argmax(sharing > 2)]].mean(axis=0))
@@ -329,14 +325,9 @@ def _oriented(surface: MeshSource) -> Ints:
             f"{path}: more than two cells meet at {(sharing > 2).sum()} edges (first: at {middle})",
             "Such a junction has no single director: leave the third sheet out, or mesh a solid.",
         )
-    pairs = np.argsort(place, kind="stable").reshape(-1)
-    first_of = np.concatenate([[0], np.cumsum(sharing)[:-1]])[sharing == 2]
-    a, b = pairs[first_of], pairs[first_of + 1]
-    edges_per_cell = len(local)
-    # Two cells agree if they go along their common edge in opposite directions.
-    agree = np.where(direction.ravel()[a] * direction.ravel()[b] < 0, 1, -1)
-    sign, _ = neighbour_signs(a // edges_per_cell, b // edges_per_cell, agree, len(cells))
-    if (sign[a // edges_per_cell] * agree != sign[b // edges_per_cell]).any():
+    one, other, agree = edge_neighbours(cells[:, local], place)
+    sign, _ = neighbour_signs(one, other, agree, len(cells))
+    if (sign[one] * agree != sign[other]).any():
         raise MeshError(f"{path}: the surface has only one side, as a Möbius strip", "Cut it, or mesh a solid.")
     if (sharing == 2).all():
         flat = surface.points[cells]

@@ -70,6 +70,23 @@ class FacetTable:
         return mask
 
 
+def edge_neighbours(ends: Ints, place: Ints) -> tuple[Ints, Ints, Ints]:
+    """Return pairs of cells with a common edge, and 1 where their normals agree across it, else -1.
+
+    Args:
+        ends: vertices (c, e, 2) of the edges of triangles or quadrilaterals, in Basix' order, which goes around a cell
+            forwards and backwards in turn.
+        place: number of each of these edges, (c e,).
+    """
+    edges = ends.shape[1]
+    direction = (np.where(ends[:, :, 0] < ends[:, :, 1], 1, -1) * np.where(np.arange(edges) % 2, -1, 1)).ravel()
+    order = np.argsort(place, kind="stable").reshape(-1)
+    first = np.flatnonzero(place[order][1:] == place[order][:-1])
+    a, b = order[first], order[first + 1]
+    # Two cells agree if they go along their common edge in opposite directions.
+    return a // edges, b // edges, np.where(direction[a] * direction[b] < 0, 1, -1)
+
+
 def neighbour_signs(one: Ints, other: Ints, agree: Ints, count: int) -> tuple[Ints, Ints]:
     """Signs and parts of ``count`` cells: neighbours have the same sign where ``agree`` is 1, opposite ones where -1.
 

@@ -15,7 +15,7 @@ from hpcinv.mesh.checks import check_nodes
 from hpcinv.mesh.io.isolated import Arrays, read_isolated
 from hpcinv.mesh.io.vtu import CELL_TAG, NODE_TAG, VTK_TYPES, read_arrays, tags_of, unit_of, whole_numbers, without_tags
 from hpcinv.mesh.source import Group, Ints, MeshSource, data_arrays, distinct_tags
-from hpcinv.mesh.topology import find_rows, unique_rows
+from hpcinv.mesh.topology import edge_neighbours, find_rows, unique_rows
 from hpcinv.reading.suffix import suffix_of
 
 _KINDS = ("triangle", "quadrilateral")
@@ -89,20 +89,13 @@ _VISIBLE = 1.0
 
 def _largest_kink(source: MeshSource) -> float:
     """Return the largest angle (degrees) between two triangles at a common edge."""
-    edges = np.sort(source.cells[:, sub_entities(source.kind, 1)].reshape(-1, 2), axis=1)
-    _, place = unique_rows(edges)
-    order = np.argsort(place, kind="stable")
-    first = np.flatnonzero(place[order][1:] == place[order][:-1])
-    one, other = order[first] // 3, order[first + 1] // 3
+    ends = source.cells[:, sub_entities(source.kind, 1)]
+    _, place = unique_rows(np.sort(ends.reshape(-1, 2), axis=1))
+    one, other, agree = edge_neighbours(ends, place)
     a, b, c = source.points[source.cells].transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    cosines = (normals[one] * normals[other]).sum(axis=1)
-    # Along its common edge, two triangles of the same side go in opposite directions.
-    rising = np.where(np.arange(3) % 2 == 0, 1, -1)
-    ends = source.cells[:, sub_entities(source.kind, 1)]
-    direction = (np.where(ends[:, :, 0] < ends[:, :, 1], 1, -1) * rising).ravel()
-    cosines *= -direction[order[first]] * direction[order[first + 1]]
+    cosines = (normals[one] * normals[other]).sum(axis=1) * agree
     return float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).max(initial=0.0))
 
 
