@@ -94,15 +94,16 @@ def nearest_name(motion: Floats, frame: Frame, length: float) -> str:
     size = frame.size * length
     translation, turn = motion[:3], motion[3:]
     if np.linalg.norm(turn) < _TURNS * np.linalg.norm(translation):
-        return f"move along {_rounded_direction(translation)}"
+        return f"move along {rounded_direction(translation)}"
     # The point on the axis that is closest to the origin.
     point = frame.centre * length + np.cross(turn, translation) / (turn @ turn) * size
     point = point - (point @ turn) / (turn @ turn) * turn
     place = ", ".join(f"{c:.3g}" for c in np.round(point / size, 2) * size + 0.0)
-    return f"turn about the axis through ({place}) m along {_rounded_direction(turn)}"
+    return f"turn about the axis through ({place}) m along {rounded_direction(turn)}"
 
 
-def _rounded_direction(vector: Floats) -> str:
+def rounded_direction(vector: Floats) -> str:
+    """Return the name of the axis that a vector (3,) is nearly along, or its direction."""
     unit = vector / np.linalg.norm(vector)
     axis = int(np.abs(unit).argmax())
     return AXES[axis] if abs(unit[axis]) > _ALONG else f"({', '.join(f'{c:.2g}' for c in unit.round(2) + 0.0)})"

@@ -9,12 +9,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from hpcinv.job.job import Job
-from hpcinv.job.sections import AXES
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.regions import BOUNDARY
 from hpcinv.mesh.source import Floats
-from hpcinv.model.rigid_motions import Frame
+from hpcinv.model.rigid_motions import Frame, rounded_direction
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.spatial_fields import ByFormula, fields_in
 from hpcinv.quantity.units import readable
@@ -29,7 +28,6 @@ _FAR = 0.1
 """Largest displacement, in lengths of the body, below which the supports are not blamed."""
 _SMALL = 1e-4
 """Displacement, in lengths of the body, that a shell begins with; raised, flat thin ones fail in bending"""
-_ALONG = 0.95  # cosine of the angle to an axis up to which a direction is called by its name
 _TURNS = 0.02  # squares of a motion by its rotation, relative to its translation; above it the motion is called a turn
 
 
@@ -101,17 +99,11 @@ def _rigid_part(comm: MPI.Intracomm, points: Floats, motion: Floats, length: flo
     translation, rotation = (float(rigid[i] @ matrix[i, i] @ rigid[i]) for i in (slice(3), slice(3, 6)))
     share = min((translation + rotation) / squares, 1.0)
     if rotation < _TURNS * translation:
-        return share, f"move along {_direction(rigid[:3])}"
+        return share, f"move along {rounded_direction(rigid[:3])}"
     # The point on the axis that is closest to the centre.
     turn = rigid[3:] / size
     point = centre + np.cross(turn, rigid[:3]) / (turn @ turn)
-    return share, f"turn about the axis through ({_place(point, length)}) m along {_direction(turn)}"
-
-
-def _direction(vector: Floats) -> str:
-    unit = vector / np.linalg.norm(vector)
-    axis = int(np.abs(unit).argmax())
-    return AXES[axis] if abs(unit[axis]) > _ALONG else f"({', '.join(f'{c:.2g}' for c in unit.round(2) + 0.0)})"
+    return share, f"turn about the axis through ({_place(point, length)}) m along {rounded_direction(turn)}"
 
 
 def _place(point: Floats, length: float) -> str:
