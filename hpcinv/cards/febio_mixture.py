@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
 from hpcinv.cards.card import Counterpart, Stress, UnknownLaw
 from hpcinv.cards.entry import Entry
+from hpcinv.cards.formula_names import renamed
 from hpcinv.materials.moduli import shear_and_bulk
 
-_WORD = re.compile(r"[^\W\d]\w*")
 _ENERGIES = {
     "neo-hookean": "mu/2*(I1 - 3) - mu*ln(J) + lam/2*ln(J)**2",
     "st-venant-kirchhoff": "mu*(I1**2 - 2*I2 - 2*I1 + 3)/4 + lam/8*(I1 - 3)**2",
@@ -35,11 +34,12 @@ def sum_of(parts: Sequence[tuple[str, Counterpart]]) -> Counterpart:
     notes: list[str] = []
     for number, (kind, part) in enumerate(parts, 1):
         energy, own = _formula(kind, part)
-        names = {name: f"{name}{number}" for name in (*own, *part.definitions, *part.fibres)}
-        energies.append(_renamed(energy, names, part.fibres))
+        names = {name: f"{name}{number}" for name in (*own, *part.definitions)}
+        families = {name: f"{name}{number}" for name in part.fibres}
+        energies.append(renamed(energy, names, families))
         parameters |= {names[name]: value for name, value in own.items()}
-        fibres |= {names[name]: direction for name, direction in part.fibres.items()}
-        definitions |= {names[name]: _renamed(text, names, part.fibres) for name, text in part.definitions.items()}
+        fibres |= {families[name]: direction for name, direction in part.fibres.items()}
+        definitions |= {names[name]: renamed(text, names, families) for name, text in part.definitions.items()}
         notes += part.notes
     material = {"law": "formula", "energy": " + ".join(energies), "parameters": parameters}
     return Counterpart(material, fibres, definitions, tuple(notes))
@@ -56,16 +56,6 @@ def _formula(kind: str, part: Counterpart) -> tuple[str, Mapping[str, Any]]:
     if not isfinite(kappa):
         raise UnknownLaw(f"law solid mixture of an incompressible {kind} has no counterpart")
     return _ENERGIES[material["law"]], {"mu": Stress(mu), "lam": Stress(kappa - 2 / 3 * mu)}
-
-
-def _renamed(text: str, names: Mapping[str, str], families: Mapping[str, Any]) -> str:
-    """Return a formula with other names, also of the families of invariants such as ``I4_f``."""
-
-    def renamed(match: re.Match[str]) -> str:
-        invariant, _, family = match[0].partition("_")
-        return f"{invariant}_{names[family]}" if family in families else names.get(match[0], match[0])
-
-    return _WORD.sub(renamed, text)
 
 
 def exponential_fibres(law: Entry) -> tuple[str, dict[str, Any]]:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-_WORD = re.compile(r"[^\W\d]\w*")
+from hpcinv.cards.formula_names import renamed
 
 
 def merged(materials: Sequence[tuple[str, Mapping[str, Any]]]) -> dict[str, Any]:
@@ -34,22 +33,18 @@ def _of(sections: Mapping[str, Any], key: str) -> list[tuple[str, Any]]:
 
 def _renamed(sections: Mapping[str, Any], suffix: str) -> dict[str, Any]:
     """Return sections whose definitions and families have longer names, also where formulas use them."""
-    families, definitions = sections.get("fibres", {}), sections.get("let", {})
+    families = {name: f"{name}{suffix}" for name in sections.get("fibres", {})}
+    names = {name: f"{name}{suffix}" for name in sections.get("let", {})}
 
-    def longer(match: re.Match[str]) -> str:
-        word = match[0]
-        is_own = word in definitions or word.partition("_")[2] in families  # such as I4_fibre
-        return f"{word}{suffix}" if is_own else word
+    def new(value: Any) -> Any:
+        return renamed(value, names, families) if isinstance(value, str) else value
 
-    def renamed(value: Any) -> Any:
-        return _WORD.sub(longer, value) if isinstance(value, str) else value
-
-    material = {key: renamed(value) if key == "energy" else value for key, value in sections["material"].items()}
+    material = {key: new(value) if key == "energy" else value for key, value in sections["material"].items()}
     if "fibres" in material:
-        material["fibres"] = [f"{name}{suffix}" if name in families else name for name in material["fibres"]]
+        material["fibres"] = [families.get(name, name) for name in material["fibres"]]
     result: dict[str, Any] = {"material": material}
-    if definitions:
-        result["let"] = {f"{name}{suffix}": renamed(value) for name, value in definitions.items()}
+    if names:
+        result["let"] = {names[name]: new(value) for name, value in sections["let"].items()}
     if families:
-        result["fibres"] = {f"{name}{suffix}": value for name, value in families.items()}
+        result["fibres"] = {families[name]: value for name, value in sections["fibres"].items()}
     return result
