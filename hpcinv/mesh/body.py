@@ -195,7 +195,7 @@ def read_source(
         MeshError: the file is missing, unreadable or not a mesh.
     """
     if not exists(path):
-        raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
+        raise MeshError(f"{path}: no such file", "Paths of a job start from its directory.")
     try:
         if suffix_of(path) in GENERATORS:
             is_python = suffix_of(path) == ".py"  # a .geo script with a unit has no parameters
