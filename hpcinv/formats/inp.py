@@ -19,6 +19,7 @@ _LARGEST = 200 * 2**20
 
 class Inp(MeshFormat):
     suffix = ".inp"
+    action = "inp"
     reader = "hpcinv.mesh.io.inp:read_inp"
     saver = "hpcinv.mesh.io.inp:save_inp"
     saves_27_nodes = "if read"

@@ -60,6 +60,8 @@ class MeshFormat(ABC):
     `arrays`, or names its ``reader``, which needs the packages above.
     """
 
+    action: ClassVar[str] = ""
+    """action of ``hpcinv.reading.isolated_reader`` that reads a file, in a process with limits"""
     suffix: ClassVar[str]
     other_suffixes: ClassVar[tuple[str, ...]] = ()
     reader: ClassVar[str] = ""
@@ -83,6 +85,10 @@ class MeshFormat(ABC):
 
     def fault(self, path: Path) -> str:
         """Fault of the first bytes of a file; empty text if they are valid."""
+        return ""
+
+    def fault_inside(self, path: Path) -> str:
+        """Fault that is found by searching a whole file, where no ``action`` reads it; empty text if there is none."""
         return ""
 
     def data_files(self, path: Path) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -24,18 +24,20 @@ from hpcinv.errors import JobError
 from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
 from hpcinv.formats import SAVED
+from hpcinv.formats.mesh_format import Groups
 from hpcinv.job import rules
 from hpcinv.job.cavities import CONTROLS, Cavity, cavities_of_state, unknown_cavities, unsuited_controls
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.layers import Layering, layerings_of
+from hpcinv.job.mesh_contents import contents_of
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
 from hpcinv.job.preamble import read_preamble
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.region_rules import EXCEPT, RegionRule, RegionUnion, VertexSet
 from hpcinv.job.remote_load import RemoteLoad, unsuited_remote_loads
-from hpcinv.job.sections import REGION_NAMES, ExpectedShape, Motion, QuantityOfInterest, Support, directory_of
+from hpcinv.job.sections import REGION_NAMES, ExpectedShape, MeshFile, Motion, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
@@ -646,6 +648,16 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
             raise
         raise JobError(f"{path}: plugins: a law or effect failed where it was checked: {fault}") from error
     job._path, job._data, job._untrusted = path, data, untrusted
+    _check_regions(job)
+    return job
+
+
+def _check_regions(job: Job, groups: Groups | None = None) -> None:
+    """Raise ``JobError`` for names of regions that neither the job nor its mesh has, as far as that is known.
+
+    Args:
+        groups: of the mesh file; by default by its header.
+    """
     # names by the values of an array are known when the mesh is read
     named = () if job.mesh.array_labels is not None else _named_regions(job)
     unknown = unknown_regions(
@@ -653,10 +665,33 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
         {*job.regions, *job.mesh.faces, *(job.mesh.shell.layers if job.mesh.shell is not None else ())},
         named,
         is_shell=job.mesh.shell is not None,
+        groups=groups,
     )
-    if lines := [f"{path}: {dotted_key(where)}: {what}" for where, what in unknown]:
+    if lines := [f"{job.path}: {dotted_key(where)}: {what}" for where, what in unknown]:
         raise JobError(*lines)
-    return job
+
+
+def check_files(job: Job) -> list[Path]:
+    """Read the mesh, image and surface files of a job without DOLFINx, and return those that are too large for that.
+
+    Raises:
+        JobError: a run would stop at a file, or at the name of a region that the mesh does not have.
+    """
+    problems, unread, known = list[str](), list[Path](), None
+    sections: list[tuple[str, MeshFile, Iterable[str]]] = [("mesh", job.mesh, job.mesh.files)]
+    if job.expected_shape is not None:
+        sections.append(("expected_shape", job.expected_shape, [job.expected_shape.file]))
+    for section, spec, files in sections:
+        for file in files:
+            found = contents_of(spec, file, job.resolve(file))
+            unread += [] if found.is_read else [job.resolve(file)]
+            problems += [f"{job.path}: {section}: '{file}' {found.fault}"] if found.fault else []
+            known = found.groups if section == "mesh" and file == job.mesh.file else known
+    if problems:
+        raise JobError(*problems)
+    if known is not None and job.mesh.shell is None:
+        _check_regions(job, known)
+    return unread
 
 
 def _named_regions(job: Job) -> Iterator[tuple[KeyPath, str]]:
