@@ -152,7 +152,7 @@ class MeshFile(Spec):
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a mesh file, of a .geo script without 'parameters', or of a Python generator,
     such as mm: lengths are passed to it in that unit, for bodies too small or too large for gmsh's absolute tolerances
-    in metres"""
+    in metres. By default m, or the unit that a mesh file states"""
     parameters: Annotated[
         Mapping[str, ParameterValue],
         WithJsonSchema({"type": "object", "additionalProperties": {"type": ["number", "string", "boolean"]}}),
