@@ -14,7 +14,7 @@ from hpcinv.job.job import Job
 from hpcinv.pictures.boundary_surface import Boundary
 from hpcinv.pictures.colours import REGIONS
 from hpcinv.pictures.drawing import DrawnBody, Glyphs, Picture, View, directions, extent, figure
-from hpcinv.quantity.arrays import Floats
+from hpcinv.quantity.arrays import Booleans, Floats
 
 _BODY = "#d9d9d9"
 _SUPPORTS = ("#0072B2", "#56B4E9", "#004466", "#88AACC")
@@ -119,8 +119,10 @@ def _enclosed(boundary: Boundary) -> Floats:
     np.minimum.at(boxes[:, 0], parts[used], boundary.points[used])
     np.maximum.at(boxes[:, 1], parts[used], boundary.points[used])
     low, high = boxes[:, None, 0], boxes[:, None, 1]
-    is_inside = ((low > boxes[None, :, 0]) & (high < boxes[None, :, 1])).all(axis=2).any(axis=1)
-    return boundary.points[used[is_inside[parts[used]]]]
+    is_within: Booleans = np.asarray((low > boxes[None, :, 0]) & (high < boxes[None, :, 1]))
+    is_inside = np.any(np.all(is_within, axis=2), axis=1)
+    points: Floats = boundary.points[used[is_inside[parts[used]]]]
+    return points
 
 
 def _behind(parts: Sequence[DrawnBody | Glyphs], place: Floats, direction: Floats) -> list[DrawnBody | Glyphs]:
