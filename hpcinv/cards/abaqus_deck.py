@@ -10,7 +10,7 @@ from typing import Any
 from hpcinv.cards.abaqus_axes import GLOBAL, axes_of
 from hpcinv.cards.abaqus_elastic import elastic_law, is_isotropic
 from hpcinv.cards.abaqus_keywords import Keyword, keywords
-from hpcinv.cards.abaqus_transform import Frame, Transforms
+from hpcinv.cards.abaqus_transform import TransformAxes, Transforms
 from hpcinv.cards.card import CardError, Counterpart, UnknownLaw, number
 from hpcinv.cards.deck import Deck, Measure, NodalForces, RemoteForce, isotropic
 from hpcinv.reading.single_conditions import force_groups, held_axes, held_groups, pressed_groups
@@ -36,10 +36,10 @@ def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
     Raises:
         CardError: a number is damaged.
     """
-    return _Reader(list(keywords(text)), nodes_of_sets).deck()
+    return _KeywordReader(list(keywords(text)), nodes_of_sets).deck()
 
 
-class _Reader:
+class _KeywordReader:
     """Reads the keywords in order.
 
     Attributes:
@@ -144,7 +144,7 @@ class _Reader:
                 entry = self._held.setdefault(self._spelled.setdefault(name.lower(), name), {})
                 entry.update({axis: value * factor for axis, value in values.items()})
 
-    def _add_support(self, region: str, values: Mapping[str, float], frames: set[Frame | None]) -> None:
+    def _add_support(self, region: str, values: Mapping[str, float], frames: set[TransformAxes | None]) -> None:
         """Add a support by the displacements of its components along the axes of its nodes."""
         if frames == {None}:
             self._deck.support(region, values)

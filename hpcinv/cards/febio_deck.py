@@ -25,10 +25,10 @@ def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
     Raises:
         CardError: it is not XML, or a number is damaged.
     """
-    return _Reader(root_of(text), nodes_of_sets).deck()
+    return _DeckReader(root_of(text), nodes_of_sets).deck()
 
 
-class _Reader:
+class _DeckReader:
     def __init__(self, root: ET.Element, nodes_of_sets: Mapping[str, frozenset[int]]) -> None:
         self._sets = nodes_of_sets
         self._root, self._deck, self._curves = root, Deck(), LoadCurves(root)

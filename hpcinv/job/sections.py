@@ -741,6 +741,10 @@ def is_of_nodes(quantity: Mapping[str, Any], let: Mapping[str, Any]) -> bool:
     return words.isdisjoint(FIELDS)
 
 
+type QuantityValue = float | list[float]
+"""value (SI) of a quantity of interest: a number or three components"""
+
+
 class QuantityOfInterest(Spec):
     """A reported result: the displacement or a formula at a point, a formula reduced over a region, the volume of a
     cavity, or the force or moment of the supports of a region.

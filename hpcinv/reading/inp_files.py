@@ -59,7 +59,7 @@ class _Part:
 
 
 @dataclass
-class _Card:
+class _Keyword:
     place: str
     keyword: str
     options: Mapping[str, str]
@@ -74,7 +74,7 @@ class _Single:
     forces: dict[int, tuple[float, float, float]] = field(default_factory=dict)
     pressed: dict[tuple[int, int], float] = field(default_factory=dict)
 
-    def read(self, card: _Card) -> None:
+    def read(self, card: _Keyword) -> None:
         """Read the lines that name a node or an element by its number; damaged ones are read elsewhere."""
         for _, row in card.rows:
             if row[0].isdigit() and len(row) > 1:
@@ -177,14 +177,14 @@ def _without_elements(part: _Part, kinds: re.Pattern[str]) -> Fault:
     return Fault("has no solid elements", text)
 
 
-def _parts(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, _Part], list[_Card], set[str]]:
+def _parts(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, _Part], list[_Keyword], set[str]]:
     """Return parts by lower-case name (``""``: outside of parts), instances, and keywords that are not used.
 
     Args:
         kinds: of elements that are read.
     """
     parts: dict[str, _Part] = {"": _Part()}
-    current, instances, ignored = parts[""], list[_Card](), set[str]()
+    current, instances, ignored = parts[""], list[_Keyword](), set[str]()
     pressed, single = list[tuple[str, str]](), _Single()
     for card in _cards(path):
         options = card.options
@@ -250,7 +250,7 @@ def _parts(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, _Part], list[_
     return parts, instances, ignored
 
 
-def _placed(parts: Mapping[str, _Part], instances: list[_Card]) -> list[tuple[_Part, Any, str]]:
+def _placed(parts: Mapping[str, _Part], instances: list[_Keyword]) -> list[tuple[_Part, Any, str]]:
     """Return the part of each instance with the sets of the assembly in it, its translation, and its name."""
     outside = parts[""]
     placed = []
@@ -290,16 +290,16 @@ def _placed(parts: Mapping[str, _Part], instances: list[_Card]) -> list[tuple[_P
     return placed
 
 
-def _cards(path: Path) -> Iterator[_Card]:
+def _cards(path: Path) -> Iterator[_Keyword]:
     """Yield the keywords with their lines of data; text before the first one, which CalculiX leaves out, has none."""
-    card: _Card | None = None
+    card: _Keyword | None = None
     for place, line in lines_of(path):
         if line.startswith("*"):
             if card is not None:
                 yield card
             card = _keyword(line, place)
         else:
-            card = card or _Card(place, "", {}, [])
+            card = card or _Keyword(place, "", {}, [])
             if not card.keyword and _DATA.fullmatch(line):
                 raise Fault(f"{place} is not a keyword", "Input files begin with a keyword such as *NODE.")
             card.rows.append((place, [entry.strip().strip('"') for entry in line.rstrip(",").split(",")]))
@@ -308,14 +308,14 @@ def _cards(path: Path) -> Iterator[_Card]:
     yield card
 
 
-def _keyword(line: str, place: str) -> _Card:
+def _keyword(line: str, place: str) -> _Keyword:
     keyword, *options = (entry.strip() for entry in line[1:].split(","))
     pairs = (option.partition("=") for option in options if option)
     values = {name.strip().upper(): value.strip().strip('"') for name, _, value in pairs}
-    return _Card(place, " ".join(keyword.upper().split()), values, [])
+    return _Keyword(place, " ".join(keyword.upper().split()), values, [])
 
 
-def _needed(card: _Card, option: str) -> str:
+def _needed(card: _Keyword, option: str) -> str:
     if not (value := card.options.get(option, "")):
         raise Fault(f"{card.place}: *{card.keyword} needs {option}=")
     return value
@@ -338,7 +338,7 @@ def _tags(row: list[str], place: str) -> list[int]:
         raise Fault(f"{place}: '{shown(', '.join(row))}' are not whole numbers") from None
 
 
-def _read_nodes(part: _Part, card: _Card) -> None:
+def _read_nodes(part: _Part, card: _Keyword) -> None:
     group = part.members("nodes", card.options["NSET"]) if card.options.get("NSET") else []
     for place, row in card.rows:
         tag, *position = _tags(row[:1], place) + _numbers(row[1:4], place)
@@ -349,7 +349,7 @@ def _read_nodes(part: _Part, card: _Card) -> None:
         group.append((str(int(tag)), ""))
 
 
-def _read_elements(part: _Part, card: _Card, kinds: re.Pattern[str]) -> list[str]:
+def _read_elements(part: _Part, card: _Keyword, kinds: re.Pattern[str]) -> list[str]:
     """Read the elements of a keyword; return what is ignored.
 
     As CalculiX does, entries after the last node of an element are ignored. They are faults if lines differ in length:
@@ -388,7 +388,7 @@ def _read_elements(part: _Part, card: _Card, kinds: re.Pattern[str]) -> list[str
     return [f"entries after the {count} nodes of elements {shown(kind)}"] if is_longer else []
 
 
-def _read_set(part: _Part, kind: str, name: str, card: _Card) -> None:
+def _read_set(part: _Part, kind: str, name: str, card: _Keyword) -> None:
     members = part.members(kind, name)
     for place, row in card.rows:
         if "GENERATE" not in card.options:
