@@ -19,6 +19,11 @@ _AS_NODES = re.compile(r"^@\w+:")  # a surface or an element set as a node set
 _AT_REST = ("", "STATIC", "STEADY-STATE")
 
 
+def is_shell(text: str) -> bool:
+    """Return False: shells of models are not read."""
+    return False
+
+
 def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
     """Return what the model says at the end of its last step, with the values of the load curves there.
 

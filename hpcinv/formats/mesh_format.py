@@ -29,7 +29,8 @@ class Groups:
         """Return the names that are possible where the mesh is a shell, whose curves are edges."""
         faces = {f"{name}|{face}" for name in self.names for face in (OUTER, INNER)}
         names = self.names | self.thin | faces | {OUTER, INNER}
-        return Groups(names, patterns=(*self.patterns, r"curve-\d+", rf"surface-\d+\|({OUTER}|{INNER})"))
+        sides = [rf"({pattern})\|({OUTER}|{INNER})" for pattern in (*self.patterns, r"surface-\d+")]
+        return Groups(names, patterns=(*self.patterns, r"curve-\d+", *sides))
 
 
 @dataclass(frozen=True)

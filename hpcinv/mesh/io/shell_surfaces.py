@@ -111,6 +111,9 @@ def _of_elements(read: Arrays) -> Arrays:
         place, separator, name = key.partition(":")
         if not separator:
             continue
+        if place == "values":
+            arrays[f"nodes:{name}"] = rows[:, None]
+            continue
         if place == "faces":
             is_edge = rows[:, 1] >= 0
             cells, edges = rows[is_edge].T
