@@ -35,7 +35,7 @@ SETTINGS = {
 
 
 @dataclass(frozen=True)
-class Run:
+class MeasuredRun:
     factorizations: int
     seconds: float
     solving: float
@@ -64,16 +64,16 @@ def number_after(pattern: str, text: str) -> float:
     return float(found[1]) if found else float("nan")
 
 
-def sanm(binary: Path, configurations: Path, scene: str, direction: str, place: Path) -> Run:
+def sanm(binary: Path, configurations: Path, scene: str, direction: str, place: Path) -> MeasuredRun:
     overrides = ["override_order20.json", *(["override_inverse.json"] if direction == "inverse" else [])]
     files = [str(configurations / name) for name in ("sys.json", f"{scene}.json", *overrides)]
     text, seconds, elapsed = finished([str(binary), *files], place)
     solving = number_after(r"timing\(sec\).*solve=([\d.]+)", text)
     summaries = [path for path in place.glob("*.json") if "iter" in json.loads(path.read_text())]
-    return Run(int(json.loads(summaries[0].read_text())["iter"]), seconds, seconds * solving / elapsed)
+    return MeasuredRun(int(json.loads(summaries[0].read_text())["iter"]), seconds, seconds * solving / elapsed)
 
 
-def hpcinv(scenes: Path, scene: str, direction: str, place: Path) -> Run:
+def hpcinv(scenes: Path, scene: str, direction: str, place: Path) -> MeasuredRun:
     job = yaml.safe_load((scenes / f"{scene}-{direction}.yaml").read_text())
     job["mesh"]["file"] = str(scenes / job["mesh"]["file"])
     (place / "job.yaml").write_text(yaml.safe_dump(job | SETTINGS))
@@ -82,7 +82,7 @@ def hpcinv(scenes: Path, scene: str, direction: str, place: Path) -> Run:
     )
     solves = json.loads((place / "results" / "summary.json").read_text())["solutions"][0]["solves"]
     solving = number_after(r"solving: ([\d.]+) s", text)
-    return Run(sum(solve["factorizations"] for solve in solves), seconds, seconds * solving / elapsed)
+    return MeasuredRun(sum(solve["factorizations"] for solve in solves), seconds, seconds * solving / elapsed)
 
 
 def main() -> None:

@@ -86,7 +86,7 @@ CONTINUATIONS = ("steps", "series", "auto")
 
 
 @dataclass(frozen=True)
-class Run:
+class TimedSolves:
     """Solves of a job, the displacement at their end on this rank, and the processor seconds that they took there."""
 
     solves: Sequence[Solve]
@@ -132,7 +132,7 @@ def by_load(job: Job) -> Job:
     return job.with_({"solver": {key: value for key, value in solver.items() if key not in STRATEGY}})
 
 
-def attempted(job: Job, continuation: str, comm: MPI.Intracomm) -> Run | None:
+def attempted(job: Job, continuation: str, comm: MPI.Intracomm) -> TimedSolves | None:
     """Return the run, ``None`` where the program refuses the job."""
     try:
         return solved(job, continuation, comm)
@@ -140,7 +140,7 @@ def attempted(job: Job, continuation: str, comm: MPI.Intracomm) -> Run | None:
         return None
 
 
-def solved(job: Job, continuation: str, comm: MPI.Intracomm) -> Run:
+def solved(job: Job, continuation: str, comm: MPI.Intracomm) -> TimedSolves:
     solver = job.data.get("solver", {}) | SETTINGS
     if continuation != "steps" or "strategy" not in solver:
         solver["continuation"] = continuation
@@ -150,14 +150,14 @@ def solved(job: Job, continuation: str, comm: MPI.Intracomm) -> Run:
     method = DirectMethod(equations, job.directions[0])
     solves = list(method.solves())
     method.equilibrium.destroy()
-    return Run(solves, equations.unknowns.displacement().x.array.copy(), time.process_time() - begin)
+    return TimedSolves(solves, equations.unknowns.displacement().x.array.copy(), time.process_time() - begin)
 
 
-def ratio(steps: Run | None, other: Run | None) -> str:
+def ratio(steps: TimedSolves | None, other: TimedSolves | None) -> str:
     return "" if steps is None or other is None else f"{other.seconds / steps.seconds:.2f}"
 
 
-def difference(steps: Run | None, other: Run | None) -> str:
+def difference(steps: TimedSolves | None, other: TimedSolves | None) -> str:
     if steps is None or other is None or not steps.load == other.load == 1.0:
         return ""
     u, v = steps.displacement, other.displacement

@@ -24,22 +24,26 @@ sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "tests"), str(ROOT / "tests
 
 from helpers.closed_forms import root  # noqa: E402
 from helpers.verification import box, job  # noqa: E402
-from slabs.plane_strain import Problem, solve  # noqa: E402
+from slabs.plane_strain import SlabProblem, solve  # noqa: E402
 
 import hpcinv  # noqa: E402
 
 ESTIMATE = {"round_trip": "off", "stability": False, "overlap": False, "estimate": True}
 MU, LAM = 10e3, 15e3  # Pa
 SLABS = {
-    "corner": Problem(
+    "corner": SlabProblem(
         "corner", MU, LAM, {"left": (0, 1)}, {"uy": (2, 0.5)}, ((0, 0), (0, 2)), {"right": (0.0, -300.0)}
     ),
-    "cantilever": Problem(
+    "cantilever": SlabProblem(
         "cantilever", MU, LAM, {"left": (0, 1)}, {"uy": (3, 0.5)}, ((0, 0), (0, 1)), {"right": (0.0, -60.0)}
     ),
-    "slot": Problem("slot", MU, LAM, {"left": (0, 1)}, {"ux": (2, 0.5)}, ((0, 0), (0, 1)), {"right": (600.0, 100.0)}),
-    "pad": Problem("pad", MU, LAM, {"bonded": (0, 1)}, {"uy": (1, 0.25)}, ((0, 0), (0.5, 0)), {"right": (0.0, -100.0)}),
-    "window": Problem(
+    "slot": SlabProblem(
+        "slot", MU, LAM, {"left": (0, 1)}, {"ux": (2, 0.5)}, ((0, 0), (0, 1)), {"right": (600.0, 100.0)}
+    ),
+    "pad": SlabProblem(
+        "pad", MU, LAM, {"bonded": (0, 1)}, {"uy": (1, 0.25)}, ((0, 0), (0.5, 0)), {"right": (0.0, -100.0)}
+    ),
+    "window": SlabProblem(
         "window", MU, LAM, {"bottom": (0, 1)}, {"ux": (1.5, 1.5)}, ((0, 0), (1.5, 0)), {"top": (200.0, 0.0)}
     ),
 }
@@ -59,7 +63,7 @@ INNER, INTERFACE, OUTER, PRESSURE, STIFF, SOFT = 0.5, 0.75, 1.0, 10e3, 100e3, 10
 
 
 @dataclass(frozen=True)
-class Body:
+class PromisedBody:
     """A job with the one quantity ``q``, and its true value."""
 
     name: str
@@ -69,7 +73,7 @@ class Body:
     demand: float
 
 
-def slab(problem: Problem, *, hexahedra: bool, divisions: int = 1, displacement: int = 2) -> dict[str, Any]:
+def slab(problem: SlabProblem, *, hexahedra: bool, divisions: int = 1, displacement: int = 2) -> dict[str, Any]:
     """Return the job of a slab, with the quantity ``q``, without demands."""
     incompressible = {"law": "isochoric-neo-hookean", "mu": problem.mu, "kappa": "incompressible"}
     ((quantity, (x, y)),) = problem.points.items()
@@ -94,7 +98,7 @@ def slab(problem: Problem, *, hexahedra: bool, divisions: int = 1, displacement:
     }
 
 
-def exact_of(problem: Problem) -> float:
+def exact_of(problem: SlabProblem) -> float:
     """Return the value of the quantity of a slab by the program of its own."""
     ((quantity, _),) = problem.points.items()
     return float(solve(problem)[quantity]["xy".index(quantity[1])])
@@ -147,19 +151,19 @@ def column() -> dict[str, Any]:
     }
 
 
-def bodies(names: list[str]) -> Iterator[Body]:
+def bodies(names: list[str]) -> Iterator[PromisedBody]:
     for name, is_incompressible, hexahedra, demand in DEMANDS:
         if name in names:
             problem = replace(SLABS[name], lam=None if is_incompressible else LAM)
             cells = ("hexahedra" if hexahedra else "tetrahedra") + (", incompressible" if is_incompressible else "")
-            yield Body(name, cells, slab(problem, hexahedra=hexahedra), exact_of(problem), demand)
+            yield PromisedBody(name, cells, slab(problem, hexahedra=hexahedra), exact_of(problem), demand)
     if "layered tube" in names:
         for cells, hexahedra in (("hexahedra", True), ("tetrahedra", False)):
-            yield Body(
+            yield PromisedBody(
                 "layered tube", f"{cells}, incompressible", tube(hexahedra=hexahedra), inner_radius_at_rest(), 2e-3
             )
     if "column" in names:
-        yield Body("column", "tetrahedra", column(), 1.080279882353, 1e-6)
+        yield PromisedBody("column", "tetrahedra", column(), 1.080279882353, 1e-6)
 
 
 def main() -> None:

@@ -42,7 +42,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Case:
+class VerificationRow:
     """A row: what is compared, the test, and the figures that it prints; without any, bounds are in the test."""
 
     text: str
@@ -52,18 +52,18 @@ class Case:
 
 _ORDERS = r"orders of the larger \[.*?, ([\d.]+)\]"
 CASES = (
-    Case(
+    VerificationRow(
         "every law: stress against mpmath evaluating the formula that `hpcinv laws` shows, moderate deformations;"
         " strains from 1e-1 to 1e-12: largest relative error",
         "unit/test_laws.py",
         [Figure("{:.1e}", r"moderate deformations: (\S+)"), Figure("{:.1e}", r"small strain: (\S+)")],
     ),
-    Case(
+    VerificationRow(
         "every law on a mesh at strains of 1e-10: displacement against linear elasticity (laws without fibres)",
         "verification/test_law_solves.py",
         [Figure("{:.1e}", r"against linear elasticity (\S+)")],
     ),
-    Case(
+    VerificationRow(
         "every law: homogeneous patch X = F⁻¹x, also nearly incompressible; round trips, tetrahedra and hexahedra, on 1"
         " and 2 ranks",
         "verification/test_law_solves.py",
@@ -73,18 +73,18 @@ CASES = (
             Figure("round trips {:.1e}", r"first: gap (\d\.\de-\d+)"),
         ],
     ),
-    Case(
+    VerificationRow(
         "every effect: Taylor test of the tangent",
         "verification/test_effects.py",
         [Figure("smallest rate {:.3f}", r"rates \[(.*?)\]", min), Figure("largest {:.3f}", r"rates \[(.*?)\]")],
     ),
-    Case(
+    VerificationRow(
         "thick incompressible sphere under pressure, inverse, Q2–Q1, finest mesh: undeformed radii, closed form"
         " 0.9254360, 1.4686181: relative errors",
         "verification/test_thick_sphere.py",
         [Figure("{:.1e}, {:.1e}, order {:.1f}", r"hexahedra: errors .*\[(\S+), (\S+)\]\], " + _ORDERS)],
     ),
-    Case(
+    VerificationRow(
         "sphere of two incompressible layers, and of one material that grows differently, inverse and forward, 2 and 4"
         " divisions: smallest error of the larger radius (m), least order; effectivity of the estimate",
         "verification/test_layers.py",
@@ -94,7 +94,7 @@ CASES = (
             Figure("to {:.2f}", r"effectivity (\S+)"),
         ],
     ),
-    Case(
+    VerificationRow(
         "thick cylinder, plane strain, 16 divisions, undeformed radii 0.8286610, 1.3916461; inverse; forward",
         "verification/test_thick_cylinder.py",
         [
@@ -102,13 +102,13 @@ CASES = (
             for way in ("inverse", "forward")
         ],
     ),
-    Case(
+    VerificationRow(
         "tube with two families of fibres, angle given on the reference and on the current body, against quadrature:"
         " inner radius",
         "verification/test_fibres.py",
         [Figure("{:.1e}, order {:.1f}", r"on the \w+ body: \S+, (\S+), order (\S+)")],
     ),
-    Case(
+    VerificationRow(
         "rotating bar at large strain, forward; inverse; 32 cells",
         "verification/test_rotating_bar.py",
         [
@@ -116,12 +116,12 @@ CASES = (
             for way in ("forward", "inverse")
         ],
     ),
-    Case(
+    VerificationRow(
         "fluid around a curved body: force and torque against Archimedes",
         "verification/test_hydrostatic.py",
         [Figure("{:.1e}", r"errors of force and torque \[(.*?)\]")],
     ),
-    Case(
+    VerificationRow(
         "layers with different laws, one incompressible: displacement, stress; bar graded by a formula of X and of x",
         "verification/test_material_regions.py",
         [
@@ -129,12 +129,12 @@ CASES = (
             Figure("{:.1e} m, order {:.1f}", r"moduli of .*errors \S+, (\S+) m, order (\S+)"),
         ],
     ),
-    Case(
+    VerificationRow(
         "thermal expansion, growth, active stress: homogeneous states",
         "verification/test_strains.py",
     ),
-    Case("tractions and springs: homogeneous states", "verification/test_surface_loads.py"),
-    Case(
+    VerificationRow("tractions and springs: homogeneous states", "verification/test_surface_loads.py"),
+    VerificationRow(
         "artery with an opening angle of 160°, incompressible, without and with pressure, both directions, 1 to 3"
         " ranks, Q2–Q1, 3 divisions: radii, relative; hoop stress at the surfaces in units of mu; against quadrature",
         "verification/test_prestrain.py",
@@ -142,13 +142,13 @@ CASES = (
             Figure("{:.1e}, {:.1e}", r"radii and stress \[\[(\S+, \S+), (\S+, \S+)\]"),
         ],
     ),
-    Case(
+    VerificationRow(
         "simple shear, k from 1e-6 to 1, both laws and directions, displacement and mixed form, P1 to P3, tetrahedra"
         " and hexahedra, straight and curved, 1 to 3 ranks: largest relative errors of stress, energy, displacement",
         "verification/test_simple_shear.py",
         [Figure("{:.1e}, {:.1e}, {:.1e}", r"stress (\d\S+), energy (\S+), displacement (\S+e-\d\d)")],
     ),
-    Case(
+    VerificationRow(
         "generalised shear: order of convergence of the pointwise stress, P2–P1, on hexahedra; on regular tetrahedra,"
         " stress and its deviator",
         "verification/test_generalised_shear.py",
@@ -157,56 +157,56 @@ CASES = (
             Figure("{:.2f}, {:.1f}", r"tetrahedra: .*orders \[\S+ (\S+)\], \[\S+ (\S+)\]"),
         ],
     ),
-    Case(
+    VerificationRow(
         "single tetrahedron there and back, both laws and density conventions: largest ‖u' + u‖",
         "verification/test_single_tetrahedron.py",
         [Figure("{:.1e} m", r"error (\S+) m")],
     ),
-    Case(
+    VerificationRow(
         "states: prone, at rest, and prone again, directly and by way of others, with moduli and densities given on the"
         " given body, curved cells, 1 to 3 ranks: distance from the given mesh of 1 m",
         "verification/test_states.py",
         [Figure("{:.1e} m", r"moved by \S+ m, gaps \[(\S+), \S+\] m")],
     ),
-    Case(
+    VerificationRow(
         "confined column: undeformed length, closed form 1.0802799 m (current density), 1.0846655 m (reference"
         " density)",
         "verification/test_column.py",
         [Figure("{:.8f}", rf"^\.*density per {where} volume: (\S+) m") for where in ("current", "reference")],
     ),
-    Case(
+    VerificationRow(
         "states: column that hangs and stands on the moon, sphere under two pressures, hot and cold, other supports:"
         " closed forms",
         "verification/test_states.py",
     ),
-    Case(
+    VerificationRow(
         "fixed-point methods against the direct one, tolerance 1e-10: tetrahedron; curved"
         " incompressible block on 2 ranks",
         "verification/test_methods.py",
         [Figure("{:.1e} m", r"(\d\S+) m from direct$"), Figure("{:.1e} m", r"(\d\S+) m from direct, pressure")],
     ),
-    Case(
+    VerificationRow(
         "integrals and means of stress, energy and volume over cells and facets: homogeneous states of"
         " one and two laws",
         "verification/test_stress_quantities.py",
     ),
-    Case(
+    VerificationRow(
         "incompressible bent block there and back, both laws, tetrahedra and hexahedra: closure error, relative",
         "verification/test_incompressible.py",
         [Figure("{:.1e}", r"closes to (\d\.\de-\d+)")],
     ),
-    Case(
+    VerificationRow(
         "clamped column at 0.97, 1.05, 8.7 and 9.5 times Euler's load, displacement and mixed form: unstable directions"
         " (exact: 0, 2, 2, 4)",
         "verification/test_certificate.py",
         [Figure("{:.0f}", rf"{share} of Euler's load: (\d) negative") for share in ("0.97", "1.05", "8.7", "9.5")],
     ),
-    Case(
+    VerificationRow(
         "silicone beam forward and back, 3 mm cells, on 1, 2 and 3 ranks: closure error",
         "verification/test_pdms_beam.py",
         [Figure("{:.1e} m", r"round trip closes to (\S+) m")],
     ),
-    Case(
+    VerificationRow(
         "silicone beam: tip displacement with cells of 4, 3, 2.2 mm; large-deflection beam theory",
         "verification/test_pdms_beam.py",
         [Figure("{:.3f} mm", rf"tip displacement \[{'[^,]*, ' * i}'(\S+) mm'") for i in range(3)]

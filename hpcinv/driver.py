@@ -7,6 +7,7 @@ from pathlib import Path
 
 from hpcinv.certificate import Certificate, Estimate, certify_all
 from hpcinv.job.job import Job, PlannedSolve
+from hpcinv.job.sections import QuantityValue
 from hpcinv.kernels_ahead import certificate_kernels_ahead
 from hpcinv.methods.method import Guess, Start
 from hpcinv.output.checkpoint_writer import CheckpointWriter
@@ -21,7 +22,7 @@ from hpcinv.parallel.runtime import MPI, compilation_explained
 from hpcinv.parallel.signals import signals_recorded
 from hpcinv.parallel.timings import Timings
 from hpcinv.preparation import Prepared, prepare
-from hpcinv.results.quantities_of_interest import Value, carried, evaluate
+from hpcinv.results.quantities_of_interest import carried, evaluate
 from hpcinv.results.shape_distance import differences
 from hpcinv.results.solution import Solution
 from hpcinv.results.steps import StepObserver, carry_out
@@ -101,7 +102,7 @@ class _Solved:
 
     spreads: SurfaceSpreads
     solutions: list[Solution] = field(default_factory=list)
-    quantities: dict[str, Value] = field(default_factory=dict)
+    quantities: dict[str, QuantityValue] = field(default_factory=dict)
     slopes: dict[str, Sensitivities] = field(default_factory=dict)
 
 

@@ -15,26 +15,26 @@ from pathlib import Path
 from hpcinv.parallel.ranks import MPI, failing_together, on_root
 
 from . import page
-from .comparison import Row, compare
-from .references import Reference, TableError, cases, read, sources
+from .comparison import ComparedValue, compare
+from .references import PublishedValue, TableError, cases, read, sources
 from .runs import summary_of
 
 ROOT = Path(__file__).parents[2]
 
 
-def rows_of(references: list[Reference], store: Path, comm: MPI.Intracomm) -> list[Row]:
+def rows_of(references: list[PublishedValue], store: Path, comm: MPI.Intracomm) -> list[ComparedValue]:
     """Return the compared rows, in the order of the tables; collective.
 
     Ranks share the cases: each takes the next one that is free and solves it alone, since kernels of small bodies take
     longer to compile than their equations to solve. Cases from the same forward job are one task: none is solved twice.
     """
     by_case = cases(references)
-    tasks: dict[tuple[str, str, str], list[list[Reference]]] = {}
+    tasks: dict[tuple[str, str, str], list[list[PublishedValue]]] = {}
     for case in by_case.values():
         row = case[0]
         tasks.setdefault((row.folder, row.loaded or row.job, repr(sorted(row.changes.items()))), []).append(case)
     claims = Path(on_root(comm, lambda: _folder_of_claims(store)))
-    compared: dict[tuple[int, str], list[Row]] = {}
+    compared: dict[tuple[int, str], list[ComparedValue]] = {}
     with failing_together(comm):
         for number, task in enumerate(tasks.values(), 1):
             if _is_claimed(claims / str(number)):
@@ -59,7 +59,7 @@ def _is_claimed(file: Path) -> bool:
     return True
 
 
-def _compared(case: list[Reference], store: Path, progress: str) -> list[Row]:
+def _compared(case: list[PublishedValue], store: Path, progress: str) -> list[ComparedValue]:
     """Return the compared rows of one case, solved on this rank."""
     summary = summary_of(case[0], store, MPI.COMM_SELF)
     rows = [compare(reference, summary) for reference in case]

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from .references import Reference
+from .references import PublishedValue
 
 type Verdict = Literal["inside", "outside", "not reliable", "failed", "skipped"]
 
@@ -25,7 +25,7 @@ ROUNDING = 1e-11
 
 
 @dataclass(frozen=True)
-class Row:
+class ComparedValue:
     """One row of the page, in the unit of the publication.
 
     Attributes:
@@ -35,7 +35,7 @@ class Row:
         missing: whether it was not solved, since the user does not have files of others.
     """
 
-    reference: Reference
+    reference: PublishedValue
     ours: float
     error: float
     unknowns: int
@@ -60,12 +60,12 @@ class Row:
         return "inside" if abs(self.difference) <= 1 else "outside"
 
 
-def compare(reference: Reference, summary: Mapping[str, Any]) -> Row:
+def compare(reference: PublishedValue, summary: Mapping[str, Any]) -> ComparedValue:
     """Return the row of a published value, from the summary of its run."""
     if "missing" in summary:
-        return Row(reference, math.nan, math.nan, 0, math.nan, summary["missing"], missing=True)
+        return ComparedValue(reference, math.nan, math.nan, 0, math.nan, summary["missing"], missing=True)
     if "failure" in summary:
-        return Row(reference, math.nan, math.nan, 0, math.nan, summary["failure"])
+        return ComparedValue(reference, math.nan, math.nan, 0, math.nan, summary["failure"])
     name, component = re.fullmatch(r"([^\[]+)(?:\[(\d)\])?", reference.quantity).groups()  # type: ignore[union-attr]
     ours = _number(summary["quantities"].get(name), component)
     error, reason = _error(reference, summary, name, component)
@@ -74,10 +74,12 @@ def compare(reference: Reference, summary: Mapping[str, Any]) -> Row:
         reason = f"the job has no quantity {reference.quantity}"
     inverse = summary["job"]["analysis"] == "inverse"
     values = ours / reference.factor, error / reference.factor
-    return Row(reference, *values, unknowns, seconds, reason, inverse=inverse)
+    return ComparedValue(reference, *values, unknowns, seconds, reason, inverse=inverse)
 
 
-def _error(reference: Reference, summary: Mapping[str, Any], name: str, component: str | None) -> tuple[float, str]:
+def _error(
+    reference: PublishedValue, summary: Mapping[str, Any], name: str, component: str | None
+) -> tuple[float, str]:
     """Return our error (SI), and why it is not known, or empty."""
     ours = abs(_number(summary["quantities"].get(name), component))
     if reference.comparison == "mesh":

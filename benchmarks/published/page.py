@@ -11,8 +11,8 @@ from pathlib import Path
 
 from hpcinv.version import __version__
 
-from .comparison import Row, Verdict
-from .references import FOLDER, Reference
+from .comparison import ComparedValue, Verdict
+from .references import FOLDER, PublishedValue
 
 PAGE = Path("docs/verification/published.md")
 WIDENED = 5
@@ -43,14 +43,14 @@ mpirun -n 2 python -m benchmarks.published {first}
 """
 
 
-def write(rows: Sequence[Row], root: Path) -> None:
+def write(rows: Sequence[ComparedValue], root: Path) -> None:
     """Write page and picture below the root of the repository."""
     (root / PAGE).write_text(page(rows))
     (root / COUNTS).write_text(json.dumps(counts_of(rows), indent=1) + "\n")
     draw(rows, root / PICTURE)
 
 
-def counts_of(rows: Sequence[Row]) -> dict[str, int | str]:
+def counts_of(rows: Sequence[ComparedValue]) -> dict[str, int | str]:
     """Return the counts that dossiers of runs show, with the version of hpcinv."""
     verdicts = Counter(row.verdict for row in rows)
     solved = [row for row in rows if not row.missing]
@@ -65,7 +65,7 @@ def counts_of(rows: Sequence[Row]) -> dict[str, int | str]:
     }
 
 
-def page(rows: Sequence[Row]) -> str:
+def page(rows: Sequence[ComparedValue]) -> str:
     """Return the page."""
     names = list(dict.fromkeys(row.reference.folder for row in rows))
     verdicts, counts = Counter(row.verdict for row in rows), counts_of(rows)
@@ -85,7 +85,7 @@ def page(rows: Sequence[Row]) -> str:
     return "".join(parts)
 
 
-def table(rows: Sequence[Row]) -> str:
+def table(rows: Sequence[ComparedValue]) -> str:
     """Return the table of some rows in Markdown."""
     lines = [
         "| case | quantity | theirs | ours | difference | unknowns | s | verdict | place |",
@@ -105,13 +105,13 @@ def table(rows: Sequence[Row]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _origin(reference: Reference) -> str:
+def _origin(reference: PublishedValue) -> str:
     """Publication, or repository with the first digits of a commit, and the place there as Git writes it."""
     source = re.sub(r"(@[0-9a-f]{7})[0-9a-f]{33}", r"\1", reference.source)
     return f"{source}{':' if re.search('@[0-9a-f]{7}$', source) else ', '}{reference.place}"
 
 
-def _digits(row: Row) -> str:
+def _digits(row: ComparedValue) -> str:
     """Return our value to two digits more than both errors have."""
     smallest = max(min(row.reference.spread, row.error or row.reference.spread), abs(row.ours) * 1e-9)
     if not math.isfinite(smallest) or smallest == 0:
@@ -120,7 +120,7 @@ def _digits(row: Row) -> str:
     return f"{row.ours:.{decimals}f}"
 
 
-def draw(rows: Sequence[Row], path: Path) -> None:
+def draw(rows: Sequence[ComparedValue], path: Path) -> None:
     """Draw the difference over the error bar of each row that was solved."""
     import matplotlib
 

@@ -52,7 +52,7 @@ class TableError(Exception):
 
 
 @dataclass(frozen=True)
-class Reference:
+class PublishedValue:
     """One published value.
 
     Attributes:
@@ -98,7 +98,7 @@ def last_digit(value: str) -> float:
     return float(Fraction(10) ** (int(exponent or 0) - decimals))
 
 
-def read(source: str) -> list[Reference]:
+def read(source: str) -> list[PublishedValue]:
     """Return the published values of a source.
 
     Raises:
@@ -112,11 +112,11 @@ def read(source: str) -> list[Reference]:
         return [_reference(source, path, rows.line_num, row) for row in rows]
 
 
-def _reference(source: str, path: Path, line: int, row: Mapping[str, str]) -> Reference:
+def _reference(source: str, path: Path, line: int, row: Mapping[str, str]) -> PublishedValue:
     try:
         if row["comparison"] not in COMPARISONS:
             raise ValueError(f"comparison must be one of {', '.join(COMPARISONS)}")
-        return Reference(
+        return PublishedValue(
             folder=source,
             line=line,
             job=row["job"],
@@ -146,9 +146,9 @@ def _changes(text: str) -> Iterator[tuple[str, Any]]:
         yield key.strip(), yaml.safe_load(value)
 
 
-def cases(references: Iterable[Reference]) -> dict[tuple[str, str, str, str], list[Reference]]:
+def cases(references: Iterable[PublishedValue]) -> dict[tuple[str, str, str, str], list[PublishedValue]]:
     """Return the rows by case, in the order of the table."""
-    grouped: dict[tuple[str, str, str, str], list[Reference]] = {}
+    grouped: dict[tuple[str, str, str, str], list[PublishedValue]] = {}
     for reference in references:
         grouped.setdefault(reference.case, []).append(reference)
     return grouped

@@ -23,7 +23,7 @@ from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.quantity.keys import assigned
 
-from .references import FOLDER, Reference
+from .references import FOLDER, PublishedValue
 
 _WITHOUT_ESTIMATE: dict[str, Any] = {"certificate": "quick"}  # finer meshes need none
 SUMMARY, BODY, QUANTITIES = "summary.json", "shape.msh", "quantities.json"
@@ -33,7 +33,7 @@ class Missing(HpcinvError):
     """Files that the user must have are not there; the message says which, and how to name their place."""
 
 
-def summary_of(row: Reference, store: Path, comm: MPI.Intracomm) -> Mapping[str, Any]:
+def summary_of(row: PublishedValue, store: Path, comm: MPI.Intracomm) -> Mapping[str, Any]:
     """Return ``summary.json`` of the run that a row needs, which is solved unless the store has it; collective.
 
     ``finer`` in it has the summaries on the finer meshes of the row. A run that fails gives ``{"failure": message}``,
@@ -69,7 +69,7 @@ def _cases(folder: str) -> ModuleType | None:
     return importlib.import_module(name) if (FOLDER / folder / "cases.py").exists() else None
 
 
-def _job(row: Reference, name: str, changes: Mapping[str, Any], store: Path) -> Job:
+def _job(row: PublishedValue, name: str, changes: Mapping[str, Any], store: Path) -> Job:
     path = FOLDER / row.folder / f"{name}.yaml"
     if not path.exists() and (cases := _cases(row.folder)):
         path = cases.job_file(name, store)
@@ -77,7 +77,7 @@ def _job(row: Reference, name: str, changes: Mapping[str, Any], store: Path) -> 
 
 
 def _solved(
-    row: Reference, name: str, changes: Mapping[str, Any], store: Path, comm: MPI.Intracomm, file: str = SUMMARY
+    row: PublishedValue, name: str, changes: Mapping[str, Any], store: Path, comm: MPI.Intracomm, file: str = SUMMARY
 ) -> Path:
     """Return the directory of the finished run of a job, with a file that it must hold; collective."""
     store = store / row.folder

@@ -27,7 +27,7 @@ type Region = Callable[[Any], Any]  # condition of points (3, n)
 
 
 @dataclass(frozen=True)
-class Problem:
+class SlabProblem:
     """A slab under loads.
 
     Attributes:
@@ -50,7 +50,7 @@ class Problem:
     weight: tuple[float, float] = (0.0, 0.0)
 
 
-def solve(problem: Problem, largest: float = 0.25, steps: int = 2) -> dict[str, Any]:
+def solve(problem: SlabProblem, largest: float = 0.25, steps: int = 2) -> dict[str, Any]:
     """Return the displacement (m) at each point, and the number of unknowns as ``unknowns``."""
     mesh = _mesh(problem, largest)
     cell, degree = mesh.basix_cell(), 3
@@ -123,7 +123,7 @@ def _newton(residual: Any, tangent: Any, conditions: list[Any], state: fem.Funct
     return float(length)
 
 
-def _mesh(problem: Problem, largest: float) -> Any:
+def _mesh(problem: SlabProblem, largest: float) -> Any:
     import gmsh
 
     outline = OUTLINES[problem.shape]
@@ -151,7 +151,7 @@ def _mesh(problem: Problem, largest: float) -> Any:
     return mesh
 
 
-def _tags(mesh: Any, problem: Problem) -> tuple[Any, dict[str, int]]:
+def _tags(mesh: Any, problem: SlabProblem) -> tuple[Any, dict[str, int]]:
     """Return tags of boundary facets, and the tag of each line."""
     mesh.topology.create_connectivity(1, 2)
     facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-type Value = float | list[float]
+from hpcinv.job.sections import QuantityValue
 
 UNTESTED, LEAST, MOST = 2.0, 1.5, 10.0  # safety factors: of an untested estimate, and their bounds
 FASTEST = 4.0  # largest presumed order of the errors that the estimate does not contain
@@ -36,8 +36,8 @@ class Finding:
     mesh: int
     size: float | None
     degree: int
-    values: Mapping[str, Value]
-    corrected: Mapping[str, Value]
+    values: Mapping[str, QuantityValue]
+    corrected: Mapping[str, QuantityValue]
     ratio: float = 0.0
     is_reliable: bool = True
 
@@ -156,6 +156,6 @@ def _safety(findings: Sequence[Finding], name: str, demand: float, previous: Ass
     return min(max(LEAST, LEAST * actual / estimated), MOST) if estimated > 0 else MOST
 
 
-def distance(first: Value, second: Value) -> float:
+def distance(first: QuantityValue, second: QuantityValue) -> float:
     """Return the distance of two numbers or vectors."""
     return float(np.linalg.norm(np.subtract(first, second)))

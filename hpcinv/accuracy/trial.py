@@ -13,6 +13,7 @@ from hpcinv.accuracy.refinement_forecast import Step, Work
 from hpcinv.certificate.discretisation_error import Estimate, estimate
 from hpcinv.errors import JobError
 from hpcinv.job.job import UNNAMED, Job, PlannedSolve
+from hpcinv.job.sections import QuantityValue
 from hpcinv.mesh import Body
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Floats, Ints
@@ -21,7 +22,7 @@ from hpcinv.model.cell_layers import layers_of_cells, layers_on
 from hpcinv.model.spaces import Integers
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.quantities_of_interest import NOT_FINITE, Value, check_points, evaluate, fault_of
+from hpcinv.results.quantities_of_interest import NOT_FINITE, check_points, evaluate, fault_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.steps import StepObserver, carry_out
 from hpcinv.solver.equations import Equations
@@ -51,7 +52,7 @@ class Trial:
     body: Body
     equations: Equations
     solution: Solution
-    quantities: Mapping[str, Value]
+    quantities: Mapping[str, QuantityValue]
     estimate: Estimate | None
     step: Step
     unused_options: Sequence[str]
@@ -73,7 +74,7 @@ def attempt(
         (solution,) = carry_out(job.plan[:1], [equations], observed)
     reached, solves = solution.load == 1.0, solution.solves
     solution = replace(solution, solves=(*_path(last_trial, equations), *solves))
-    quantities: Mapping[str, Value] = evaluate(job.quantities, body, solution, equations) if reached else {}
+    quantities: Mapping[str, QuantityValue] = evaluate(job.quantities, body, solution, equations) if reached else {}
     with _measured(timings) as estimated:
         estimated_error = estimate(equations, solution, quantities, observer=observer) if reached else None
     equations.destroy()  # their factors: the next mesh needs the memory
@@ -99,7 +100,7 @@ def attempt(
     return Trial(job, variant, body, equations, solution, quantities, estimated_error, step, observed.unused_options)
 
 
-def _check_finite(job: Job, *value_sets: Mapping[str, Value]) -> None:
+def _check_finite(job: Job, *value_sets: Mapping[str, QuantityValue]) -> None:
     """Raise ``JobError`` if a quantity whose accuracy the job demands has no finite value: no mesh would meet it."""
     demanded = [quantity for quantity in job.quantities if quantity.name in job.accuracy]
     faults = {

@@ -92,7 +92,10 @@ def _compiled(
     description = f"{whole.signature()} {differentiated}".encode() + points.tobytes()
     modules = derivation, staged_derivatives, sys.modules[__name__]
     record = DerivationRecord(mesh.comm, "moduli", description, modules, jit_options)
-    kernels, directory = [_Kernel.from_data(data) for data in record.read() or ()], Path(jit_options["cache_dir"])
+    kernels, directory = (
+        [_RecordedKernel.from_data(data) for data in record.read() or ()],
+        Path(jit_options["cache_dir"]),
+    )
     candidates = [_loaded(kernel, functions, constants, directory) for kernel in kernels]
     loaded = [moduli for moduli in candidates if moduli is not None]
     if not mesh.comm.allreduce(len(loaded) == len(parts), op=MPI.LAND):
@@ -104,7 +107,7 @@ def _compiled(
             )
             expression = compile_expression(mesh.comm, tangent_moduli.expression, points, *used, jit_options)
             places = [functions.index(f) for f in used[0]], [constants.index(c) for c in used[1]]
-            kernels.append(_Kernel(expression.file, expression.symbol, *places, tangent_moduli.pairs))
+            kernels.append(_RecordedKernel(expression.file, expression.symbol, *places, tangent_moduli.pairs))
             loaded.append(expression)
         record.write([astuple(kernel) for kernel in kernels])
     return [
@@ -117,7 +120,7 @@ def _compiled(
 
 
 @dataclass(frozen=True)
-class _Kernel:
+class _RecordedKernel:
     """Entry of a record.
 
     Attributes:
@@ -132,13 +135,13 @@ class _Kernel:
     pairs: tuple[tuple[Slot, Slot], ...]
 
     @classmethod
-    def from_data(cls, data: Any) -> _Kernel:
+    def from_data(cls, data: Any) -> _RecordedKernel:
         file, symbol, functions, constants, pairs = data
         return cls(file, symbol, functions, constants, tuple((Slot(*test), Slot(*trial)) for test, trial in pairs))
 
 
 def _loaded(
-    kernel: _Kernel, functions: Sequence[Any], constants: Sequence[Any], directory: Path
+    kernel: _RecordedKernel, functions: Sequence[Any], constants: Sequence[Any], directory: Path
 ) -> KernelExpression | None:
     used = [functions[i] for i in kernel.functions], [constants[i] for i in kernel.constants]
     return load_expression(kernel.file, kernel.symbol, *used, directory)

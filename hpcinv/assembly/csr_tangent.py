@@ -79,8 +79,8 @@ class FilledTangent:
         Args:
             like: another tangent on the same unknowns, whose pattern is used.
         """
-        rows = like._rows if isinstance(like, FilledTangent) else _Rows(self._unknowns, self._code)
-        self._rows: _Rows = rows
+        rows = like._rows if isinstance(like, FilledTangent) else _SparseRows(self._unknowns, self._code)
+        self._rows: _SparseRows = rows
         A, values, (starts, columns, ghost_columns, names) = rows.matrix()
         prescribed = np.zeros(rows.count, dtype=bool)
         for condition in conditions:
@@ -135,7 +135,7 @@ class _Places:
         code.add(len(first), *self.block.shape, entries, first, row, row.shape == first.shape, values)
 
 
-class _Rows:
+class _SparseRows:
     """Rows of matrices on this rank, and places of their entries in one array of values.
 
     The array begins with PETSc's diagonal and off-diagonal blocks of the owned rows, which PETSc uses without copies.

@@ -49,7 +49,7 @@ class TangentProduct:
         self._owned = dofmap.index_map.size_local * dofmap.index_map_bs
         points, weights = quadrature(form_unknowns.mesh.basix_cell().name, degree)
         nodes = _Nodes(unknowns, points, weights)
-        self._parts = [_Part(part, form_unknowns, nodes) for part in moduli]
+        self._parts = [_ModuliTerm(part, form_unknowns, nodes) for part in moduli]
 
     def __call__(self, x: Singles) -> Singles:
         """Return ``K x``, both at the owned unknowns."""
@@ -98,7 +98,7 @@ class _Nodes:
         self.tables = [tabulated(element, points).transpose(1, 0, 2) for element in unknowns.scalar_elements]
 
 
-class _Part:
+class _ModuliTerm:
     """Contribution of one set of moduli to products.
 
     Attributes:

@@ -74,7 +74,7 @@ class TaylorResidual:
         self._unknowns, self._parameters = weak_form.unknowns, weak_form.parameters
         self.orders, self.order_bytes = 0, 0.0
         self._rates: list[float] = []
-        self._parts: list[_Part] = []
+        self._parts: list[_KernelTerm] = []
         try:
             integrals = [*_volume(weak_form), *_surface(weak_form)]
             plans, inputs = _plans(integrals, weak_form, jit_options)
@@ -82,8 +82,8 @@ class TaylorResidual:
             raise NotAnalytic(str(reason)) from None
         for integral, plan, expression in zip(integrals, plans, inputs, strict=True):
             if plan.outputs:
-                kernel = _Kernel(plan, expression, self._unknowns.mesh.comm)
-                self._parts += [_Part(kernel, domain, self._unknowns) for domain in integral.domains]
+                kernel = _TaylorKernel(plan, expression, self._unknowns.mesh.comm)
+                self._parts += [_KernelTerm(kernel, domain, self._unknowns) for domain in integral.domains]
 
     def begin(self, orders: int, load: float) -> None:
         """Begin at the present state and position of the mesh, with room for coefficients up to an order.
@@ -318,7 +318,7 @@ def _derived(
     return plan, expression
 
 
-class _Kernel:
+class _TaylorKernel:
     """Compiled Taylor arithmetic of duals.
 
     Attributes:
@@ -343,10 +343,10 @@ def _in_order(values: Floats, points: Floats) -> Floats:
     return np.take_along_axis(values[..., :-3], distances.argmin(axis=2)[..., None], axis=1)
 
 
-class _Part:
+class _KernelTerm:
     """What one kernel adds to coefficients of the residual on one domain."""
 
-    def __init__(self, kernel: _Kernel, domain: _Domain, unknowns: Unknowns) -> None:
+    def __init__(self, kernel: _TaylorKernel, domain: _Domain, unknowns: Unknowns) -> None:
         self._kernel, self._domain, self._mesh = kernel, domain, unknowns.mesh
         self._dofs = [dofs[domain.cells] for dofs in unknowns.dofs_of_cells()]
         self._tables = [tabulated(element, domain.points) for element in unknowns.scalar_elements]

@@ -10,21 +10,28 @@ from typing import Any
 from hpcinv.cards.abaqus_axes import GLOBAL, axes_of
 from hpcinv.cards.abaqus_elastic import elastic_law, is_isotropic
 from hpcinv.cards.abaqus_keywords import Keyword, keywords
-from hpcinv.cards.abaqus_transform import Frame, Transforms
+from hpcinv.cards.abaqus_shell import SECTIONS, has_shells, section_of
+from hpcinv.cards.abaqus_transform import TransformAxes, Transforms
 from hpcinv.cards.card import CardError, Counterpart, UnknownLaw, number
-from hpcinv.cards.deck import Deck, Measure, NodalForces, RemoteForce, isotropic
+from hpcinv.cards.deck import Deck, Measure, NodalForces, RemoteForce, isotropic, layer_name
 from hpcinv.reading.single_conditions import force_groups, held_axes, held_groups, pressed_groups
 
 _NOT_TAKEN = (
     *("TEMPERATURE", "INITIAL CONDITIONS", "CONTACT PAIR", "TIE", "EQUATION", "RIGID BODY", "MPC"),
-    *("SPRING", "DASHPOT", "MASS", "CONNECTOR SECTION", "SHELL SECTION", "MEMBRANE SECTION", "BEAM SECTION"),
+    *("SPRING", "DASHPOT", "MASS", "CONNECTOR SECTION", "BEAM SECTION", "NORMAL"),
     *("DYNAMIC", "BUCKLE", "FREQUENCY", "VISCO", "HEAT TRANSFER", "COUPLED TEMPERATURE-DISPLACEMENT"),
 )
-_PRESSED = re.compile(r"P[1-6]")
+_PRESSED, _EDGE_LOAD = re.compile(r"P[1-6]"), re.compile(r"EDNOR([1-4])")
+_SHELL = re.compile(r"(S|STRI|M3D)[34689][A-Z0-9]*", re.ASCII)
 _OF_MATERIALS = (
     *("PLASTIC", "CREEP", "VISCOELASTIC", "HYSTERESIS", "MULLINS EFFECT", "EXPANSION", "DAMAGE INITIATION"),
     *("NO COMPRESSION", "NO TENSION"),
 )
+
+
+def is_shell(text: str) -> bool:
+    """Return whether the elements of a file are shells; raise ``UnknownLaw`` if some are."""
+    return has_shells(keywords(text))
 
 
 def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
@@ -36,10 +43,10 @@ def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
     Raises:
         CardError: a number is damaged.
     """
-    return _Reader(list(keywords(text)), nodes_of_sets).deck()
+    return _KeywordReader(list(keywords(text)), nodes_of_sets).deck()
 
 
-class _Reader:
+class _KeywordReader:
     """Reads the keywords in order.
 
     Attributes:
@@ -51,13 +58,17 @@ class _Reader:
 
     def __init__(self, file: Sequence[Keyword], nodes_of_sets: Mapping[str, frozenset[int]]) -> None:
         self._file, self._curves, self._deck = file, _Amplitudes(file), Deck()
+        self._is_shell = has_shells(file)
         self._sets = nodes_of_sets
         names = [keyword.parameters.get("NAME", "") for keyword in file if keyword.name == "MATERIAL"]
         self._materials = {name.lower(): name for name in names}  # case does not count
         self._axes = {k.parameters.get("NAME", "").lower(): k for k in file if k.name == "ORIENTATION"}
         self._held_nodes: dict[str, dict[int, tuple[float, float]]] = {}
         self._forces: dict[str, dict[int, float]] = {}  # by node or set, and component
+        self._moments: dict[str, dict[int, float]] = {}
         self._pressed: dict[tuple[int, int], tuple[float, float]] = {}
+        self._edges: dict[tuple[int, int], tuple[float, float]] = {}
+        self._edges_ever: dict[tuple[int, int], float] = {}
         self._couplings: dict[int, tuple[str, str]] = {}  # surface and kind by the number of the node
         self._pressed_ever: dict[tuple[int, int], float] = {}
         self._densities: dict[str, float] = {}
@@ -74,8 +85,10 @@ class _Reader:
             match keyword.name:
                 case "STEP":
                     step += 1
-                case "ELEMENT" if not (kind := keyword.parameters.get("TYPE", "").upper()).startswith("C3D"):
-                    deck.unused.append(f"elements of type {kind}")
+                case "ELEMENT":
+                    kind = keyword.parameters.get("TYPE", "").upper()
+                    if not (_SHELL.fullmatch(kind) if self._is_shell else kind.startswith("C3D")):
+                        deck.unused.append(f"elements of type {kind}")
                 case "MATERIAL":
                     material = keyword.parameters.get("NAME", "")
                 case "ELASTIC" if keyword.lines and len(keyword.lines[0]) > 1:
@@ -85,6 +98,8 @@ class _Reader:
                     self._densities[material] = number(keyword.lines[0][0], "*DENSITY")
                 case "SOLID SECTION":
                     self._read_section(keyword)
+                case name if name in SECTIONS:
+                    self._read_shell(keyword)
                 case "BOUNDARY" | "DLOAD" | "DSLOAD" | "CLOAD" if not (keyword.lines or "OP" in keyword.parameters):
                     deck.unused.append(f"*{keyword.name}, which has no line of data")
                 case "BOUNDARY":
@@ -106,7 +121,8 @@ class _Reader:
             deck.unused.append(f"*TRANSFORM of '{name}': other sets with its nodes have other axes than in the file")
         self._add_supports_of_nodes()
         self._add_loads()
-        self._add_pressed_elements()
+        self._add_pressed_elements(self._pressed, self._pressed_ever, "pressed")
+        self._add_pressed_elements(self._edges, self._edges_ever, "edge-loaded")
         self._add_forces()
         deck.unused += [f"*COUPLING of {surface} to a node without a force" for surface, _ in self._couplings.values()]
         return deck
@@ -121,6 +137,14 @@ class _Reader:
         if "COMPOSITE" in parameters:
             self._deck.unused.append(f"*SOLID SECTION, COMPOSITE: the layers of {region}")
 
+    def _read_shell(self, keyword: Keyword) -> None:
+        section = section_of(keyword)
+        self._deck.shells.append(section)
+        is_layered = len(section.layers) > 1
+        for place, (name, _) in enumerate(section.layers, 1):
+            region = layer_name(place) if is_layered else section.region
+            self._deck.materials[region] = self._materials.get(name.lower(), name)
+
     def _read_conditions(self, keyword: Keyword, step: int) -> None:
         if keyword.parameters.get("OP", "").upper() == "NEW":
             self._held.clear()
@@ -134,7 +158,7 @@ class _Reader:
         for line in keyword.lines:
             name, *entries = [*line, ""][: max(2, len(line))]
             try:
-                values = held_axes(entries)
+                values = held_axes(entries, has_rotations=self._is_shell)
             except ValueError:
                 raise CardError(f"*BOUNDARY: {', '.join(line)!r} names no components") from None
             if name.isdigit():
@@ -144,10 +168,15 @@ class _Reader:
                 entry = self._held.setdefault(self._spelled.setdefault(name.lower(), name), {})
                 entry.update({axis: value * factor for axis, value in values.items()})
 
-    def _add_support(self, region: str, values: Mapping[str, float], frames: set[Frame | None]) -> None:
+    def _add_support(self, region: str, values: Mapping[str, float], frames: set[TransformAxes | None]) -> None:
         """Add a support by the displacements of its components along the axes of its nodes."""
+        turned = {name[1]: value for name, value in values.items() if len(name) > 1}
+        values = {axis: value for axis, value in values.items() if len(axis) == 1}
+        if prescribed := [axis for axis, value in turned.items() if value]:
+            self._deck.unused.append(f"rotations of '{region}' about {', '.join(prescribed)}: state a displacement")
+        turns = [axis for axis, value in turned.items() if not value]
         if frames == {None}:
-            self._deck.support(region, values)
+            self._deck.support(region, values, turns)
             return
         frame = frames.pop() if len(frames) == 1 else None
         converted = frame.supports(values) if frame else None
@@ -156,7 +185,9 @@ class _Reader:
             self._deck.unused.append(f"support on '{region}', {text}")
             return
         displacements, normal = converted
-        self._deck.support(region, displacements)
+        if len(turns) not in (0, 3):
+            self._deck.unused.append(f"rotations of '{region}' about some axes of *TRANSFORM")
+        self._deck.support(region, displacements, turns if len(turns) == 3 else ())
         if normal:
             self._deck.supports.append({"region": region, "fix": ["normal"], "normal": normal})
 
@@ -178,13 +209,19 @@ class _Reader:
     def _read_loads(self, keyword: Keyword, step: int) -> None:
         if keyword.parameters.get("OP", "").upper() == "NEW":
             self._pressed.clear()
+            self._edges.clear()
             self._loads = {key: load for key, load in self._loads.items() if key[0] != keyword.name}
         factor = self._curves.factor(keyword, step, self._deck)
         for line in keyword.lines:
-            if line[0].isdigit() and len(line) > 2 and _PRESSED.fullmatch(line[1].upper()):
-                place = int(line[0]), int(line[1][1:])
+            kind = line[1].upper() if len(line) > 2 else ""
+            if line[0].isdigit() and (_PRESSED.fullmatch(kind) or (self._is_shell and kind == "P")):
+                place = int(line[0]), int(kind[1:] or 0)
                 self._pressed[place] = number(line[2], "*DLOAD"), factor
                 self._pressed_ever[place] = self._pressed[place][0]
+            elif line[0].isdigit() and self._is_shell and (match := _EDGE_LOAD.fullmatch(kind)):
+                place = int(line[0]), int(match[1])
+                self._edges[place] = number(line[2], "*DLOAD"), factor
+                self._edges_ever[place] = self._edges[place][0]
             elif line[0].isdigit():
                 self._single[f"*{keyword.name}"] += 1
             elif len(line) > 1:
@@ -197,7 +234,15 @@ class _Reader:
         for (keyword, name, kind), (line, factor) in self._loads.items():
             if keyword == "DSLOAD" and kind == "P" and len(line) > 2:
                 pressure = Measure(number(line[2], "*DSLOAD") * factor, stress=1)
-                deck.effects.append({"effect": "pressure", "region": name, "pressure": pressure})
+                face = {"face": "surface"} if self._is_shell else {}
+                deck.effects.append({"effect": "pressure", "region": name, "pressure": pressure} | face)
+            elif self._is_shell and (keyword, kind) == ("DLOAD", "P") and len(line) > 2:
+                pressure = Measure(number(line[2], "*DLOAD") * factor, stress=1)
+                deck.effects.append({"effect": "pressure", "region": name, "pressure": pressure, "face": "back"})
+            elif self._is_shell and kind.startswith("EDNOR") and len(line) > 2:
+                edge = f"{name}-{kind}" if keyword == "DLOAD" else name
+                by_length = Measure(number(line[2], f"*{keyword}") * factor, length=1, stress=1)
+                deck.effects.append({"effect": "pressure", "region": edge, "pressure": by_length, "face": "edge"})
             elif keyword == "DLOAD" and _PRESSED.fullmatch(kind) and len(line) > 2:
                 pressure = Measure(number(line[2], "*DLOAD") * factor, stress=1)
                 deck.effects.append({"effect": "pressure", "region": f"{name}-{kind}", "pressure": pressure})
@@ -211,16 +256,19 @@ class _Reader:
         for acceleration, names in weights.items():
             self._add_weight(acceleration, names)
 
-    def _add_pressed_elements(self) -> None:
+    def _add_pressed_elements(
+        self, pressed: Mapping[tuple[int, int], tuple[float, float]], ever: Mapping[tuple[int, int], float], called: str
+    ) -> None:
         """Add the pressures on single elements by the sets that the reader of the mesh makes of them."""
-        added = 0
-        for name, value, places in pressed_groups(self._pressed_ever):
-            now = [self._pressed.get(place) for place in places]
+        added, is_edge = 0, called != "pressed"
+        face = {"face": "edge" if is_edge else "back"} if self._is_shell else {}
+        for name, value, places in pressed_groups(ever, called):
+            now = [pressed.get(place) for place in places]
             if None not in now and len(set(now)) == 1 and now[0] is not None and now[0][0] == value:
-                pressure = Measure(value * now[0][1], stress=1)
-                self._deck.effects.append({"effect": "pressure", "region": name, "pressure": pressure})
+                pressure = Measure(value * now[0][1], length=int(is_edge), stress=1)
+                self._deck.effects.append({"effect": "pressure", "region": name, "pressure": pressure} | face)
                 added += len(places)
-        if missing := len(self._pressed) - added:
+        if missing := len(pressed) - added:
             self._deck.unused.append(f"*DLOAD on {missing:,} faces of single elements, which change in the steps")
 
     def _read_coupling(self, keyword: Keyword) -> None:
@@ -245,6 +293,7 @@ class _Reader:
     def _read_forces(self, keyword: Keyword, step: int) -> None:
         if keyword.parameters.get("OP", "").upper() == "NEW":
             self._forces.clear()
+            self._moments.clear()
         factor = self._curves.factor(keyword, step, self._deck)
         for line in keyword.lines:
             component = line[1] if len(line) > 2 else ""
@@ -252,11 +301,21 @@ class _Reader:
             if component in ("1", "2", "3") or (component in ("4", "5", "6") and is_coupled):
                 name = self._spelled.setdefault(line[0].lower(), line[0])
                 self._forces.setdefault(name, {})[int(component) - 1] = number(line[2], "*CLOAD") * factor
+            elif component in ("4", "5", "6") and self._is_shell:
+                name = self._spelled.setdefault(line[0].lower(), line[0])
+                self._moments.setdefault(name, {})[int(component) - 4] = number(line[2], "*CLOAD") * factor
             else:
                 self._deck.unused.append(f"*CLOAD, {', '.join(line)}")
 
     def _add_forces(self) -> None:
-        vectors = {name: tuple(force.get(i, 0.0) for i in range(3)) for name, force in self._forces.items()}
+        self._add_vectors(self._forces, self._deck.forces, "loaded", "*CLOAD")
+        self._add_vectors(self._moments, self._deck.moments, "turned", "*CLOAD of moments")
+
+    def _add_vectors(
+        self, components: Mapping[str, Mapping[int, float]], added: list[NodalForces], called: str, keyword: str
+    ) -> None:
+        """Add forces or moments at nodes by their components, by the name of a set or the number of a node."""
+        vectors = {name: tuple(force.get(i, 0.0) for i in range(3)) for name, force in components.items()}
         single: dict[int, tuple[float, float, float]] = {}
         spelled_sets = {name.lower(): name for name in self._sets}
         for name, (x, y, z) in vectors.items():
@@ -269,15 +328,21 @@ class _Reader:
             elif name.isdigit():
                 single[int(name)] = x, y, z
             elif (region := spelled_sets.get(name.lower())) is not None:
-                self._add_nodal(region, f"*CLOAD on {name}", dict.fromkeys(self._sets[region], (x, y, z)))
+                self._add_nodal(added, region, f"{keyword} on {name}", dict.fromkeys(self._sets[region], (x, y, z)))
             else:
-                self._deck.unused.append(f"*CLOAD on {name}, which has no node of the mesh")
-        for name, nodes in force_groups(single):
+                self._deck.unused.append(f"{keyword} on {name}, which has no node of the mesh")
+        for name, nodes in force_groups(single, called):
             region = name if self._sets.get(name) == nodes else None
-            title = f"*CLOAD on {len(nodes):,} single nodes"
-            self._add_nodal(region, title, {node: single[node] for node in nodes})
+            title = f"{keyword} on {len(nodes):,} single nodes"
+            self._add_nodal(added, region, title, {node: single[node] for node in nodes})
 
-    def _add_nodal(self, region: str | None, title: str, forces: Mapping[int, tuple[float, float, float]]) -> None:
+    def _add_nodal(
+        self,
+        added: list[NodalForces],
+        region: str | None,
+        title: str,
+        forces: Mapping[int, tuple[float, float, float]],
+    ) -> None:
         """Add forces at nodes by their components along the axes of the nodes."""
         turned: dict[int, tuple[float, float, float]] = {}
         for node, force in forces.items():
@@ -287,7 +352,7 @@ class _Reader:
                 self._deck.unused.append(f"{title}, along the radial axes of *TRANSFORM")
                 return
             turned[node] = in_space
-        self._deck.forces.append(NodalForces(region, title, turned))
+        added.append(NodalForces(region, title, turned))
 
     def _add_coupled(self, node: int, force: tuple[float, float, float]) -> None:
         surface, kind = self._couplings.pop(node)

@@ -20,7 +20,7 @@ _PARALLEL = 1e-9
 
 
 @dataclass(frozen=True)
-class Frame:
+class TransformAxes:
     """Axes (3, 3), as rows; of a cylindrical one only the third is known, and the others depend on the place."""
 
     axes: tuple[tuple[float, ...], ...]
@@ -72,8 +72,8 @@ class Transforms:
 
     def __init__(self, file: Iterable[Keyword], nodes_of_sets: Mapping[str, frozenset[int]]) -> None:
         self._sets = {name.lower(): nodes for name, nodes in nodes_of_sets.items()}
-        self._by_name: dict[str, Frame] = {}
-        self._by_node: dict[int, Frame] = {}
+        self._by_name: dict[str, TransformAxes] = {}
+        self._by_node: dict[int, TransformAxes] = {}
         self.unknown: list[str] = []
         """sets whose nodes are not known, so that supports of other sets may be on them"""
         for keyword in file:
@@ -95,19 +95,19 @@ class Transforms:
         short = name.strip().lower()
         return self._sets.get(short, self._sets.get(short.rpartition(".")[2]))
 
-    def frames(self, name: str) -> set[Frame | None]:
+    def frames(self, name: str) -> set[TransformAxes | None]:
         """Return the frames of the nodes of a set; ``None`` stands for the axes of the coordinates."""
         nodes = self._nodes(name)
         if nodes is None:
             return {self._by_name.get(name.lower())}
         return self.frames_of(nodes)
 
-    def frames_of(self, nodes: Iterable[int]) -> set[Frame | None]:
+    def frames_of(self, nodes: Iterable[int]) -> set[TransformAxes | None]:
         """Return the frames of nodes."""
         return {self._by_node.get(node) for node in nodes} or {None}
 
 
-def _frame(keyword: Keyword, place: str) -> Frame:
+def _frame(keyword: Keyword, place: str) -> TransformAxes:
     texts = keyword.lines[0] if keyword.lines else []
     points = np.array([number(text or "0", place) for text in [*texts, *["0"] * 6][:6]]).reshape(2, 3)
     kind = keyword.parameters.get("TYPE", "R").upper()
@@ -120,5 +120,5 @@ def _frame(keyword: Keyword, place: str) -> Frame:
     return _as_frame(frame_of(first, np.cross(third, first), place), is_cylindrical=True)
 
 
-def _as_frame(axes: Floats, *, is_cylindrical: bool) -> Frame:
-    return Frame(tuple(tuple(axis) for axis in (axes + 0.0).tolist()), is_cylindrical)
+def _as_frame(axes: Floats, *, is_cylindrical: bool) -> TransformAxes:
+    return TransformAxes(tuple(tuple(axis) for axis in (axes + 0.0).tolist()), is_cylindrical)

@@ -11,6 +11,11 @@ _AXES = {"UX": "x", "UY": "y", "UZ": "z"}
 _LOADS = ("F", "SF", "SFE", "BF", "BFE", "ACEL", "OMEGA", "CE", "CP")
 
 
+def is_shell(text: str) -> bool:
+    """Return False: shells of archives are not read."""
+    return False
+
+
 def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
     """Return what the archive says; a displacement of nodes is a support if a component has just these nodes.
 

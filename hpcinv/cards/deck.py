@@ -57,6 +57,35 @@ class RemoteForce:
 
 
 @dataclass(frozen=True)
+class ShellSection:
+    """Section of a set of shell elements, in the file's units.
+
+    Attributes:
+        region: name of the set.
+        layers: material and thickness of each layer, in the direction of the elements' normals; one if there are none.
+        offset: distance of the nodes from the middle along the normals, by the thickness.
+        array: data array of the mesh with the thickness at nodes, where the layer's is 0.
+        is_membrane: whether the elements have no bending stiffness.
+    """
+
+    region: str
+    layers: tuple[tuple[str, float], ...]
+    offset: float = 0.0
+    array: str = ""
+    is_membrane: bool = False
+
+    @property
+    def thickness(self) -> float:
+        """Sum of the layers."""
+        return sum(thickness for _, thickness in self.layers)
+
+
+def layer_name(number: int) -> str:
+    """Return the name of the region of a layer, counted from 1 along the normals of the elements."""
+    return f"layer{number}"
+
+
+@dataclass(frozen=True)
 class Axes:
     """Axes of the material of a set.
 
@@ -77,10 +106,15 @@ class Deck:
         materials: names of materials by the set of elements that has them.
         axes: of the materials, by the same sets.
         linear: linearly elastic materials, by name; taken if the program's other laws of it have no counterpart.
-        supports: sections of a job, whose regions are names of sets; numbers with units are `Measure`.
-        effects: the same; one on sets of elements names them under ``on``.
+        supports: sections of a job, whose regions are names of sets; numbers with units are `Measure`. Of a shell,
+            ``turns`` has the axes of the rotations that are held.
+        effects: the same; one on sets of elements names them under ``on``. Of a shell, ``face`` is ``back`` for a
+            pressure that pushes along the normals, ``surface`` on the side that a surface names, and ``edge`` for a
+            force by length instead of a pressure.
         forces: forces at nodes.
+        moments: the same of moments, on shells.
         remotes: forces and moments on rigid regions.
+        shells: sections; the file has no solids if there are any.
         unused: what is in the file and not in the job.
     """
 
@@ -90,16 +124,19 @@ class Deck:
     supports: list[Mapping[str, Any]] = field(default_factory=list)
     effects: list[Mapping[str, Any]] = field(default_factory=list)
     forces: list[NodalForces] = field(default_factory=list)
+    moments: list[NodalForces] = field(default_factory=list)
     remotes: list[RemoteForce] = field(default_factory=list)
+    shells: list[ShellSection] = field(default_factory=list)
     unused: list[str] = field(default_factory=list)
 
-    def support(self, region: str, values: Mapping[str, float]) -> None:
-        """Add a support by the displacements of its components."""
+    def support(self, region: str, values: Mapping[str, float], turns: Sequence[str] = ()) -> None:
+        """Add a support by the displacements of its components, and the axes about which a shell is held."""
+        turned = {"turns": sorted(turns)} if turns else {}
         if any(values.values()):
             components = [Measure(values[axis], length=1) if axis in values else None for axis in "xyz"]
-            self.supports.append({"region": region, "displacement": components})
-        elif values:
-            self.supports.append({"region": region, "fix": sorted(values)})
+            self.supports.append({"region": region, "displacement": components} | turned)
+        elif values or turns:
+            self.supports.append({"region": region, "fix": sorted(values)} | turned)
 
     def mass_load(self, effect: Mapping[str, Any], densities: Sequence[float], load: str, entry: str) -> None:
         """Add a load on mass with the first density that is not zero; without one it is not used.

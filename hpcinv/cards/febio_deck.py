@@ -19,16 +19,21 @@ _AS_NODES = re.compile(r"^@\w+:")  # a surface or an element set as a node set
 _AT_REST = ("", "STATIC", "STEADY-STATE")
 
 
+def is_shell(text: str) -> bool:
+    """Return False: shells of models are not read."""
+    return False
+
+
 def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
     """Return what the model says at the end of its last step, with the values of the load curves there.
 
     Raises:
         CardError: it is not XML, or a number is damaged.
     """
-    return _Reader(root_of(text), nodes_of_sets).deck()
+    return _DeckReader(root_of(text), nodes_of_sets).deck()
 
 
-class _Reader:
+class _DeckReader:
     def __init__(self, root: ET.Element, nodes_of_sets: Mapping[str, frozenset[int]]) -> None:
         self._sets = nodes_of_sets
         self._root, self._deck, self._curves = root, Deck(), LoadCurves(root)

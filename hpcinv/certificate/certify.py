@@ -28,10 +28,10 @@ from hpcinv.certificate.unknown_loads_check import (
 )
 from hpcinv.certificate.vertex_forces import vertex_forces
 from hpcinv.certificate.volume import volume
+from hpcinv.job.sections import QuantityValue
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.units import readable
 from hpcinv.results.displacement_scale import displacement_scale
-from hpcinv.results.quantities_of_interest import Value
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
@@ -44,7 +44,7 @@ DISCRETISATION = "discretisation error of the shape, relative to the displacemen
 def certify(
     equations: Equations,
     solutions: Sequence[Solution],
-    computed: Mapping[str, Value],
+    computed: Mapping[str, QuantityValue],
     prior_estimate: Estimate | None = None,
     begins: Callable[[str], None] = lambda _: None,
     observer: Observer = SILENT,
@@ -86,7 +86,7 @@ class _Checks:
 
     equations: Equations
     solutions: Sequence[Solution]
-    computed: Mapping[str, Value]
+    computed: Mapping[str, QuantityValue]
     estimated: Estimate | None
     begins: Callable[[str], None]
     observer: Observer

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from hpcinv.certificate.certify import certify
 from hpcinv.certificate.check import Certificate, Line
 from hpcinv.certificate.discretisation_error import Estimate
-from hpcinv.results.quantities_of_interest import Value
+from hpcinv.job.sections import QuantityValue
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import Observer
@@ -14,7 +14,7 @@ from hpcinv.solver.observer import Observer
 def certify_all(
     equations: Sequence[Equations],
     solutions: Sequence[Solution],
-    quantities: Mapping[str, Value],
+    quantities: Mapping[str, QuantityValue],
     estimate: Estimate | None,
     deviations: Mapping[str, float],
     detail: Callable[[str], None],

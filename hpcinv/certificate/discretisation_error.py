@@ -44,7 +44,7 @@ from hpcinv.certificate.singular_edges import FIBRES, SingularEdges, singular_ed
 from hpcinv.certificate.singular_limit import SingularLimit, singular_limit
 from hpcinv.effects import Direction
 from hpcinv.job.job import Job
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.sections import QuantityOfInterest, QuantityValue
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.interpolation import interpolate
@@ -56,7 +56,7 @@ from hpcinv.methods.method import UNLOADED
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.displacement_scale import displacement_scale
-from hpcinv.results.quantities_of_interest import Value, carried, evaluate
+from hpcinv.results.quantities_of_interest import carried, evaluate
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.cost_model import Forecast
@@ -115,8 +115,8 @@ class Estimate:
         correction: of the rest shape; ``None`` if it is not finite.
     """
 
-    quantities: Mapping[str, Value]
-    corrected: Mapping[str, Value]
+    quantities: Mapping[str, QuantityValue]
+    corrected: Mapping[str, QuantityValue]
     shape: float
     cells: npt.NDArray[np.float64]
     unknowns: int
@@ -159,7 +159,7 @@ class Estimate:
 def estimate(
     equations: Equations,
     solution: Solution,
-    computed: Mapping[str, Value],
+    computed: Mapping[str, QuantityValue],
     rest_correction: Correction | None = None,
     observer: Observer = SILENT,
 ) -> Estimate | None:
@@ -414,7 +414,7 @@ def finer_forecast(equations: Equations) -> Forecast:
 
 def _corrected(
     quantities: Sequence[QuantityOfInterest], equations: Equations, u: Floats, direction: Direction, finer: Equations
-) -> dict[str, Value]:
+) -> dict[str, QuantityValue]:
     """Return the quantities of interest of the corrected solution, without reactions, in the order of the job.
 
     Args:
@@ -473,7 +473,7 @@ def quantities_at_singular_fibres(
     return tuple(names)
 
 
-def _difference(corrected: Value, computed: Value) -> Value:
+def _difference(corrected: QuantityValue, computed: QuantityValue) -> QuantityValue:
     if isinstance(corrected, list):
         assert isinstance(computed, list)
         return [a - b for a, b in zip(corrected, computed, strict=True)]
@@ -481,7 +481,7 @@ def _difference(corrected: Value, computed: Value) -> Value:
     return corrected - computed
 
 
-def _extrapolated(computed: Value, corrected: Value, factor: float) -> Value:
+def _extrapolated(computed: QuantityValue, corrected: QuantityValue, factor: float) -> QuantityValue:
     """Return the corrected value with its correction multiplied by ``factor``."""
     if isinstance(corrected, list):
         assert isinstance(computed, list)

@@ -77,7 +77,7 @@ def singular_edges(job: Job, body: Body, configurations: Mapping[str, Floats] | 
     gathered = mesh.comm.gather((numbers, mesh.geometry.x[nodes], areas, held))
     kind, _ = kind_and_degree(mesh)
 
-    def find_on_root() -> _Edges:
+    def find_on_root() -> _SingularEdges:
         assert gathered is not None
         numbers, corners, areas, held = (np.concatenate(part) for part in zip(*gathered, strict=True))
         regions = [support.region for support in job.supports]
@@ -109,7 +109,7 @@ def _with_fibres(edges: SingularEdges, cells: Ints, points: Floats, body: Body) 
 
 
 @dataclass(frozen=True)
-class _Edges:
+class _SingularEdges:
     """Singular edges: global ``vertices`` (e, 2), their ``points`` (e, 2, 3), exponents and kinds (e,)."""
 
     vertices: Ints
@@ -119,7 +119,7 @@ class _Edges:
     names: list[str]
 
 
-def _cell_edges(body: Body, edges: _Edges) -> SingularEdges:
+def _cell_edges(body: Body, edges: _SingularEdges) -> SingularEdges:
     mesh = body.mesh
     owned = mesh.topology.index_map(3).size_local
     nodes = mesh.geometry.dofmaps[0][:owned, : mesh.ufl_cell().num_vertices]
@@ -140,7 +140,7 @@ def _cell_edges(body: Body, edges: _Edges) -> SingularEdges:
 
 def _edges(
     kind: str, facets: Ints, corners: Floats, areas: Floats, held: Ints, regions: Sequence[str], kappa: float
-) -> _Edges:
+) -> _SingularEdges:
     """Find the singular edges among the facets of a whole boundary.
 
     Args:
@@ -191,7 +191,7 @@ def _edges(
     is_limiting = np.array(exponents, dtype=np.float64) < LIMITING
     kept = np.array(numbers, dtype=np.int64)[is_limiting]
     limiting = np.array(exponents, dtype=np.float64)[is_limiting], np.array(kinds, dtype=np.int64)[is_limiting]
-    return _Edges(vertices[is_between_two][kept], ends[kept], *limiting, list(names))
+    return _SingularEdges(vertices[is_between_two][kept], ends[kept], *limiting, list(names))
 
 
 def _highest_angles(excess: Floats, pair: Ints, facets: int) -> tuple[Floats, Floats]:

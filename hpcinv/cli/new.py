@@ -6,7 +6,7 @@ import argparse
 import os
 import re
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -169,20 +169,34 @@ def _say_next(output: Path, what: str, last: str = "run") -> int:
 
 def _check(options: argparse.Namespace) -> None:
     """Raise an error if options do not fit each other."""
-    if suffix_of(options.output) not in (".yaml", ".yml"):
-        raise OutputError(f"{options.output}: is not a name of a job", "Name it *.yaml.")
-    if not re.fullmatch(NAME_OF_FILE, options.output.stem):
+    _check_output(options.output)
+    _check_input_file(options)
+    _check_filling(options)
+    _check_scan(options)
+
+
+def _check_output(output: Path) -> None:
+    if suffix_of(output) not in (".yaml", ".yml"):
+        raise OutputError(f"{output}: is not a name of a job", "Name it *.yaml.")
+    if not re.fullmatch(NAME_OF_FILE, output.stem):
         raise OutputError(
-            f"{options.output}: cannot be the name of a job", "Use letters, digits, _, - and dots, a letter first."
+            f"{output}: cannot be the name of a job", "Use letters, digits, _, - and dots, a letter first."
         )
-    if not options.output.parent.is_dir():
-        raise OutputError(f"{options.output.parent}: is not a directory", "Make it first.")
+    if not output.parent.is_dir():
+        raise OutputError(f"{output.parent}: is not a directory", "Make it first.")
+
+
+def _check_input_file(options: argparse.Namespace) -> None:
     if (options.kind == "job") != (options.source is not None):
         raise JobError("--from: goes with 'hpcinv new job', which needs it: such as --from part.inp")
     if options.stress_unit and options.source is None:
         raise JobError("--stress-unit: is for an input file, and there is no --from")
     if options.source is not None and (options.image or options.surface or options.size):
         raise JobError("--from: a job has one mesh, and the input file gives it")
+
+
+def _check_filling(options: argparse.Namespace) -> None:
+    """Raise an error if the options of a ventricle are not valid."""
     for name in ("ed_pressure", "klotz"):
         if getattr(options, name) and options.kind != "ventricle":
             raise JobError(f"--{name.replace('_', '-')}: is for a ventricle, and this is {_article(options.kind)}")
@@ -191,10 +205,14 @@ def _check(options: argparse.Namespace) -> None:
             positive(options.ed_pressure, STRESS, "the pressure")
         except ValueError as error:
             raise JobError(f"--ed-pressure: {error}") from None
+
+
+def _check_scan(options: argparse.Namespace) -> None:
+    """Raise an error if the options of an image or a surface are not valid for the kind of body."""
     if options.image is not None and options.surface is not None:
         raise JobError("--surface: a job has one mesh, and --image gives it, too")
-    given = options.image or options.surface or options.source
-    if options.kind == "shell" and given is not None:
+    scan = options.image or options.surface
+    if options.kind == "shell" and scan is not None:
         name = "image" if options.image is not None else "surface"
         raise JobError(f"--{name}: a shell is a surface of quadrilaterals; put such a mesh into the example")
     if options.surface is not None and options.kind in _WALLS:
@@ -204,16 +222,19 @@ def _check(options: argparse.Namespace) -> None:
         )
     if options.image is None and options.label:
         raise JobError("--label: is for an image, and there is no --image")
-    if given is None and (options.unit or options.size):
+    if not (scan or options.source) and (options.unit or options.size):
         raise JobError(f"--{'unit' if options.unit else 'size'}: is for an --image or a --surface, and there is none")
     if options.surface is not None and options.unit is None:
         raise JobError("--unit: is needed with --surface, since its formats have no unit: such as --unit mm")
     for name, endings in (("image", IMAGES), ("surface", SURFACES)):
-        path = getattr(options, name)
-        if path is not None and suffix_of(path) not in endings:
-            raise JobError(f"--{name} {path}: is not in a format of {name}s; the endings are {', '.join(endings)}")
-        if path is not None and not path.is_file():
-            raise JobError(f"--{name} {path}: no such file")
+        _check_file(f"--{name}", getattr(options, name), endings, f"{name}s")
+
+
+def _check_file(option: str, path: Path | None, endings: Sequence[str], what: str) -> None:
+    if path is not None and suffix_of(path) not in endings:
+        raise JobError(f"{option} {path}: is not in a format of {what}; the endings are {', '.join(endings)}")
+    if path is not None and not path.is_file():
+        raise JobError(f"{option} {path}: no such file")
 
 
 def _example(options: argparse.Namespace) -> _Source:

@@ -3,27 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import os
-import re
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.errors import JobError
-from hpcinv.files.names import escaped_line
 from hpcinv.reading.suffix import suffix_of
 
 if TYPE_CHECKING:
-    from hpcinv.cards.card import Card
-    from hpcinv.cards.deck import Deck, NodalForces, RemoteForce
-    from hpcinv.mesh.source import Floats, MeshSource
+    from hpcinv.cards.deck import Deck
 
-_MOST_VERTICES = 200
-"""Vertices of a support that a job lists; raised, jobs may become very long"""
-_BALANCED = 0.01
-"""Share of the forces at nodes below which their resultant, or their moment, counts as none"""
 _PROGRAMS = {".inp": "abaqus", ".feb": "febio", ".cdb": "ansys"}
 
 
@@ -33,9 +21,10 @@ def job_from(options: argparse.Namespace) -> str:
 
     from hpcinv.cards.card import CardError
     from hpcinv.cli.cards import file_text
+    from hpcinv.cli.file_job import FileJob
     from hpcinv.cli.mesh_input import length_unit
     from hpcinv.mesh.io.isolated import read_isolated
-    from hpcinv.mesh.readers import FILES
+    from hpcinv.mesh.readers import FILES, read_surface
 
     path: Path = options.source
     program = _PROGRAMS.get(suffix_of(path))
@@ -44,263 +33,29 @@ def job_from(options: argparse.Namespace) -> str:
     if options.unit is None or options.stress_unit is None:
         raise JobError("--from: files of other programs have no units; give them, as --unit mm --stress-unit MPa")
     length_unit(options.unit)
-    source = FILES[suffix_of(path)](path)
-    _, arrays = read_isolated(suffix_of(path)[1:], path, "cannot be read", "Is the file complete?")
-    tags = arrays["node_tags"]
-    sets = {key[6:]: frozenset(tags[rows].tolist()) for key, rows in arrays.items() if key.startswith("nodes:")}
+    reader = importlib.import_module(f"hpcinv.cards.{program}_deck")
     try:
         text = file_text(path)
-        deck: Deck = importlib.import_module(f"hpcinv.cards.{program}_deck").read_deck(text, sets)
-        return _Job(options, program, source, deck, text, sets).text()
+        is_shell: bool = reader.is_shell(text)
+        source = read_surface(path) if is_shell else FILES[suffix_of(path)](path)
+        action = f"{suffix_of(path)[1:]}{'-shells' if is_shell else ''}"
+        _, arrays = read_isolated(action, path, "cannot be read", "Is the file complete?")
+        tags = arrays["node_tags"]
+        sets = {key[6:]: frozenset(tags[rows].tolist()) for key, rows in arrays.items() if key.startswith("nodes:")}
+        deck: Deck = reader.read_deck(text, sets)
+        if not is_shell:
+            return FileJob(options, program, source, deck, text, sets).text()
+        from hpcinv.cli.shell_job import ShellJob
+
+        sides = {key[6:]: _side(rows) for key, rows in arrays.items() if key.startswith("faces:")}
+        return ShellJob(options, program, source, deck, text, sets, sides).text()
     except CardError as error:
         raise CardError(*(f"{path}: {problem}" for problem in error.problems)) from None
     except ValueError as error:
         raise JobError(f"{path}: {error}") from None
 
 
-class _Job:
-    def __init__(
-        self,
-        options: argparse.Namespace,
-        program: str,
-        source: MeshSource,
-        deck: Deck,
-        text: str,
-        sets: Mapping[str, frozenset[int]],
-    ) -> None:
-        self._options, self._program, self._source, self._deck, self._text = options, program, source, deck, text
-        self._sets = sets
-        self._regions = {group.name.lower(): group.name for group in source.groups}
-        self._vertices: dict[str, dict[str, Any]] = {}  # regions of vertices, by name
-        self._comments = [f"Made by hpcinv new job --from {options.source}; read what it says, and change it."]
-
-    def text(self) -> str:
-        """Return the job as YAML with comments."""
-        import yaml
-
-        supports = [support for entry in self._deck.supports for support in self._supports(entry)]
-        supports += [entry for entry in map(self._remote, self._deck.remotes) if entry]
-        effects = [entry for entry in map(self._placed, self._deck.effects) if entry]
-        effects += [entry for entry in map(self._traction, self._deck.forces) if entry]
-        sections = self._materials()
-        self._comments = list(dict.fromkeys(self._comments))
-        self._comments += [f"Not taken from the file: {text}" for text in dict.fromkeys(self._deck.unused)]
-        if not supports:
-            self._comments.append("No support is taken from the file: state 'supports', such as the line below.")
-        if not effects and not any({"displacement", "remote"} & entry.keys() for entry in supports):
-            self._comments.append("No load is taken from the file: state 'effects'.")
-        if self._vertices:
-            text = "Supports at vertices keep a body in place whose loads balance; hold facets where they carry a load."
-            self._comments.append(text)
-        names = [group.name for group in self._source.groups]
-        self._comments.append(f"Regions of the mesh: {', '.join(dict.fromkeys(names)) or 'none'}")
-        mesh = os.path.relpath(self._options.source.resolve(), self._options.output.resolve().parent)
-        job = {
-            "job": self._options.output.stem,
-            "analysis": "forward",
-            "mesh": {"file": mesh, "unit": self._options.unit},
-            **({"regions": self._vertices} if self._vertices else {}),
-            **sections,
-            "effects": effects,
-            "supports": supports or [{"region": self._anywhere(), "fix": ["x", "y", "z"]}],
-        }
-        self._comments.append("'analysis: forward' takes the mesh for unloaded; 'inverse' takes it for loaded.")
-        lines = [f"# {escaped_line(comment)}\n" for comment in self._comments]
-        body = yaml.safe_dump(job, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
-        return "".join([*lines, body])
-
-    def _anywhere(self) -> str:
-        return next((group.name for group in self._source.groups if group.dim == 2), "boundary")
-
-    def _region(self, name: str) -> str | None:
-        """Return the region of a set, as the mesh has it; names in an assembly are of an instance."""
-        short = name.strip().lower()
-        return self._regions.get(short) or self._regions.get(short.rpartition(".")[2])
-
-    def _placed(self, entry: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Return a section with units and the region of the mesh; ``None`` if there is no such region."""
-        placed = {key: self._with_units(value) for key, value in entry.items() if key != "on"}
-        if "region" in entry:
-            what = entry.get("effect", "support")
-            region = self._region(entry["region"])
-            if region is None:
-                self._deck.unused.append(f"{what} on '{entry['region']}', which spans no facet of the mesh")
-                return None
-            placed["region"] = region
-        elif names := [name for name in entry.get("on", ()) if name]:
-            members = {cell for name in names for cell in self._cells(name)}
-            if len(members) < len(self._source.cells):
-                self._comments.append(f"{entry['effect']} on {', '.join(names)} acts on the whole body in this job.")
-        return placed
-
-    @cached_property
-    def _row(self) -> Mapping[int, int]:
-        """Row of each node by its number."""
-        return {tag: row for row, tag in enumerate(self._source.node_tags.tolist())}
-
-    @cached_property
-    def _points(self) -> Floats:
-        """Nodes (n, 3) in the unit of the file."""
-        return self._source.points / (self._source.unit or 1.0)
-
-    def _supports(self, entry: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-        """Yield the section of a support, and one of the vertices of its set that span no facet."""
-        name = entry["region"]
-        region = self._region(name)
-        if region is not None and (placed := self._placed(entry)) is not None:
-            yield placed
-        vertices = self._lost_vertices(name, region)
-        if len(vertices) > _MOST_VERTICES:
-            text = f"support on {len(vertices):,} vertices of '{name}', which span no facet of the mesh"
-            self._deck.unused.append(text)
-        elif vertices:
-            own = self._named_vertices(f"{name}_vertices", vertices)
-            yield {key: self._with_units(value) for key, value in entry.items()} | {"region": own}
-        elif region is None:
-            self._deck.unused.append(f"support on '{name}', which has no vertex of the mesh")
-
-    def _named_vertices(self, name: str, tags: list[int]) -> str:
-        """Return the name of a region of vertices, which has the form of an identifier."""
-        own = re.sub(r"\W", "_", name, flags=re.ASCII)
-        own = own if own[:1].isalpha() else f"set_{own}"
-        points = self._points[[self._row[tag] for tag in tags]]
-        places = [[f"{x + 0.0:.12g} {self._options.unit}" for x in point] for point in points.tolist()]
-        self._vertices[own] = {"vertices": places}
-        return own
-
-    def _lost_vertices(self, name: str, region: str | None) -> list[int]:
-        """Return the numbers of the vertices of a node set that are on no facet and cell of its region."""
-        from hpcinv.mesh.cells import FACET_KIND, vertex_count
-
-        source, tags = self._source, self._source.node_tags
-        cells = source.cells[:, : vertex_count(source.kind)]
-        facets = source.facets[:, : vertex_count(FACET_KIND[source.kind])]
-        spelled = {own.lower(): own for own in self._sets}
-        members = self._sets.get(spelled.get(name.lower(), ""), frozenset())
-        wanted = members & set(tags[cells].ravel().tolist())
-        found: set[int] = set()
-        for group in source.groups:
-            if group.name == region:
-                found.update(tags[(facets if group.dim == 2 else cells)[group.members]].ravel().tolist())
-        return sorted(wanted - found)
-
-    def _remote(self, coupled: RemoteForce) -> dict[str, Any] | None:
-        """Return the support that moves a region by a force and a moment; ``None`` if there is no such region."""
-        from hpcinv.cards.deck import Measure
-
-        region = self._region(coupled.region)
-        if region is None or coupled.node not in self._row:
-            self._deck.unused.append(f"*COUPLING of '{coupled.region}', which has no facet or no node")
-            return None
-        point = self._points[self._row[coupled.node]]
-        remote = {
-            "force": [self._with_units(Measure(part, length=2, stress=1)) for part in coupled.force],
-            "moment": [self._with_units(Measure(part, length=3, stress=1)) for part in coupled.moment],
-            "about": [self._with_units(Measure(part, length=1)) for part in point.tolist()],
-        }
-        return {"region": region, "remote": remote}
-
-    def _traction(self, nodal: NodalForces) -> dict[str, Any] | None:
-        """Return the uniform traction that has the resultant of forces at nodes; ``None`` if there is none."""
-        import numpy as np
-
-        from hpcinv.cards.deck import Measure
-        from hpcinv.mesh.facet_area import area_and_centre
-
-        row, points = self._row, self._points
-        tags = [tag for tag in nodal.forces if tag in row]
-        forces = np.array([nodal.forces[tag] for tag in tags]).reshape(-1, 3)
-        region = self._region(nodal.region) if nodal.region else None
-        groups = [group for group in self._source.groups if group.name == region and group.dim == 2]
-        size, resultant = float(np.linalg.norm(forces, axis=1).sum()), forces.sum(axis=0)
-        if not size:
-            return None
-        if not groups or float(np.linalg.norm(resultant)) < _BALANCED * size:
-            why = "whose resultant vanishes" if groups else "which span no facet: load a spot of facets by a traction"
-            self._deck.unused.append(f"{nodal.title}, {why}")
-            return None
-        area, centre = area_and_centre(self._source, np.concatenate([group.members for group in groups]), points)
-        arms = points[[row[tag] for tag in tags]] - centre
-        moment = float(np.linalg.norm(np.cross(arms, forces).sum(axis=0)))
-        share = moment / (size * float(np.linalg.norm(arms, axis=1).max()))
-        text = f"{nodal.title} became a uniform traction on '{region}' with the same resultant"
-        more = f"; their moment about its centre, {share:.0%} of their size by the distance, is lost"
-        self._comments.append(text + (more if share > _BALANCED else ""))
-        components = [self._with_units(Measure(float(part), stress=1)) for part in resultant / area]
-        return {"effect": "traction", "region": region, "traction": components, "area_in": "reference"}
-
-    def _cells(self, name: str) -> list[int]:
-        """Return the rows of the cells of a set."""
-        region = self._region(name)
-        groups = [group for group in self._source.groups if group.name == region and group.dim == 3]
-        return [cell for group in groups for cell in group.members.tolist()]
-
-    def _with_units(self, value: Any) -> Any:
-        from hpcinv.cards.deck import Measure
-
-        match value:
-            case Measure(length=1, stress=0):
-                return f"{value.value:.15g} {self._options.unit}{'/s^2' if value.time else ''}"
-            case Measure(length=0, stress=1):
-                return f"{value.value:.15g} {self._options.stress_unit}"
-            case Measure(stress=1, time=0):  # a force or a moment
-                from hpcinv.quantity.units import as_float, parse_unit
-
-                sizes = [as_float(parse_unit(unit)[0]) for unit in (self._options.unit, self._options.stress_unit)]
-                unit = "N" if value.length == 2 else "N m"
-                return f"{value.value * sizes[0] ** value.length * sizes[1]:.15g} {unit}"
-            case Measure():  # with seconds: a density is a stress by the square of a velocity
-                from hpcinv.quantity.units import as_float, parse_unit
-
-                sizes = [as_float(parse_unit(unit)[0]) for unit in (self._options.unit, self._options.stress_unit)]
-                return f"{value.value * sizes[0] ** value.length * sizes[1] ** value.stress:.15g} kg/m^3"
-            case list():
-                return [self._with_units(entry) for entry in value]
-        return value
-
-    def _materials(self) -> dict[str, Any]:
-        """Return the sections of the materials, by region if there are several."""
-        from hpcinv.cards.merged_sections import merged
-
-        materials = self._deck.materials or {"": ""}
-        sections = {name: self._material(material, name) for name, material in materials.items()}
-        if all(section == next(iter(sections.values())) for section in sections.values()):
-            return next(iter(sections.values()))
-        regions = [(self._region(name), section) for name, section in sections.items()]
-        return merged([(region, section) for region, section in regions if region])
-
-    def _material(self, name: str, region: str) -> dict[str, Any]:
-        """Return the sections of the material of a set; a linear isotropic one is neo-Hooke with the same moduli."""
-        from hpcinv.cards.card import Card, CardError
-        from hpcinv.cli.cards import checked_sections, program_module
-
-        linear = self._deck.linear.get(name) or (next(iter(self._deck.linear.values()), None) if not name else None)
-        try:
-            card = program_module(self._program).read(self._text, name or None)
-        except CardError:
-            if linear is None:
-                raise
-            kind = "an energy of Green's strains" if linear.fibres else "neo-hookean"
-            self._comments.append(f"Linear elasticity {name} became {kind}, which agrees at small strain.")
-            card = Card(name, f"linear elasticity {name}", linear)
-        self._comments += [f"{card.title}: {note}" for note in card.law.notes]
-        return checked_sections(self._with_axes(card, region), self._options.stress_unit)
-
-    def _with_axes(self, card: Card, region: str) -> Card:
-        """Return a card whose fibres have the directions of the axes of a set."""
-        from hpcinv.cards.card import CardError
-        from hpcinv.cards.deck import Axes
-        from hpcinv.cards.orthotropic import FAMILIES
-
-        fibres = card.law.fibres
-        if None not in fibres.values():
-            return card
-        axes = self._deck.axes.get(region, Axes())
-        if not axes.frame and region in self._deck.axes:
-            text = f"{card.title}: the axes of {region} vary over the body"
-            raise CardError(f"{text}; remove its ORIENTATION=, and state {', '.join(fibres)} in 'fibres' of the job")
-        known = axes.frame if list(fibres) == list(FAMILIES) else axes.fibres
-        if len(known) < len(fibres):
-            self._comments.append(f"{card.title}: the file has no directions: state {', '.join(fibres)} in 'fibres'.")
-            return card
-        return replace(card, law=replace(card.law, fibres=dict(zip(fibres, known, strict=False))))
+def _side(faces: Any) -> int:
+    """Return the side of the elements that a surface is on: 1 along their normals, -1 opposite, 0 on both."""
+    numbers = set(faces[:, 1].tolist())
+    return {-1: -1, -2: 1}.get(numbers.pop(), 0) if len(numbers) == 1 else 0

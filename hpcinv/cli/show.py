@@ -203,7 +203,7 @@ def _page(path: Path, unit: str | None, save: str = "") -> bytes:
     from hpcinv.reports.job_page import job_page, length_unit_of
 
     text = path.read_text("utf-8") if job else ""
-    symbol = unit or length_unit_of(job, job.mesh.file if job else path.name)
+    symbol = unit or length_unit_of(job, body)
     return job_page(path.stem, body, job, text, symbol, save)
 
 

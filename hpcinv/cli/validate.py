@@ -9,8 +9,9 @@ from typing import Any
 from hpcinv.cli.help import add_command
 from hpcinv.errors import HpcinvError
 from hpcinv.files.untrusted import add_option
-from hpcinv.job.job import Job, json_schema, load
+from hpcinv.job.job import Job, check_files, json_schema, load
 from hpcinv.job.kind_of_file import is_study, is_sweep
+from hpcinv.job.mesh_contents import LARGEST
 from hpcinv.job.plausibility import doubtful_moduli
 from hpcinv.quantity.schema import Spec
 
@@ -45,6 +46,7 @@ def _validate(options: argparse.Namespace) -> int:
     for path in options.jobs:
         try:
             content = _load(path)
+            unread = check_files(content) if isinstance(content, Job) else []
             regions = _regions_of_cad(content) if isinstance(content, Job) and content.mesh.is_cad else []
         except HpcinvError as error:
             print(error, file=sys.stderr)
@@ -53,7 +55,9 @@ def _validate(options: argparse.Namespace) -> int:
             if isinstance(content, Job) and content.output.unit_warnings:
                 for text in doubtful_moduli(content):
                     print(f"warning: {path}: {text}", file=sys.stderr)
-            print(f"{path}: valid")
+            sizes = ", ".join(f"{file} of {file.stat().st_size / 1e6:.0f} MB" for file in unread)
+            limit = f"(up to {LARGEST / 1e6:.0f} MB are)"
+            print(f"{path}: valid{f'; not read here: {sizes} {limit}' if unread else ''}")
             for line in regions:
                 print(f"  {line}")
     return failed

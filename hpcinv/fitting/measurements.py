@@ -114,7 +114,7 @@ def read_file(path: Path, options: TestOptions) -> TestFile:
     Raises:
         JobError: with file, line, column and remedy of each fault.
     """
-    return _Reader(path, options).file()
+    return _TableReader(path, options).file()
 
 
 def mode_named(text: str) -> Mode:
@@ -129,7 +129,7 @@ def mode_named(text: str) -> Mode:
 _TITLES = "a line must name the columns, such as: stretch [-], nominal stress [MPa]"
 
 
-class _Reader:
+class _TableReader:
     """Reader of one file by the options of a user."""
 
     def __init__(self, path: Path, options: TestOptions) -> None:

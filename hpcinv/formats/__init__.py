@@ -17,6 +17,11 @@ MESHES = tuple(suffix for suffix, kind in sorted(FORMATS.items()) if kind.saver)
 """suffixes of formats that one process writes"""
 
 
+def action_of(path: Path) -> str:
+    """Return the action of ``hpcinv.reading.isolated_reader`` that reads a mesh file; empty if it has none."""
+    return FORMATS[suffix_of(path)].action if suffix_of(path) in FORMATS else ""
+
+
 def mesh_fault(directory: Path, file: str) -> str:
     """Fault of the mesh of an untrusted job in ``directory``; empty text if there is none."""
     path = directory / file
@@ -33,4 +38,4 @@ def mesh_fault(directory: Path, file: str) -> str:
     return image_fault(path)
 
 
-__all__ = ["FORMATS", "MESHES", "SAVED", "MeshFormat", "mesh_fault"]
+__all__ = ["FORMATS", "MESHES", "SAVED", "MeshFormat", "action_of", "mesh_fault"]

@@ -12,6 +12,7 @@ class Bdf(MeshFormat):
         ".nas",
         ".fem",
     )
+    action = "bdf"
     reader = "hpcinv.mesh.io.bdf:read_bdf"
     saver = "hpcinv.mesh.io.bdf:save_bdf"
     saves_27_nodes = "never"

@@ -5,6 +5,7 @@ from hpcinv.formats.mesh_format import MeshFormat
 
 class Cdb(MeshFormat):
     suffix = ".cdb"
+    action = "cdb"
     reader = "hpcinv.mesh.io.cdb:read_cdb"
     saver = "hpcinv.mesh.io.cdb:save_cdb"
     saves_27_nodes = "never"

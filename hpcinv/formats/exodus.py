@@ -10,6 +10,7 @@ class Exodus(MeshFormat):
         ".ex2",
         ".g",
     )
+    action = "exodus"
     reader = "hpcinv.mesh.io.exodus:read_exodus"
     saver = "hpcinv.mesh.io.exodus:save_exodus"
     saves_27_nodes = "if read"

@@ -14,6 +14,7 @@ _LARGEST = 200 * 2**20
 
 class Feb(MeshFormat):
     suffix = ".feb"
+    action = "feb"
     reader = "hpcinv.mesh.io.feb:read_feb"
     saver = "hpcinv.mesh.io.feb:save_feb"
     saves_27_nodes = "never"

@@ -5,5 +5,6 @@ from hpcinv.formats.mesh_format import MeshFormat
 
 class Medit(MeshFormat):
     suffix = ".mesh"
+    action = "medit"
     reader = "hpcinv.mesh.io.medit:read_medit"
     saver = "hpcinv.mesh.io.medit:save_medit"

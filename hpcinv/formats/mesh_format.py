@@ -29,7 +29,8 @@ class Groups:
         """Return the names that are possible where the mesh is a shell, whose curves are edges."""
         faces = {f"{name}|{face}" for name in self.names for face in (OUTER, INNER)}
         names = self.names | self.thin | faces | {OUTER, INNER}
-        return Groups(names, patterns=(*self.patterns, r"curve-\d+", rf"surface-\d+\|({OUTER}|{INNER})"))
+        sides = [rf"({pattern})\|({OUTER}|{INNER})" for pattern in (*self.patterns, r"surface-\d+")]
+        return Groups(names, patterns=(*self.patterns, r"curve-\d+", *sides))
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,8 @@ class MeshFormat(ABC):
     `arrays`, or names its ``reader``, which needs the packages above.
     """
 
+    action: ClassVar[str] = ""
+    """action of ``hpcinv.reading.isolated_reader`` that reads a file, in a process with limits"""
     suffix: ClassVar[str]
     other_suffixes: ClassVar[tuple[str, ...]] = ()
     reader: ClassVar[str] = ""
@@ -83,6 +86,10 @@ class MeshFormat(ABC):
 
     def fault(self, path: Path) -> str:
         """Fault of the first bytes of a file; empty text if they are valid."""
+        return ""
+
+    def fault_inside(self, path: Path) -> str:
+        """Fault that is found by searching a whole file, where no ``action`` reads it; empty text if there is none."""
         return ""
 
     def data_files(self, path: Path) -> list[str]:

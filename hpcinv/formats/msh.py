@@ -14,6 +14,7 @@ _NAME = re.compile(rb'^\s*(\d+)\s+-?\d+\s+"(.*)"\s*$', re.MULTILINE)
 
 class Msh(MeshFormat):
     suffix = ".msh"
+    action = "msh"
     reader = "hpcinv.mesh.readers:read_msh"
     saver = "hpcinv.mesh.io.gmsh_model:save_msh"
 
@@ -27,6 +28,15 @@ class Msh(MeshFormat):
         if first.rstrip() in _HEADERS:
             return ""
         return "is not in the MSH format, whose first line is $MeshFormat; a gmsh script must be named .geo"
+
+    def fault_inside(self, path: Path) -> str:
+        """Fault of a file without elements, or that is cut off."""
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            if content.find(b"$MeshFormat") < 0:  # version 1
+                return ""
+            sections = (b"$Nodes", b"$EndNodes", b"$Elements", b"$EndElements")
+            missing = [name for name in sections if content.find(name) < 0]
+        return f"has no {missing[0].decode()}: it is incomplete, or has no mesh" if missing else ""
 
     def groups(self, path: Path) -> Groups | None:
         """Groups by their names, which are text also in binary files; unnamed ones are called such as ``surface-3``."""

@@ -5,5 +5,6 @@ from hpcinv.formats.mesh_format import MeshFormat
 
 class Vtk(MeshFormat):
     suffix = ".vtk"
+    action = "vtk"
     reader = "hpcinv.mesh.io.vtk:read_vtk"
     saver = "hpcinv.mesh.io.vtk:save_vtk"

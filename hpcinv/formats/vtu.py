@@ -12,6 +12,7 @@ _LARGEST = 800 * 2**20
 
 class Vtu(MeshFormat):
     suffix = ".vtu"
+    action = "vtu"
     reader = "hpcinv.mesh.io.vtu:read_vtu"
     saver = "hpcinv.mesh.io.vtu:save_vtu"
 

@@ -25,6 +25,19 @@ class Xdmf(MeshFormat):
             return None  # not a mesh
         return Groups(frozenset(), patterns=tuple(rf"{re.escape(grid.get('Name', 'tags'))}--?\d+" for grid in grids))
 
+    def fault_inside(self, path: Path) -> str:
+        """Fault of XML that is not valid, without a mesh, or whose data are missing."""
+        if path.stat().st_size > _LARGEST:
+            return ""
+        try:
+            grids = mesh_grids(root_of(path))
+        except ValueError as error:
+            return f"is not valid XML: {error}"
+        missing = [name for name in self.data_files(path) if not (path.parent / name).exists()]
+        if missing:
+            return f"has data in '{missing[0]}', and there is no such file"
+        return "" if grids else "has no grid with a topology and a geometry"
+
     def data_files(self, path: Path) -> list[str]:
         """HDF5 files with the values of data items."""
         try:

@@ -149,50 +149,65 @@ class Observation(Spec):
         if len(kinds) != 1:
             yield (), f"needs exactly one of {', '.join(KINDS)}" + (f", not {' and '.join(kinds)}" if kinds else "")
             return
+        yield from self._unneeded_keys()
+        yield from self._unordered_points()
+        yield from self._unsuited_deviation()
+        yield from self._unsuited_file(info)
+
+    def _unneeded_keys(self) -> Faults:
+        """Faults of keys that are missing, or not valid, with this kind of observation."""
         if (self.value is None) == (self.kind == "quantity"):
             yield ("value",), "is needed, and valid, with a quantity"
         if (self.cavity is None) == self.is_curve:
             yield ("cavity",), "is needed, and valid, with a curve and with klotz"
+        if self.is_curve and self.state is not None:
+            yield ("state",), "is not valid with a curve, which is of all states"
+        if self.on is not None and self.kind != "surface":
+            yield ("on",), "is valid only with a surface"
+        if "unit" in self.model_fields_set and self.file is None:
+            yield ("unit",), "is valid only with a file: give units with the numbers"
+
+    def _unordered_points(self) -> Faults:
+        """Faults of the points of a curve or of lines on the body, and of the range of Klotz's curve."""
         if self.curve is not None:
             pressures = [point.pressure for point in self.curve]
             if len(pressures) < 2 or any(b <= a for a, b in pairwise(pressures)):
                 yield ("curve",), "must have two points at least, with growing pressures"
         if isinstance(self.klotz, PressureAndVolume) and not 0 < self.klotz.pressure < KLOTZ_LIMIT:
             yield ("klotz", "pressure"), KLOTZ_RANGE
-        if self.is_curve and self.state is not None:
-            yield ("state",), "is not valid with a curve, which is of all states"
         for i, entry in enumerate(self.strains or ()):
             if len(entry.line) < 2 or any(a == b for a, b in pairwise(entry.line)):
                 yield ("strains", i, "line"), "must have two points at least, each different from the one before it"
-        if self.on is not None and self.kind != "surface":
-            yield ("on",), "is valid only with a surface"
-        if "unit" in self.model_fields_set and self.file is None:
-            yield ("unit",), "is valid only with a file: give units with the numbers"
+
+    def _unsuited_deviation(self) -> Faults:
         if self.sd.value <= 0:
             yield ("sd",), "must be above 0"
-        if self.kind != "quantity":
-            known, text = (
-                (CUBIC, "volume")
-                if self.is_curve
-                else (Dimension(), "number, as strains are")
-                if self.kind == "strains"
-                else (LENGTH, "length, as positions are")
-            )
-            if self.sd.dimension not in (known, Dimension()):
-                yield ("sd",), f"must be a {text}, but it is {self.sd.dimension}"
-        if self.file is not None:
-            suffixes = {
-                "mesh": tuple(suffix for suffix in FORMATS if not FORMATS[suffix].is_partitioned),
-                "surface": SURFACES,
-                "landmarks": TABLES,
-            }[self.kind]
-            path = directory_of(info) / self.file
-            if suffix_of(path) not in suffixes:
-                yield (self.kind,), f"{shown(self.file)} must end in {' or '.join(suffixes)}"
-            elif applies(info) and (fault := mesh_fault(directory_of(info), self.file)):
-                yield (self.kind,), f"{shown(self.file)} {fault}"
-            elif not is_file(path):
-                yield (self.kind,), f"there is no file '{path}'. Paths start from the directory of the job file"
+        if self.kind == "quantity":  # whose dimension the job knows
+            return
+        if self.is_curve:
+            dimension, text = CUBIC, "volume"
+        elif self.kind == "strains":
+            dimension, text = Dimension(), "number, as strains are"
+        else:
+            dimension, text = LENGTH, "length, as positions are"
+        if self.sd.dimension not in (dimension, Dimension()):
+            yield ("sd",), f"must be a {text}, but it is {self.sd.dimension}"
+
+    def _unsuited_file(self, info: ValidationInfo) -> Faults:
+        if self.file is None:
+            return
+        suffixes = {
+            "mesh": tuple(suffix for suffix in FORMATS if not FORMATS[suffix].is_partitioned),
+            "surface": SURFACES,
+            "landmarks": TABLES,
+        }[self.kind]
+        path = directory_of(info) / self.file
+        if suffix_of(path) not in suffixes:
+            yield (self.kind,), f"{shown(self.file)} must end in {' or '.join(suffixes)}"
+        elif applies(info) and (fault := mesh_fault(directory_of(info), self.file)):
+            yield (self.kind,), f"{shown(self.file)} {fault}"
+        elif not is_file(path):
+            yield (self.kind,), f"there is no file '{path}'. Paths start from the directory of the job file"
 
 
 KINDS = ("mesh", "surface", "landmarks", "strains", "quantity", "curve", "klotz")
@@ -243,21 +258,8 @@ def faults_of_identification(
     if not section.parameters:
         yield ("parameters",), "must name one number of the job at least"
     for key, sought in section.parameters.items():
-        try:
-            number = parameter(key, owners, None)
-        except ValueError as error:
-            yield ("parameters", key), str(error)
-            continue
-        for place, text in _faults_of_parameter(number, sought or Sought()):
+        for place, text in _faults_of_parameter(key, sought or Sought(), owners):
             yield ("parameters", key, *place), text
-        for place, other in ties_of(sought or Sought()):
-            try:
-                tied = parameter(other, owners, None)
-            except ValueError as error:
-                yield ("parameters", key, *place), str(error)
-            else:
-                if fault := fault_of_tie(tied, number, place[0]):
-                    yield ("parameters", key, *place), fault
     keys = section.keys
     for i in repeated(keys):
         yield ("parameters",), f"{keys[i]} is duplicated"
@@ -276,7 +278,25 @@ def faults_of_identification(
         yield from ((("observations", i, *place), text) for place, text in faults)
 
 
-def _faults_of_parameter(number: Parameter, sought: Sought) -> Faults:
+def _faults_of_parameter(key: str, sought: Sought, owners: Mapping[str, Owner]) -> Faults:
+    """Faults of a parameter and of the numbers that change with it."""
+    try:
+        number = parameter(key, owners, None)
+    except ValueError as error:
+        yield (), str(error)
+        return
+    yield from _faults_of_sought(number, sought)
+    for place, other in ties_of(sought):
+        try:
+            fault = fault_of_tie(parameter(other, owners, None), number, place[0])
+        except ValueError as error:
+            fault = str(error)
+        if fault:
+            yield place, fault
+
+
+def _faults_of_sought(number: Parameter, sought: Sought) -> Faults:
+    """Faults of the start, the bounds and the prior of a parameter."""
     given: list[tuple[KeyPath, Measured | None]] = [
         (("start",), sought.start),
         (("bounds", 0), sought.bounds[0]),
@@ -349,40 +369,36 @@ def _faults_of_observation(
     observation: Observation, quantities: Mapping[str, QuantityOfInterest], shapes: Sequence[str], given: str
 ) -> Faults:
     if observation.kind == "quantity":
-        quantity = quantities.get(str(observation.quantity))
-        if observation.state is not None:
-            yield ("state",), "is not valid with a quantity: the quantity itself names its state"
-        if quantity is None:
-            yield (
-                ("quantity",),
-                f"there is no quantity '{observation.quantity}'.{did_you_mean(str(observation.quantity), quantities)}",
-            )
-            return
-        if quantity.is_reaction:
-            yield ("quantity",), "is a reaction, which has no derivatives"
-            return
-        if isinstance(observation.value, tuple) != quantity.is_vector:
-            yield ("value",), f"must be {'a list of 3 lengths' if quantity.is_vector else 'one number'}"
-        values = {"sd": observation.sd} | (
-            {"value": observation.value} if isinstance(observation.value, Measured) else {}
-        )
-        for field, value in values.items():
-            if quantity.dimension is not None and value.dimension not in (quantity.dimension, Dimension()):
-                yield (
-                    (field,),
-                    f"must be {quantity.dimension}, as '{observation.quantity}' is, but it is {value.dimension}",
-                )
-        return
-    if not shapes:
+        yield from _faults_of_observed_quantity(observation, quantities)
+    elif not shapes:
         if observation.state is not None:
             yield ("state",), "is not valid in a job without 'states'"
-        return
-    if observation.state is None:
+    elif observation.state is None:
         yield ("state",), f"is needed: one of {', '.join(shapes)}"
     elif observation.state == given:
         yield ("state",), f"'{given}' is the given state, which is the mesh itself: observe another one"
     elif observation.state not in shapes:
         yield ("state",), f"there is no computed state '{observation.state}'.{did_you_mean(observation.state, shapes)}"
+
+
+def _faults_of_observed_quantity(observation: Observation, quantities: Mapping[str, QuantityOfInterest]) -> Faults:
+    name = str(observation.quantity)
+    if observation.state is not None:
+        yield ("state",), "is not valid with a quantity: the quantity itself names its state"
+    quantity = quantities.get(name)
+    if quantity is None:
+        yield ("quantity",), f"there is no quantity '{name}'.{did_you_mean(name, quantities)}"
+        return
+    if quantity.is_reaction:
+        yield ("quantity",), "is a reaction, which has no derivatives"
+        return
+    if isinstance(observation.value, tuple) != quantity.is_vector:
+        yield ("value",), f"must be {'a list of 3 lengths' if quantity.is_vector else 'one number'}"
+    for field, measured in (("sd", observation.sd), ("value", observation.value)):
+        if quantity.dimension is None or not isinstance(measured, Measured):
+            continue
+        if measured.dimension not in (quantity.dimension, Dimension()):
+            yield (field,), f"must be {quantity.dimension}, as '{name}' is, but it is {measured.dimension}"
 
 
 def start_of(number: Parameter, sought: Sought) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -24,18 +24,20 @@ from hpcinv.errors import JobError
 from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
 from hpcinv.formats import SAVED
-from hpcinv.job import rules
+from hpcinv.formats.mesh_format import Groups
+from hpcinv.job import region_references, rules
 from hpcinv.job.cavities import CONTROLS, Cavity, cavities_of_state, unknown_cavities, unsuited_controls
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.layers import Layering, layerings_of
+from hpcinv.job.mesh_contents import contents_of
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
 from hpcinv.job.preamble import read_preamble
 from hpcinv.job.region_names import unknown_regions
-from hpcinv.job.region_rules import EXCEPT, RegionRule, RegionUnion, VertexSet
+from hpcinv.job.region_rules import RegionRule, RegionUnion, VertexSet
 from hpcinv.job.remote_load import RemoteLoad, unsuited_remote_loads
-from hpcinv.job.sections import REGION_NAMES, ExpectedShape, Motion, QuantityOfInterest, Support, directory_of
+from hpcinv.job.sections import REGION_NAMES, ExpectedShape, MeshFile, Motion, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
@@ -64,7 +66,6 @@ from hpcinv.quantity.schema import (
     repeated,
     shown,
 )
-from hpcinv.quantity.spatial_fields import ELSEWHERE, fields_in
 from hpcinv.reading.suffix import suffix_of
 
 MOST_ENTRIES = 10_000
@@ -646,57 +647,62 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
             raise
         raise JobError(f"{path}: plugins: a law or effect failed where it was checked: {fault}") from error
     job._path, job._data, job._untrusted = path, data, untrusted
+    _check_regions(job)
+    return job
+
+
+def _check_regions(job: Job, groups: Groups | None = None) -> None:
+    """Raise ``JobError`` for names of regions that neither the job nor its mesh has, as far as that is known.
+
+    Args:
+        groups: of the mesh file; by default by its header.
+    """
     # names by the values of an array are known when the mesh is read
-    named = () if job.mesh.array_labels is not None else _named_regions(job)
+    named = () if job.mesh.array_labels is not None else _region_references(job)
     unknown = unknown_regions(
         job.resolve(job.mesh.file),
         {*job.regions, *job.mesh.faces, *(job.mesh.shell.layers if job.mesh.shell is not None else ())},
         named,
         is_shell=job.mesh.shell is not None,
+        groups=groups,
     )
-    if lines := [f"{path}: {dotted_key(where)}: {what}" for where, what in unknown]:
+    if lines := [f"{job.path}: {dotted_key(where)}: {what}" for where, what in unknown]:
         raise JobError(*lines)
-    return job
 
 
-def _named_regions(job: Job) -> Iterator[tuple[KeyPath, str]]:
-    """Names of all regions to which a job refers, with their places."""
-    sections: list[tuple[KeyPath, Sequence[Support], Sequence[Effect]]] = [((), job.supports, job.effects)]
-    sections += [(("states", i), state.supports or (), state.effects) for i, state in enumerate(job.states)]
-    for name, rule in job.regions.items():
-        for i, entry in enumerate(rule.entries if isinstance(rule, RegionUnion) else ()):
-            yield ("regions", name, i), entry.removeprefix(EXCEPT).strip()
-    for place, supports, effects in sections:
-        for i, support in enumerate(supports):
-            yield (*place, "supports", i, "region"), support.region
-        for i, effect in enumerate(effects):
-            for name, field in effect.surfaces.items():
-                yield (*place, "effects", i, field), name
-            for field in type(effect).model_fields:
-                yield from _value_regions(getattr(effect, field), (*place, "effects", i, field))
-    for where, law in job.laws.items():
-        if (region := where.partition(".")[2]) and region != ELSEWHERE:
-            yield ("material", region), region
-        for field in type(law).model_fields:
-            yield from _value_regions(getattr(law, field), (*where.split(".", 1), field))
-    for name, family in job.fibres.items():
-        for field, region in family.rule.surfaces.items() if family.rule is not None else ():
-            yield ("fibres", name, "rule", field), region
-    for name, cavity in job.cavities.items():
-        for region in cavity.surface:
-            yield ("cavities", name, "surface"), region
-        if cavity.lid_region is not None:
-            yield ("cavities", name, "lid", "region"), cavity.lid_region
-    for i, quantity in enumerate(job.quantities):
-        if quantity.on is not None:
-            yield ("quantities", i, "on"), quantity.on
+def check_files(job: Job) -> list[Path]:
+    """Read the mesh, image and surface files of a job without DOLFINx, and return those that are too large for that.
+
+    Raises:
+        JobError: a run would stop at a file, or at the name of a region that the mesh does not have.
+    """
+    problems, unread, known = list[str](), list[Path](), None
+    sections: list[tuple[str, MeshFile, Iterable[str]]] = [("mesh", job.mesh, job.mesh.files)]
+    if job.expected_shape is not None:
+        sections.append(("expected_shape", job.expected_shape, [job.expected_shape.file]))
+    for section, spec, files in sections:
+        for file in files:
+            found = contents_of(spec, file, job.resolve(file))
+            unread += [] if found.is_read else [job.resolve(file)]
+            problems += [f"{job.path}: {section}: '{file}' {found.fault}"] if found.fault else []
+            known = found.groups if section == "mesh" and file == job.mesh.file else known
+    if problems:
+        raise JobError(*problems)
+    if known is not None and job.mesh.shell is None:
+        _check_regions(job, known)
+    return unread
 
 
-def _value_regions(value: object, where: KeyPath) -> Iterator[tuple[KeyPath, str]]:
-    names = dict.fromkeys(name for field in fields_in(value) if field.is_regional for name in field.numbers)
-    for name in names:
-        if name != ELSEWHERE:
-            yield (*where, name), name
+def _region_references(job: Job) -> region_references.References:
+    """Yield the names of all regions to which a job refers, with their places."""
+    yield from region_references.union_members(job.regions)
+    yield from region_references.loading_regions(job.supports, job.effects)
+    for i, state in enumerate(job.states):
+        yield from rules.below(("states", i), region_references.loading_regions(state.supports or (), state.effects))
+    yield from region_references.law_regions(job.laws)
+    yield from region_references.fibre_regions(job.fibres)
+    yield from region_references.cavity_regions(job.cavities)
+    yield from region_references.quantity_regions(job.quantities)
 
 
 def json_schema(kind: type[Spec] = Job) -> dict[str, Any]:

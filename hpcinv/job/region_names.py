@@ -23,17 +23,23 @@ _BOUNDARY = "boundary"
 
 
 def unknown_regions(
-    path: Path, defined: Iterable[str], named: Iterable[tuple[KeyPath, str]], *, is_shell: bool = False
+    path: Path,
+    defined: Iterable[str],
+    named: Iterable[tuple[KeyPath, str]],
+    *,
+    is_shell: bool = False,
+    groups: Groups | None = None,
 ) -> Iterator[tuple[KeyPath, str]]:
     """Places in a job with the name of an unknown region, and messages.
 
     Args:
         named: all references of the job to regions, with their places.
         is_shell: whether the mesh is the midsurface of a shell.
+        groups: of the mesh; by default by its header, as far as that has them.
     """
     try:
         state = path.stat()
-        groups = _groups(path, state.st_mtime_ns, state.st_size)
+        groups = groups or _groups(path, state.st_mtime_ns, state.st_size)
     except (OSError, ValueError, MeshError):  # reported where the mesh is read
         return
     if groups is None:

@@ -31,7 +31,6 @@ from hpcinv.quantity.expressions import Expression, faults, faults_with_constant
 from hpcinv.quantity.parameter_paths import Number, replace_scalar
 from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Quantity, Size
 from hpcinv.quantity.schema import (
-    WRITTEN_AS,
     Faults,
     KeyPath,
     ListOf,
@@ -135,6 +134,14 @@ def _not_membrane(value: object) -> object:
     return value
 
 
+_OTHER_SOURCES = "image", "surface", "cad", "lumen"
+"""keys of a mesh that stand for ``file``"""
+
+
+def _sources_in(data: Any) -> list[str]:
+    return [key for key in _OTHER_SOURCES if isinstance(data, Mapping) and key in data]
+
+
 class MeshFile(Spec):
     """A mesh: a file, or a generator that is run when the mesh is needed."""
 
@@ -145,7 +152,7 @@ class MeshFile(Spec):
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a mesh file, of a .geo script without 'parameters', or of a Python generator,
     such as mm: lengths are passed to it in that unit, for bodies too small or too large for gmsh's absolute tolerances
-    in metres"""
+    in metres. By default m, or the unit that a mesh file states"""
     parameters: Annotated[
         Mapping[str, ParameterValue],
         WithJsonSchema({"type": "object", "additionalProperties": {"type": ["number", "string", "boolean"]}}),
@@ -201,13 +208,18 @@ class MeshFile(Spec):
     @model_validator(mode="before")
     @classmethod
     def _source_is_a_file(cls, data: Any) -> Any:
-        sources = [key for key in ("image", "surface", "cad", "lumen") if isinstance(data, Mapping) and key in data]
+        sources = _sources_in(data)
         if len(sources) > 1 or (sources and "file" in data):
             other = "file" if "file" in data else sources[0]
             raise Problems(((sources[-1],), f"is given together with '{other}': a mesh is made from one of them"))
         if sources == ["lumen"] and data.get("wall") is None and "lumen" in cls.sources:
             raise Problems((("wall",), "is needed: the thickness of the wall around the lumen, such as 1.5 mm"))
         return {("file" if key in sources else key): value for key, value in data.items()} if sources else data
+
+    @classmethod
+    def _place_written(cls, place: KeyPath, data: Any) -> KeyPath:
+        sources = _sources_in(data)
+        return (sources[0], *place[1:]) if place[:1] == ("file",) and sources else place
 
     @property
     def metres(self) -> float:
@@ -304,7 +316,7 @@ class ExpectedShape(MeshFile):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         yield from super()._contradictions(info)
         if self.labels and not self.is_image:
-            yield ("labels",), "is for segmented images only, and 'file' is none"
+            yield ("labels",), "is for segmented images only"
         if self.align and self.has_nodes:
             yield ("align",), "is for surfaces and images only: nodes are compared where they are"
 
@@ -332,9 +344,6 @@ class ArrayLabels(Spec):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         for name in self.names.keys() & {*RESERVED}:
             yield ("names", name), "is the name of another region; choose another"
-
-
-WRITTEN_AS["array_labels"] = "labels"
 
 
 class Shell(Spec):
@@ -496,11 +505,18 @@ class MeshSpec(MeshFile):
         first = first[0] if isinstance(first, list | tuple) and first else first
         if not isinstance(first, str):
             raise Problems((("surfaces",), "must be names of regions and their files, such as {body: body.stl}"))
-        if others := [
-            key for key in ("file", "image", "surface", "cad", "lumen") if key in data and data[key] != first
-        ]:
+        if others := [key for key in ("file", *_OTHER_SOURCES) if key in data and data[key] != first]:
             raise Problems((("surfaces",), f"is given together with '{others[0]}': a mesh is made from one of them"))
         return {**data, "file": first}
+
+    @classmethod
+    def _place_written(cls, place: KeyPath, data: Any) -> KeyPath:
+        if place[:1] == ("array_labels",):
+            return ("labels", *place[1:])
+        surfaces = data.get("surfaces") if isinstance(data, Mapping) and "file" not in data else None
+        if place[:1] == ("file",) and isinstance(surfaces, Mapping):
+            return ("surfaces", *list(surfaces)[:1], *place[1:])
+        return super()._place_written(place, data)
 
     @field_validator("surfaces", "faces")
     @classmethod
@@ -526,7 +542,7 @@ class MeshSpec(MeshFile):
             yield ("geometry_degree",), text
         for key in ("labels", "orientation", "neighbours"):
             if key in self.model_fields_set and getattr(self, key) and not self.is_image:
-                yield (key,), "is for segmented images only, and 'file' is none"
+                yield (key,), "is for segmented images only"
         is_read = suffix_of(self.file) in MESHES and not self.is_partitioned
         for key in ("array_labels", "faces"):
             if getattr(self, key) and not is_read:
@@ -723,6 +739,10 @@ def is_of_nodes(quantity: Mapping[str, Any], let: Mapping[str, Any]) -> bool:
         words |= new_words
         texts += [str(let[name]) for name in new_words & let.keys()]
     return words.isdisjoint(FIELDS)
+
+
+type QuantityValue = float | list[float]
+"""value (SI) of a quantity of interest: a number or three components"""
 
 
 class QuantityOfInterest(Spec):

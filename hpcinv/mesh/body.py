@@ -195,7 +195,7 @@ def read_source(
         MeshError: the file is missing, unreadable or not a mesh.
     """
     if not exists(path):
-        raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
+        raise MeshError(f"{path}: no such file", "Paths of a job start from its directory.")
     try:
         if suffix_of(path) in GENERATORS:
             is_python = suffix_of(path) == ".py"  # a .geo script with a unit has no parameters
@@ -241,19 +241,24 @@ def read_source(
 
 
 def read_mesh_file(spec: MeshSpec, path: Path) -> MeshSource:
-    """Read a mesh file, of a shell its surface, in metres; not collective."""
+    """Read a mesh file, of a shell its surface, in metres; not collective.
+
+    Its coordinates are in the unit that it states, unless the mesh section has another one.
+    """
     source = FILES[suffix_of(path)](path) if spec.shell is None else read_surface(path, spec.array_labels)
     if suffix_of(path) in FORMATS and FORMATS[suffix_of(path)].is_partitioned:  # in metres
         return source
-    check_unit(path, source.unit, spec.unit)
-    return source.convert_to_metres(spec.unit)
+    if "unit" in spec.model_fields_set:
+        check_unit(path, source.unit, spec.unit)
+        return source.convert_to_metres(spec.unit)
+    return source.convert_to_metres(source.unit or spec.unit)
 
 
 def _with_sets(source: MeshSource, spec: MeshSpec, path: Path) -> MeshSource:
     """Return the mesh with the regions that a job makes of its arrays, and of surfaces in other files."""
     if spec.faces:
         faces = {n: [sibling_path(path, spec.file, f) for f in files] for n, files in spec.faces.items()}
-        source = add_face_files(source, faces, spec.unit)
+        source = add_face_files(source, faces, source.unit or spec.unit)
     if spec.array_labels is not None and spec.shell is None:
         source = add_label_groups(source, spec.array_labels)
         check_nodes(source)

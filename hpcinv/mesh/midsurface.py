@@ -67,6 +67,7 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         if (through * normals).sum() < 0:  # by the order of their nodes, cells have the other normal
             surface = dataclasses.replace(surface, cells=mirrored(_KIND, _DEGREE, surface.cells))
     length = _length_by_thickness(surface, thickness, _THIN if shell.layers else _THINNEST)
+    _check_faces(surface, columns[0], columns[-1])
     layers = range(len(columns) // 2)
     starts = [2 * layer * count for layer in layers]
     cells = np.concatenate([start + _columns(_KIND, "hexahedron", surface.cells, count) for start in starts])
@@ -142,7 +143,9 @@ def _thickness(surface: MeshSource, given: float | Field) -> Floats:
             values = np.full((len(surface.points), 1), number)
     if not (np.isfinite(values) & (values > 0)).all():
         worst = np.argmin((np.isfinite(values) & (values > 0))[:, 0])
-        text = f"has a thickness of {values[worst, 0]:.3g} m at {_place(surface.points[worst])}"
+        value = float(values[worst, 0])
+        shown = readable(value, "m") if np.isfinite(value) else value
+        text = f"has a thickness of {shown} at {_place(surface.points[worst])}"
         _refuse(surface.path, text, "Correct mesh.shell.thickness: it must be positive and finite.")
     return np.asarray(values)
 
@@ -163,6 +166,37 @@ def _length_by_thickness(surface: MeshSource, thickness: Floats, most: float) ->
             surface.path, text, "Are 'thickness' and mesh.unit right? In thinner shells rounding errors are too large."
         )
     return extent / least
+
+
+def _check_faces(surface: MeshSource, inner: Floats, outer: Floats) -> None:
+    """Raise ``MeshError`` if a face of the shell lies beyond the centre of curvature, so that its cells are inside out.
+
+    Args:
+        inner: vectors (n, 3) from the nodes of the surface to the inner face.
+        outer: the same of the outer face.
+    """
+    through = outer - inner
+    for name, column in ((INNER, inner), (OUTER, outer)):
+        tangents = _tangents(surface.cells, surface.points + column)
+        volumes = (np.cross(tangents[0], tangents[1]) * through[surface.cells]).sum(axis=2)
+        if (is_inverted := (volumes <= 0).any(axis=1)).any():
+            cell, node = np.unravel_index(volumes.argmin(), volumes.shape)
+            at = surface.cells[cell, node]
+            thick = readable(float(np.linalg.norm(through[at])), "m")
+            text = f"is too curved for a thickness of {thick} at {_place(surface.points[at])}:"
+            _refuse(
+                surface.path,
+                f"{text} {np.count_nonzero(is_inverted)} cells of the {name} face are inside out",
+                "Is the unit of mesh.shell.thickness right? Half of it, or all of it from a face to the other one, must"
+                " be below the radius of curvature: take less, or mesh a solid.",
+            )
+
+
+def _tangents(cells: Ints, points: Floats) -> Floats:
+    """Return the derivatives (2, c, p, 3) of the places of cells by their coordinates, at their nodes."""
+    element = scalar_element(_KIND, _DEGREE)
+    gradients: Floats = element.tabulate(1, element.points)[1:, :, :, 0]
+    return np.asarray(np.einsum("dpn,cni->dcpi", gradients, points[cells]))
 
 
 def _place(point: Floats) -> str:
@@ -349,8 +383,7 @@ def _normals(surface: MeshSource) -> Floats:
     Source: Thürmer & Wüthrich, J. Graph. Tools 3, 43–46, 1998, doi:10.1080/10867651.1998.10487487.
     """
     element = scalar_element(_KIND, _DEGREE)
-    gradients: Floats = element.tabulate(1, element.points)[1:, :, :, 0]
-    tangents = np.einsum("dpn,cni->dcpi", gradients, surface.points[surface.cells])
+    tangents = _tangents(surface.cells, surface.points)
     normals = np.cross(tangents[0], tangents[1])
     lengths = np.linalg.norm(normals, axis=2, keepdims=True)
     sizes = np.linalg.norm(tangents, axis=3).prod(axis=0)[..., None]
@@ -372,8 +405,8 @@ def _normals(surface: MeshSource) -> Floats:
     if len(suspicious):
         angle, node = _sharpest(surface.cells, normals, suspicious)
         if angle > _SHARPEST:
-            tag = surface.node_tags[node]
-            text = f"has a fold of {angle:.0f}° at node {tag}, where a shell has no normal (at most {_SHARPEST:.0f}°)"
+            place = _place(surface.points[node])
+            text = f"has a fold of {angle:.0f}° at {place}, where a shell has no normal (at most {_SHARPEST:.0f}°)"
             _refuse(surface.path, text, "Round it off with cells of degree 2 and a finer mesh, or mesh a solid.")
     return np.asarray(means)
 

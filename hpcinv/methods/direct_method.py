@@ -16,6 +16,8 @@ from hpcinv.solver.observer import SILENT, Observer
 AUGMENTATION = "augmentation"
 """Strategy of the solves in which the pressures of rigid obstacles, or their nearest points, settle."""
 _MOST_UPDATES = 100  # of contacts
+_MOST_HALVINGS = 4
+"""Halvings of an update of the contacts without a solution; raised, hopeless solves end later."""
 
 
 class DirectMethod(Method):
@@ -78,6 +80,9 @@ class DirectMethod(Method):
     def _augment(self, tolerance: float) -> Iterator[Solve]:
         """Yield solves at the full load, each after an update of the contacts, until one would change them no more.
 
+        If a solve fails, half of its update is taken back: slender bodies whose edge of contact lies between nodes have
+        no solution near the state with the whole one.
+
         The present state is a solution at the full load, which is reached when the contacts have settled.
 
         Source: Uzawa's method for contact, Simo & Laursen (1992), doi:10.1016/0045-7949(92)90540-G.
@@ -88,8 +93,12 @@ class DirectMethod(Method):
             if not system.weak_form.contacts.update():
                 self.reached_load = 1.0
                 return
-            solve = self.equilibrium.solve(1.0, tolerance, begins_near=True)
-            yield replace(solve, strategy=AUGMENTATION)
+            for _ in range(_MOST_HALVINGS + 1):
+                solve = self.equilibrium.solve(1.0, tolerance, begins_near=True)
+                yield replace(solve, strategy=AUGMENTATION)
+                if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
+                    break
+                system.weak_form.contacts.halve_update()
             if not solve.outcome.accepted:
                 return
         yield Solve(1.0, Outcome.CONTACT_LIMIT, (), 0, strategy=AUGMENTATION)

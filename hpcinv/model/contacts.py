@@ -186,6 +186,11 @@ class Contacts:
             apply()
         return True
 
+    def halve_update(self) -> None:
+        """Take back half of the last change of the pressures, after which no solution was found, and its penalties."""
+        for contact in self._all:
+            contact.halve_update()
+
     def check_start(self) -> None:
         """Check the present state, the unloaded body's, before the first solve.
 
@@ -235,6 +240,8 @@ class _OneContact:
         self._k, self._body, self._resolve, self._degree = k, body, resolve, degree
         self._comm, self.depends_on_state = body.mesh.comm, k.sign > 0
         self._last_change = np.inf  # the last change by an update
+        self._before_update: tuple[Floats, Floats | None] | None = None  # pressures and penalties
+        self._growth = _STIFFEST
         self._first = _first_penalty(modulus, body)
         if self._penalty is not None and not self._penalty.any():
             self._penalty[:] = self._first
@@ -253,6 +260,7 @@ class _OneContact:
     def reset(self) -> None:
         if self.effect.is_augmented:
             self.par.multiplier.x.array[:] = 0.0
+        self._before_update, self._growth = None, _STIFFEST
         if self._penalty is not None:
             self._penalty[:], self._last_change = self._first, np.inf
 
@@ -402,13 +410,26 @@ class _OneContact:
         size = float(self._comm.allreduce(max(sizes), op=MPI.MAX))
 
         def apply() -> None:
+            penalty = self._penalty
+            if self.effect.is_augmented:
+                kept = None if penalty is None else penalty.copy()
+                self._before_update = self.par.multiplier.x.array[self._vertices], kept
             for update in updates:
                 update()
-            if self._penalty is not None and size > self._last_change / _FAST:
-                self._penalty[:] = np.minimum(4 * self._penalty, _STIFFEST * self._first)
+            if penalty is not None and size > self._last_change / _FAST:
+                penalty[:] = np.minimum(4 * penalty, self._growth * self._first)
             self._last_change = size
 
         return size, apply
+
+    def halve_update(self) -> None:
+        if self._before_update is None:
+            return
+        pressures, penalty = self._before_update
+        self._set_pressure((pressures + self.par.multiplier.x.array[self._vertices]) / 2)
+        if penalty is not None and self._penalty is not None:
+            self._penalty[:] = penalty
+            self._growth = float(penalty[0]) / self._first
 
     def _set_pressure(self, values: Floats) -> None:
         self.par.multiplier.x.array[self._vertices] = values

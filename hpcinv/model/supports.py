@@ -111,6 +111,7 @@ class Supports:
                 slide = _slide(spec, place, body, unknowns)
                 if spec.hinge:
                     kept = np.isin(slide.nodes, _surface_nodes(slide.space, body))
+                    self._check_hinge(spec, place, kept)
                     slide = replace(slide, nodes=slide.nodes[kept], normals=slide.normals[kept])
                 self.slides.append(slide)
             for axis, name in enumerate(AXES):
@@ -121,6 +122,7 @@ class Supports:
                 dofs = list(_dofs_on((part, scalar), held))
                 if spec.hinge:
                     kept = np.isin(dofs[1], _surface_nodes(scalar, body))
+                    self._check_hinge(spec, place, kept)
                     dofs = [part_dofs[kept] for part_dofs in dofs]
                 now = fem.Function(scalar)
                 full = np.zeros_like(now.x.array)
@@ -136,6 +138,14 @@ class Supports:
         self.sliding = Sliding(self.slides, unknowns, fixed, body.length_scale, sign) if slides else None
         self._check_remote_faces(job)
         self.update_parameters(job)
+
+    def _check_hinge(self, spec: Support, place: str, kept: npt.NDArray[np.bool_]) -> None:
+        """Refuse the hinge of a region without nodes of the surface, such as a face; collective."""
+        if not self._comm.allreduce(bool(kept.any()), op=MPI.LOR):
+            raise MeshError(
+                f"{place}.hinge: '{spec.region}' has no nodes of the midsurface, about which the shell may turn",
+                "Name an edge of the shell, or leave 'hinge' out.",
+            )
 
     def _check_remote_faces(self, job: Job) -> None:
         """Refuse remote loads on nodes that other supports hold; collective."""

@@ -12,6 +12,7 @@ from hpcinv.certificate import Certificate, Line, Verdict
 from hpcinv.effects import Direction
 from hpcinv.errors import HpcinvError, Interrupted, OutputError, SolveError
 from hpcinv.job.job import Job
+from hpcinv.job.sections import QuantityValue
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
 from hpcinv.output.run_store import RunStore
@@ -24,7 +25,7 @@ from hpcinv.pictures.interior import NAME as INTERIOR
 from hpcinv.pictures.interior import write_interior
 from hpcinv.quantity.written_units import written_units
 from hpcinv.results.displacement_scale import nominal_sizes
-from hpcinv.results.quantities_of_interest import NOT_FINITE, Value, fault_of
+from hpcinv.results.quantities_of_interest import NOT_FINITE, fault_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.solver.diagnosis import diagnose
@@ -127,7 +128,7 @@ class RunReport(Observer):
         )
 
     @contextmanager
-    def keeping(self, solutions: Sequence[Solution], quantities: Mapping[str, Value]) -> Iterator[None]:
+    def keeping(self, solutions: Sequence[Solution], quantities: Mapping[str, QuantityValue]) -> Iterator[None]:
         """Context that writes a summary of the present solutions if an error ends the run after the first of them."""
         try:
             yield

@@ -13,10 +13,8 @@ import sysconfig
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from hpcinv.errors import SystemPartMissing
-from hpcinv.parallel.distributions import installed_names
 from hpcinv.parallel.ranks import MPI, agree, on_root
 from hpcinv.parallel.signals import handlers_kept
 
@@ -26,31 +24,16 @@ from numpy import complexfloating  # after `ranks`, which sets NumPy's threads a
 DOLFINX = "0.11"
 """The version whose interface is used; others differ in it."""
 
-_OTHER_PETSC = {"petsc", "petsc4py", "slepc", "slepc4py"}  # distributions; the wheel has these packages itself
-_WHEELS = {"dolfinx_solver_complex", "dolfinx_solver_real"}  # with the same files
-
 INSTALLING = "docs/start/installing.md says how DOLFINx is installed with hpcinv, and what your own must be."
 WITHOUT_DEPENDENCIES = f"Type 'pip install --no-deps adios4dolfinx=={DOLFINX}.*' (docs/start/installing.md says why)."
 
 
-def _is_mixed() -> bool:
-    """Return whether another PETSc may replace the one in DOLFINx's wheel.
-
-    The wheel's own check, in its package ``dolfinx_solver``, reads the metadata of all distributions. MPI is loaded
-    here already, which that package would do otherwise. A DOLFINx that the site has built has no such package.
-    """
-    wheel, petsc = (importlib.util.find_spec(name) for name in ("dolfinx_solver", "petsc4py"))
-    if wheel is None:
-        return False
-    names = installed_names()
-    places = {Path(spec.origin or "").resolve().parents[1] for spec in (wheel, petsc) if spec is not None}
-    return bool(_OTHER_PETSC & names) or names >= _WHEELS or len(places) > 1
-
-
 def _load_stack() -> None:
     """Import the compiled stack in the only order in which all parts share one MPI, PETSc and ADIOS2."""
-    if _is_mixed():
-        importlib.import_module("dolfinx_solver")  # which says what is wrong
+    if importlib.util.find_spec(
+        "dolfinx_solver"
+    ):  # in the wheel; a DOLFINx that the site has built has no such package
+        importlib.import_module("dolfinx_solver")  # checks that no other PETSc is installed
     for name in ("mpi4py.MPI", "petsc4py.PETSc", "dolfinx", "adios2", "adios4dolfinx"):
         try:
             module = importlib.import_module(name)

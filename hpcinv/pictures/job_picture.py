@@ -1,17 +1,20 @@
 """Picture of a job before it runs: the mesh with regions, supports and loads."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import cycle
 from typing import Any
 
 import numpy as np
 import yaml
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from hpcinv.job.job import Job
 from hpcinv.pictures.boundary_surface import Boundary
 from hpcinv.pictures.colours import REGIONS
 from hpcinv.pictures.drawing import DrawnBody, Glyphs, Picture, View, directions, extent, figure
-from hpcinv.quantity.arrays import Floats
+from hpcinv.quantity.arrays import Booleans, Floats
 
 _BODY = "#d9d9d9"
 _SUPPORTS = ("#0072B2", "#56B4E9", "#004466", "#88AACC")
@@ -98,7 +101,45 @@ def _both_sides(
         View(parts, frame, front, up, "from in front, above"),
         View(parts, frame, back, up, "from behind, below"),
     ]
+    hollow = _enclosed(boundary)
+    if len(hollow):
+        views.append(View(_behind(parts, hollow.mean(axis=0), front), frame, front, up, "cut open"))
     return figure(views, title, legend=legend, notes=boundary.size)
+
+
+def _enclosed(boundary: Boundary) -> Floats:
+    """Return the points (n, 3) of closed cavities, whose surface is apart from the outer one."""
+    count = len(boundary.points)
+    ends = boundary.triangles[:, [0, 1, 1, 2]].reshape(-1, 2)
+    links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
+    number, parts = connected_components(links, directed=False)
+    used = np.unique(boundary.triangles)
+    boxes = np.full((number, 2, 3), np.inf)
+    boxes[:, 1] = -np.inf
+    np.minimum.at(boxes[:, 0], parts[used], boundary.points[used])
+    np.maximum.at(boxes[:, 1], parts[used], boundary.points[used])
+    low, high = boxes[:, None, 0], boxes[:, None, 1]
+    is_within: Booleans = np.asarray((low > boxes[None, :, 0]) & (high < boxes[None, :, 1]))
+    is_inside = np.any(np.all(is_within, axis=2), axis=1)
+    points: Floats = boundary.points[used[is_inside[parts[used]]]]
+    return points
+
+
+def _behind(parts: Sequence[DrawnBody | Glyphs], place: Floats, direction: Floats) -> list[DrawnBody | Glyphs]:
+    """Return what is behind a plane across the axis that a view follows most."""
+    axis = int(np.abs(direction).argmax())
+    normal = np.sign(direction[axis]) * np.eye(3)[axis]
+    cut = float(normal @ place)
+    kept = list[DrawnBody | Glyphs]()
+    for part in parts:
+        if isinstance(part, DrawnBody):
+            kept.append(replace(part, cut=(normal, cut)))
+            continue
+        is_behind = part.points @ normal >= cut
+        vectors = None if part.vectors is None else part.vectors[is_behind]
+        if is_behind.any():
+            kept.append(replace(part, points=part.points[is_behind], vectors=vectors))
+    return kept
 
 
 def _sample(boundary: Boundary, region: str) -> tuple[Floats, Floats]:

@@ -5,12 +5,12 @@ import sys
 import traceback
 from functools import cache
 from hashlib import sha256
+from importlib.metadata import entry_points
 from pathlib import Path
 
 from hpcinv.errors import JobError, described
 from hpcinv.files.inputs import changed_inputs, digest_of, recorded_inputs
 from hpcinv.files.names import is_file
-from hpcinv.parallel.distributions import may_have_entry_points
 
 GROUP = "hpcinv.plugins"
 _PREFIX = "hpcinv_plugin_"  # of module names of files named by a job
@@ -26,10 +26,6 @@ def load_installed() -> None:
     Raises:
         JobError: one of them cannot be imported.
     """
-    if not may_have_entry_points(GROUP):
-        return
-    from importlib.metadata import entry_points  # slow, and few installations have plugins
-
     for entry in entry_points(group=GROUP):
         try:
             entry.load()

@@ -148,6 +148,11 @@ class Spec(BaseModel):
             content["oneOf"] = [{"required": [key]} for key in cls.alternatives]
         return json_schema
 
+    @classmethod
+    def _place_written(cls, place: KeyPath, data: Any) -> KeyPath:
+        """Return the place of a fault in ``data`` as it is written, if it has other keys than the fields."""
+        return place
+
     def _completed(self, info: ValidationInfo) -> Self:
         """Return the part with the values of fields that can be read only with other fields, which are all valid."""
         return self
@@ -165,14 +170,16 @@ class Spec(BaseModel):
         try:
             part = handler(_evaluated_constants(cls, data))
         except ValidationError as error:
+            # A file that two fields have is refused once.
+            faults = dict.fromkeys((cls._place_written(place, data), text) for place, text in problems_in(error, cls))
             lines: list[InitErrorDetails] = [
-                {"type": PydanticCustomError(_PLAIN, "{text}", {"text": text}), "loc": location, "input": None}
-                for location, text in problems_in(error, cls)
+                {"type": PydanticCustomError(_PLAIN, "{text}", {"text": text}), "loc": place, "input": None}
+                for place, text in faults
             ]
             raise ValidationError.from_exception_data(cls.__name__, lines) from None
         if part is not data:  # one that was validated before is complete
             part = part._completed(info)
-        raise_if_any(part._contradictions(info))
+        raise_if_any((cls._place_written(place, data), text) for place, text in part._contradictions(info))
         return part
 
 
@@ -362,11 +369,7 @@ def problems_in(error: ValidationError, spec: type[Spec] | None = None) -> list[
         else:
             text = _shortened(_reworded(line, spec)) if len(problems) < _MOST_PROBLEMS else ""
             problems.append((tuple(part for part in line["loc"] if part != "[key]"), text))
-    return [(tuple(WRITTEN_AS.get(str(part), part) for part in place), text) for place, text in problems]
-
-
-WRITTEN_AS: dict[str, str] = {}
-"""keys of jobs, by the names of fields that share a key with another field"""
+    return problems
 
 
 def _shortened(text: str) -> str:

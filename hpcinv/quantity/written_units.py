@@ -10,6 +10,8 @@ from hpcinv.quantity.units import parse_unit, prefixed_unit
 
 SHOWN = ("m", "Pa")
 """SI units of the quantities whose unit a job chooses; others have a prefix by their size"""
+_ROUNDING = 1e-12
+"""share of a vector's largest component below which a component is shown as 0"""
 _QUANTITY = re.compile(r"(?<![\w.])\d+(?:\.\d*)?(?:[eE][-+]?\d+)?\s*([A-Za-zµμ]{1,4})(?![\w/^*(-])")
 _STRESS = re.compile(r"[nuµμmkMG]?Pa")
 
@@ -58,6 +60,8 @@ def as_shown(
     """Return a number or a vector in an SI unit as text, with the unit in which it is shown."""
     values = value if isinstance(value, Sequence) else [value]
     size, symbol = unit_of(values, unit, symbols)
-    numbers = ["not finite" if number is None else f"{number / size:.{digits}g}" for number in values]
+    least = _ROUNDING * max((abs(number) for number in values if number is not None), default=0.0)
+    kept = [0.0 if number is not None and abs(number) < least else number for number in values]
+    numbers = ["not finite" if number is None else f"{number / size:.{digits}g}" for number in kept]
     text = f"({', '.join(numbers)})" if isinstance(value, Sequence) else numbers[0]
     return f"{text} {symbol}" if symbol and (isinstance(value, Sequence) or value is not None) else text

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hpcinv.reading.bdf_frames import BY_NODES, KINDS, Entry, Frames
+from hpcinv.reading.bdf_frames import BY_NODES, KINDS, CoordinateCard, Frames
 from hpcinv.reading.fault import Fault
-from hpcinv.reading.included_files import Line, check_loop, found_file, place_in, text_of
+from hpcinv.reading.included_files import FileLine, check_loop, found_file, place_in, text_of
 from hpcinv.reading.numbered_elements import (
     Blocks,
     all_in,
@@ -59,7 +59,7 @@ def read_bdf(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     deck = _deck(path)
     tags: list[int] = []
     points: list[list[float]] = []
-    systems: dict[int, Entry] = {}
+    systems: dict[int, CoordinateCard] = {}
     own_systems: list[tuple[str, str]] = []  # of the grid points, with their places
     default = ""
     blocks = Blocks()
@@ -72,7 +72,9 @@ def read_bdf(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             tags.append(whole_number((card.fields or [""])[0], card.place))
             points.append([number(text, card.place) for text in (card.fields + ["0"] * 5)[2:5]])
         elif card.name in (*KINDS, *BY_NODES):
-            systems[whole_number((card.fields or [""])[0], card.place)] = Entry(card.place, card.name, card.fields)
+            systems[whole_number((card.fields or [""])[0], card.place)] = CoordinateCard(
+                card.place, card.name, card.fields
+            )
         elif card.name == "GRDSET":
             default = [*card.fields, "", ""][1]
         elif card.name in _SOLIDS:
@@ -155,7 +157,7 @@ def _deck(path: Path) -> _Deck:
     return deck
 
 
-def lines_of(path: Path, home: Path, above: tuple[Path, ...], names: list[str]) -> Iterator[Line]:
+def lines_of(path: Path, home: Path, above: tuple[Path, ...], names: list[str]) -> Iterator[FileLine]:
     """Yield the lines of a file with the lines of the files that it includes.
 
     Args:
@@ -170,7 +172,7 @@ def lines_of(path: Path, home: Path, above: tuple[Path, ...], names: list[str]) 
     for row, line in enumerate(text_of(path, above).splitlines(), 1):
         place = place_in(above, path, f"line {row}")
         if not command and not _INCLUDE.match(line):
-            yield Line(place, line)
+            yield FileLine(place, line)
             continue
         command += line.split("$")[0].strip()
         if command.count("'") == 1 or command.count('"') == 1:  # a name may be continued

@@ -18,7 +18,7 @@ BY_NODES = ("CORD1R", "CORD1C", "CORD1S", "CORD3G")
 _ADVICE = "Save the mesh in the basic coordinate system."
 
 
-class Entry(NamedTuple):
+class CoordinateCard(NamedTuple):
     """A coordinate system as the file states it."""
 
     place: str
@@ -29,7 +29,7 @@ class Entry(NamedTuple):
 class Frames:
     """Coordinate systems by their numbers."""
 
-    def __init__(self, entries: Mapping[int, Entry]) -> None:
+    def __init__(self, entries: Mapping[int, CoordinateCard]) -> None:
         self._entries = entries
         self._known: dict[int, tuple[str, Any, Any]] = {0: ("CORD2R", np.zeros(3), np.eye(3))}
 

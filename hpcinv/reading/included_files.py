@@ -20,14 +20,14 @@ _DEEPEST = 20
 """Levels of files in one another; Abaqus has at most five. Raised, a hostile file takes longer to be refused."""
 
 
-class Line(NamedTuple):
+class FileLine(NamedTuple):
     """A line of a file: its place, for messages, and its text without blanks at its ends."""
 
     place: str
     text: str
 
 
-def lines_of(path: Path) -> Iterator[Line]:
+def lines_of(path: Path) -> Iterator[FileLine]:
     """Yield the lines that are neither empty nor comments; a keyword that is continued is one line.
 
     Raises:
@@ -36,7 +36,7 @@ def lines_of(path: Path) -> Iterator[Line]:
     yield from _lines(path, path.parent, ())
 
 
-type Reader = Callable[[Path, Path, tuple[Path, ...], list[str]], Iterator[Line]]
+type Reader = Callable[[Path, Path, tuple[Path, ...], list[str]], Iterator[FileLine]]
 
 
 def included_by(path: Path, reader: Reader | None = None) -> list[str]:
@@ -50,14 +50,14 @@ def included_by(path: Path, reader: Reader | None = None) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _lines(path: Path, home: Path, above: tuple[Path, ...], names: list[str] | None = None) -> Iterator[Line]:
+def _lines(path: Path, home: Path, above: tuple[Path, ...], names: list[str] | None = None) -> Iterator[FileLine]:
     inner = (*above, path.resolve())
     for number, head in joined_lines(StringIO(text_of(path, above), newline=None)):
         place = place_in(above, path, f"line {number}")
         including = _INCLUDING.match(head)
         is_include = including is not None and including[1].upper() == "INCLUDE"
         if not is_include:
-            yield Line(place, head)
+            yield FileLine(place, head)
         if including is not None and (included := _INPUT.search(head)):
             file = found_file(included[1].strip().strip('"').strip(), home, path.parent, place, names)
             check_loop(file, inner, place)

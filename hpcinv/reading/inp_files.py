@@ -5,6 +5,7 @@ Sources: *Abaqus Keywords Guide*; Dhondt, *CalculiX CrunchiX User's Manual*, "El
 """
 
 import contextlib
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -32,8 +33,11 @@ _DATA = re.compile(r"[-+.,\s\deEdD]+")
 _FACE = re.compile(r"S([1-6])", re.IGNORECASE)
 _EDGE = re.compile(r"(?:E|EDGE)([1-4])|S([3-6])", re.IGNORECASE)
 """edge of a shell: Abaqus' E1, E2, …, CalculiX' S3, S4, …"""
-_WHOLE = re.compile(r"SPOS|SNEG|S[12]|", re.IGNORECASE)
-_PRESSED = re.compile(r"P([1-6])", re.IGNORECASE)
+_WHOLE = {"": -1, "SNEG": -1, "S1": -1, "SPOS": -2, "S2": -2}
+"""a whole shell element, whose side along its normal is SPOS"""
+_PRESSED = re.compile(r"P([1-6]?)", re.IGNORECASE)
+_EDGE_LOAD = re.compile(r"EDNOR([1-4])", re.IGNORECASE)
+_THICKNESS = "values:nodal_thickness"
 _WITHOUT_EFFECT = ("HEADING", "ASSEMBLY", "END ASSEMBLY", "END STEP", "PREPRINT", "RESTART", "OUTPUT")
 _INSTANCE = "instance "  # begins the name of a part that holds the sets of an instance
 _OWN_MESH = "mesh of instance "  # begins the name of a part that holds what is within an instance
@@ -51,6 +55,7 @@ class _Part:
     names: dict[tuple[str, str], str] = field(default_factory=dict)
     sets: dict[tuple[str, str], list[tuple[str, str]]] = field(default_factory=dict)
     shared: set[tuple[str, str]] = field(default_factory=set)  # of the assembly, which other instances may have too
+    thickness: list[tuple[list[str], str]] = field(default_factory=list)  # rows of *NODAL THICKNESS, and their places
 
     def members(self, kind: str, name: str) -> list[tuple[str, str]]:
         key = kind, name.lower()
@@ -59,7 +64,7 @@ class _Part:
 
 
 @dataclass
-class _Card:
+class _Keyword:
     place: str
     keyword: str
     options: Mapping[str, str]
@@ -70,11 +75,14 @@ class _Card:
 class _Single:
     """Supports and loads of single nodes and elements; a later line replaces an earlier one."""
 
+    has_rotations: bool = False  # of shells
     held: dict[str, dict[int, float]] = field(default_factory=dict)
     forces: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    moments: dict[int, tuple[float, float, float]] = field(default_factory=dict)
     pressed: dict[tuple[int, int], float] = field(default_factory=dict)
+    edges: dict[tuple[int, int], float] = field(default_factory=dict)
 
-    def read(self, card: _Card) -> None:
+    def read(self, card: _Keyword) -> None:
         """Read the lines that name a node or an element by its number; damaged ones are read elsewhere."""
         for _, row in card.rows:
             if row[0].isdigit() and len(row) > 1:
@@ -83,25 +91,33 @@ class _Single:
 
     def _read_line(self, keyword: str, number: int, row: list[str]) -> None:
         if keyword == "BOUNDARY":
-            for axis, value in held_axes(row).items():
+            for axis, value in held_axes(row, has_rotations=self.has_rotations).items():
                 self.held.setdefault(axis, {})[number] = value
-        elif keyword == "CLOAD" and row[0] in ("1", "2", "3") and len(row) > 1:
-            force = list(self.forces.get(number, (0.0, 0.0, 0.0)))
-            force[int(row[0]) - 1] = fortran_number(row[1])
-            self.forces[number] = (force[0], force[1], force[2])
+        elif keyword == "CLOAD" and row[0] in ("1", "2", "3", "4", "5", "6") and len(row) > 1:
+            place = int(row[0]) - 1
+            vectors = self.moments if place > 2 else self.forces
+            vector = list(vectors.get(number, (0.0, 0.0, 0.0)))
+            vector[place % 3] = fortran_number(row[1])
+            vectors[number] = (vector[0], vector[1], vector[2])
         elif keyword == "DLOAD" and (match := _PRESSED.fullmatch(row[0])) and len(row) > 1:
-            self.pressed[number, int(match[1])] = fortran_number(row[1])
+            self.pressed[number, int(match[1] or 0)] = fortran_number(row[1])
+        elif keyword == "DLOAD" and (match := _EDGE_LOAD.fullmatch(row[0])) and len(row) > 1:
+            self.edges[number, int(match[1])] = fortran_number(row[1])
 
     def add_sets(self, part: _Part) -> None:
         """Add a set for each of their regions, of what is defined, if the file has no set of its name."""
         nodes = {name: nodes for name, _, nodes in held_groups(self.held)} | dict(force_groups(self.forces))
+        if self.has_rotations:
+            nodes |= dict(force_groups(self.moments, "turned"))
         for name, members in nodes.items():
             if ("nodes", name) not in part.sets:
                 part.members("nodes", name).extend((str(node), "") for node in sorted(members & part.nodes.keys()))
-        for name, _, places in pressed_groups(self.pressed):
+        pressed = [(group, "S") for group in pressed_groups(self.pressed)]
+        for (name, _, places), letter in [*pressed, *((g, "E") for g in pressed_groups(self.edges, "edge-loaded"))]:
             if ("faces", name) not in part.sets:
                 known = sorted(place for place in places if place[0] in part.elements)
-                part.members("faces", name).extend((str(element), f"S{face}") for element, face in known)
+                faces = ((str(element), f"{letter}{face}" if face else "") for element, face in known)
+                part.members("faces", name).extend(faces)
 
 
 def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -120,12 +136,17 @@ def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 def read_inp_shells(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the same of shell and membrane elements.
 
-    Instead of ``cells`` there are ``offsets`` (m + 1,) and ``connectivity``. A surface has the number of an edge, or -1
-    for the whole element.
+    Instead of ``cells`` there are ``offsets`` (m + 1,) and ``connectivity``. A surface has the number of an edge, or
+    for the whole element -1, on its side along the normal -2. ``values:nodal_thickness`` (n,) is of ``*NODAL
+    THICKNESS``, not a number where a cell has none.
     """
     head, arrays, cells = _content(path, _SHELL)
-    offsets = np.cumsum([0, *map(len, cells)])
-    return head, arrays | {"offsets": offsets, "connectivity": np.concatenate(cells).astype(np.int64)}
+    offsets, connectivity = np.cumsum([0, *map(len, cells)]), np.concatenate(cells).astype(np.int64)
+    if (thickness := arrays.get(_THICKNESS)) is not None:  # nodes without cells need none
+        known = thickness[connectivity]
+        unused = np.setdiff1d(np.arange(len(thickness)), connectivity)
+        thickness[unused] = known[np.isfinite(known)].mean() if np.isfinite(known).any() else np.nan
+    return head, arrays | {"offsets": offsets, "connectivity": connectivity}
 
 
 def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[str, Any], list[list[int]]]:
@@ -136,6 +157,7 @@ def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[s
     tags: list[int] = []
     cells: list[list[int]] = []
     cell_tags: list[int] = []
+    thickness: list[float] = []
     sets: dict[str, list[Any]] = {}
     for part, shift, name in placed:
         if not part.elements:
@@ -149,6 +171,11 @@ def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[s
             if missing := [node for node in nodes if node not in node_row]:
                 raise Fault(f"element {tag} has node {missing[0]}, which is not defined")
             cells.append([node_row[node] for node in nodes])
+        thickness += [math.nan] * len(part.nodes)
+        for row, place in part.thickness:
+            for tag in _nodes_of(part, row[0]):
+                if tag in node_row:
+                    thickness[node_row[tag]] = _numbers(row[1:2], place)[0]
         face = _solid_face if kinds is _SOLID else _shell_edge
         for (kind, key), spelled in part.names.items():
             rows = _rows(part, kind, key, node_row, cell_row, cells, face)
@@ -164,6 +191,8 @@ def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[s
     }
     for name, rows in sets.items():
         arrays[name] = np.unique(np.array(rows, dtype=np.int64), axis=0)
+    if kinds is _SHELL and any(part.thickness for part, _, _ in placed):
+        arrays[_THICKNESS] = np.array(thickness)
     return {"ignored": sorted(ignored)}, arrays, cells
 
 
@@ -177,15 +206,15 @@ def _without_elements(part: _Part, kinds: re.Pattern[str]) -> Fault:
     return Fault("has no solid elements", text)
 
 
-def _parts(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, _Part], list[_Card], set[str]]:
+def _parts(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, _Part], list[_Keyword], set[str]]:
     """Return parts by lower-case name (``""``: outside of parts), instances, and keywords that are not used.
 
     Args:
         kinds: of elements that are read.
     """
     parts: dict[str, _Part] = {"": _Part()}
-    current, instances, ignored = parts[""], list[_Card](), set[str]()
-    pressed, single = list[tuple[str, str]](), _Single()
+    current, instances, ignored = parts[""], list[_Keyword](), set[str]()
+    pressed, single = list[tuple[str, str, str]](), _Single(has_rotations=kinds is _SHELL)
     for card in _cards(path):
         options = card.options
         match card.keyword:
@@ -221,12 +250,19 @@ def _parts(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, _Part], list[_
             case "DLOAD":  # faces of the elements of a set
                 ignored.add(card.keyword)
                 for _, row in card.rows:
-                    if len(row) > 1 and not row[0].isdigit() and (match := _PRESSED.fullmatch(row[1])):
-                        pressed.append((row[0], match[1]))
+                    if len(row) < 2 or row[0].isdigit():
+                        continue
+                    if (match := _PRESSED.fullmatch(row[1])) and match[1]:
+                        pressed.append((f"{row[0]}-P{match[1]}", row[0], f"S{match[1]}"))
+                    elif match := _EDGE_LOAD.fullmatch(row[1]):
+                        pressed.append((f"{row[0]}-EDNOR{match[1]}", row[0], f"E{match[1]}"))
                 single.read(card)
             case "BOUNDARY" | "CLOAD":
                 ignored.add(card.keyword)
                 single.read(card)
+            case "NODAL THICKNESS":
+                ignored.add(card.keyword)
+                current.thickness += [(row, place) for place, row in card.rows]
             case "SYSTEM" | "NGEN" | "NFILL" | "ELGEN" | "NCOPY" | "ELCOPY":
                 text = f"{card.place}: *{card.keyword} is not read"
                 raise Fault(text, "Save the mesh with all its nodes and elements in global coordinates.")
@@ -236,10 +272,9 @@ def _parts(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, _Part], list[_
                 ignored.add(card.keyword)
     outside = parts[""]
     if not parts.keys() - {""}:
-        for name, face in dict.fromkeys(pressed):
-            if ("cells", name.lower()) not in outside.sets:  # of shells
-                continue
-            outside.members("faces", f"{name}-P{face}").append((name, f"S{face}"))
+        for region, name, face in dict.fromkeys(pressed):
+            if ("cells", name.lower()) in outside.sets:  # not of other elements
+                outside.members("faces", region).append((name, face))
         single.add_sets(outside)
     if instances and (outside.nodes or outside.elements):
         raise Fault("has nodes outside of its parts", "Save one part, or the assembly with its parts.")
@@ -250,7 +285,7 @@ def _parts(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, _Part], list[_
     return parts, instances, ignored
 
 
-def _placed(parts: Mapping[str, _Part], instances: list[_Card]) -> list[tuple[_Part, Any, str]]:
+def _placed(parts: Mapping[str, _Part], instances: list[_Keyword]) -> list[tuple[_Part, Any, str]]:
     """Return the part of each instance with the sets of the assembly in it, its translation, and its name."""
     outside = parts[""]
     placed = []
@@ -269,7 +304,8 @@ def _placed(parts: Mapping[str, _Part], instances: list[_Card]) -> list[tuple[_P
         content = parts.get(f"{_OWN_MESH}{instance.lower()}", _Part())
         if content.nodes:  # of Abaqus/CAE's independent instances
             part, content = content, _Part()
-        own = _Part(part.nodes, part.elements, part.others, dict(part.names), {k: [*v] for k, v in part.sets.items()})
+        sets = {k: [*v] for k, v in part.sets.items()}
+        own = _Part(part.nodes, part.elements, part.others, dict(part.names), sets, thickness=part.thickness)
         for more in (content, parts.get(f"{_INSTANCE}{instance.lower()}", _Part()), outside):
             for key, spelled in more.names.items():
                 own.members(key[0], spelled).extend(more.sets[key])
@@ -290,16 +326,16 @@ def _placed(parts: Mapping[str, _Part], instances: list[_Card]) -> list[tuple[_P
     return placed
 
 
-def _cards(path: Path) -> Iterator[_Card]:
+def _cards(path: Path) -> Iterator[_Keyword]:
     """Yield the keywords with their lines of data; text before the first one, which CalculiX leaves out, has none."""
-    card: _Card | None = None
+    card: _Keyword | None = None
     for place, line in lines_of(path):
         if line.startswith("*"):
             if card is not None:
                 yield card
             card = _keyword(line, place)
         else:
-            card = card or _Card(place, "", {}, [])
+            card = card or _Keyword(place, "", {}, [])
             if not card.keyword and _DATA.fullmatch(line):
                 raise Fault(f"{place} is not a keyword", "Input files begin with a keyword such as *NODE.")
             card.rows.append((place, [entry.strip().strip('"') for entry in line.rstrip(",").split(",")]))
@@ -308,14 +344,14 @@ def _cards(path: Path) -> Iterator[_Card]:
     yield card
 
 
-def _keyword(line: str, place: str) -> _Card:
+def _keyword(line: str, place: str) -> _Keyword:
     keyword, *options = (entry.strip() for entry in line[1:].split(","))
     pairs = (option.partition("=") for option in options if option)
     values = {name.strip().upper(): value.strip().strip('"') for name, _, value in pairs}
-    return _Card(place, " ".join(keyword.upper().split()), values, [])
+    return _Keyword(place, " ".join(keyword.upper().split()), values, [])
 
 
-def _needed(card: _Card, option: str) -> str:
+def _needed(card: _Keyword, option: str) -> str:
     if not (value := card.options.get(option, "")):
         raise Fault(f"{card.place}: *{card.keyword} needs {option}=")
     return value
@@ -338,7 +374,7 @@ def _tags(row: list[str], place: str) -> list[int]:
         raise Fault(f"{place}: '{shown(', '.join(row))}' are not whole numbers") from None
 
 
-def _read_nodes(part: _Part, card: _Card) -> None:
+def _read_nodes(part: _Part, card: _Keyword) -> None:
     group = part.members("nodes", card.options["NSET"]) if card.options.get("NSET") else []
     for place, row in card.rows:
         tag, *position = _tags(row[:1], place) + _numbers(row[1:4], place)
@@ -349,7 +385,7 @@ def _read_nodes(part: _Part, card: _Card) -> None:
         group.append((str(int(tag)), ""))
 
 
-def _read_elements(part: _Part, card: _Card, kinds: re.Pattern[str]) -> list[str]:
+def _read_elements(part: _Part, card: _Keyword, kinds: re.Pattern[str]) -> list[str]:
     """Read the elements of a keyword; return what is ignored.
 
     As CalculiX does, entries after the last node of an element are ignored. They are faults if lines differ in length:
@@ -388,7 +424,7 @@ def _read_elements(part: _Part, card: _Card, kinds: re.Pattern[str]) -> list[str
     return [f"entries after the {count} nodes of elements {shown(kind)}"] if is_longer else []
 
 
-def _read_set(part: _Part, kind: str, name: str, card: _Card) -> None:
+def _read_set(part: _Part, kind: str, name: str, card: _Keyword) -> None:
     members = part.members(kind, name)
     for place, row in card.rows:
         if "GENERATE" not in card.options:
@@ -435,6 +471,16 @@ def _rows(
     return rows
 
 
+def _nodes_of(part: _Part, name: str) -> list[int]:
+    """Return the numbers of a node or of the nodes of a set."""
+    if name.isdigit():
+        return [int(name)]
+    key = name.rpartition(".")[2].lower()
+    if ("nodes", key) not in part.sets:
+        raise Fault(f"*NODAL THICKNESS of '{shown(name)}', which is not defined")
+    return [int(member) for member, _ in _flattened(part, "nodes", key, frozenset())]
+
+
 def _solid_face(face: str, nodes: int) -> int:
     """Return the number from 0 of a face of a solid element; ``IndexError`` if it has fewer."""
     if (match := _FACE.fullmatch(face)) is None:
@@ -445,9 +491,9 @@ def _solid_face(face: str, nodes: int) -> int:
 
 
 def _shell_edge(face: str, nodes: int) -> int:
-    """Return the number from 0 of an edge of a shell element, -1 for all of it; ``IndexError`` if it has fewer."""
-    if _WHOLE.fullmatch(face):
-        return -1
+    """Return the number from 0 of an edge of a shell element, below 0 for all of it; ``IndexError`` if it has fewer."""
+    if face.upper() in _WHOLE:
+        return _WHOLE[face.upper()]
     if (match := _EDGE.fullmatch(face)) is None:
         raise ValueError("shell element", "Give SPOS or SNEG, or edges as E1 to E4.")
     number = int(match[1]) - 1 if match[1] else int(match[2]) - 3

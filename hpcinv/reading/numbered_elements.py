@@ -62,9 +62,9 @@ def element_arrays(node_tags: Any, points: Any, blocks: Blocks, sets: Sets, kind
         sizes = " and ".join(map(str, sorted(blocks.solids)))
         raise Fault(f"has elements of {sizes} nodes", "Use one kind of elements.")
     ((numbers, cells),) = blocks.solids.values()
-    node_rows = _Rows(tags, "node")
+    node_rows = _NumberedRows(tags, "node")
     cell_tags = integers(numbers, "numbers of elements")
-    cell_rows = _Rows(cell_tags, "element")
+    cell_rows = _NumberedRows(cell_tags, "element")
     table = integers(cells, "nodes of elements")
     arrays: dict[str, Any] = {
         "points": positions,
@@ -103,7 +103,7 @@ def integers(values: Any, what: str) -> Any:
     return numbers
 
 
-class _Rows:
+class _NumberedRows:
     """Rows of numbered nodes or elements."""
 
     def __init__(self, tags: Any, what: str) -> None:

@@ -10,14 +10,16 @@ type Forces = Mapping[int, tuple[float, float, float]]
 type Held = Mapping[str, Mapping[int, float]]
 type Pressed = Mapping[tuple[int, int], float]
 
+_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+"""displacements and rotations, in the order of their numbers"""
 _NAMED = {
-    "ENCASTRE": "xyz",
-    "PINNED": "xyz",
-    "XSYMM": "x",
-    "YSYMM": "y",
-    "ZSYMM": "z",
+    "ENCASTRE": _COMPONENTS,
+    "PINNED": ("x", "y", "z"),
+    "XSYMM": ("x", "ry", "rz"),
+    "YSYMM": ("y", "rx", "rz"),
+    "ZSYMM": ("z", "rx", "ry"),
 }
-"""components that a named condition of a solid holds"""
+"""components that a named condition holds"""
 _MOST = 20
 """Regions of one kind; more values are a field, which regions cannot have. Raised, files may have very many regions."""
 _SAME = 3  # decimals of unit vectors that are the same direction
@@ -45,23 +47,30 @@ def held_groups(held: Held) -> Iterator[tuple[str, dict[str, float], frozenset[i
         yield name, dict.fromkeys(axes, value), members
 
 
-def force_groups(forces: Forces) -> Iterator[tuple[str, frozenset[int]]]:
-    """Yield name and nodes of the regions of forces on nodes: one for each direction."""
+def force_groups(forces: Forces, called: str = "loaded") -> Iterator[tuple[str, frozenset[int]]]:
+    """Yield name and nodes of the regions of forces on nodes: one for each direction; or of moments."""
     directions: dict[tuple[float, ...], list[int]] = {}
     for node, force in forces.items():
         if size := hypot(*force):
             directions.setdefault(tuple(round(part / size, _SAME) + 0.0 for part in force), []).append(node)
     if len(directions) <= _MOST:
-        yield from _numbered("loaded", directions.values())
+        yield from _numbered(called, directions.values())
 
 
-def pressed_groups(pressed: Pressed) -> Iterator[tuple[str, float, frozenset[tuple[int, int]]]]:
-    """Yield name, pressure, and elements with numbers of their faces of the regions of pressures on elements."""
+def pressed_groups(
+    pressed: Pressed, called: str = "pressed"
+) -> Iterator[tuple[str, float, frozenset[tuple[int, int]]]]:
+    """Yield name, pressure, and elements with numbers of their faces of the regions of pressures on elements.
+
+    Args:
+        pressed: by element and number of the face, 0 for a shell; or loads on edges, by element and edge.
+        called: beginning of the names.
+    """
     values: dict[float, list[tuple[int, int]]] = {}
     for place, value in pressed.items():
         values.setdefault(value, []).append(place)
     if len(values) <= _MOST:
-        names = _numbered("pressed", values.values())
+        names = _numbered(called, values.values())
         yield from ((name, value, places) for value, (name, places) in zip(values, names, strict=True))
 
 
@@ -71,19 +80,23 @@ def _numbered[Member](name: str, groups: Iterable[list[Member]]) -> Iterator[tup
         yield (f"{name}-{number}" if len(every) > 1 else name), frozenset(group)
 
 
-def held_axes(entries: Sequence[str]) -> dict[str, float]:
-    """Return the displacements by axis of a line of ``*BOUNDARY``, after the node or set; none of rotations.
+def held_axes(entries: Sequence[str], *, has_rotations: bool = False) -> dict[str, float]:
+    """Return the displacements by axis of a line of ``*BOUNDARY``, after the node or set.
+
+    Args:
+        has_rotations: whether rotations about x, y and z are returned too, as ``rx``, ``ry`` and ``rz``.
 
     Raises:
         ValueError: these are neither numbers nor a named condition.
     """
+    components = _COMPONENTS if has_rotations else _COMPONENTS[:3]
     if entries[0].upper() in _NAMED:
-        return dict.fromkeys(_NAMED[entries[0].upper()], 0.0)
+        return {name: 0.0 for name in _NAMED[entries[0].upper()] if name in components}
     first = last = fortran_number(entries[0])
     if len(entries) > 1 and entries[1]:
         last = fortran_number(entries[1])
     value = fortran_number(entries[2]) if len(entries) > 2 and entries[2] else 0.0
-    return {axis: value for place, axis in enumerate("xyz", 1) if first <= place <= last}
+    return {name: value for place, name in enumerate(components, 1) if first <= place <= last}
 
 
 def fortran_number(text: str) -> float:

@@ -16,7 +16,7 @@ from hpcinv.pictures.decimation import Decimated, decimated
 from hpcinv.pictures.gathering import boundary_of, cut_of
 from hpcinv.pictures.interior_gathering import interior_of
 from hpcinv.quantity.arrays import Floats, Ints
-from hpcinv.quantity.units import parse_quantity, readable
+from hpcinv.quantity.units import length_symbol, parse_quantity, readable
 from hpcinv.quantity.written_units import written_units
 from hpcinv.reports.job_text import place_of_entries
 from hpcinv.reports.packed_arrays import PackedArrays
@@ -135,7 +135,8 @@ def _volume(boundary: Boundary) -> float:
     return float(np.einsum("ni,ni->", a, np.cross(b, c)) / 6)
 
 
-def length_unit_of(job: Job | None, file: str) -> str:
-    """Return the unit of lengths of a job: that which it writes most often; of an image without one mm, else m."""
+def length_unit_of(job: Job | None, body: Body) -> str:
+    """Return the unit of lengths of a job: the one that it writes most often, else the unit of its mesh."""
     written = written_units(job.data) if job else {}
-    return written.get("m", "mm" if file.endswith(IMAGES) else "m")
+    is_image = str(body.source.path).endswith(IMAGES)
+    return written.get("m") or ("mm" if is_image else length_symbol(body.source.unit or 1.0))

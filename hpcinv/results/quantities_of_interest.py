@@ -13,7 +13,7 @@ import numpy.typing as npt
 from dolfinx import la
 
 from hpcinv.errors import MeshError, naming_field
-from hpcinv.job.sections import STRESS, QuantityOfInterest
+from hpcinv.job.sections import STRESS, QuantityOfInterest, QuantityValue
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import source_node_values
 from hpcinv.mesh.bounding_box import extent
@@ -29,8 +29,6 @@ from hpcinv.results.point_fields import PointFields
 from hpcinv.results.reactions import contact_values, reactions
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
-
-type Value = float | list[float]
 
 NOT_FINITE = "look for divisions by zero, and roots and logarithms of negative values"
 """Remedy for a formula without a finite value."""
@@ -73,7 +71,7 @@ def _points(quantities: Iterable[QuantityOfInterest]) -> Iterator[Point]:
     return (q.at for q in quantities if q.at is not None)
 
 
-def fault_of(quantity: QuantityOfInterest, value: Value) -> str:
+def fault_of(quantity: QuantityOfInterest, value: QuantityValue) -> str:
     """Return what is wrong with a value of a quantity; empty if it is finite."""
     if np.isfinite(value).all():
         return ""
@@ -98,7 +96,7 @@ def carried(quantities: Iterable[QuantityOfInterest], body: Body, nodes: Floats)
 
 def evaluate(
     quantities: Iterable[QuantityOfInterest], body: Body, solution: Solution, equations: Equations | None = None
-) -> dict[str, Value]:
+) -> dict[str, QuantityValue]:
     """Evaluate the quantities in SI by name, displacements and reactions as lists of 3; collective.
 
     One whose formula has no finite value somewhere is NaN (`fault_of`): it must not end a run that has its solution.
@@ -132,7 +130,7 @@ def values_of(
     solution: Solution,
     fields: PointFields | None,
     located: Mapping[Point, PointLocation | None] | None = None,
-) -> dict[str, Value]:
+) -> dict[str, QuantityValue]:
     """Evaluate quantities other than reactions, with mesh and equations put into the solution; collective.
 
     Args:
@@ -145,7 +143,7 @@ def values_of(
     names = [q.name for q in quantities if q.at and q.fields]
     point_values = fields.point_values([places[name] for name in names]) if fields else []
     known = dict(zip(names, point_values, strict=True))
-    values: dict[str, Value] = {}
+    values: dict[str, QuantityValue] = {}
     for q in quantities:
         if q.at is not None:
             values[q.name] = _point_value(q, body, solution, places[q.name], known.get(q.name, {}))
@@ -184,7 +182,7 @@ def fields_for(
 
 def _point_value(
     quantity: QuantityOfInterest, body: Body, solution: Solution, place: PointLocation, fields: Mapping[str, float]
-) -> Value:
+) -> QuantityValue:
     here, comm = np.array(quantity.at), body.mesh.comm
     u: Floats | None = None
     if comm.rank == place.rank:

@@ -49,7 +49,8 @@ def read_expected(job: Job, body: Body) -> Expected | None:
     if not expected.has_nodes:
         return partial(_surface_distance, _read_surface(job, expected, body.mesh.comm), expected.align)
     # Straight or curved as the body is, whatever the file is; it was checked to exist when the job was read.
-    values = {name: value for name, value in dict(expected).items() if name in MeshSpec.model_fields}
+    stated = expected.model_fields_set & MeshSpec.model_fields.keys()
+    values = {name: getattr(expected, name) for name in stated}
     spec = MeshSpec.model_construct(**(values | {"labels": {}, "geometry_degree": body.source.degree}))
     nodes = source_values(body, read_same_cells(spec, job, body, "expected_shape").points)
     return partial(distance, expected=nodes)

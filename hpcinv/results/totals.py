@@ -119,7 +119,7 @@ def totals_of(equations: Equations, direction: Direction) -> Totals:
         totals = replace(totals, weight_strain=pressure / softest)
     if not job.output.unit_warnings:
         return totals
-    seen = list(_warnings(totals, job.mesh.unit, masses, pressure, stiffest))
+    seen = list(_warnings(totals, body.source.unit or job.mesh.unit, masses, pressure, stiffest))
     moduli = list(doubtful_moduli(job))
     if not seen and not moduli:
         moduli += _compressions(job, totals.size, scaled * equations.scales.stress * equations.scales.length**2)

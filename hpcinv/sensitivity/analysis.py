@@ -29,14 +29,13 @@ from petsc4py import PETSc
 
 from hpcinv.assembly.system import System
 from hpcinv.errors import SolveError
-from hpcinv.job.sections import Support
+from hpcinv.job.sections import QuantityValue, Support
 from hpcinv.job.sensitivities import Parameter, tied_parameters
 from hpcinv.mesh.source import Floats
 from hpcinv.model.parameters import ParameterDirection
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.parameter_paths import POINTS, central_difference
-from hpcinv.results.quantities_of_interest import Value
 from hpcinv.results.solution import Solution
 from hpcinv.sensitivity.slopes import SHORT, STEP, Change, ReferenceChange, change_limit, has_kinks, slopes
 from hpcinv.solver.equations import Equations
@@ -59,11 +58,11 @@ class Sensitivities:
     """
 
     parameters: Sequence[Parameter]
-    slopes: Mapping[str, Mapping[str, Value]]
+    slopes: Mapping[str, Mapping[str, QuantityValue]]
     displacement: Mapping[str, fem.Function]
     nodes: Mapping[str, Floats]
     shape: Mapping[str, float]
-    deviations: Mapping[str, Value | None]
+    deviations: Mapping[str, QuantityValue | None]
     deviation: float | None
     deviation_at: list[float] | None
     shapes: Mapping[str, Sensitivities] = field(default_factory=dict)
@@ -179,7 +178,7 @@ def joined_sensitivities(shapes: Mapping[str, Sensitivities], quantities: Iterab
     )
 
 
-def _summed(parameters: Sequence[Parameter], key_slopes: Mapping[str, Value]) -> dict[str, Value]:
+def _summed(parameters: Sequence[Parameter], key_slopes: Mapping[str, QuantityValue]) -> dict[str, QuantityValue]:
     """Add to the slope by each parameter those by its ties."""
     return {
         p.key: sum(number.ratio * np.array(key_slopes[number.key]) for number in (p, *p.ties)).tolist()  # type: ignore[union-attr]
@@ -310,11 +309,11 @@ def _deviations(parameters: Sequence[Parameter], vectors: Mapping[str, Floats]) 
     return np.asarray(np.sqrt(sum(squares)))
 
 
-def _deviation(parameters: Sequence[Parameter], key_slopes: Mapping[str, Value]) -> Value | None:
+def _deviation(parameters: Sequence[Parameter], key_slopes: Mapping[str, QuantityValue]) -> QuantityValue | None:
     parts = [np.array(key_slopes[p.key]) * p.deviation for p in parameters if p.deviation is not None]
     if not parts:
         return None
-    deviation: Value = np.linalg.norm(parts, axis=0).tolist()
+    deviation: QuantityValue = np.linalg.norm(parts, axis=0).tolist()
     return deviation
 
 

@@ -23,13 +23,14 @@ import numpy as np
 from dolfinx import fem
 
 from hpcinv.job.job import Job
+from hpcinv.job.sections import QuantityValue
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
 from hpcinv.model.parameters import ParameterDirection
 from hpcinv.model.state import State
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.parameter_paths import POINTS, central_difference
-from hpcinv.results.quantities_of_interest import Value, carried, fields_for, values_of
+from hpcinv.results.quantities_of_interest import carried, fields_for, values_of
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
@@ -83,7 +84,7 @@ class Change:
 
 def slopes(
     equations: Equations, solution: Solution, changes: Sequence[tuple[Parameter, Change]]
-) -> dict[str, dict[str, Value]]:
+) -> dict[str, dict[str, QuantityValue]]:
     """Return derivatives (SI) of each quantity of interest, without reactions, by the parameters' keys.
 
     Collective.
@@ -115,7 +116,7 @@ def slopes(
         for quantity in quantities
         if (is_kinked and quantity.fields) or quantity.reduce in _EXTREMES or _KINKS.search(quantity.of.source)
     }
-    derivatives: dict[str, dict[str, Value]] = {quantity.name: {} for quantity in quantities}
+    derivatives: dict[str, dict[str, QuantityValue]] = {quantity.name: {} for quantity in quantities}
     for parameter, change in changes if derivatives else ():
         step = _step(equations, solution, parameter, change)
         values = [values_at(change, k * step) for k in POINTS]

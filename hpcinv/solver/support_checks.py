@@ -80,7 +80,7 @@ def _contradiction(job: Job, first: Prescribed, second: Prescribed, values: Iter
 
 
 @dataclass(frozen=True)
-class _Part:
+class _ConnectedPart:
     """Connected part of the body: number of its cells, middle of its nodes, and frame of its motions."""
 
     label: int
@@ -184,7 +184,7 @@ def parts_of(body: Body, *, joined_by_facets: bool = False) -> tuple[int, Ints]:
     return len(first), np.argsort(np.argsort(first))[part[mine]]
 
 
-def _part(body: Body, supports: Supports, labels: Ints, label: int, whole: bool) -> _Part:
+def _part(body: Body, supports: Supports, labels: Ints, label: int, whole: bool) -> _ConnectedPart:
     """Return a part; its frame is around the held nodes, or around all nodes if ``whole``; collective."""
     comm = body.mesh.comm
     owned = body.mesh.topology.index_map(3).size_local
@@ -194,7 +194,7 @@ def _part(body: Body, supports: Supports, labels: Ints, label: int, whole: bool)
     middle, extent = _box(comm, nodes)
     held_box = _box(comm, np.vstack([np.zeros((0, 3)), *held]))
     centre, size = held_box if held_box[1] > 0 and not whole else (middle, extent)
-    return _Part(label, comm.allreduce(len(cells)), middle, Frame(centre, size))
+    return _ConnectedPart(label, comm.allreduce(len(cells)), middle, Frame(centre, size))
 
 
 def _box(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, float]:
@@ -218,14 +218,16 @@ def _points(support: Prescribed | Slide, labels: Ints, label: int) -> Floats:
 
 
 def _free(
-    comm: MPI.Intracomm, supports: Supports, labels: Ints, part: _Part, springs: Floats, stiffest: float
+    comm: MPI.Intracomm, supports: Supports, labels: Ints, part: _ConnectedPart, springs: Floats, stiffest: float
 ) -> Floats:
     """Return a basis (6, k) of the free rigid motions of a part; collective."""
     rows = _constraints(comm, supports.holders, labels, part)
     return on_root(comm, lambda: unsprung_basis(free_motions(rows), springs, stiffest))
 
 
-def _constraints(comm: MPI.Intracomm, holders: Iterable[Prescribed | Slide], labels: Ints, part: _Part) -> Floats:
+def _constraints(
+    comm: MPI.Intracomm, holders: Iterable[Prescribed | Slide], labels: Ints, part: _ConnectedPart
+) -> Floats:
     """Return rows (n, 6) of the held components of a part for its six motions, on rank 0 (0 rows elsewhere)."""
     rows = []
     for support in holders:
@@ -236,7 +238,7 @@ def _constraints(comm: MPI.Intracomm, holders: Iterable[Prescribed | Slide], lab
     return np.vstack([np.zeros((0, 6)), *(triangles or [])])
 
 
-def _stiffness(system: System, labels: Ints, parts: list[_Part]) -> list[Floats]:
+def _stiffness(system: System, labels: Ints, parts: list[_ConnectedPart]) -> list[Floats]:
     """Return the stiffness (6, 6) of each part against its rigid motions, which strain nothing but springs."""
     space = system.weak_form.unknowns.displacement_space
     points, node_parts = space.tabulate_dof_coordinates(), node_labels(space, labels)

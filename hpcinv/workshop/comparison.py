@@ -52,7 +52,7 @@ def surface_in(path: Path, unit: float | None, shape: str = UNDEFORMED, labels: 
     """Surface of the body in a mesh, a segmented image, a file of triangles, or the directory of a run.
 
     Args:
-        unit: length unit (m) of a file; by default mm of an image, and m of other files.
+        unit: length unit (m) of a file; by default what a mesh states, mm of an image, and m of other files.
         shape: of a run: `UNDEFORMED`, deformed, or the name of a state.
         labels: numbers of the body's voxels in an image; by default all but 0.
 
@@ -68,7 +68,8 @@ def surface_in(path: Path, unit: float | None, shape: str = UNDEFORMED, labels: 
     if path.is_dir() and RunDirectory(path).summary() is not None:
         source = read_shape(path, shape)
     elif path.exists() and suffix_of(path) in FORMATS:
-        spec = MeshSpec.model_validate({"file": path.name, "unit": unit or 1.0}, context={"directory": path.parent})
+        given = {"file": path.name} | ({"unit": unit} if unit else {})
+        spec = MeshSpec.model_validate(given, context={"directory": path.parent})
         source = read_source(spec, path)
     else:
         raise OutputError(

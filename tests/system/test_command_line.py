@@ -13,6 +13,7 @@ import pytest
 from helpers.command_line import BEAM, BLOCK, CUBE, NO_CERTIFICATE, ROOT, environment, hpcinv, write_job
 
 import hpcinv as api
+from hpcinv.__main__ import main
 from hpcinv.parallel.runtime import MPI
 
 UNREACHABLE: dict[str, Any] = {"solver": {"strategy": "fixed", "steps": 2, "maximum_iterations": 1}}
@@ -294,6 +295,30 @@ def test_bash_completes_commands_options_and_choices(typed: str, completed: str,
 @pytest.fixture(scope="module")
 def script() -> str:
     return python("-m", "hpcinv", "completion").stdout
+
+
+@pytest.mark.parametrize(
+    ("typed", "usage", "error"),
+    [
+        (["run", "--strct", "job.yaml"], "run", "unrecognized arguments: --strct. Did you mean '--strict'?"),
+        (["run", "--fast", "job.yaml"], "run", "unrecognized arguments: --fast"),
+        (["run", "job.yaml", "other.yaml"], "run", "unrecognized arguments: other.yaml"),
+        (
+            ["mesh", "partition", "a.msh", "b.bp", "--parts=2", "--units=mm"],
+            "mesh partition",
+            "unrecognized arguments: --units=mm. Did you mean '--unit'?",
+        ),
+    ],
+)
+def test_unknown_options_are_refused_with_the_usage_of_the_command(
+    typed: list[str], usage: str, error: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(typed)
+    assert ended.value.code == 2
+    printed = capsys.readouterr().err
+    assert printed.startswith(f"usage: hpcinv {usage} [-h]")
+    assert printed.endswith(f"\nhpcinv {usage}: error: {error}\n")
 
 
 def test_without_a_command_all_are_listed() -> None:

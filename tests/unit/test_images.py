@@ -601,6 +601,9 @@ def test_several_surfaces(tmp_path: Path) -> None:
         of({"wall": "outer.stl", "other": "beside.stl"})
     with pytest.raises(JobError, match=r"mesh\.surfaces\.wall: there is no file"):
         of({"core": "core.stl", "wall": "nowhere.stl"})
+    with pytest.raises(JobError, match=r"mesh\.surfaces\.wall: there is no file") as refused:
+        of({"wall": "nowhere.stl"})
+    assert str(refused.value).count("there is no file") == 1
 
 
 def beside_sphere(source: MeshSource, middle: list[float]) -> np.ndarray:

@@ -74,6 +74,7 @@ RUN_PACKAGES = JOB_PACKAGES | {
     "basix",
     "cffi",
     "dolfinx",
+    "dolfinx_solver",
     "ffcx",
     "gmsh",
     "h5py",

@@ -292,6 +292,11 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"quantities": [{"name": "a", "of": "x", "at": [0, 0, 0]}] * 2}, "quantities[1].name: 'a' is the name of an"),
     ({"expected_shape": {"file": "../meshes/none.py"}}, "expected_shape.file: there is no file"),
     ({"mesh": {"file": "else/where.msh"}}, "where.msh'. Paths start from the directory of the job file"),
+    ({"mesh": {"image": "no.nii", "labels": {"a": 1}, "size": 0.1}}, "mesh.image: there is no file"),
+    ({"mesh": {"surface": "no.stl", "unit": "mm", "size": 0.1}}, "mesh.surface: there is no file"),
+    ({"mesh": {"cad": 3, "size": 0.1}}, "mesh.cad: must be text, not 3"),
+    ({"mesh": {"lumen": "no.vtp", "unit": "mm", "size": 0.1, "wall": 0.1}}, "mesh.lumen: there is no file"),
+    ({"expected_shape": {"image": "no.nii"}}, "expected_shape.image: there is no file"),
 ]
 
 

@@ -182,6 +182,7 @@ def test_values_are_shown_in_the_units_of_a_job() -> None:
     assert units == {"m": "mm", "Pa": "kPa"}
     assert as_shown(0.0705, "m", units) == "70.5 mm"
     assert as_shown([0.0, -0.1325, 1e-9], "m", units) == "(0, -132.5, 1e-06) mm"
+    assert as_shown([0.001, -3.2e-17, None], "m", units) == "(1, 0, not finite) mm"
     assert as_shown(2.5e6, "Pa", units) == "2500 kPa"
     assert as_shown(0.00025, "m^3", units) == "250 ml"  # not chosen by a job
     assert as_shown(0.25, "", units) == "0.25"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,7 +17,9 @@ from helpers.command_line import environment
 from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
 
 import hpcinv
+from hpcinv.__main__ import main
 from hpcinv.errors import JobError
+from hpcinv.job import mesh_contents
 from hpcinv.mesh import MeshSource, read_source
 from hpcinv.mesh.distributed.partitioned import write_partitioned
 from hpcinv.mesh.distributed.parts import partitioned
@@ -138,6 +141,58 @@ def test_validate_knows_them_without_the_libraries_that_read_meshes(tmp_path: Pa
         done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=60, check=True)
         assert "no region 'clamp'" in done.stderr
         assert done.stdout.strip() == "set()"
+
+
+def validated(*paths: Path) -> list[str]:
+    """Lines that ``validate`` prints of jobs that are not valid."""
+    with pytest.MonkeyPatch.context() as patch:
+        output = io.StringIO()
+        patch.setattr(sys, "stderr", output)
+        main(["validate", *map(str, paths)])
+    return output.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("suffix", ["bdf", "cdb", "e", "med", "mesh", "unv", "vtk"])
+def test_validate_reads_formats_whose_headers_do_not_name_regions(
+    suffix: str, tmp_path: Path, block: MeshSource
+) -> None:
+    save(tmp_path / f"a.{suffix}", block, block.points)
+    plain = {"material": JOB["material"]["block"] | {"mu": 1}, "effects": [], "quantities": []}
+    right = "surface-1" if suffix == "mesh" else "x0"
+    good = write(tmp_path, f"a.{suffix}", **plain, supports=[{"region": right, "fix": ["x", "y", "z"]}])
+    assert validated(good) == []
+    wrong = write(tmp_path, f"a.{suffix}", **plain, supports=[{"region": "X9", "fix": ["x", "y", "z"]}])
+    (line,) = validated(wrong)
+    assert line.startswith(f"{wrong}: supports[0].region: there is no region 'X9' in a.{suffix}")
+
+
+@pytest.mark.parametrize("suffix", ["bdf", "e", "inp", "med", "msh", "vtu", "xdmf"])
+def test_validate_finds_damaged_files(suffix: str, tmp_path: Path, block: MeshSource) -> None:
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "xdmf":
+        path.write_text("<Xdmf><Domain>")
+    else:
+        save(path, block, block.points)
+        path.write_bytes(path.read_bytes()[:2000])
+    held = [{"region": "boundary", "fix": ["x", "y", "z"]}]
+    plain = {"material": JOB["material"]["block"] | {"mu": 1}, "effects": [], "quantities": [], "supports": held}
+    job = write(tmp_path, path.name, **plain)
+    (line,) = validated(job)
+    assert line.startswith(f"{job}: mesh: 'a.{suffix}' ")
+    image = write(tmp_path, path.name, **plain, expected_shape={"surface": "a.stl", "unit": "mm"})
+    (tmp_path / "a.stl").write_text("nothing")
+    assert [line.split(": ")[1] for line in validated(image)] == ["mesh", "expected_shape"]
+
+
+def test_validate_names_files_that_are_too_large(
+    tmp_path: Path, block: MeshSource, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save(tmp_path / "a.vtk", block, block.points)
+    monkeypatch.setattr(mesh_contents, "LARGEST", 100)
+    plain = {"material": JOB["material"]["block"] | {"mu": 1}, "effects": [], "quantities": []}
+    path = write(tmp_path, "a.vtk", **plain, supports=[{"region": "X9", "fix": ["x", "y", "z"]}])
+    assert main(["validate", str(path)]) == 0
+    assert capsys.readouterr().out.startswith(f"{path}: valid; not read here: {tmp_path / 'a.vtk'} of 0 MB")
 
 
 # densities and temperatures

@@ -14,6 +14,7 @@ from helpers.sheets import flat, quadrilaterals, save_sheet
 from scipy.linalg import eigh
 from scipy.sparse.linalg import splu
 
+import hpcinv
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import load
 from hpcinv.job.sections import Shell
@@ -110,6 +111,16 @@ def test_hinges_are_of_shells_only(sheet: Path) -> None:
         load(job(sheet, mesh={"file": str(sheet)}, effects=[], supports=supports))
 
 
+def test_hinges_of_faces_are_refused(sheet: Path) -> None:
+    """A face has no node of the midsurface, and would be held nowhere."""
+    supports = [
+        {"region": "x0", "fix": ["x", "y", "z"]},
+        {"region": "inner", "fix": ["z"], "hinge": True},
+    ]
+    with pytest.raises(MeshError, match=r"supports\[1\]\.hinge: 'inner' has no nodes of the midsurface"):
+        hpcinv.run(job(sheet, analysis="forward", supports=supports), progress=False)
+
+
 def test_edges_and_faces_of_groups_are_regions(sheet: Path) -> None:
     supports = [{"region": "x0", "fix": ["x", "y", "z"]}, {"region": "sheet|inner", "fix": ["z"]}]
     assert load(job(sheet, supports=supports)).mesh.shell == THIN
@@ -187,16 +198,27 @@ def test_layers_and_thickness_follow_the_job(sheet: Path, place: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "kind", ["junction", "fold", "strip with one side", "too thin", "too thick", "name of a face", "cell without area"]
+    "kind",
+    [
+        "junction",
+        "fold",
+        "strip with one side",
+        "too thin",
+        "too thick",
+        "too curved",
+        "name of a face",
+        "cell without area",
+    ],
 )
 def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None:
     surface, shell = read_surface(sheet), THIN
     message = {
         "junction": r"more than two cells meet at \d+ edges \(first: at \([\d.]+, 0, 0\) m\)",
-        "fold": "has a fold of 90°",
+        "fold": r"has a fold of 90° at \(1, [\d.]+, 0\) m",
         "strip with one side": "only one side",
         "too thin": r"is 3\.61 m long, 36,056 times its thickness of 100 µm",
         "too thick": r"the shell is 10 m thick, and its surface only 3\.61 m long",
+        "too curved": r"for a thickness of 2\.2 m at .* 6 cells of the outer face are inside out\n.*Is the unit",
         "name of a face": "has a physical group .outer.",
         "cell without area": r"cells without area \(first of \d+ quadrilaterals: at \([\d.]+, [\d.]+, 0\) m\)",
     }[kind]
@@ -221,6 +243,10 @@ def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None
         surface = _moebius()
     elif kind == "cell without area":
         surface.points[surface.cells[0], 0] = 0.0
+    elif kind == "too curved":
+        angle, y, _ = surface.points.T
+        shell = Shell(thickness=2.2)
+        surface = replace(surface, points=np.column_stack([np.sin(angle), y, 1 - np.cos(angle)]))
     elif kind == "name of a face":
         surface = replace(surface, groups=tuple(replace(group, name="outer") for group in surface.groups[:1]))
     else:

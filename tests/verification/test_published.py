@@ -14,7 +14,7 @@ from helpers.command_line import ROOT
 from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
-    from benchmarks.published.references import Reference
+    from benchmarks.published.references import PublishedValue
 
 TABLES = sorted((ROOT / "benchmarks" / "published").glob("*/references.csv"))
 
@@ -65,12 +65,14 @@ def test_jobs_of_the_same_name_in_two_sources_are_two_cases() -> None:
 
 
 def test_rows_are_judged_by_both_error_bars() -> None:
-    from benchmarks.published.comparison import Row, compare
+    from benchmarks.published.comparison import ComparedValue, compare
     from benchmarks.published.references import read
 
     limit = dataclasses.replace(read("cook")[0], comparison="limit", value="14.74", spread=0.01)
 
-    def row(tip: float, error: float | None, analysis: str = "forward", *, reliable: bool = True, at: str = "") -> Row:
+    def row(
+        tip: float, error: float | None, analysis: str = "forward", *, reliable: bool = True, at: str = ""
+    ) -> ComparedValue:
         singular = {"singular": {"reliable": reliable}, "unreliable": [at]}
         estimate = None if error is None else {"quantities": {"tip": error}} | singular
         summary = {
@@ -163,7 +165,7 @@ def test_ranks_share_the_cases_and_each_is_solved_once(
 
     solved: list[tuple[str, ...]] = []
 
-    def without_files(row: Reference, *_: object) -> dict[str, str]:
+    def without_files(row: PublishedValue, *_: object) -> dict[str, str]:
         solved.append(row.case)
         return {"missing": "not solved here"}
 

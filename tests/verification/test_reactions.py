@@ -141,6 +141,32 @@ def test_a_node_of_two_supports_belongs_to_both_sums(comm: MPI.Intracomm) -> Non
     assert quantities["x1"][0] == pytest.approx(P[0, 0], rel=1e-9)
 
 
+def test_reactions_that_vanish_by_balance_or_symmetry_are_zero(comm: MPI.Intracomm) -> None:
+    supports = [
+        {"region": "z0", "fix": ["z"]},
+        {"region": "o", "fix": ["x", "y"]},
+        {"region": "a", "fix": ["y"]},
+    ]
+    regions = {"o": {"vertices": [[0, 0, 0]]}, "a": {"vertices": [[1, 0, 0]]}}
+    pull = {"effect": "traction", "region": "z1", "traction": [0, 0, 500.0], "area_in": "reference"}
+    for direction in ("forward", "inverse"):
+        quantities = solved(
+            comm,
+            direction,
+            mesh=box((3, 2, 3)),
+            regions=regions,
+            supports=supports,
+            effects=[pull],
+            quantities=[
+                *({"name": name, "of": "reaction", "on": name} for name in ("z0", "o", "a")),
+                {"name": "about_o", "of": "reaction_moment", "on": "o"},
+            ],
+        )
+        assert quantities["z0"][:2] == [0, 0]
+        assert quantities["z0"][2] < -400
+        assert quantities["o"] == quantities["a"] == quantities["about_o"] == [0, 0, 0]
+
+
 def test_a_run_prints_reactions_and_what_is_unknown(tmp_path: Path) -> None:
     quantities = [{"name": "top", "of": "uz", "at": [0.5, 0.5, 1]}, *REACTIONS]
     changes = {

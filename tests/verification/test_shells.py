@@ -290,12 +290,17 @@ def test_bimetal_strip_bends_as_timoshenko_says(tmp_path: Path) -> None:
     assert gap(result) < 1e-10 * length
 
 
-@pytest.mark.parametrize(("thickness", "gravity"), [(0.02, 0.5), pytest.param(0.002, 0.02, marks=pytest.mark.release)])
-def test_sagging_sheet_rests_on_a_plane(tmp_path: Path, thickness: float, gravity: float) -> None:
-    """Its lower face touches the plane, half a thickness below the midsurface, and the sheet comes back flat."""
+@pytest.mark.parametrize(
+    ("cells", "thickness", "gravity"), [(8, 0.02, 0.5), pytest.param(16, 0.002, 0.02, marks=pytest.mark.release)]
+)
+def test_sagging_sheet_rests_on_a_plane(tmp_path: Path, cells: int, thickness: float, gravity: float) -> None:
+    """Its lower face touches the plane, half a thickness below the midsurface, and the sheet comes back flat.
+
+    On 16 cells the thin sheet has no solution near the whole update of the pressures.
+    """
     plane = {"shape": "plane", "point": [0, 0, -0.1], "normal": [0, 0, 1]}
     result = solve(
-        save_sheet(tmp_path / "sheet.msh", 8, 1, flat(1, 0.25)),
+        save_sheet(tmp_path / "sheet.msh", cells, 1, flat(1, 0.25)),
         thickness,
         analysis="round_trip",
         first="forward",

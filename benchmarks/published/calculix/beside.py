@@ -49,7 +49,7 @@ CASES: tuple[tuple[str, Mapping[str, Any]], ...] = (
 
 
 @dataclass(frozen=True)
-class Comparison:
+class CalculixComparison:
     """One body, loaded by both.
 
     Attributes:
@@ -79,7 +79,7 @@ class Comparison:
         return f"| {self.title} | {ours} | {theirs} | {self.difference:.1e} | {back} | {times} |"
 
 
-def compared(name: str, changes: Mapping[str, Any], directory: Path) -> Comparison:
+def compared(name: str, changes: Mapping[str, Any], directory: Path) -> CalculixComparison:
     """Load one body with CalculiX and with us, and unload its result."""
     path = (FOLDER / f"{name}.yaml").resolve()
     data = assigned(read_yaml(path), {**changes, "certificate": {"level": "quick"}})
@@ -98,7 +98,7 @@ def compared(name: str, changes: Mapping[str, Any], directory: Path) -> Comparis
     element = deck.element(source)
     back = None if element == "C3D20" else _unloaded(data, path, source, loaded, directory)
     title = f"{job.job} {data['material']['law']} {element}, {len(source.cells)} cells"
-    return Comparison(title, ours, loaded[node] - source.points[node], back, (seconds, end - begin))
+    return CalculixComparison(title, ours, loaded[node] - source.points[node], back, (seconds, end - begin))
 
 
 def _solved(job: Job, directory: Path) -> tuple[Floats, float]:

@@ -15,7 +15,7 @@ from hpcinv.mesh.cells import vtk_order
 from hpcinv.mesh.io.vtu import save_vtu
 from hpcinv.mesh.source import DataArray, Group, MeshSource
 
-from .feb_reader import AXES, Block, Condition, Floats, Model
+from .feb_reader import AXES, BoundaryCondition, ElementBlock, Floats, Model
 from .laws import Law, law_of
 
 KINDS = {"hex8": ("hexahedron", 1), "tet4": ("tetrahedron", 1), "tet10": ("tetrahedron", 2)}
@@ -117,7 +117,7 @@ def prescribed(model: Model) -> dict[tuple[int, int], float]:
     return values
 
 
-def _components(condition: Condition) -> dict[int, float]:
+def _components(condition: BoundaryCondition) -> dict[int, float]:
     """Prescribed displacement by component."""
     if condition.type == "zero displacement":
         return {i: 0.0 for i, axis in enumerate(AXES) if condition.values.get(f"{axis}_dof", "0") == "1"}
@@ -128,14 +128,14 @@ def _components(condition: Condition) -> dict[int, float]:
     raise Unsupported(f"boundary condition {condition.type}")
 
 
-def _support(condition: Condition) -> dict[str, Any]:
+def _support(condition: BoundaryCondition) -> dict[str, Any]:
     components = _components(condition)
     if not any(components.values()):
         return {"fix": [AXES[axis] for axis in components]}
     return {"displacement": [components.get(axis) for axis in range(3)]}
 
 
-def _effect(load: Condition, mesh: _Mesh) -> dict[str, Any]:
+def _effect(load: BoundaryCondition, mesh: _Mesh) -> dict[str, Any]:
     if load.type == "pressure" and load.values.get("linear", "0") == "0":
         text = load.values.get("pressure", "")
         factor = load.factors.get("pressure", 1.0)
@@ -157,7 +157,7 @@ def _effect(load: Condition, mesh: _Mesh) -> dict[str, Any]:
 class _Mesh:
     """The mesh of one block, and the regions that conditions and loads need."""
 
-    def __init__(self, model: Model, block: Block) -> None:
+    def __init__(self, model: Model, block: ElementBlock) -> None:
         self.model, self.block = model, block
         used = np.unique(block.nodes)
         self.rows = np.flatnonzero(np.isin(model.numbers, used))
@@ -180,7 +180,7 @@ class _Mesh:
             raise Unsupported(f"a condition on nodes that do not fill facets ({name})")
         self.regions[name] = frozenset(keys)
 
-    def add_surface(self, load: Condition) -> None:
+    def add_surface(self, load: BoundaryCondition) -> None:
         """Add the region of the surface of a load."""
         if load.tag != "surface_load" or load.values.get("shell_bottom", "0") != "0":
             raise Unsupported(f"load {load.type or load.tag}")

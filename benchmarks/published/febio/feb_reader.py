@@ -36,14 +36,14 @@ class FebError(Exception):
 
 
 @dataclass(frozen=True)
-class Condition(Entry):
+class BoundaryCondition(Entry):
     """A load or a boundary condition, with the name of the set or surface on which it acts."""
 
     region: str = ""
 
 
 @dataclass(frozen=True)
-class Block:
+class ElementBlock:
     """Elements of one kind: their node numbers (m, k) in the order of the file, and the name of their material."""
 
     name: str
@@ -72,14 +72,14 @@ class Model:
     version: str
     numbers: Ints
     points: Floats
-    blocks: tuple[Block, ...]
+    blocks: tuple[ElementBlock, ...]
     node_sets: Mapping[str, Ints]
     surfaces: Mapping[str, tuple[Ints, ...]]
     element_data: Mapping[str, tuple[str, Floats]]
     mat_axes: Mapping[str, Floats]
     materials: Mapping[str, Entry]
-    conditions: tuple[Condition, ...]
-    loads: tuple[Condition, ...]
+    conditions: tuple[BoundaryCondition, ...]
+    loads: tuple[BoundaryCondition, ...]
     unread: tuple[str, ...]
     rest: float
 
@@ -119,7 +119,7 @@ def read_feb(path: Path) -> Model:
         raise FebError(f"{path}: {what}; formats {', '.join(FORMATS)} can be read: save it again with FEBio Studio")
     try:
         in_format_4(root)
-        return _Reader(path, root).model()
+        return _FebReader(path, root).model()
     except FebError as error:
         raise FebError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
     except ValueError as error:
@@ -127,7 +127,7 @@ def read_feb(path: Path) -> Model:
 
 
 @dataclass
-class _Reader:
+class _FebReader:
     path: Path
     root: ET.Element
     unread: list[str] = field(default_factory=list)
@@ -184,8 +184,8 @@ class _Reader:
         section = self.root.find(tag)
         return [] if section is None else list(section)
 
-    def _condition(self, item: ET.Element, region: str) -> Condition:
-        return Condition(**vars(entry_of(item, self._curve)), region=region)
+    def _condition(self, item: ET.Element, region: str) -> BoundaryCondition:
+        return BoundaryCondition(**vars(entry_of(item, self._curve)), region=region)
 
     def _curve(self, number: str) -> float:
         """Value of a load curve at the end."""
@@ -197,7 +197,7 @@ class _Reader:
             raise FebError(str(error)) from None
         return value
 
-    def _blocks(self, mesh: ET.Element) -> Iterator[Block]:
+    def _blocks(self, mesh: ET.Element) -> Iterator[ElementBlock]:
         domains = {item.get("name"): item for item in self._list("MeshDomains")}
         for item in mesh.iter("Elements"):
             kind = item.get("type", "").lower()
@@ -210,7 +210,7 @@ class _Reader:
             domain = domains.get(_name(item))
             material, formulation = ("", "") if domain is None else (domain.get("mat", ""), domain.get("type", ""))
             numbers = np.array([int(element.get("id", "0")) for element in item], dtype=np.int64)
-            yield Block(_name(item), kind, numbers, np.array(rows, dtype=np.int64), material, formulation)
+            yield ElementBlock(_name(item), kind, numbers, np.array(rows, dtype=np.int64), material, formulation)
 
     def _mesh_data(self, mesh: ET.Element) -> tuple[dict[str, tuple[str, Floats]], dict[str, Floats]]:
         data: dict[str, tuple[str, Floats]] = {}

@@ -12,7 +12,7 @@ from hpcinv.cards.card import UnknownLaw
 from hpcinv.cards.entry import Entry
 from hpcinv.cards.febio import LAWS, counterpart
 
-from .feb_reader import Block, Floats, Model
+from .feb_reader import ElementBlock, Floats, Model
 
 RELAXED = 30.0
 """Relaxation times under the same load after which a viscoelastic body is elastic: 1e-13 is left of the rest."""
@@ -35,7 +35,7 @@ class Law:
     arrays: Mapping[str, Floats] = field(default_factory=dict)
 
 
-def law_of(model: Model, block: Block) -> Law:
+def law_of(model: Model, block: ElementBlock) -> Law:
     """Return the law of a block of elements.
 
     Raises:
@@ -47,7 +47,7 @@ def law_of(model: Model, block: Block) -> Law:
     return _law(material, model, block)
 
 
-def _law(material: Entry, model: Model, block: Block) -> Law:
+def _law(material: Entry, model: Model, block: ElementBlock) -> Law:
     match material.type:
         case "prestrain elastic":
             return _prestrained(material, model, block)
@@ -66,7 +66,7 @@ def _law(material: Entry, model: Model, block: Block) -> Law:
     return Law(converted.section("Pa"), axes, converted.definitions)
 
 
-def _prestrained(law: Entry, model: Model, block: Block) -> Law:
+def _prestrained(law: Entry, model: Model, block: ElementBlock) -> Law:
     elastic, prestrain = law.part("elastic"), law.part("prestrain")
     if elastic is None or prestrain is None or elastic.type not in LAWS:
         raise UnknownLaw(f"law {law.type} of {elastic.type if elastic else 'nothing'}")
@@ -89,7 +89,7 @@ def _prestrained(law: Entry, model: Model, block: Block) -> Law:
     return Law(inner.material, inner.fibres, inner.definitions, effects, arrays)
 
 
-def _viscoelastic(law: Entry, model: Model, block: Block) -> Law:
+def _viscoelastic(law: Entry, model: Model, block: ElementBlock) -> Law:
     """The elastic law that is left at the end."""
     elastic, long_term = law.part("elastic"), law.number("g0", 1.0)
     times = [law.number(f"t{i}", 1.0) for i in range(1, 7) if law.number(f"g{i}", 0.0)]
@@ -105,7 +105,7 @@ def _mapped(entry: Entry, name: str, model: Model, count: int) -> Floats:
     return np.full((count, 1), entry.number(name))
 
 
-def _directions(fibre: Entry, model: Model, block: Block) -> Floats:
+def _directions(fibre: Entry, model: Model, block: ElementBlock) -> Floats:
     """Unit directions (elements, 3) of fibres."""
     if fibre.type == "vector":
         directions = np.tile(fibre.vector("vector"), (len(block.nodes), 1))

@@ -43,7 +43,7 @@ OUTPUT = {"fields": False, "report": False, "unit_warnings": False}
 
 
 @dataclass(frozen=True)
-class Case:
+class BackwardCase:
     """A job, and the radius (m) of its unloaded cylinder, if it is one."""
 
     job: dict[str, Any]
@@ -85,7 +85,7 @@ def _published(name: str) -> dict[str, Any]:
 
 def _panel(
     directory: Path, name: str, force: float, thickness: float, solver: Mapping[str, Any], cells: int = 0
-) -> Case:
+) -> BackwardCase:
     """Return a published panel with a force (N, upwards) on the node at its origin, as an array of the mesh.
 
     Args:
@@ -108,10 +108,10 @@ def _panel(
     load = {"effect": "traction", "region": "corner", "traction": [0, 0, {"data": "force"}], "area_in": "reference"}
     mesh = {"file": str(path), "shell": job["mesh"]["shell"]}
     rest = {key: value for key, value in job.items() if key != "let"}
-    return Case({**rest, "mesh": mesh, "effects": [load], "solver": dict(solver)}, radius=radius)
+    return BackwardCase({**rest, "mesh": mesh, "effects": [load], "solver": dict(solver)}, radius=radius)
 
 
-def cases(directory: Path) -> dict[str, Case]:
+def cases(directory: Path) -> dict[str, BackwardCase]:
     """Return the cases by section of the article and name."""
     young = 1.2e6
     linear = {"law": "st-venant-kirchhoff", "young": young, "poisson": 0.0}
@@ -125,10 +125,12 @@ def cases(directory: Path) -> dict[str, Case]:
     )
     _moment(Path(bent["mesh"]["file"]), young * np.pi * 0.1 / 12)
     return {
-        "3.1 cantilever, end force of 4 E I/L²": Case(_strip(directory, 10, 16, material=linear, effects=[shear])),
-        "3.2 cantilever, end moment, full ring": Case(bent),
-        "3.3 slit ring, 0.8 N/m": Case(_ring(directory)),
-        "3.4 hemisphere with a hole, 400 N": Case(_published("hemisphere")),
+        "3.1 cantilever, end force of 4 E I/L²": BackwardCase(
+            _strip(directory, 10, 16, material=linear, effects=[shear])
+        ),
+        "3.2 cantilever, end moment, full ring": BackwardCase(bent),
+        "3.3 slit ring, 0.8 N/m": BackwardCase(_ring(directory)),
+        "3.4 hemisphere with a hole, 400 N": BackwardCase(_published("hemisphere")),
         "3.5 open cylinder, 40 kN": _panel(directory, "cylinder", -40e3 / 4, 94e-3, ARC),
         "3.6 cylinder between diaphragms, 12 kN": _panel(directory, "pinched", 12e3 / 4, 1e-3, {}, cells=40),
         "3.7 half cylinder, 2 kN": _panel(directory, "semi", 2e3 / 2, 30e-3, {}),
@@ -137,7 +139,7 @@ def cases(directory: Path) -> dict[str, Case]:
     }
 
 
-def rows(name: str, case: Case, directory: Path) -> None:
+def rows(name: str, case: BackwardCase, directory: Path) -> None:
     """Print the rows of a case, which start from the shape file of the loaded surface, with its faces as data."""
     loaded = directory / name.split(",")[0].replace(" ", "-")
     there = {**case.job, "analysis": "forward", "output": {**OUTPUT, "mesh": ["msh"]}, "certificate": {"level": "off"}}
@@ -167,7 +169,7 @@ def rows(name: str, case: Case, directory: Path) -> None:
         print(f"| {name} | {start} | {distance} | {largest:.2f} | {unstable} |", flush=True)
 
 
-def way_back(case: Case, loaded: Path, *, is_rough: bool = True) -> dict[str, Any]:
+def way_back(case: BackwardCase, loaded: Path, *, is_rough: bool = True) -> dict[str, Any]:
     """Return the settings of the way back from a loaded surface: if it is a cylinder, from one of another radius."""
     shell = {"director": "data"} | {k: v for k, v in case.job["mesh"]["shell"].items() if k == "layers"}
     solver: dict[str, Any] = {}

@@ -41,7 +41,7 @@ def job_file(name: str, store: Path) -> Path:
     return path
 
 
-def _quantities(case: backwards.Case) -> list[dict[str, Any]]:
+def _quantities(case: backwards.BackwardCase) -> list[dict[str, Any]]:
     """Return the largest and the least radius of a cylinder, or the place of the end of a strip."""
     if not case.radius:
         return [

@@ -25,7 +25,7 @@ STEP = 0.01
 
 
 @dataclass(frozen=True)
-class Shell:
+class NaghdiShell:
     """Radius, length, thickness (mm), Young's modulus (MPa) and supports.
 
     Supports: side, then the fixed components of displacement and of the director's angles.
@@ -39,8 +39,8 @@ class Shell:
 
 
 TESTS = {
-    "3.6": Shell(100, 100, 1, 30e3, (("y0", (1,), (0,)), ("y1", (0, 2), ()))),
-    "3.7": Shell(1016, 3048, 30, 20.685, (("y1", (0, 1, 2), (0, 1)),)),
+    "3.6": NaghdiShell(100, 100, 1, 30e3, (("y0", (1,), (0,)), ("y1", (0, 2), ()))),
+    "3.7": NaghdiShell(1016, 3048, 30, 20.685, (("y1", (0, 1, 2), (0, 1)),)),
 }
 MESHES = {
     ("3.6", 150): ((5 / 6, 40, 1, 0), (5 / 6, 48, 1, 0), (5 / 6, 80, 1, 0), (5 / 6, 40, 2, 0), (1, 40, 2, 0)),
@@ -59,7 +59,7 @@ def graded(first: float, cells: int, places: Any) -> Any:
     return (high ** (places * cells) - 1) / (high**cells - 1)
 
 
-def solved(test: Shell, force: float, shear_factor: float, cells: int, degree: int, first: float) -> float:
+def solved(test: NaghdiShell, force: float, shear_factor: float, cells: int, degree: int, first: float) -> float:
     """Return the displacement (mm) at a force (N)."""
     import basix.ufl
     import ufl

@@ -2,8 +2,6 @@
 
 import json
 import math
-import re
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -17,22 +15,19 @@ import numpy.typing as npt
 
 from hpcinv import reading
 from hpcinv.errors import MeshError, OutputError, SystemPartMissing
-from hpcinv.formats import FORMATS
+from hpcinv.formats import action_of
 from hpcinv.job.fingerprint import file_digest
 from hpcinv.job.sections import MeshSpec
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.children import run_child, start_child
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.signals import ended_by_signals
-from hpcinv.reading.fault import shown
-from hpcinv.reading.isolated_reader import ACTIONS
-from hpcinv.reading.suffix import suffix_of
+from hpcinv.reading.reader_outcome import ending, fault_found
 
 _PROGRAM = Path(reading.__file__).with_name("isolated_reader.py")
 _SECONDS = 60  # of processor time for a small file; a damaged one may take as long, if raised
 _BYTES_PER_SECOND = 1e6  # that the slowest format takes at least, text; large files are refused if raised
 _WAITING = 10  # time on the clock for each second of processor time; on a busy machine, files are refused if lowered
-_COMPLAINT = re.compile(r"ERR\|\s*(?:\w+ \(0x[0-9a-f]+\): )?(.*?)\s*(?:\x1b\[0m)?$", re.MULTILINE)
 
 type Arrays = dict[str, npt.NDArray[Any]]
 
@@ -76,23 +71,19 @@ def read_isolated(action: str, path: Path, failure: str, advice: str) -> tuple[d
     """
     received = _Received()
     done = run_isolated(action, path, received)
-    complaints = [match[1] for match in _COMPLAINT.finditer(done.stderr.decode(errors="replace"))]
-    if "fault" in received.head and not complaints:
-        text, remedy, is_missing = received.head["fault"]
+    if fault := fault_found(received.head, done.returncode, done.stderr, failure, advice):
+        text, remedy, is_missing = fault
         if is_missing:
             raise SystemPartMissing(text, remedy)
         raise MeshError(f"{path}: {text}", remedy)
-    if done.returncode or complaints or not received.head:
-        reason = shown(complaints[0], 400) if complaints else _ending(done.returncode)
-        raise MeshError(f"{path}: {failure}: {reason}", advice)
     return received.head, received.arrays
 
 
 @contextmanager
 def reading_ahead(mesh: MeshSpec, path: Path) -> Iterator[None]:
     """Context in which a process already reads the file of a mesh, while this one imports what will ask for it."""
-    action = "image" if mesh.is_image else "surface" if mesh.is_surface else _action(path)
-    if action:
+    action = "image" if mesh.is_image else "surface" if mesh.is_surface else action_of(path)
+    if action and action != "msh":  # which is read through a link
         with suppress(OSError, MeshError):  # `run_isolated` meets it again
             _started[action, path.absolute()] = start_child(_command(action, path)[0])
     try:
@@ -101,13 +92,6 @@ def reading_ahead(mesh: MeshSpec, path: Path) -> Iterator[None]:
         while _started:  # nobody has asked for it
             with _started.popitem()[1] as child:
                 child.kill()
-
-
-def _action(path: Path) -> str:
-    """Return the action for a mesh file, which has the name of its reader's module; empty if it has none."""
-    known = FORMATS.get(suffix_of(path))
-    name = known.reader.partition(":")[0].rpartition(".")[2] if known else ""
-    return name if name in ACTIONS else ""
 
 
 def run_isolated(action: str, path: Path, receive: _Received | None = None) -> subprocess.CompletedProcess[bytes]:
@@ -129,21 +113,12 @@ def _command(action: str, path: Path) -> tuple[list[str], int]:
     return command, seconds
 
 
-def _ending(code: int) -> str:
-    """Return how the process ended without an answer."""
-    if code == -signal.SIGXCPU:
-        return "that takes too long"
-    if code == -signal.SIGKILL:
-        return "that takes too long, or was ended by the system"
-    return f"it crashed ({signal.Signals(-code).name})" if code < 0 else f"it ended with exit code {code}"
-
-
 def check_msh(path: Path, called: Path) -> None:
     """Raise ``MeshError``, which names ``called``, for an MSH file on which gmsh crashes."""
 
     def check() -> None:
         if (code := run_isolated("msh", path).returncode) < 0:
-            raise MeshError(f"{called}: gmsh cannot read it: {_ending(code)}", "Is the file complete?")
+            raise MeshError(f"{called}: gmsh cannot read it: {ending(code)}", "Is the file complete?")
 
     _check_once("msh", called, check)
 

@@ -43,8 +43,8 @@ def check_unit(path: Path, stated: float | None, unit: float) -> None:
     """Raise ``MeshError`` if a file states another unit (m) than the job does."""
     if stated is not None and not math.isclose(stated, unit, rel_tol=1e-12):
         file_symbol, given = length_symbol(stated), length_symbol(unit)
-        default = ", which is the default" if unit == 1.0 else ""
         raise MeshError(
-            f"{path}: states that it is in {file_symbol}, but the unit given for it is {given}{default}",
-            f"Write 'unit: {file_symbol}', or remove its statement ($Comments in .msh, field array in .vtu).",
+            f"{path}: states that it is in {file_symbol}, but the unit given for it is {given}",
+            f"Write 'unit: {file_symbol}', or leave 'unit' out; or remove its statement ($Comments in .msh, field array"
+            " in .vtu).",
         )

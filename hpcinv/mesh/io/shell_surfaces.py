@@ -111,6 +111,9 @@ def _of_elements(read: Arrays) -> Arrays:
         place, separator, name = key.partition(":")
         if not separator:
             continue
+        if place == "values":
+            arrays[f"nodes:{name}"] = rows[:, None]
+            continue
         if place == "faces":
             is_edge = rows[:, 1] >= 0
             cells, edges = rows[is_edge].T
@@ -228,7 +231,7 @@ def _regions(path: Path, arrays: Arrays, labels: ArrayLabels | None) -> tuple[_M
 
 
 @dataclasses.dataclass(frozen=True)
-class _Edges:
+class _CellEdges:
     """All edges of the cells: sorted ``vertices`` (e, 2), their ``nodes``, and the number of cells at each."""
 
     vertices: Ints
@@ -236,7 +239,7 @@ class _Edges:
     sharing: Ints
 
     @classmethod
-    def of_cells(cls, parts: Sequence[MeshSource]) -> "_Edges":
+    def of_cells(cls, parts: Sequence[MeshSource]) -> "_CellEdges":
         columns = []
         for part in parts:
             local = sub_entities(part.kind, 1)
@@ -265,7 +268,7 @@ def _with_groups(
     """Yield the cells of each kind with the groups of all."""
     for part in parts:
         check_nodes(part)
-    (on_cells, on_nodes), path, edges = marks, parts[0].path, _Edges.of_cells(parts)
+    (on_cells, on_nodes), path, edges = marks, parts[0].path, _CellEdges.of_cells(parts)
     is_line = np.isin(arrays["types"], _LINES)
     start = arrays["offsets"].astype(np.int64)
     listed = {key.partition(":")[2]: ends for key, ends in arrays.items() if key.startswith("edges:")}

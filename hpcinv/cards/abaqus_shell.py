@@ -1,0 +1,66 @@
+"""Sections of shells and membranes in input files of Abaqus and CalculiX.
+
+Sources: *Abaqus Keywords Guide*, ``*SHELL SECTION``; Dhondt, *CalculiX CrunchiX User's Manual*, ``*SHELL SECTION``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from hpcinv.cards.abaqus_keywords import Keyword
+from hpcinv.cards.card import CardError, UnknownLaw, number
+from hpcinv.cards.deck import ShellSection
+
+SECTIONS = ("SHELL SECTION", "SHELL GENERAL SECTION", "MEMBRANE SECTION")
+_OTHERS = ("SOLID SECTION", "BEAM SECTION", "BEAM GENERAL SECTION", "FRAME SECTION")
+_OFFSETS = {"SPOS": 0.5, "SNEG": -0.5}
+_NOT_READ = {
+    "SYMMETRIC": "list all layers",
+    "SHELL THICKNESS": "give the thickness by *NODAL THICKNESS",
+    "LAYUP": "list the layers of one section",
+}
+_NODAL = "nodal_thickness"  # array that the reader of the mesh makes
+
+
+def has_shells(file: Iterable[Keyword]) -> bool:
+    """Return whether the elements of a file are shells.
+
+    Raises:
+        UnknownLaw: there are shells, and solids or beams.
+    """
+    names = {keyword.name: None for keyword in file}
+    shells, others = ([name for name in names if name in kinds] for kinds in (SECTIONS, _OTHERS))
+    if shells and others:
+        text = f"has *{shells[0]} and *{others[0]}: shells tied to solids or beams have no counterpart"
+        raise UnknownLaw(f"{text}; delete the elements and the section of what bears no load, or mesh all as a solid")
+    return bool(shells)
+
+
+def section_of(keyword: Keyword) -> ShellSection:
+    """Return a section; its layers have the names of their materials.
+
+    Raises:
+        CardError: it is damaged, or has what is not read.
+    """
+    parameters = keyword.parameters
+    title = f"*{keyword.name}"
+    for name, remedy in _NOT_READ.items():
+        if name in parameters:
+            raise UnknownLaw(f"{title}, {name} has no counterpart; {remedy}")
+    region = parameters.get("ELSET", "")
+    offset = parameters.get("OFFSET", "0").upper() or "0"
+    place = _OFFSETS[offset] if offset in _OFFSETS else number(offset, f"{title}, OFFSET")
+    if "COMPOSITE" in parameters:
+        if any(len(line) < 3 for line in keyword.lines) or not keyword.lines:
+            raise CardError(f"{title}, COMPOSITE: a layer needs its thickness, integration points and material")
+        layers = tuple((line[2], number(line[0], title)) for line in keyword.lines)
+    elif not parameters.get("MATERIAL"):
+        raise UnknownLaw(f"{title} of {region} has stiffnesses instead of MATERIAL=; name its material")
+    else:
+        is_nodal = "NODAL THICKNESS" in parameters
+        text = keyword.lines[0][0] if keyword.lines and keyword.lines[0] else ""
+        layers = ((parameters["MATERIAL"], 0.0 if is_nodal else number(text, f"{title} of {region}")),)
+    if any(thickness < 0 for _, thickness in layers):
+        raise CardError(f"{title} of {region}: a thickness is negative")
+    is_uniform = all(thickness for _, thickness in layers)
+    return ShellSection(region, layers, place, "" if is_uniform else _NODAL, keyword.name == SECTIONS[-1])

@@ -1,0 +1,296 @@
+"""A job of the mesh, materials, supports and loads that another program's file has."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.files.names import escaped_line
+
+if TYPE_CHECKING:
+    from hpcinv.cards.card import Card
+    from hpcinv.cards.deck import Deck, NodalForces, RemoteForce
+    from hpcinv.mesh.source import Floats, Group, MeshSource
+
+_MOST_VERTICES = 200
+"""Vertices of a support that a job lists; raised, jobs may become very long"""
+_BALANCED = 0.01
+"""Share of the forces at nodes below which their resultant, or their moment, counts as none"""
+
+
+class FileJob:
+    """A job of what another program's file says."""
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        program: str,
+        source: MeshSource,
+        deck: Deck,
+        text: str,
+        sets: Mapping[str, frozenset[int]],
+    ) -> None:
+        self._options, self._program, self._source, self._deck, self._text = options, program, source, deck, text
+        self._sets = sets
+        self._regions = {group.name.lower(): group.name for group in source.groups}
+        self._vertices: dict[str, dict[str, Any]] = {}  # regions of vertices, by name
+        self._comments = [f"Made by hpcinv new job --from {options.source}; read what it says, and change it."]
+
+    def text(self) -> str:
+        """Return the job as YAML with comments."""
+        import yaml
+
+        supports = [support for entry in self._deck.supports for support in self._supports(entry)]
+        supports += [entry for entry in map(self._remote, self._deck.remotes) if entry]
+        effects = self._effects()
+        sections = self._materials()
+        self._comments = list(dict.fromkeys(self._comments))
+        self._comments += [f"Not taken from the file: {text}" for text in dict.fromkeys(self._deck.unused)]
+        if not supports:
+            self._comments.append("No support is taken from the file: state 'supports', such as the line below.")
+        if not effects and not any({"displacement", "remote"} & entry.keys() for entry in supports):
+            self._comments.append("No load is taken from the file: state 'effects'.")
+        if self._vertices:
+            text = "Supports at vertices keep a body in place whose loads balance; hold facets where they carry a load."
+            self._comments.append(text)
+        names = [group.name for group in self._source.groups]
+        self._comments.append(f"Regions of the mesh: {', '.join(dict.fromkeys(names)) or 'none'}")
+        job = {
+            "job": self._options.output.stem,
+            "analysis": "forward",
+            "mesh": self._mesh(),
+            **({"regions": self._vertices} if self._vertices else {}),
+            **sections,
+            "effects": effects,
+            "supports": supports or [{"region": self._anywhere(), "fix": ["x", "y", "z"]}],
+        }
+        self._comments.append("'analysis: forward' takes the mesh for unloaded; 'inverse' takes it for loaded.")
+        lines = [f"# {escaped_line(comment)}\n" for comment in self._comments]
+        body = yaml.safe_dump(job, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
+        return "".join([*lines, body])
+
+    def _mesh(self) -> dict[str, Any]:
+        """Return the section of the mesh."""
+        file = os.path.relpath(self._options.source.resolve(), self._options.output.resolve().parent)
+        return {"file": file, "unit": self._options.unit}
+
+    def _effects(self) -> list[dict[str, Any]]:
+        """Return the sections of the loads."""
+        effects = [entry for entry in map(self._placed, self._deck.effects) if entry]
+        return effects + [effect for forces in self._deck.forces for effect in self._tractions(forces)]
+
+    def _anywhere(self) -> str:
+        return next((group.name for group in self._source.groups if group.dim == 2), "boundary")
+
+    def _region(self, name: str) -> str | None:
+        """Return the region of a set, as the mesh has it; names in an assembly are of an instance."""
+        short = name.strip().lower()
+        return self._regions.get(short) or self._regions.get(short.rpartition(".")[2])
+
+    def _placed(self, entry: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Return a section with units and the region of the mesh; ``None`` if there is no such region."""
+        placed = {key: self._with_units(value) for key, value in entry.items() if key != "on"}
+        if "region" in entry:
+            what = entry.get("effect", "support")
+            region = self._region(entry["region"])
+            if region is None:
+                self._deck.unused.append(f"{what} on '{entry['region']}', which spans no facet of the mesh")
+                return None
+            placed["region"] = region
+        elif names := [name for name in entry.get("on", ()) if name]:
+            members = {cell for name in names for cell in self._cells(name)}
+            if len(members) < len(self._source.cells):
+                self._comments.append(f"{entry['effect']} on {', '.join(names)} acts on the whole body in this job.")
+        return placed
+
+    @cached_property
+    def _row(self) -> Mapping[int, int]:
+        """Row of each node by its number."""
+        return {tag: row for row, tag in enumerate(self._source.node_tags.tolist())}
+
+    @cached_property
+    def _points(self) -> Floats:
+        """Nodes (n, 3) in the unit of the file."""
+        return self._source.points / (self._source.unit or 1.0)
+
+    def _supports(self, entry: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+        """Yield the section of a support, and one of the vertices of its set that span no facet."""
+        name = entry["region"]
+        region = self._region(name)
+        if region is not None and (placed := self._placed(entry)) is not None:
+            yield placed
+        yield from self._vertex_supports(entry)
+
+    def _vertex_supports(self, entry: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+        """Yield the section of a support at the vertices of its set that span no facet."""
+        name = entry["region"]
+        region = self._region(name)
+        vertices = self._lost_vertices(name, region)
+        if len(vertices) > _MOST_VERTICES:
+            text = f"support on {len(vertices):,} vertices of '{name}', which span no facet of the mesh"
+            self._deck.unused.append(text)
+        elif vertices:
+            own = self._named_vertices(f"{name}_vertices", vertices)
+            yield {key: self._with_units(value) for key, value in entry.items()} | {"region": own}
+        elif region is None:
+            self._deck.unused.append(f"support on '{name}', which has no vertex of the mesh")
+
+    def _named_vertices(self, name: str, tags: list[int]) -> str:
+        """Return the name of a region of vertices, which has the form of an identifier."""
+        own = re.sub(r"\W", "_", name, flags=re.ASCII)
+        own = own if own[:1].isalpha() else f"set_{own}"
+        points = self._points[[self._row[tag] for tag in tags]]
+        places = [[f"{x + 0.0:.12g} {self._options.unit}" for x in point] for point in points.tolist()]
+        self._vertices[own] = {"vertices": places}
+        return own
+
+    def _lost_vertices(self, name: str, region: str | None) -> list[int]:
+        """Return the numbers of the vertices of a node set that are on no facet and cell of its region."""
+        from hpcinv.mesh.cells import FACET_KIND, vertex_count
+
+        source, tags = self._source, self._source.node_tags
+        cells = source.cells[:, : vertex_count(source.kind)]
+        facets = source.facets[:, : vertex_count(FACET_KIND[source.kind])]
+        spelled = {own.lower(): own for own in self._sets}
+        members = self._sets.get(spelled.get(name.lower(), ""), frozenset())
+        wanted = members & set(tags[cells].ravel().tolist())
+        found: set[int] = set()
+        for group in source.groups:
+            if group.name == region:
+                found.update(tags[(facets if group.dim == 2 else cells)[group.members]].ravel().tolist())
+        return sorted(wanted - found)
+
+    def _remote(self, coupled: RemoteForce) -> dict[str, Any] | None:
+        """Return the support that moves a region by a force and a moment; ``None`` if there is no such region."""
+        from hpcinv.cards.deck import Measure
+
+        region = self._region(coupled.region)
+        if region is None or coupled.node not in self._row:
+            self._deck.unused.append(f"*COUPLING of '{coupled.region}', which has no facet or no node")
+            return None
+        point = self._points[self._row[coupled.node]]
+        remote = {
+            "force": [self._with_units(Measure(part, length=2, stress=1)) for part in coupled.force],
+            "moment": [self._with_units(Measure(part, length=3, stress=1)) for part in coupled.moment],
+            "about": [self._with_units(Measure(part, length=1)) for part in point.tolist()],
+        }
+        return {"region": region, "remote": remote}
+
+    def _positions(self, tags: Sequence[int]) -> Floats:
+        """Return the places (n, 3) of nodes in the unit of the file."""
+        return self._points[[self._row[tag] for tag in tags]]
+
+    def _loaded_groups(self, region: str) -> list[Group]:
+        """Return the groups of facets that bear forces at the nodes of a region."""
+        return [group for group in self._source.groups if group.name == region and group.dim == 2]
+
+    def _tractions(self, nodal: NodalForces) -> Iterator[dict[str, Any]]:
+        """Yield the uniform traction that has the resultant of forces at nodes."""
+        import numpy as np
+
+        from hpcinv.cards.deck import Measure
+        from hpcinv.mesh.facet_area import area_and_centre
+
+        tags = [tag for tag in nodal.forces if tag in self._row]
+        forces = np.array([nodal.forces[tag] for tag in tags]).reshape(-1, 3)
+        region = self._region(nodal.region) if nodal.region else None
+        groups = self._loaded_groups(region) if region else []
+        size, resultant = float(np.linalg.norm(forces, axis=1).sum()), forces.sum(axis=0)
+        if not size:
+            return
+        if not groups or float(np.linalg.norm(resultant)) < _BALANCED * size:
+            why = "whose resultant vanishes" if groups else "which span no facet: load a spot of facets by a traction"
+            self._deck.unused.append(f"{nodal.title}, {why}")
+            return
+        members = np.concatenate([group.members for group in groups])
+        area, centre = area_and_centre(self._source, members, self._points)
+        arms = self._positions(tags) - centre
+        moment = float(np.linalg.norm(np.cross(arms, forces).sum(axis=0)))
+        share = moment / (size * float(np.linalg.norm(arms, axis=1).max()))
+        text = f"{nodal.title} became a uniform traction on '{region}' with the same resultant"
+        more = f"; their moment about its centre, {share:.0%} of their size by the distance, is lost"
+        self._comments.append(text + (more if share > _BALANCED else ""))
+        components = [self._with_units(Measure(float(part), stress=1)) for part in resultant / area]
+        for name in dict.fromkeys(group.name for group in groups):
+            yield {"effect": "traction", "region": name, "traction": components, "area_in": "reference"}
+
+    def _cells(self, name: str) -> list[int]:
+        """Return the rows of the cells of a set."""
+        region = self._region(name)
+        groups = [group for group in self._source.groups if group.name == region and group.dim == 3]
+        return [cell for group in groups for cell in group.members.tolist()]
+
+    def _with_units(self, value: Any) -> Any:
+        from hpcinv.cards.deck import Measure
+
+        match value:
+            case Measure(length=1, stress=0):
+                return f"{value.value:.15g} {self._options.unit}{'/s^2' if value.time else ''}"
+            case Measure(length=0, stress=1):
+                return f"{value.value:.15g} {self._options.stress_unit}"
+            case Measure(stress=1, time=0):  # a force or a moment
+                from hpcinv.quantity.units import as_float, parse_unit
+
+                sizes = [as_float(parse_unit(unit)[0]) for unit in (self._options.unit, self._options.stress_unit)]
+                unit = "N" if value.length == 2 else "N m"
+                return f"{value.value * sizes[0] ** value.length * sizes[1]:.15g} {unit}"
+            case Measure():  # with seconds: a density is a stress by the square of a velocity
+                from hpcinv.quantity.units import as_float, parse_unit
+
+                sizes = [as_float(parse_unit(unit)[0]) for unit in (self._options.unit, self._options.stress_unit)]
+                return f"{value.value * sizes[0] ** value.length * sizes[1] ** value.stress:.15g} kg/m^3"
+            case list():
+                return [self._with_units(entry) for entry in value]
+        return value
+
+    def _materials(self) -> dict[str, Any]:
+        """Return the sections of the materials, by region if there are several."""
+        from hpcinv.cards.merged_sections import merged
+
+        materials = self._deck.materials or {"": ""}
+        sections = {name: self._material(material, name) for name, material in materials.items()}
+        if all(section == next(iter(sections.values())) for section in sections.values()):
+            return next(iter(sections.values()))
+        regions = [(self._region(name), section) for name, section in sections.items()]
+        return merged([(region, section) for region, section in regions if region])
+
+    def _material(self, name: str, region: str) -> dict[str, Any]:
+        """Return the sections of the material of a set; a linear isotropic one is neo-Hooke with the same moduli."""
+        from hpcinv.cards.card import Card, CardError
+        from hpcinv.cli.cards import checked_sections, program_module
+
+        linear = self._deck.linear.get(name) or (next(iter(self._deck.linear.values()), None) if not name else None)
+        try:
+            card = program_module(self._program).read(self._text, name or None)
+        except CardError:
+            if linear is None:
+                raise
+            kind = "an energy of Green's strains" if linear.fibres else "neo-hookean"
+            self._comments.append(f"Linear elasticity {name} became {kind}, which agrees at small strain.")
+            card = Card(name, f"linear elasticity {name}", linear)
+        self._comments += [f"{card.title}: {note}" for note in card.law.notes]
+        return checked_sections(self._with_axes(card, region), self._options.stress_unit)
+
+    def _with_axes(self, card: Card, region: str) -> Card:
+        """Return a card whose fibres have the directions of the axes of a set."""
+        from hpcinv.cards.card import CardError
+        from hpcinv.cards.deck import Axes
+        from hpcinv.cards.orthotropic import FAMILIES
+
+        fibres = card.law.fibres
+        if None not in fibres.values():
+            return card
+        axes = self._deck.axes.get(region, Axes())
+        if not axes.frame and region in self._deck.axes:
+            text = f"{card.title}: the axes of {region} vary over the body"
+            raise CardError(f"{text}; remove its ORIENTATION=, and state {', '.join(fibres)} in 'fibres' of the job")
+        known = axes.frame if list(fibres) == list(FAMILIES) else axes.fibres
+        if len(known) < len(fibres):
+            self._comments.append(f"{card.title}: the file has no directions: state {', '.join(fibres)} in 'fibres'.")
+            return card
+        return replace(card, law=replace(card.law, fibres=dict(zip(fibres, known, strict=False))))

@@ -1,0 +1,261 @@
+"""Jobs of shells from another program's file: faces and edges of the loads, and what holds the director."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from hpcinv.cards.card import CardError, UnknownLaw
+from hpcinv.cards.deck import Deck, Measure, NodalForces, ShellSection, layer_name
+from hpcinv.cli.file_job import FileJob
+from hpcinv.formats.mesh_format import INNER, OUTER
+from hpcinv.job.sections import Shell
+from hpcinv.mesh.facet_area import area_and_centre
+from hpcinv.mesh.midsurface import thicken
+from hpcinv.mesh.source import Floats, Group, MeshSource
+from hpcinv.quantity.units import as_float, parse_unit
+
+_SAME = 1e-6
+"""parts of unit vectors, and differences of numbers by their size, that are 0; raised, oblique edges count as
+aligned"""
+_DIGITS = 12  # decimals of a normal; more show rounding errors
+_TWIST = 1e-3
+"""Share of a moment about the normal of an edge's line from which it is no bending moment"""
+_PLACES = {0.0: "middle", 0.5: OUTER, -0.5: INNER}
+"""of the nodes, by the offset along the outer normal"""
+
+
+class ShellJob(FileJob):
+    """A job whose mesh is the midsurface of a shell, or one of its faces.
+
+    Args:
+        surface: of the file, in its unit of length.
+        sides: by the name of a surface, the face of the elements: 1 on the side of their normals, else -1; 0 of both.
+    """
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        program: str,
+        surface: MeshSource,
+        deck: Deck,
+        text: str,
+        sets: Mapping[str, frozenset[int]],
+        sides: Mapping[str, int],
+    ) -> None:
+        unit = as_float(parse_unit(options.unit)[0])
+        surface = replace(surface, points=surface.points * unit, unit=unit)
+        cells = {group.name.lower() for group in surface.groups if group.dim == 3}
+        self._section = _with_uniform_thickness(_common(deck.shells, cells), surface)
+        self._sides, unit_name = sides, options.unit
+        thickness: Any = {"data": self._section.array, "unit": unit_name}
+        if not self._section.array:
+            thickness = f"{self._section.thickness:.15g} {unit_name}"
+        shell: dict[str, Any] = {"thickness": thickness}
+        oriented = thicken(surface, Shell.model_validate(shell)).midsurface
+        assert oriented is not None
+        self._is_turned = (oriented.cells != surface.cells).any(axis=1)  # elements whose normals point inwards
+        shell |= self._faces()
+        body = thicken(surface, Shell.model_validate(shell))
+        super().__init__(options, program, body, deck, text, sets)
+        self._shell, self._surface = shell, surface
+        through = body.points.reshape(-1, len(surface.points), 3)[[0, -1]]
+        directors = through[1] - through[0]
+        self._normals = directors / np.linalg.norm(directors, axis=1, keepdims=True)
+        for section in deck.shells:
+            if section.is_membrane:
+                self._comments.append(f"Membranes of {section.region} became a shell, which has bending stiffness too.")
+        deck.unused += [f"*COUPLING of '{coupled.region}' to a node: shells have none" for coupled in deck.remotes]
+        deck.remotes.clear()
+
+    def _faces(self) -> dict[str, Any]:
+        """Return where the nodes are in the shell, and its layers from the inner face on."""
+        section = self._section
+        if not section.offset and len(section.layers) == 1:
+            return {}
+        if self._is_turned.any() and not self._is_turned.all():
+            text = (
+                f"its shell has {np.count_nonzero(self._is_turned):,} elements whose normals oppose their neighbours'"
+            )
+            raise CardError(f"{text}, and an offset or layers: turn the elements so that all normals agree")
+        sign = -1 if self._is_turned.any() else 1
+        place = _PLACES.get(sign * section.offset)
+        if place is None:
+            text = f"its shell has OFFSET={section.offset:g}, which has no counterpart"
+            raise UnknownLaw(f"{text}; move its nodes to the middle (0) or to a face (0.5, -0.5)")
+        layers = [(layer_name(number), thickness) for number, (_, thickness) in enumerate(section.layers, 1)]
+        shell: dict[str, Any] = {} if place == "middle" else {"surface": place}
+        return shell | ({"layers": dict(layers[::sign])} if len(layers) > 1 else {})
+
+    def _mesh(self) -> dict[str, Any]:
+        return {**super()._mesh(), "shell": self._shell}
+
+    def _positions(self, tags: Sequence[int]) -> Floats:
+        return np.asarray(self._surface.points[[self._row[tag] for tag in tags]] / (self._surface.unit or 1.0))
+
+    def _supports(self, entry: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+        """Yield supports of the band of an edge, and of its midsurface about which it turns."""
+        turns = set(entry.get("turns", ()))
+        name, region = entry["region"], self._region(entry["region"])
+        plain = {key: value for key, value in entry.items() if key != "turns"}
+        if region is None or plain.get("fix") == ["normal"]:
+            yield from super()._supports(plain) if plain.get("fix", True) else ()
+            return
+        values = dict(zip("xyz", plain.get("displacement", (None,) * 3), strict=True))
+        held = [axis for axis in "xyz" if values[axis] is not None] or list(plain.get("fix", ()))
+        about = {axis: self._turning_axes(region, axis) for axis in "xyz"}
+        is_clamped = set(held) == turns == set("xyz")
+        bands = [axis for axis in held if (about[axis] or is_clamped) and about[axis] <= turns]
+        hinges = [axis for axis in held if axis not in bands]
+        if loose := [axis for axis in hinges if about[axis] & turns]:
+            text = f"rotations of '{name}' about {', '.join(sorted(turns))}: the director turns with {', '.join(loose)}"
+            self._deck.unused.append(f"{text} in this job")
+        used = set[str]().union(*(about[axis] for axis in [*bands, *loose]))
+        if extra := sorted(axis for axis in turns - used if any(axis in about[other] for other in "xyz")):
+            text = f"rotations of '{name}' about {', '.join(extra)}, where displacements of the director are free"
+            self._deck.unused.append(text)
+        for axes, hinge in ((bands, {}), (hinges, {"hinge": True})):
+            if axes and "displacement" in plain:
+                parts = [values[axis] if axis in axes else None for axis in "xyz"]
+                yield {"region": region, "displacement": self._with_units(parts), **hinge}
+            elif axes:
+                yield {"region": region, "fix": axes, **hinge}
+        if held:
+            yield from self._vertex_supports(plain)
+
+    def _named_vertices(self, name: str, tags: list[int]) -> str:
+        own = name.removesuffix("_vertices")
+        self._comments.append(f"Nodes of '{own}' that span no edge are held at the inner face, where they may turn.")
+        return super()._named_vertices(name, tags)
+
+    def _turning_axes(self, region: str, axis: str) -> set[str]:
+        """Return the axes of the rotations that move the director along an axis, at the nodes of a region."""
+        normals = self._normals[self._nodes(region)]
+        rates = np.abs(np.cross(normals, np.eye(3)["xyz".index(axis)])).max(axis=0)
+        return {other for other, rate in zip("xyz", rates, strict=True) if rate > _SAME}
+
+    def _nodes(self, region: str) -> Any:
+        """Return the rows of the nodes of a region of the surface."""
+        parts = [
+            (self._surface.cells if group.dim == 3 else self._surface.facets)[group.members].ravel()
+            for group in self._surface.groups
+            if group.name == region
+        ]
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *parts]))
+
+    def _placed(self, entry: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Return a load with its face or edge; ``None`` if there is none."""
+        face = entry.get("face")
+        plain = {key: value for key, value in entry.items() if key != "face"}
+        name = entry.get("region", "")
+        region = self._region(name) if name else None
+        if face is None or region is None:
+            return super()._placed(plain)
+        groups = [group for group in self._surface.groups if group.name == region]
+        cells = [group for group in groups if group.dim == 3]
+        if face == "edge" or not cells:
+            return self._edge_load(plain, region) if face == "edge" else super()._placed(plain)
+        turned = {bool(entry) for group in cells for entry in self._is_turned[group.members]}
+        side = -1 if face == "back" else self._sides.get(name, 0)
+        if len(turned) > 1 or not side:
+            text = f"pressure on '{name}', whose elements have opposite normals or faces"
+            self._deck.unused.append(f"{text}: turn them, so that all agree")
+            return None
+        where = OUTER if (side > 0) != turned.pop() else INNER
+        placed = {key: self._with_units(value) for key, value in plain.items()}
+        return {**placed, "region": f"{region}|{where}"}
+
+    def _edge_load(self, entry: Mapping[str, Any], region: str) -> dict[str, Any] | None:
+        """Return the pressure on the band of an edge for a force by length."""
+        if self._section.array:
+            self._deck.unused.append(f"force on the edge '{region}', whose thickness varies: state a pressure")
+            return None
+        pressure = Measure(entry["pressure"].value / self._section.thickness, stress=1)
+        return {**entry, "region": region, "pressure": self._with_units(pressure)}
+
+    def _loaded_groups(self, region: str) -> list[Group]:
+        """Return both faces of the cells of a region, else its edges."""
+        if any(group.name == region and group.dim == 3 for group in self._surface.groups):
+            names = {f"{region}|{face}" for face in (OUTER, INNER)}
+            return [group for group in self._source.groups if group.name in names]
+        return super()._loaded_groups(region)
+
+    def _couples(self, nodal: NodalForces) -> dict[str, Any] | None:
+        """Return the pressure of moments on a straight edge, linear through the thickness; ``None`` if it has none."""
+        region = self._region(nodal.region) if nodal.region else None
+        total = np.array(list(nodal.forces.values())).reshape(-1, 3).sum(axis=0)
+        edges = [group for group in self._surface.groups if group.name == region and group.dim == 2]
+        if not np.linalg.norm(total):
+            return None
+        if region is None or not edges or self._section.array:
+            self._deck.unused.append(f"{nodal.title}, which span no edge of one thickness")
+            return None
+        rows = np.concatenate([group.members for group in edges])
+        nodes = self._surface.facets[rows]
+        normal = self._normals[nodes.ravel()[0]]
+        tangent = self._surface.points[nodes[0, 1]] - self._surface.points[nodes[0, 0]]
+        along = tangent / np.linalg.norm(tangent)
+        arms = self._surface.points[nodes.ravel()] - self._surface.points[nodes[0, 0]]
+        is_straight = np.linalg.norm(np.cross(arms, along), axis=1).max() < _SAME * np.abs(arms).max()
+        twist = np.cross(total, normal) @ along
+        bending = total - normal * (total @ normal)
+        if (np.abs(self._normals[nodes.ravel()] - normal) > _SAME).any() or not is_straight:
+            self._deck.unused.append(f"{nodal.title}, whose edge is not straight: state a pressure by the thickness")
+            return None
+        if abs(twist) > _TWIST * float(np.linalg.norm(bending)) or not bending.any():
+            self._deck.unused.append(f"{nodal.title}, which twist the edge '{region}' or turn it in the surface")
+            return None
+        cells = self._surface.cells[(np.isin(self._surface.cells, nodes[0, :2]).sum(axis=1) == 2)]
+        outward = np.cross(along, normal)
+        middle = self._surface.points[cells[0]].mean(axis=0) - self._surface.points[nodes[0, 0]]
+        outward = outward if outward @ middle < 0 else -outward
+        band = np.concatenate([g.members for g in self._source.groups if g.name == region and g.dim == 2])
+        area, centre = area_and_centre(self._source, band, self._points)
+        thickness = self._section.thickness
+        # traction ζ a of the moment M on an edge of length L: M = (n × a) L t³/12
+        slope = -12 * (np.cross(total, normal) @ outward) / (area * thickness**2)
+        stress, length = self._options.stress_unit, self._options.unit
+        parts = zip(normal.round(_DIGITS).tolist(), "XYZ", strict=True)
+        height = "".join(f"{part:+.15g}*{name} " for part, name in parts if part)
+        start = round(float(-centre @ normal), _DIGITS)
+        pressure = f"{slope:.15g} {stress}/{length}*({height}{start:+.15g} {length})".replace("(+", "(")
+        text = f"{nodal.title} became a pressure on '{region}' that is linear through the thickness"
+        self._comments.append(f"{text}; for an inverse job give it as arrays of the mesh, p_{INNER} and p_{OUTER}.")
+        return {"effect": "pressure", "region": region, "pressure": pressure}
+
+    def _effects(self) -> list[dict[str, Any]]:
+        return [*super()._effects(), *(entry for entry in map(self._couples, self._deck.moments) if entry)]
+
+
+def _with_uniform_thickness(section: ShellSection, surface: MeshSource) -> ShellSection:
+    """Return a section with one number if the thickness is the same at all nodes."""
+    array = surface.data.get(section.array)
+    if array is None or float(np.ptp(array.values)) > _SAME * float(np.abs(array.values).max(initial=0.0)):
+        return section
+    return replace(section, array="", layers=((section.layers[0][0], float(array.values[0, 0])),))
+
+
+def _common(sections: Sequence[ShellSection], cells: set[str]) -> ShellSection:
+    """Return the section of a file whose sections differ in their material only.
+
+    Args:
+        cells: names of sets that have elements, in lower case.
+    """
+    used = [s for s in sections if s.region.rpartition(".")[2].lower() in cells or not s.region] or list(sections)
+    first = used[0]
+    for other in used[1:]:
+        is_same = (first.offset, first.array, len(first.layers)) == (other.offset, other.array, len(other.layers))
+        stacks = [[t for _, t in section.layers] for section in (first, other)]
+        if len(first.layers) > 1 and first.layers != other.layers:
+            is_same = False
+        if not is_same or stacks[0] != stacks[1]:
+            text = f"shells of {first.region} and {other.region} have other thicknesses, offsets or layers"
+            raise UnknownLaw(
+                f"{text} ({first.thickness:g} and {other.thickness:g} in all): a director cannot jump;"
+                " give the thickness by *NODAL THICKNESS, or solve the parts apart"
+            )
+    return first

@@ -1,0 +1,67 @@
+"""References of the sections of a job to regions, each with its place in the section."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from hpcinv.effects import Effect
+from hpcinv.job.cavities import Cavity
+from hpcinv.job.fibres import FibreFamily
+from hpcinv.job.region_rules import EXCEPT, RegionRule, RegionUnion
+from hpcinv.job.sections import QuantityOfInterest, Support
+from hpcinv.materials import MaterialLaw
+from hpcinv.quantity.component import Ingredient
+from hpcinv.quantity.schema import KeyPath
+from hpcinv.quantity.spatial_fields import ELSEWHERE, fields_in
+
+type References = Iterator[tuple[KeyPath, str]]
+
+
+def union_members(regions: Mapping[str, RegionRule]) -> References:
+    for name, rule in regions.items():
+        for i, entry in enumerate(rule.entries if isinstance(rule, RegionUnion) else ()):
+            yield ("regions", name, i), entry.removeprefix(EXCEPT).strip()
+
+
+def loading_regions(supports: Sequence[Support], effects: Sequence[Effect]) -> References:
+    """Yield the references of supports and effects, of the job or of one of its states."""
+    for i, support in enumerate(supports):
+        yield ("supports", i, "region"), support.region
+    for i, effect in enumerate(effects):
+        for name, field in effect.surfaces.items():
+            yield ("effects", i, field), name
+        yield from _value_regions(effect, ("effects", i))
+
+
+def law_regions(laws: Mapping[str, MaterialLaw]) -> References:
+    for where, law in laws.items():
+        if (region := where.partition(".")[2]) and region != ELSEWHERE:
+            yield ("material", region), region
+        yield from _value_regions(law, tuple(where.split(".", 1)))
+
+
+def fibre_regions(fibres: Mapping[str, FibreFamily]) -> References:
+    for name, family in fibres.items():
+        for field, region in family.rule.surfaces.items() if family.rule is not None else ():
+            yield ("fibres", name, "rule", field), region
+
+
+def cavity_regions(cavities: Mapping[str, Cavity]) -> References:
+    for name, cavity in cavities.items():
+        for region in cavity.surface:
+            yield ("cavities", name, "surface"), region
+        if cavity.lid_region is not None:
+            yield ("cavities", name, "lid", "region"), cavity.lid_region
+
+
+def quantity_regions(quantities: Sequence[QuantityOfInterest]) -> References:
+    for i, quantity in enumerate(quantities):
+        if quantity.on is not None:
+            yield ("quantities", i, "on"), quantity.on
+
+
+def _value_regions(owner: Ingredient, place: KeyPath) -> References:
+    """Yield the regions in values by region, which are keys."""
+    for key in type(owner).model_fields:
+        fields = (field for field in fields_in(getattr(owner, key)) if field.is_regional)
+        for name in dict.fromkeys(name for field in fields for name in field.numbers):
+            if name != ELSEWHERE:
+                yield (*place, key, name), name

@@ -1,0 +1,49 @@
+"""Pictures of jobs: loads in closed cavities are drawn on a body that is cut open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.closed_forms import NEO_HOOKEAN
+from helpers.verification import box, job
+
+from hpcinv.pictures import job_picture
+from hpcinv.pictures.boundary_surface import Boundary
+from hpcinv.pictures.drawing import DrawnBody, Glyphs, View
+
+OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
+FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
+
+
+def drawn(monkeypatch: pytest.MonkeyPatch, inside: np.ndarray) -> Sequence[View]:
+    """Views of a job with a pressure on the region z1, which is a closed surface of its own."""
+    seen: list[Sequence[View]] = []
+    monkeypatch.setattr(job_picture, "figure", lambda views, *_, **__: seen.append(views))
+    shells = [OCTAHEDRON, inside]
+    triangles = np.concatenate([FACES, FACES[:, ::-1] + 6])
+    regions = {"z0": np.arange(16) < 2, "z1": np.arange(16) >= 8}
+    effects: Any = [{"effect": "pressure", "region": "z1", "pressure": 1.0}]
+    held = [{"region": "z0", "fix": ["x", "y", "z"]}]
+    made = job(mesh=box((1, 1, 1)), effects=effects, supports=held, analysis="forward", material=NEO_HOOKEAN)
+    job_picture.draw_job(made, Boundary(np.concatenate(shells), triangles, regions))
+    return seen[0]
+
+
+def test_the_pressure_of_a_closed_cavity_is_drawn_in_a_body_cut_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    *_, cut = drawn(monkeypatch, 0.5 * OCTAHEDRON)
+    assert cut.title == "cut open"
+    (arrows,) = (part for part in cut.parts if isinstance(part, Glyphs) and part.vectors is not None)
+    middle = arrows.points @ cut.direction
+    assert 0 < len(arrows.points) < 8
+    assert (middle > 0).all()
+    assert (np.einsum("ni,ni->n", arrows.points, arrows.vectors) > 0).all()  # outwards, onto the wall
+    for body in (part for part in cut.parts if isinstance(part, DrawnBody)):
+        assert body.cut is not None
+        assert body.cut[0] @ cut.direction > 0
+
+
+def test_a_surface_outside_of_another_is_not_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert len(drawn(monkeypatch, OCTAHEDRON + np.array([3.0, 0, 0]))) == 2
