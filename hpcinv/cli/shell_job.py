@@ -24,7 +24,7 @@ _SAME = 1e-6
 aligned"""
 _DIGITS = 12  # decimals of a normal; more show rounding errors
 _TWIST = 1e-3
-"""Share of a moment about the normal of an edge's line from which it is no bending moment"""
+"""Share of a moment that twists an edge, above which it is not taken; raised, the twist is lost"""
 _PLACES = {0.0: "middle", 0.5: OUTER, -0.5: INNER}
 """of the nodes, by the offset along the outer normal"""
 
@@ -184,6 +184,20 @@ class ShellJob(FileJob):
             return [group for group in self._source.groups if group.name in names]
         return super()._loaded_groups(region)
 
+    def _tractions(self, nodal: NodalForces) -> Iterator[dict[str, Any]]:
+        region = self._region(nodal.region) if nodal.region else None
+        if region is None or not self._has_strays(nodal, region):
+            yield from super()._tractions(nodal)
+
+    def _has_strays(self, nodal: NodalForces, region: str) -> bool:
+        """Return whether some nodes of a load are on no edge and cell of its region; then it is listed as not taken."""
+        inside = set(self._surface.node_tags[self._nodes(region)].tolist())
+        strays = [tag for tag, vector in nodal.forces.items() if any(vector) and tag not in inside]
+        if strays:
+            text = f"{nodal.title}: {len(strays):,} of its nodes are on no edge and cell of '{region}'"
+            self._deck.unused.append(f"{text}; load edges and faces apart")
+        return bool(strays)
+
     def _couples(self, nodal: NodalForces) -> dict[str, Any] | None:
         """Return the pressure of moments on a straight edge, linear through the thickness; ``None`` if it has none."""
         region = self._region(nodal.region) if nodal.region else None
@@ -193,6 +207,8 @@ class ShellJob(FileJob):
             return None
         if region is None or not edges or self._section.array:
             self._deck.unused.append(f"{nodal.title}, which span no edge of one thickness")
+            return None
+        if self._has_strays(nodal, region):
             return None
         rows = np.concatenate([group.members for group in edges])
         nodes = self._surface.facets[rows]
