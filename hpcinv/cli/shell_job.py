@@ -22,6 +22,8 @@ from hpcinv.quantity.units import as_float, parse_unit
 _SAME = 1e-6
 """parts of unit vectors, and differences of numbers by their size, that are 0; raised, oblique edges count as
 aligned"""
+_DRILLING = 0.05
+"""Part of the director that a rotation about the normal may move; raised, supports are lost without a word"""
 _DIGITS = 12  # decimals of a normal; more show rounding errors
 _TWIST = 1e-3
 """Share of a moment that twists an edge, above which it is not taken; raised, the twist is lost"""
@@ -115,7 +117,8 @@ class ShellJob(FileJob):
             text = f"rotations of '{name}' about {', '.join(sorted(turns))}: the director turns with {', '.join(loose)}"
             self._deck.unused.append(f"{text} in this job")
         used = set[str]().union(*(about[axis] for axis in [*bands, *loose]))
-        if extra := sorted(axis for axis in turns - used if any(axis in about[other] for other in "xyz")):
+        moving = set[str]().union(*(self._turning_axes(region, axis, _DRILLING) for axis in "xyz"))
+        if extra := sorted((turns - used) & moving):
             text = f"rotations of '{name}' about {', '.join(extra)}, where displacements of the director are free"
             self._deck.unused.append(text)
         for axes, hinge in ((bands, {}), (hinges, {"hinge": True})):
@@ -132,11 +135,15 @@ class ShellJob(FileJob):
         self._comments.append(f"Nodes of '{own}' that span no edge are held at the inner face, where they may turn.")
         return super()._named_vertices(name, tags)
 
-    def _turning_axes(self, region: str, axis: str) -> set[str]:
-        """Return the axes of the rotations that move the director along an axis, at the nodes of a region."""
+    def _turning_axes(self, region: str, axis: str, least: float = _SAME) -> set[str]:
+        """Return the axes of the rotations that move the director along an axis, at the nodes of a region.
+
+        Args:
+            least: part of a turned unit vector that counts as a motion.
+        """
         normals = self._normals[self._nodes(region)]
         rates = np.abs(np.cross(normals, np.eye(3)["xyz".index(axis)])).max(axis=0)
-        return {other for other, rate in zip("xyz", rates, strict=True) if rate > _SAME}
+        return {other for other, rate in zip("xyz", rates, strict=True) if rate > least}
 
     def _nodes(self, region: str) -> Any:
         """Return the rows of the nodes of a region of the surface."""
