@@ -18,7 +18,8 @@ from hpcinv.reading.single_conditions import force_groups, held_axes, held_group
 
 _NOT_TAKEN = (
     *("TEMPERATURE", "INITIAL CONDITIONS", "CONTACT PAIR", "TIE", "EQUATION", "RIGID BODY", "MPC"),
-    *("SPRING", "DASHPOT", "MASS", "CONNECTOR SECTION", "BEAM SECTION", "NORMAL"),
+    *("SPRING", "DASHPOT", "MASS", "CONNECTOR SECTION", "BEAM SECTION", "NORMAL", "PRE-TENSION SECTION"),
+    *("REBAR", "REBAR LAYER", "TRANSVERSE SHEAR STIFFNESS"),
     *("DYNAMIC", "BUCKLE", "FREQUENCY", "VISCO", "HEAT TRANSFER", "COUPLED TEMPERATURE-DISPLACEMENT"),
 )
 _PRESSED, _EDGE_LOAD = re.compile(r"P[1-6]"), re.compile(r"EDNOR([1-4])")

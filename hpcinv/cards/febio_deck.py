@@ -7,7 +7,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
-from hpcinv.cards.card import CardError, number
+from hpcinv.cards.card import CardError, UnknownLaw, number
 from hpcinv.cards.deck import Deck, Measure, NodalForces
 from hpcinv.cards.entry import vector
 from hpcinv.cards.febio import root_of
@@ -16,11 +16,12 @@ from hpcinv.cards.febio_curves import LoadCurves
 _READ = ("Module", "Control", "Globals", "Material", "Mesh", "Geometry", "MeshDomains", "Boundary", "Loads", "LoadData")
 _WITHOUT_EFFECT = ("Output", "Import", "Step")  # the last step is read
 _AS_NODES = re.compile(r"^@\w+:")  # a surface or an element set as a node set
+_SHELLS = ("tri", "quad", "q4")  # beginnings of types of elements
 _AT_REST = ("", "STATIC", "STEADY-STATE")
 
 
 def is_shell(text: str) -> bool:
-    """Return False: shells of models are not read."""
+    """Return False: shells alone are not read."""
     return False
 
 
@@ -66,9 +67,24 @@ class _DeckReader:
                 deck.materials[domain.get("name", "")] = names.get(domain.get("mat", ""), domain.get("mat", ""))
             else:
                 deck.unused.append(f"<{domain.tag} name='{domain.get('name', '')}'>")
+        self._refuse_shells({entry.get(key, ""): entry.get("type") for entry in materials for key in ("id", "name")})
         for part in self._root.iter("Elements"):
             if part.get("mat") and part.get("name"):
                 deck.materials[part.get("name", "")] = names.get(part.get("mat", ""), part.get("mat", ""))
+
+    def _refuse_shells(self, types: Mapping[str, str | None]) -> None:
+        """Raise ``UnknownLaw`` for shells that are not rigid, next to solids.
+
+        Args:
+            types: of materials by name and number.
+        """
+        domains = {domain.get("name"): domain.get("mat") for domain in self._root.findall("MeshDomains/*")}
+        for part in self._root.iter("Elements"):
+            material = part.get("mat") or domains.get(part.get("name")) or ""
+            is_shell = part.get("type", "").lower().startswith(_SHELLS)
+            if is_shell and types.get(material, "rigid body") != "rigid body":
+                text = f"has shells, such as <Elements name='{part.get('name', '')}'>, which have no counterpart"
+                raise UnknownLaw(f"{text} next to solids; delete those that bear no load, or mesh all as a solid")
 
     def _list_the_rest(self) -> None:
         unused = self._deck.unused

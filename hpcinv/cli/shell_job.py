@@ -22,9 +22,11 @@ from hpcinv.quantity.units import as_float, parse_unit
 _SAME = 1e-6
 """parts of unit vectors, and differences of numbers by their size, that are 0; raised, oblique edges count as
 aligned"""
+_DRILLING = 0.05
+"""Part of the director that a rotation about the normal may move; raised, supports are lost without a word"""
 _DIGITS = 12  # decimals of a normal; more show rounding errors
 _TWIST = 1e-3
-"""Share of a moment about the normal of an edge's line from which it is no bending moment"""
+"""Share of a moment that twists an edge, above which it is not taken; raised, the twist is lost"""
 _PLACES = {0.0: "middle", 0.5: OUTER, -0.5: INNER}
 """of the nodes, by the offset along the outer normal"""
 
@@ -115,7 +117,8 @@ class ShellJob(FileJob):
             text = f"rotations of '{name}' about {', '.join(sorted(turns))}: the director turns with {', '.join(loose)}"
             self._deck.unused.append(f"{text} in this job")
         used = set[str]().union(*(about[axis] for axis in [*bands, *loose]))
-        if extra := sorted(axis for axis in turns - used if any(axis in about[other] for other in "xyz")):
+        moving = set[str]().union(*(self._turning_axes(region, axis, _DRILLING) for axis in "xyz"))
+        if extra := sorted((turns - used) & moving):
             text = f"rotations of '{name}' about {', '.join(extra)}, where displacements of the director are free"
             self._deck.unused.append(text)
         for axes, hinge in ((bands, {}), (hinges, {"hinge": True})):
@@ -132,11 +135,15 @@ class ShellJob(FileJob):
         self._comments.append(f"Nodes of '{own}' that span no edge are held at the inner face, where they may turn.")
         return super()._named_vertices(name, tags)
 
-    def _turning_axes(self, region: str, axis: str) -> set[str]:
-        """Return the axes of the rotations that move the director along an axis, at the nodes of a region."""
+    def _turning_axes(self, region: str, axis: str, least: float = _SAME) -> set[str]:
+        """Return the axes of the rotations that move the director along an axis, at the nodes of a region.
+
+        Args:
+            least: part of a turned unit vector that counts as a motion.
+        """
         normals = self._normals[self._nodes(region)]
         rates = np.abs(np.cross(normals, np.eye(3)["xyz".index(axis)])).max(axis=0)
-        return {other for other, rate in zip("xyz", rates, strict=True) if rate > _SAME}
+        return {other for other, rate in zip("xyz", rates, strict=True) if rate > least}
 
     def _nodes(self, region: str) -> Any:
         """Return the rows of the nodes of a region of the surface."""
@@ -184,6 +191,20 @@ class ShellJob(FileJob):
             return [group for group in self._source.groups if group.name in names]
         return super()._loaded_groups(region)
 
+    def _tractions(self, nodal: NodalForces) -> Iterator[dict[str, Any]]:
+        region = self._region(nodal.region) if nodal.region else None
+        if region is None or not self._has_strays(nodal, region):
+            yield from super()._tractions(nodal)
+
+    def _has_strays(self, nodal: NodalForces, region: str) -> bool:
+        """Return whether some nodes of a load are on no edge and cell of its region; then it is listed as not taken."""
+        inside = set(self._surface.node_tags[self._nodes(region)].tolist())
+        strays = [tag for tag, vector in nodal.forces.items() if any(vector) and tag not in inside]
+        if strays:
+            text = f"{nodal.title}: {len(strays):,} of its nodes are on no edge and cell of '{region}'"
+            self._deck.unused.append(f"{text}; load edges and faces apart")
+        return bool(strays)
+
     def _couples(self, nodal: NodalForces) -> dict[str, Any] | None:
         """Return the pressure of moments on a straight edge, linear through the thickness; ``None`` if it has none."""
         region = self._region(nodal.region) if nodal.region else None
@@ -193,6 +214,8 @@ class ShellJob(FileJob):
             return None
         if region is None or not edges or self._section.array:
             self._deck.unused.append(f"{nodal.title}, which span no edge of one thickness")
+            return None
+        if self._has_strays(nodal, region):
             return None
         rows = np.concatenate([group.members for group in edges])
         nodes = self._surface.facets[rows]

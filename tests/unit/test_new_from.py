@@ -183,6 +183,18 @@ def test_a_model_of_febio_is_a_job(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "Not taken" not in text
 
 
+@pytest.mark.parametrize("domain", [("", ' mat="1"'), ('<ShellDomain name="skin" mat="soft"/>', "")])
+def test_shells_on_a_solid_of_febio_are_refused(
+    tmp_path: Path, domain: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    shell = f'<Elements type="tri3" name="skin"{domain[1]}><elem id="9">2,3,5</elem></Elements><Surface'
+    text = FEB.replace("<Surface", shell).replace("</MeshDomains>", f"{domain[0]}</MeshDomains>")
+    (tmp_path / "part.feb").write_text(text)
+    options = ["--unit", "mm", "--stress-unit", "MPa", str(tmp_path / "part.yaml")]
+    assert main(["new", "job", "--from", str(tmp_path / "part.feb"), *options]) == 2
+    assert "has shells, such as <Elements name='skin'>" in capsys.readouterr().err
+
+
 def test_fibres_between_local_nodes_are_an_array_of_the_mesh(tmp_path: Path) -> None:
     fibres = '<fiber type="local"><local>1,3</local></fiber>'
     mixture = (

@@ -161,6 +161,9 @@ def test_forces_and_moments_of_an_edge_act_on_its_band(tmp_path: Path) -> None:
     load(tmp_path / "plate.yaml")
     job, text = job_of(tmp_path, PLATE.replace("*END", "*CLOAD\n3, 4, 1e-3\n6, 4, 1e-3\n*END"))
     assert "which twist the edge" in text
+    job, text = job_of(tmp_path, PLATE.replace("*END", "*CLOAD\n3, 5, 1.\n6, 5, 1.\n1, 5, 1.\n*END"))
+    assert "1 of its nodes are on no edge and cell of 'turned'" in text
+    assert not job["effects"]
 
 
 @pytest.mark.parametrize(
