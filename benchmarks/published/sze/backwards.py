@@ -89,7 +89,7 @@ def _panel(
     """Return a published panel with a force (N, upwards) on the node at its origin, as an array of the mesh.
 
     Args:
-        cells: of each edge, instead of those of its job.
+        cells: of each edge; 0 for the job's.
     """
     job = _published(name)
     if cells:
