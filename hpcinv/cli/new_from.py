@@ -154,7 +154,7 @@ class _Job:
             text = f"support on {len(vertices):,} vertices of '{name}', which span no facet of the mesh"
             self._deck.unused.append(text)
         elif vertices:
-            own = self._named_vertices(f"{name}_vertices", vertices)
+            own = self._named_vertices(f"{name}_vertices", self._with_neighbours(name, vertices))
             yield {key: self._with_units(value) for key, value in entry.items()} | {"region": own}
         elif region is None:
             self._deck.unused.append(f"support on '{name}', which has no vertex of the mesh")
@@ -175,14 +175,33 @@ class _Job:
         source, tags = self._source, self._source.node_tags
         cells = source.cells[:, : vertex_count(source.kind)]
         facets = source.facets[:, : vertex_count(FACET_KIND[source.kind])]
-        spelled = {own.lower(): own for own in self._sets}
-        members = self._sets.get(spelled.get(name.lower(), ""), frozenset())
-        wanted = members & set(tags[cells].ravel().tolist())
+        wanted = self._members(name) & set(tags[cells].ravel().tolist())
         found: set[int] = set()
         for group in source.groups:
             if group.name == region:
                 found.update(tags[(facets if group.dim == 2 else cells)[group.members]].ravel().tolist())
         return sorted(wanted - found)
+
+    def _members(self, name: str) -> frozenset[int]:
+        """Return the numbers of the nodes of a set."""
+        spelled = {own.lower(): own for own in self._sets}
+        return self._sets.get(spelled.get(name.lower(), ""), frozenset())
+
+    def _with_neighbours(self, name: str, lost: list[int]) -> list[int]:
+        """Return vertices on no facet of a set, and those that an edge joins to them whose nodes are all in the set.
+
+        A region of vertices holds the edges between them: the file holds such an edge to a facet, too.
+        """
+        import numpy as np
+
+        from hpcinv.mesh.cells import scalar_element
+
+        source = self._source
+        local = np.array(scalar_element(source.kind, source.degree).entity_closure_dofs[1])  # two vertices come first
+        edges = source.node_tags[source.cells][:, local].reshape(-1, local.shape[1])
+        edges = edges[np.isin(edges, list(self._members(name))).all(axis=1)]
+        edges = edges[np.isin(edges[:, :2], lost).any(axis=1), :2]
+        return sorted({*lost, *edges.ravel().tolist()})
 
     def _remote(self, coupled: RemoteForce) -> dict[str, Any] | None:
         """Return the support that moves a region by a force and a moment; ``None`` if there is no such region."""

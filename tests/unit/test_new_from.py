@@ -224,7 +224,9 @@ def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
     # the curve is 1/2 at the end
     assert job["supports"][1] == {"region": "wide", "displacement": [None, "1 mm", None]}
     assert job["supports"][2] == {"region": "wide_vertices", "displacement": [None, "1 mm", None]}
-    assert job["regions"] == {"wide_vertices": {"vertices": [["0 mm", "2 mm", "2 mm"]]}}
+    # an edge joins the first one, which is on the facet that is held, to the other
+    ends = [["0 mm", "0 mm", "1 mm"], ["0 mm", "2 mm", "2 mm"]]
+    assert job["regions"] == {"wide_vertices": {"vertices": ends}}
     traction = {"effect": "traction", "region": "side", "traction": ["0 MPa", "0 MPa", "3 MPa"], "area_in": "current"}
     # 1 MPa s²/mm² is 1e12 kg/m³, and FEBio counts body forces with the opposite sign
     gravity = {"effect": "gravity", "acceleration": ["0 mm/s^2", "0 mm/s^2", "-9.81 mm/s^2"]}
