@@ -32,6 +32,7 @@ from hpcinv.cards.series import exponential_integral, inverse_langevin
 from hpcinv.materials.moduli import young_and_poisson
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.units import parse_unit
+from hpcinv.reading.coordinate_frames import frame_of
 from hpcinv.reading.local_fibres import local_name, local_nodes
 
 PROGRAM = "FEBio"
@@ -367,12 +368,10 @@ def _axes(law: Entry) -> tuple[Floats, Floats, Floats]:
     if axes is not None and axes.type != "vector":
         raise UnknownLaw(f"law {law.type} with axes that are not constant has no counterpart; state 'fibres' in a job")
     first, second = (np.eye(3)[0], np.eye(3)[1]) if axes is None else (axes.vector("a"), axes.vector("d"))
-    third = np.cross(first, second)
-    frame = [first, np.cross(third, first), third]
-    if not all(axis.any() for axis in frame):
+    frame = frame_of(first, second)
+    if frame is None:
         raise CardError(f"law {law.type}: the axes a and d are parallel")
-    first, second, third = (axis / np.linalg.norm(axis) for axis in frame)
-    return first, second, third
+    return frame[0], frame[1], frame[2]
 
 
 def _families(law: Entry) -> dict[str, Sequence[float]]:

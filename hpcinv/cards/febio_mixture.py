@@ -9,13 +9,10 @@ from typing import Any
 from hpcinv.cards.card import Counterpart, Stress, UnknownLaw
 from hpcinv.cards.entry import Entry
 from hpcinv.cards.formula_names import renamed
+from hpcinv.materials import MaterialLaw
+from hpcinv.materials.lame import LameLaw
 from hpcinv.materials.moduli import shear_and_bulk
-
-_ENERGIES = {
-    "neo-hookean": "mu/2*(I1 - 3) - mu*ln(J) + lam/2*ln(J)**2",
-    "st-venant-kirchhoff": "mu*(I1**2 - 2*I2 - 2*I1 + 3)/4 + lam/8*(I1 - 3)**2",
-}
-"""energies by Lamé's parameters of named laws"""
+from hpcinv.quantity.schema import members_of
 
 
 def sum_of(parts: Sequence[tuple[str, Counterpart]]) -> Counterpart:
@@ -50,12 +47,15 @@ def _formula(kind: str, part: Counterpart) -> tuple[str, Mapping[str, Any]]:
     material = part.material
     if material["law"] == "formula" and "kappa" not in material:
         return material["energy"], material["parameters"]
-    if material["law"] not in _ENERGIES:
+    law = members_of(MaterialLaw, "law")[material["law"]]
+    if not issubclass(law, LameLaw):
         raise UnknownLaw(f"law solid mixture of {kind} has no counterpart; state an energy in a job, by 'law: formula'")
     mu, kappa = shear_and_bulk({"young": material["young"].value, "poisson": material["poisson"]})
     if not isfinite(kappa):
         raise UnknownLaw(f"law solid mixture of an incompressible {kind} has no counterpart")
-    return _ENERGIES[material["law"]], {"mu": Stress(mu), "lam": Stress(kappa - 2 / 3 * mu)}
+    moduli = {"mu": mu, "lam": kappa - 2 / 3 * mu}
+    energy = law.model_validate({"law": material["law"], **moduli}).energy_formula
+    return energy, {name: Stress(value) for name, value in moduli.items()}
 
 
 def exponential_fibres(law: Entry) -> tuple[str, dict[str, Any]]:
