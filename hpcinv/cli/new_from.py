@@ -127,11 +127,27 @@ class _Job:
                 self._deck.unused.append(f"{what} on '{entry['region']}', which spans no facet of the mesh")
                 return None
             placed["region"] = region
+            if "dead_pressure" in placed:
+                return self._dead_pressure(entry, placed)
         elif names := [name for name in entry.get("on", ()) if name]:
             members = {cell for name in names for cell in self._cells(name)}
             if len(members) < len(self._source.cells):
                 self._comments.append(f"{entry['effect']} on {', '.join(names)} acts on the whole body in this job.")
         return placed
+
+    def _dead_pressure(self, entry: Mapping[str, Any], placed: dict[str, Any]) -> dict[str, Any] | None:
+        """Return the traction that a pressure on the undeformed surface is if that is flat; else ``None``."""
+        from hpcinv.cards.deck import Measure
+        from hpcinv.mesh.facet_area import flat_normal
+
+        rows = [g.members for g in self._source.groups if g.name == placed["region"] and g.dim == 2]
+        normal = flat_normal(self._source, rows[0]) if rows else None
+        if normal is None:
+            self._deck.unused.append(f"a dead pressure on {placed['region']}, which is not flat")
+            return None
+        pressure: Measure = entry["dead_pressure"]
+        traction = [self._with_units(Measure(-pressure.value * float(part) + 0.0, stress=1)) for part in normal]
+        return {"effect": "traction", "region": placed["region"], "traction": traction, "area_in": "reference"}
 
     @cached_property
     def _row(self) -> Mapping[int, int]:
@@ -209,7 +225,8 @@ class _Job:
 
         region = self._region(coupled.region)
         if region is None or coupled.node not in self._row:
-            self._deck.unused.append(f"*COUPLING of '{coupled.region}', which has no facet or no node")
+            text = f"*COUPLING or *RIGID BODY of '{coupled.region}', which has no facet or no node"
+            self._deck.unused.append(text)
             return None
         point = self._points[self._row[coupled.node]]
         remote = {
