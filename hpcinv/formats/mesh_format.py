@@ -19,17 +19,26 @@ OUTER, INNER = "outer", "inner"
 
 @dataclass(frozen=True)
 class Groups:
-    """Names of the groups of surfaces and volumes of a mesh, and of points and curves; patterns of further names."""
+    """Names of the groups of a mesh.
+
+    Attributes:
+        names: groups of surfaces and volumes.
+        thin: groups of points and curves.
+        patterns: patterns of further names.
+        arrays: arrays of integers, whose values a job may name as regions.
+    """
 
     names: frozenset[str]
     thin: frozenset[str] = frozenset()
     patterns: tuple[str, ...] = ()
+    arrays: tuple[str, ...] = ()
 
     def of_shell(self) -> Groups:
         """Return the names that are possible where the mesh is a shell, whose curves are edges."""
         faces = {f"{name}|{face}" for name in self.names for face in (OUTER, INNER)}
         names = self.names | self.thin | faces | {OUTER, INNER}
-        return Groups(names, patterns=(*self.patterns, r"curve-\d+", rf"surface-\d+\|({OUTER}|{INNER})"))
+        patterns = (*self.patterns, r"curve-\d+", rf"surface-\d+\|({OUTER}|{INNER})")
+        return Groups(names, patterns=patterns, arrays=self.arrays)
 
 
 @dataclass(frozen=True)
