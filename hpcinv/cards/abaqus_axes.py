@@ -10,6 +10,7 @@ from hpcinv.cards.abaqus_keywords import Keyword
 from hpcinv.cards.card import CardError, number
 from hpcinv.cards.deck import Axes, Vector
 from hpcinv.quantity.arrays import Floats
+from hpcinv.reading.coordinate_frames import frame_of
 
 GLOBAL = Axes(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 
@@ -31,7 +32,7 @@ def axes_of(keyword: Keyword) -> Axes:
     except CardError:  # the name of a *DISTRIBUTION
         return Axes()
     first, second, origin = np.array([*rows[0], *[0.0] * 9][:9]).reshape(3, 3)
-    frame = frame_of(first - origin, second - origin, place)
+    frame = frame_at(first - origin, second - origin, place)
     turned, *fibres = rows[1:] or [[]]
     if len(turned) > 1 and turned[0] in (1, 2, 3):  # about an axis, by degrees
         frame = frame @ _rotation(frame[int(turned[0]) - 1], radians(turned[1])).T
@@ -39,13 +40,11 @@ def axes_of(keyword: Keyword) -> Axes:
     return Axes(tuple(map(_as_vector, frame)), tuple(map(_as_vector, directions)))
 
 
-def frame_of(first: Floats, second: Floats, place: str) -> Floats:
-    """Return axes (3, 3), as rows: along the first vector, in the plane of both, and across it."""
-    third = np.cross(first, second)
-    if not third.any():
+def frame_at(first: Floats, second: Floats, place: str) -> Floats:
+    """Return axes (3, 3), as rows, by two vectors; raises ``CardError`` at a place of the file if they are parallel."""
+    frame: Floats | None = frame_of(first, second)
+    if frame is None:
         raise CardError(f"{place}: its points are on one line")
-    frame: Floats = np.array([first, np.cross(third, first), third])
-    frame /= np.linalg.norm(frame, axis=1)[:, None]
     return frame
 
 

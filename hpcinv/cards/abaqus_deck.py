@@ -17,11 +17,14 @@ from hpcinv.cards.deck import Deck, Measure, NodalForces, RemoteForce, isotropic
 from hpcinv.reading.single_conditions import force_groups, held_axes, held_groups, pressed_groups
 
 _NOT_TAKEN = (
-    *("TEMPERATURE", "INITIAL CONDITIONS", "CONTACT PAIR", "TIE", "EQUATION", "RIGID BODY", "MPC"),
+    *("TEMPERATURE", "INITIAL CONDITIONS", "CONTACT PAIR", "TIE"),
     *("SPRING", "DASHPOT", "MASS", "CONNECTOR SECTION", "BEAM SECTION", "NORMAL", "PRE-TENSION SECTION"),
     *("REBAR", "REBAR LAYER", "TRANSVERSE SHEAR STIFFNESS"),
     *("DYNAMIC", "BUCKLE", "FREQUENCY", "VISCO", "HEAT TRANSFER", "COUPLED TEMPERATURE-DISPLACEMENT"),
 )
+_TIES = ("EQUATION", "MPC")
+"""equations between displacements of nodes"""
+_SPREAD = "distributing *COUPLING"
 _PRESSED, _EDGE_LOAD = re.compile(r"P[1-6]"), re.compile(r"EDNOR([1-4])")
 _SHELL = re.compile(r"(S|STRI|M3D)[34689][A-Z0-9]*", re.ASCII)
 _OF_MATERIALS = (
@@ -76,6 +79,7 @@ class _KeywordReader:
         self._held: dict[str, dict[str, float]] = {}
         self._loads: dict[tuple[str, str, str], tuple[list[str], float]] = {}
         self._spelled: dict[str, str] = {}  # sets as they are first named: case does not count
+        self._turned: dict[int, int] = {}  # nodes of rigid bodies by the nodes that have their rotations
         self._coupled: tuple[int, str] | None = None  # node and surface of the last coupling
         self._single = Counter[str]()  # conditions on single nodes, by keyword
         self._transforms = Transforms(file, nodes_of_sets)
@@ -111,6 +115,11 @@ class _KeywordReader:
                     self._read_forces(keyword, step)
                 case "COUPLING" | "KINEMATIC" | "DISTRIBUTING":
                     self._read_coupling(keyword)
+                case "RIGID BODY":
+                    self._read_rigid_body(keyword)
+                case name if name in _TIES:
+                    text = "fix a plane of symmetry, or give a face that stays rigid a 'remote' load"
+                    deck.unused.append(f"*{name}, which a job cannot say: {text}")
                 case name if name in _NOT_TAKEN:
                     deck.unused.append(f"*{name}")
                 case name if name in _OF_MATERIALS:
@@ -125,7 +134,7 @@ class _KeywordReader:
         self._add_pressed_elements(self._pressed, self._pressed_ever, "pressed")
         self._add_pressed_elements(self._edges, self._edges_ever, "edge-loaded")
         self._add_forces()
-        deck.unused += [f"*COUPLING of {surface} to a node without a force" for surface, _ in self._couplings.values()]
+        deck.unused += [f"{kind} of {surface} to a node without a force" for surface, kind in self._couplings.values()]
         return deck
 
     def _read_section(self, keyword: Keyword) -> None:
@@ -287,9 +296,20 @@ class _KeywordReader:
         lines = [[entry for entry in line if entry] for line in keyword.lines] or [["1", "3"]]
         axes = {axis for line in lines if line for axis in held_axes(line)}
         if keyword.name == "DISTRIBUTING" or axes == set("xyz"):
-            self._couplings[node_number] = surface, keyword.name
+            self._couplings[node_number] = surface, _SPREAD if keyword.name == "DISTRIBUTING" else "*COUPLING"
         else:
             self._deck.unused.append(f"*COUPLING of {surface} along some axes only")
+
+    def _read_rigid_body(self, keyword: Keyword) -> None:
+        """Read a set of nodes that moves as a rigid body; CalculiX has its rotations at a node of their own."""
+        sets = [keyword.parameters[name] for name in ("NSET", "TIE NSET", "PIN NSET") if name in keyword.parameters]
+        node, turned = (keyword.parameters.get(name, "") for name in ("REF NODE", "ROT NODE"))
+        if len(sets) != 1 or not node.isdigit() or "ELSET" in keyword.parameters:
+            self._deck.unused.append("*RIGID BODY that is not one set of nodes with a reference node")
+            return
+        self._couplings[int(node)] = sets[0], "*RIGID BODY"
+        if turned.isdigit():
+            self._turned[int(turned)] = int(node)
 
     def _read_forces(self, keyword: Keyword, step: int) -> None:
         if keyword.parameters.get("OP", "").upper() == "NEW":
@@ -298,6 +318,9 @@ class _KeywordReader:
         factor = self._curves.factor(keyword, step, self._deck)
         for line in keyword.lines:
             component = line[1] if len(line) > 2 else ""
+            if line[0].isdigit() and int(line[0]) in self._turned and component in ("1", "2", "3"):  # a moment
+                line = [str(self._turned[int(line[0])]), str(int(component) + 3), *line[2:]]
+                component = line[1]
             is_coupled = line[0].isdigit() and int(line[0]) in self._couplings
             if component in ("1", "2", "3") or (component in ("4", "5", "6") and is_coupled):
                 name = self._spelled.setdefault(line[0].lower(), line[0])
@@ -324,6 +347,9 @@ class _KeywordReader:
                 if self._transforms.frames_of([int(name)]) != {None}:
                     self._deck.unused.append(f"*CLOAD on node {name}, along the axes of *TRANSFORM")
                     self._couplings.pop(int(name))
+                elif self._is_held(int(name)):
+                    surface, kind = self._couplings.pop(int(name))
+                    self._deck.unused.append(f"{kind} of {surface} and its load, since its node {name} is held")
                 else:
                     self._add_coupled(int(name), (x, y, z))
             elif name.isdigit():
@@ -355,10 +381,16 @@ class _KeywordReader:
             turned[node] = in_space
         added.append(NodalForces(region, title, turned))
 
+    def _is_held(self, node: int) -> bool:
+        """Return whether a node of a coupling has a support, also of its rotations."""
+        nodes = {node, *(turned for turned, own in self._turned.items() if own == node)}
+        single = {held for by_node in self._held_nodes.values() for held in by_node}
+        return bool(nodes & single) or any(nodes & self._sets.get(name, frozenset()) for name in self._held)
+
     def _add_coupled(self, node: int, force: tuple[float, float, float]) -> None:
         surface, kind = self._couplings.pop(node)
         x, y, z = (self._forces[str(node)].get(i, 0.0) for i in (3, 4, 5))
-        if kind == "KINEMATIC":
+        if kind != _SPREAD:
             self._deck.remotes.append(RemoteForce(surface, node, force, (x, y, z)))
         elif x or y or z:
             self._deck.unused.append(f"*CLOAD on node {node}: its moment on the distributing *COUPLING of {surface}")

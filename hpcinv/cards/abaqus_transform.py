@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hpcinv.cards.abaqus_axes import frame_of
+from hpcinv.cards.abaqus_axes import frame_at
 from hpcinv.cards.abaqus_keywords import Keyword
 from hpcinv.cards.card import CardError, number
 from hpcinv.quantity.arrays import Floats
@@ -112,12 +112,12 @@ def _frame(keyword: Keyword, place: str) -> TransformAxes:
     points = np.array([number(text or "0", place) for text in [*texts, *["0"] * 6][:6]]).reshape(2, 3)
     kind = keyword.parameters.get("TYPE", "R").upper()
     if kind == "R":
-        return _as_frame(frame_of(points[0], points[1], place), is_cylindrical=False)
+        return _as_frame(frame_at(points[0], points[1], place), is_cylindrical=False)
     third = points[1] - points[0] if kind == "C" else np.zeros(3)
     if not third.any():
         raise CardError(f"{place}: TYPE={kind} with {', '.join(texts)} is not R or C with an axis")
     first = np.cross(third, np.eye(3)[np.abs(third).argmin()])
-    return _as_frame(frame_of(first, np.cross(third, first), place), is_cylindrical=True)
+    return _as_frame(frame_at(first, np.cross(third, first), place), is_cylindrical=True)
 
 
 def _as_frame(axes: Floats, *, is_cylindrical: bool) -> TransformAxes:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -26,12 +27,13 @@ from hpcinv.cards.card import (
 )
 from hpcinv.cards.entry import Entry, entry_of
 from hpcinv.cards.febio_curves import LoadCurves
-from hpcinv.cards.febio_mixture import exponential_fibres, sum_of, toe_fibres
+from hpcinv.cards.febio_mixture import exponential_fibres, isochoric_sum_of, sum_of, toe_fibres
 from hpcinv.cards.orthotropic import FAMILIES, lame, orthotropic, quadratic, stiffness_of
 from hpcinv.cards.series import exponential_integral, inverse_langevin
 from hpcinv.materials.moduli import young_and_poisson
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.units import parse_unit
+from hpcinv.reading.coordinate_frames import frame_of
 from hpcinv.reading.local_fibres import local_name, local_nodes
 
 PROGRAM = "FEBio"
@@ -305,15 +307,30 @@ def _family(law: Entry) -> dict[str, Direction]:
 
 
 def _mixture(law: Entry) -> Counterpart:
-    parts = [part for part in law.parts if part.tag == "solid"]
-    if unknown := [part.type for part in parts if part.type not in {**LAWS, **_FIBRE_LAWS}]:
+    return sum_of(_solids(law, [part for part in law.parts if part.tag == "solid"], {**LAWS, **_FIBRE_LAWS}))
+
+
+def _uncoupled_mixture(law: Entry) -> Counterpart:
+    """The isochoric energies of the solids, and the volumetric energy of the mixture, which has the modulus."""
+    # FEBio 4 does not use the moduli of the solids, which may be missing or 0.
+    parts = [replace(part, values={**part.values, "k": "1"}) for part in law.parts if part.tag == "solid"]
+    if "k" not in law.values:
+        raise UnknownLaw(f"law {law.type} without k has no counterpart; give the bulk modulus of the mixture")
+    converted = isochoric_sum_of(_solids(law, parts, _UNCOUPLED))
+    volume = {"kappa": Stress(law.number("k")), "volumetric": _volumetric(law)}
+    return replace(converted, material={**converted.material, **volume})
+
+
+def _solids(law: Entry, parts: Sequence[Entry], known: Collection[str]) -> list[tuple[str, Counterpart]]:
+    """Return type and law of the solids of a mixture."""
+    if unknown := [part.type for part in parts if part.type not in known]:
         raise UnknownLaw(f"law {law.type} with {', '.join(unknown)} has no counterpart; {_FORMULA}")
     if not parts:
         raise CardError(f"law {law.type} has no <solid>")
     laws = [(part.type, _fibre_law(part) if part.type in _FIBRE_LAWS else counterpart(part)) for part in parts]
     if law.part("mat_axis") is not None and any(converted.fibres for _, converted in laws):
         raise UnknownLaw(f"law {law.type} with <mat_axis> has no counterpart; state the axes in its solids")
-    return sum_of(laws)
+    return laws
 
 
 def _fibre_law(law: Entry) -> Counterpart:
@@ -324,6 +341,7 @@ def _fibre_law(law: Entry) -> Counterpart:
 
 _FIBRE_LAWS: Mapping[str, Callable[[Entry], tuple[str, dict[str, Any]]]] = {
     "fiber-exp-pow": exponential_fibres,
+    "fiber-exp-pow-uncoupled": exponential_fibres,
     "fiber-pow-linear": toe_fibres,
 }
 
@@ -349,7 +367,20 @@ LAWS: Mapping[str, Callable[[Entry], Counterpart]] = {
     "trans iso Mooney-Rivlin": _trans_iso_mooney_rivlin,
     "trans iso Veronda-Westmann": _trans_iso_veronda_westmann,
     "solid mixture": _mixture,
+    "uncoupled solid mixture": _uncoupled_mixture,
 }
+_UNCOUPLED = (
+    "incomp neo-Hookean",
+    "Mooney-Rivlin",
+    "Yeoh",
+    "Gent",
+    "Veronda-Westmann",
+    "Arruda-Boyce",
+    "trans iso Mooney-Rivlin",
+    "trans iso Veronda-Westmann",
+    "fiber-exp-pow-uncoupled",
+)
+"""solids that an uncoupled mixture may have"""
 
 
 def _moduli(law: Entry) -> tuple[Floats, tuple[float, float, float]]:
@@ -367,12 +398,10 @@ def _axes(law: Entry) -> tuple[Floats, Floats, Floats]:
     if axes is not None and axes.type != "vector":
         raise UnknownLaw(f"law {law.type} with axes that are not constant has no counterpart; state 'fibres' in a job")
     first, second = (np.eye(3)[0], np.eye(3)[1]) if axes is None else (axes.vector("a"), axes.vector("d"))
-    third = np.cross(first, second)
-    frame = [first, np.cross(third, first), third]
-    if not all(axis.any() for axis in frame):
+    frame = frame_of(first, second)
+    if frame is None:
         raise CardError(f"law {law.type}: the axes a and d are parallel")
-    first, second, third = (axis / np.linalg.norm(axis) for axis in frame)
-    return first, second, third
+    return frame[0], frame[1], frame[2]
 
 
 def _families(law: Entry) -> dict[str, Sequence[float]]:

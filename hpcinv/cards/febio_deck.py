@@ -120,10 +120,12 @@ class _DeckReader:
         is_dead = _is_set(load, "linear")
         if _is_set(load, "shell_bottom"):
             size, kind = None, f"{kind} below a shell"
-        if kind == "pressure" and not is_dead and size is not None and size.get("type", "const") == "const":
+        if kind == "pressure" and size is not None and size.get("type", "const") == "const":
             factor = self._factor(size, kind, region)
             value = Measure(number(size.text or "", "pressure") * factor, stress=1)
-            self._deck.effects.append({"effect": "pressure", "region": region, "pressure": value})
+            self._deck.effects.append(
+                {"effect": "pressure", "region": region, "dead_pressure" if is_dead else "pressure": value}
+            )
         elif kind == "traction" and region:
             scale, direction = load.find("scale"), load.find("traction")
             factors = [self._factor(item, kind, region) for item in (scale, direction) if item is not None]
@@ -139,9 +141,8 @@ class _DeckReader:
         elif load.tag == "body_load" and not load.get("elem_set") and (force := self._body_force(load)) is not None:
             self._add_weight(force)
         else:
-            what = "a dead pressure" if kind == "pressure" and is_dead else f"type='{kind}'"
             place = region or load.get("node_set") or load.get("elem_set") or ""
-            self._deck.unused.append(f"<{load.tag}> {what}{f' on {place}' if place else ''}")
+            self._deck.unused.append(f"<{load.tag}> type='{kind}'{f' on {place}' if place else ''}")
 
     def _nodal_force(self, load: ET.Element) -> tuple[float, float, float] | None:
         """Return the force at each node of a load; ``None`` if it is something else."""

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
 from hpcinv.cards.card import Counterpart, Stress, UnknownLaw
 from hpcinv.cards.entry import Entry
 from hpcinv.cards.formula_names import renamed
+from hpcinv.materials import MaterialLaw
+from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.materials.lame import LameLaw
 from hpcinv.materials.moduli import shear_and_bulk
-
-_ENERGIES = {
-    "neo-hookean": "mu/2*(I1 - 3) - mu*ln(J) + lam/2*ln(J)**2",
-    "st-venant-kirchhoff": "mu*(I1**2 - 2*I2 - 2*I1 + 3)/4 + lam/8*(I1 - 3)**2",
-}
-"""energies by Lamé's parameters of named laws"""
+from hpcinv.materials.mooney_rivlin import MooneyRivlin
+from hpcinv.quantity.schema import members_of
 
 
 def sum_of(parts: Sequence[tuple[str, Counterpart]]) -> Counterpart:
@@ -27,13 +26,28 @@ def sum_of(parts: Sequence[tuple[str, Counterpart]]) -> Counterpart:
     Raises:
         UnknownLaw: the energy of one is not a formula of the whole deformation.
     """
+    return _sum(parts, _formula)
+
+
+def isochoric_sum_of(parts: Sequence[tuple[str, Counterpart]]) -> Counterpart:
+    """Return the law whose isochoric energy is the sum of others'; its volumetric energy is left to the mixture.
+
+    Raises:
+        UnknownLaw: a law has no isochoric energy.
+    """
+    return _sum(parts, _isochoric_formula)
+
+
+def _sum(
+    parts: Sequence[tuple[str, Counterpart]], formula: Callable[[str, Counterpart], tuple[str, Mapping[str, Any]]]
+) -> Counterpart:
     energies: list[str] = []
     parameters: dict[str, Any] = {}
     fibres: dict[str, Any] = {}
     definitions: dict[str, str] = {}
     notes: list[str] = []
     for number, (kind, part) in enumerate(parts, 1):
-        energy, own = _formula(kind, part)
+        energy, own = formula(kind, part)
         names = {name: f"{name}{number}" for name in (*own, *part.definitions)}
         families = {name: f"{name}{number}" for name in part.fibres}
         energies.append(renamed(energy, names, families))
@@ -50,20 +64,39 @@ def _formula(kind: str, part: Counterpart) -> tuple[str, Mapping[str, Any]]:
     material = part.material
     if material["law"] == "formula" and "kappa" not in material:
         return material["energy"], material["parameters"]
-    if material["law"] not in _ENERGIES:
+    law = members_of(MaterialLaw, "law")[material["law"]]
+    if not issubclass(law, LameLaw):
         raise UnknownLaw(f"law solid mixture of {kind} has no counterpart; state an energy in a job, by 'law: formula'")
     mu, kappa = shear_and_bulk({"young": material["young"].value, "poisson": material["poisson"]})
     if not isfinite(kappa):
         raise UnknownLaw(f"law solid mixture of an incompressible {kind} has no counterpart")
-    return _ENERGIES[material["law"]], {"mu": Stress(mu), "lam": Stress(kappa - 2 / 3 * mu)}
+    moduli = {"mu": mu, "lam": kappa - 2 / 3 * mu}
+    energy = law.model_validate({"law": material["law"], **moduli}).energy_formula
+    return energy, {name: Stress(value) for name, value in moduli.items()}
+
+
+def _isochoric_formula(kind: str, part: Counterpart) -> tuple[str, Mapping[str, Any]]:
+    """Return isochoric energy and parameters of an uncoupled law."""
+    own = {name: value for name, value in part.material.items() if name not in ("law", "kappa", "d1", "volumetric")}
+    if part.material["law"] == "formula":
+        return own["energy"], own["parameters"]
+    law = members_of(MaterialLaw, "law")[part.material["law"]]
+    is_plain = all(isinstance(value, Stress | float) for value in own.values()) and not part.fibres
+    if not is_plain or not issubclass(law, IsochoricLaw | MooneyRivlin):
+        raise UnknownLaw(
+            f"law uncoupled solid mixture of {kind} has no counterpart; state an energy in a job, by 'law: formula'"
+        )
+    values = {name: value.value if isinstance(value, Stress) else value for name, value in part.material.items()}
+    return law.model_validate(values).own_formula, own
 
 
 def exponential_fibres(law: Entry) -> tuple[str, dict[str, Any]]:
-    """Return energy and parameters of ``fiber-exp-pow``, along a family f."""
+    """Return energy and parameters of ``fiber-exp-pow``, along a family f; uncoupled, of its isochoric stretch."""
     if law.number("mu", 0.0):
         raise UnknownLaw("law fiber-exp-pow with mu has no counterpart; state an energy in a job, by 'law: formula'")
     alpha, beta, start = law.number("alpha", 0.0), law.number("beta", 2.0), law.number("lam0", 1.0)
-    power = f"max(I4_f - {start**2:.17g}, 0)**{beta:.17g}"
+    stretch = "I4_f*J**(-2/3)" if law.type.endswith("-uncoupled") else "I4_f"
+    power = f"max({stretch} - {start**2:.17g}, 0)**{beta:.17g}"
     energy = f"ksi/(alpha*beta)*(exp(alpha*{power}) - 1)" if alpha else f"ksi/beta*{power}"
     values = {"ksi": Stress(law.number("ksi", 0.0)), "beta": beta}
     return energy, values | ({"alpha": alpha} if alpha else {})

@@ -35,6 +35,8 @@ def vertex_forces(equations: Equations, solution: Solution) -> Iterator[Line]:
     equilibrium = equations.equilibrium(equations.weak_form(solution.direction))
     none, full = equilibrium.system.forces(0.0), equilibrium.system.forces(1.0)
     load = max(total(full - none), total(full))
-    share = total(equations.supports.held_part(full, held)) / load if load else 0.0
+    facets = {support.region for support in solution.job.supports} - held
+    elsewhere = equations.supports.held_part(full, facets)  # a vertex may also be on a facet that is held
+    share = total(equations.supports.held_part(full - elsewhere, held)) / load if load else 0.0
     equations.release(equilibrium)
     yield upper_bound_line(NAME, share, _WARN, math.inf, note=f"on {', '.join(sorted(held))}")

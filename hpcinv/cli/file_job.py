@@ -102,11 +102,27 @@ class FileJob:
                 self._deck.unused.append(f"{what} on '{entry['region']}', which spans no facet of the mesh")
                 return None
             placed["region"] = region
+            if "dead_pressure" in placed:
+                return self._dead_pressure(entry, placed)
         elif names := [name for name in entry.get("on", ()) if name]:
             members = {cell for name in names for cell in self._cells(name)}
             if len(members) < len(self._source.cells):
                 self._comments.append(f"{entry['effect']} on {', '.join(names)} acts on the whole body in this job.")
         return placed
+
+    def _dead_pressure(self, entry: Mapping[str, Any], placed: dict[str, Any]) -> dict[str, Any] | None:
+        """Return the traction that a pressure on the undeformed surface is if that is flat; else ``None``."""
+        from hpcinv.cards.deck import Measure
+        from hpcinv.mesh.facet_area import flat_normal
+
+        rows = [g.members for g in self._source.groups if g.name == placed["region"] and g.dim == 2]
+        normal = flat_normal(self._source, rows[0]) if rows else None
+        if normal is None:
+            self._deck.unused.append(f"a dead pressure on {placed['region']}, which is not flat")
+            return None
+        pressure: Measure = entry["dead_pressure"]
+        traction = [self._with_units(Measure(-pressure.value * float(part) + 0.0, stress=1)) for part in normal]
+        return {"effect": "traction", "region": placed["region"], "traction": traction, "area_in": "reference"}
 
     @cached_property
     def _row(self) -> Mapping[int, int]:
@@ -135,7 +151,7 @@ class FileJob:
             text = f"support on {len(vertices):,} vertices of '{name}', which span no facet of the mesh"
             self._deck.unused.append(text)
         elif vertices:
-            own = self._named_vertices(f"{name}_vertices", vertices)
+            own = self._named_vertices(f"{name}_vertices", self._with_neighbours(name, vertices))
             yield {key: self._with_units(value) for key, value in entry.items()} | {"region": own}
         elif region is None:
             self._deck.unused.append(f"support on '{name}', which has no vertex of the mesh")
@@ -156,14 +172,33 @@ class FileJob:
         source, tags = self._source, self._source.node_tags
         cells = source.cells[:, : vertex_count(source.kind)]
         facets = source.facets[:, : vertex_count(FACET_KIND[source.kind])]
-        spelled = {own.lower(): own for own in self._sets}
-        members = self._sets.get(spelled.get(name.lower(), ""), frozenset())
-        wanted = members & set(tags[cells].ravel().tolist())
+        wanted = self._members(name) & set(tags[cells].ravel().tolist())
         found: set[int] = set()
         for group in source.groups:
             if group.name == region:
                 found.update(tags[(facets if group.dim == 2 else cells)[group.members]].ravel().tolist())
         return sorted(wanted - found)
+
+    def _members(self, name: str) -> frozenset[int]:
+        """Return the numbers of the nodes of a set."""
+        spelled = {own.lower(): own for own in self._sets}
+        return self._sets.get(spelled.get(name.lower(), ""), frozenset())
+
+    def _with_neighbours(self, name: str, lost: list[int]) -> list[int]:
+        """Return vertices on no facet of a set, and those that an edge joins to them whose nodes are all in the set.
+
+        A region of vertices holds the edges between them: the file holds such an edge to a facet, too.
+        """
+        import numpy as np
+
+        from hpcinv.mesh.cells import scalar_element
+
+        source = self._source
+        local = np.array(scalar_element(source.kind, source.degree).entity_closure_dofs[1])  # two vertices come first
+        edges = source.node_tags[source.cells][:, local].reshape(-1, local.shape[1])
+        edges = edges[np.isin(edges, list(self._members(name))).all(axis=1)]
+        edges = edges[np.isin(edges[:, :2], lost).any(axis=1), :2]
+        return sorted({*lost, *edges.ravel().tolist()})
 
     def _remote(self, coupled: RemoteForce) -> dict[str, Any] | None:
         """Return the support that moves a region by a force and a moment; ``None`` if there is no such region."""
@@ -171,7 +206,8 @@ class FileJob:
 
         region = self._region(coupled.region)
         if region is None or coupled.node not in self._row:
-            self._deck.unused.append(f"*COUPLING of '{coupled.region}', which has no facet or no node")
+            text = f"*COUPLING or *RIGID BODY of '{coupled.region}', which has no facet or no node"
+            self._deck.unused.append(text)
             return None
         point = self._points[self._row[coupled.node]]
         remote = {

@@ -19,18 +19,26 @@ OUTER, INNER = "outer", "inner"
 
 @dataclass(frozen=True)
 class Groups:
-    """Names of the groups of surfaces and volumes of a mesh, and of points and curves; patterns of further names."""
+    """Names of the groups of a mesh.
+
+    Attributes:
+        names: groups of surfaces and volumes.
+        thin: groups of points and curves.
+        patterns: patterns of further names.
+        arrays: arrays of integers, whose values a job may name as regions.
+    """
 
     names: frozenset[str]
     thin: frozenset[str] = frozenset()
     patterns: tuple[str, ...] = ()
+    arrays: tuple[str, ...] = ()
 
     def of_shell(self) -> Groups:
         """Return the names that are possible where the mesh is a shell, whose curves are edges."""
         faces = {f"{name}|{face}" for name in self.names for face in (OUTER, INNER)}
         names = self.names | self.thin | faces | {OUTER, INNER}
         sides = [rf"({pattern})\|({OUTER}|{INNER})" for pattern in (*self.patterns, r"surface-\d+")]
-        return Groups(names, patterns=(*self.patterns, r"curve-\d+", *sides))
+        return Groups(names, patterns=(*self.patterns, r"curve-\d+", *sides), arrays=self.arrays)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,8 @@ from hpcinv.formats.mesh_format import Groups, MeshFormat
 from hpcinv.reading.vtk_headers import END, elements_of
 
 REGION = "region:"
+_OF_GRID = ("connectivity", "offsets", "types", "faces", "faceoffsets", "node_tag", "cell_tag", "vtkGhostType")
+"""arrays of integers that do not mark parts of a body"""
 _LARGEST = 800 * 2**20
 """bytes of a file that is searched for names; raised, ``validate`` may take seconds"""
 
@@ -21,6 +23,11 @@ class Vtu(MeshFormat):
         if path.stat().st_size > _LARGEST:
             return None
         elements = list(elements_of(path))
-        arrays = [attributes.get("Name", "") for tag, attributes in elements if tag == "DataArray"]
+        arrays = {a.get("Name", ""): a.get("type", "") for tag, a in elements if tag == "DataArray"}
         names = frozenset(name.removeprefix(REGION) for name in arrays if name.startswith(REGION))
-        return Groups(names) if elements and elements[-1][0] == END else None
+        whole = [name for name, kind in arrays.items() if kind.startswith(("Int", "UInt"))]
+        if not elements or elements[-1][0] != END:
+            return None
+        return Groups(
+            names, arrays=tuple(name for name in whole if not name.startswith(REGION) and name not in _OF_GRID)
+        )

@@ -88,7 +88,9 @@ def _read(action: str, path: Path) -> Contents:
     if action in ("vtu", "vtk"):
         fault_of_grid = "" if "types" in names else "has no unstructured grid with cells"
         sets = [name.removeprefix(f"cells:{_REGION}") for name in names if name.startswith(f"cells:{_REGION}")]
-        return Contents(fault_of_grid, Groups(frozenset(sets)))
+        whole = [name.partition(":")[2] for name, code, _ in head["arrays"] if code[1] in "iu" and ":" in name]
+        kept = tuple(name for name in whole if name not in ("node_tag", "cell_tag") and not name.startswith(_REGION))
+        return Contents(fault_of_grid, Groups(frozenset(sets), arrays=kept))
     sets = [name for place, separator, name in (key.partition(":") for key in names) if separator and place in _SETS]
     return Contents(groups=Groups(frozenset(sets)) if action in _COMPLETE else None)
 

@@ -48,15 +48,27 @@ def unknown_regions(
     if is_shell:
         groups = groups.of_shell()
     known = {*defined, _BOUNDARY, *groups.names}
+    advice = "" if has_names else _ways_to_name(groups)
     for where, name in named:
         if name in known or any(re.fullmatch(pattern, name) for pattern in groups.patterns):
             continue
         hint = did_you_mean(name, known)
-        if not has_names:
-            hint += f" The file names none itself: give a condition, such as 'regions: {{{name}: x < 1 mm}}'."
+        if advice:
+            hint, advice = hint + advice.format(name=name), ""  # once
         if name in groups.thin:
             hint = f" It {THIN}. {THIN_REMEDY}"
         yield where, f"there is no region '{name}' in {path.name}, nor in 'regions'.{hint}"
+
+
+def _ways_to_name(groups: Groups) -> str:
+    """Return what to do about a file without names of regions, with ``{name}`` for the name of one."""
+    text = " The file names none itself: give a condition, such as 'regions: {{{name}: x < 1 mm}}'"
+    if not groups.arrays:
+        return f"{text}."
+    array = groups.arrays[0].replace("{", "{{").replace("}", "}}")
+    return (
+        f"{text}, or numbers of an array in 'mesh': 'labels: {{{{array: \"{array}\", names: {{{{{{name}}: 1}}}}}}}}'."
+    )
 
 
 @lru_cache(maxsize=16)  # all cases of a sweep use one mesh

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hpcinv.reading.coordinate_frames import frame_of
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.numbered_elements import number, whole_number
 
@@ -64,12 +65,10 @@ class Frames:
         texts = [*entry.fields[2:11], *[""] * 9][:9]
         points = np.array([number(text, entry.place) for text in texts]).reshape(3, 3)
         origin, on_z, in_xz = (start + _rectangular(kind, point) @ turned for point in points)
-        third, across = on_z - origin, np.cross(on_z - origin, in_xz - origin)
-        if not np.isfinite(points).all() or not np.linalg.norm(across) > 0:
+        frame = frame_of(on_z - origin, in_xz - origin)  # z, x and y
+        if frame is None:
             raise Fault(f"{entry.place}: the points of coordinate system {tag} are on one line", _ADVICE)
-        axes = np.array([np.cross(across, third), across, third])
-        axes /= np.linalg.norm(axes, axis=1)[:, None]
-        self._known[tag] = entry.kind, origin, axes
+        self._known[tag] = entry.kind, origin, frame[[1, 2, 0]]
         return self._known[tag]
 
 

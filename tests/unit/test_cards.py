@@ -315,6 +315,28 @@ CASES: dict[str, tuple[ModuleType, str, Callable[[State], Any]]] = {
             + toe(s.I4((0.0, 1.0, 0.0)), 5, mp.mpf("1.02"), mp.mpf("2.5"))
         ),
     ),
+    "febio uncoupled solid mixture": (
+        febio,
+        f"""<material id="1" type="uncoupled solid mixture"><k>40</k><pressure_model>2</pressure_model>
+        <solid type="Mooney-Rivlin"><c1>0.3</c1><c2>0.2</c2><k>7</k></solid>
+        <solid type="Yeoh"><c1>0.3</c1><c2>-0.02</c2><c3>0.004</c3></solid>
+        <solid type="Veronda-Westmann"><c1>0.3</c1><c2>1.5</c2><k>0</k></solid>
+        <solid type="trans iso Mooney-Rivlin"><c1>0.1</c1><c2>0</c2><c3>0.5</c3><c4>2</c4><c5>3</c5>
+        <lam_max>1.05</lam_max><fiber type="angles"><theta>{ANGLE}</theta><phi>90</phi></fiber></solid>
+        <solid type="fiber-exp-pow-uncoupled"><ksi>0.4</ksi><alpha>2</alpha><beta>3</beta>
+        <fiber type="vector">0,1,0</fiber></solid></material>""",
+        lambda s: (
+            0.3 * (s.I1_bar - 3)
+            + 0.2 * (s.I2_bar - 3)
+            + sum(c * (s.I1_bar - 3) ** i for i, c in enumerate(YEOH, 1))
+            + 0.3 * (mp.exp(1.5 * (s.I1_bar - 3)) - 1)
+            - 0.3 * 1.5 / 2 * (s.I2_bar - 3)
+            + 0.1 * (s.I1_bar - 3)
+            + ligament(s, 0.5, 2, 3, 1.05)
+            + mp.mpf("0.4") / 6 * (mp.exp(2 * max(s.I4((0.0, 1.0, 0.0)) * s.J ** (-mp.mpf(2) / 3) - 1, 0) ** 3) - 1)
+            + 40 / 2 * (s.J - 1) ** 2
+        ),
+    ),
     "febio coupled Mooney-Rivlin": (
         febio,
         material("coupled Mooney-Rivlin", c1=0.3, c2=0.2, k=4),
@@ -432,6 +454,16 @@ def test_a_written_card_gives_the_law_back(program: ModuleType, name: str, volum
             febio,
             '<material id="1" type="solid mixture"><solid type="Gent"><G>1</G><Jm>9</Jm><k>9</k></solid></material>',
             "solid mixture of Gent has no counterpart",
+        ),
+        (
+            febio,
+            '<material id="1" type="uncoupled solid mixture"><k>9</k><solid type="neo-Hookean"/></material>',
+            "uncoupled solid mixture with neo-Hookean has no counterpart",
+        ),
+        (
+            febio,
+            '<material id="1" type="uncoupled solid mixture"><solid type="Gent"><G>1</G><Jm>9</Jm></solid></material>',
+            "uncoupled solid mixture without k has no counterpart",
         ),
         (febio, material("Mooney-Rivlin", c1=1, c2=0), "k is not a number"),
         (febio, material("Gent", G=1, Jm=0, k="nan"), "k is not a number"),

@@ -225,18 +225,23 @@ def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
         "</Loads>",
         '<surface_load surface="side" type="traction"><scale lc="1">2</scale><traction>0,0,3</traction></surface_load>'
         '<surface_load surface="side" type="pressure"><pressure>3</pressure><linear>1</linear></surface_load>'
+        '<surface_load surface="bent" type="pressure"><pressure>3</pressure><linear>1</linear></surface_load>'
         '<nodal_load type="nodal_force" node_set="foot"><value lc="1">0,4,0</value></nodal_load>'
         '<nodal_load type="nodal_load" node_set="foot"><dof>z</dof><scale>2</scale></nodal_load>'
         '<body_load type="body force"><force>0,0,9.81</force></body_load></Loads>',
     )
     more = more.replace("<E>2</E>", '<E lc="1">2</E><density>3</density>', 1)
+    bent = '<Surface name="bent"><tri3 id="1">2,3,5</tri3><tri3 id="2">1,2,4</tri3></Surface>'
+    more = more.replace('<NodeSet name="foot">', f'{bent}<NodeSet name="foot">', 1)
     job, text = job_of(tmp_path, "part.feb", more)
     assert job["material"]["a"]["young"] == "1 MPa"
     assert "# neo-Hookean: parameters with load curves have their values at the end" in text
     # the curve is 1/2 at the end
     assert job["supports"][1] == {"region": "wide", "displacement": [None, "1 mm", None]}
     assert job["supports"][2] == {"region": "wide_vertices", "displacement": [None, "1 mm", None]}
-    assert job["regions"] == {"wide_vertices": {"vertices": [["0 mm", "2 mm", "2 mm"]]}}
+    # an edge joins the first one, which is on the facet that is held, to the other
+    ends = [["0 mm", "0 mm", "1 mm"], ["0 mm", "2 mm", "2 mm"]]
+    assert job["regions"] == {"wide_vertices": {"vertices": ends}}
     traction = {"effect": "traction", "region": "side", "traction": ["0 MPa", "0 MPa", "3 MPa"], "area_in": "current"}
     # 1 MPa s²/mm² is 1e12 kg/m³, and FEBio counts body forces with the opposite sign
     gravity = {"effect": "gravity", "acceleration": ["0 mm/s^2", "0 mm/s^2", "-9.81 mm/s^2"]}
@@ -244,13 +249,16 @@ def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
     nodal = {"effect": "traction", "region": "foot", "area_in": "reference"}
     # Three nodes with 2 each along y, and with 2 along z, on an area of 1/2.
     pushed = [nodal | {"traction": ["0 MPa", "12 MPa", "0 MPa"]}, nodal | {"traction": ["0 MPa", "0 MPa", "12 MPa"]}]
-    effects = [{"effect": "pressure", "region": "side", "pressure": "3 MPa"}, traction, gravity, *pushed]
+    # a pressure on the undeformed surface, against its normal (1, 1, -1)
+    dead = traction | {"area_in": "reference"}
+    dead["traction"] = [f"{sign}{3 / 3**0.5:.15g} MPa" for sign in ("-", "-", "")]
+    effects = [{"effect": "pressure", "region": "side", "pressure": "3 MPa"}, traction, dead, gravity, *pushed]
     assert job["effects"] == effects
     for what in (
         "<ShellDomain name='skin'>",
         "<Discrete>",
+        "a dead pressure on bent, which is not flat",
         "inertia (analysis DYNAMIC)",
-        "<surface_load> a dead pressure on side",
         "<bc type='prescribed displacement'> on foot",
         "load curve 7 of the pressure on side: there is no load curve 7",
     ):
@@ -429,6 +437,26 @@ def test_couplings_become_remote_loads(tmp_path: Path) -> None:
     turned = text.replace("SURFACE=UP\n*K", "SURFACE=UP, ORIENTATION=O\n*K")
     _, head = job_of(tmp_path, "part.inp", turned, "--force")
     assert "Not taken from the file: *COUPLING of UP" in head
+
+
+def test_rigid_bodies_of_calculix_become_remote_loads(tmp_path: Path) -> None:
+    rigid = "*NODE\n10, 1., 1., 9.\n*RIGID BODY, NSET=TOP, REF NODE=9, ROT NODE=10\n*EQUATION\n1\n1, 1, 1.\n*STEP\n"
+    text = CUBE.replace("*STEP\n", rigid).replace("9, 2, 1.\n", "9, 2, 1.\n10, 1, 2.\n").replace("TOP, 3, 2.\n", "")
+    job, head = job_of(tmp_path, "part.inp", text)
+    remote = {
+        "force": ["0 N", "1 N", "0 N"],
+        "moment": ["0.002 N m", "0 N m", "0 N m"],
+        "about": ["1 mm", "1 mm", "9 mm"],
+    }
+    assert job["supports"][-1] == {"region": "TOP", "remote": remote}
+    assert "RIGID" not in head
+    assert "Not taken from the file: *EQUATION, which a job cannot say: fix a plane of symmetry, or give a face" in head
+    held = text.replace("*BOUNDARY\n", "*BOUNDARY\n10, 1, 3\n")
+    job, head = job_of(tmp_path, "part.inp", held, "--force")
+    assert all("remote" not in support for support in job["supports"])
+    assert "Not taken from the file: *RIGID BODY of TOP and its load, since its node 9 is held" in head
+    _, head = job_of(tmp_path, "part.inp", text.replace("NSET=TOP,", "ELSET=ALL,"), "--force")
+    assert "Not taken from the file: *RIGID BODY that is not one set of nodes" in head
 
 
 def test_an_archive_of_ansys_is_a_job(tmp_path: Path) -> None:

@@ -6,11 +6,13 @@ import io
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import gmsh
+import numpy as np
 import pytest
 import yaml
 from helpers.command_line import environment
@@ -24,6 +26,7 @@ from hpcinv.mesh import MeshSource, read_source
 from hpcinv.mesh.distributed.partitioned import write_partitioned
 from hpcinv.mesh.distributed.parts import partitioned
 from hpcinv.mesh.mesh_files import save
+from hpcinv.mesh.source import DataArray
 from hpcinv.parallel.runtime import MPI
 
 JOB: dict[str, Any] = {
@@ -109,6 +112,21 @@ def test_region_names_are_reported_only_where_certain(tmp_path: Path) -> None:
     hpcinv.load(write(tmp_path, "a.msh"))
     (tmp_path / "a.vtu").write_text("<VTKFile><cut")
     hpcinv.load(write(tmp_path, "a.vtu"))
+
+
+def test_a_file_without_names_has_advice_once(tmp_path: Path, block: MeshSource) -> None:
+    values = np.ones((len(block.cells), 1), dtype=np.int64)
+    numbers = DataArray("gmsh:physical", "cells", values.astype(float))
+    save(tmp_path / "a.vtu", replace(block, groups=(), data={numbers.name: numbers}), block.points)
+    text = (tmp_path / "a.vtu").read_bytes().replace(b'"Float64" Name="gmsh', b'"Int64" Name="gmsh')
+    (tmp_path / "a.vtu").write_bytes(text)
+    with pytest.raises(JobError) as caught:
+        hpcinv.load(write(tmp_path, "a.vtu", **WRONG))
+    first, *others = caught.value.problems
+    assert "give a condition, such as 'regions: {clamp: x < 1 mm}', or numbers of an array in 'mesh': " in first
+    assert first.endswith("""'labels: {array: "gmsh:physical", names: {clamp: 1}}'.""")
+    assert others
+    assert not any("such as" in line for line in others)
 
 
 def test_names_of_points_and_curves_are_not_regions(tmp_path: Path) -> None:

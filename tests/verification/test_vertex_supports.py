@@ -70,6 +70,10 @@ def test_a_force_on_a_vertex_causes_a_warning(comm: MPI.Intracomm) -> None:
     # The traction at one end, and the force at the vertex that balances it.
     assert line.value == pytest.approx(1.0, rel=0.7)
     assert line.note == "on a, b, c"
+    # On a facet that is held as well, a vertex carries no force of its own.
+    common["supports"] = [{"region": "x0", "fix": ["x", "y", "z"]}, {"region": "a", "fix": ["x"]}]
+    held = hpcinv.run(job(analysis="forward", certificate="quick", **common), comm)
+    assert line_of(held).value == 0.0
 
 
 @pytest.mark.parallel(2)
