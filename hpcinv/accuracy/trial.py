@@ -19,9 +19,9 @@ from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.methods.method import UNLOADED, Guess, Start
 from hpcinv.model.cell_layers import layers_of_cells, layers_on
-from hpcinv.model.spaces import Integers
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.quantity.arrays import LocalIndices
 from hpcinv.results.quantities_of_interest import NOT_FINITE, check_points, evaluate, fault_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.steps import StepObserver, carry_out
@@ -201,7 +201,7 @@ def _interpolate_layers(new: fem.Function, old: fem.Function, layers: Ints | Non
     return is_found
 
 
-def _interpolate_across(new: fem.Function, old: fem.Function, cells: Integers, padding: float) -> bool:
+def _interpolate_across(new: fem.Function, old: fem.Function, cells: LocalIndices, padding: float) -> bool:
     data = fem.create_interpolation_data(new.function_space, old.function_space, cells, padding=padding)
     # A rank that fails within the interpolation would leave the others waiting.
     fails = new.function_space.mesh.comm.allreduce(_fails_at(old, data.dest_points, data.dest_cells), op=MPI.LOR)
@@ -220,7 +220,7 @@ def _fails_at(function: fem.Function, points: Floats, cells: Ints) -> bool:
     return False
 
 
-def _restricted(function: fem.Function, cells: Integers) -> fem.Function:
+def _restricted(function: fem.Function, cells: LocalIndices) -> fem.Function:
     """Return a function on a mesh of some owned cells, by themselves; collective."""
     mesh = function.function_space.mesh
     part, entity_map = create_submesh(mesh, 3, cells)[:2]

@@ -24,9 +24,10 @@ from hpcinv.kinematics import staged_derivatives
 from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
-from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.jit import KernelExpression, compile_expression, load_expression
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.arrays import LocalIndices
 
 
 @dataclass(frozen=True)
@@ -41,14 +42,14 @@ class CompiledModuli:
         first: number that the first of these points has in the expression.
     """
 
-    cells: Integers | None
+    cells: LocalIndices | None
     points: Floats
     weights: Floats
     pairs: tuple[tuple[Slot, Slot], ...]
     expression: KernelExpression
     first: int = 0
 
-    def values(self, mesh: Mesh, cells: Integers) -> Floats:
+    def values(self, mesh: Mesh, cells: LocalIndices) -> Floats:
         """Return the moduli at the present state, (cells, points, values)."""
         values: Floats = self.expression.eval(mesh, cells)
         return values[:, self.first : self.first + len(self.points)]

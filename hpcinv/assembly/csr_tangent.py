@@ -24,10 +24,11 @@ from hpcinv.assembly.element_matrices import Block, ElementMatrices
 from hpcinv.assembly.pattern import pattern_of
 from hpcinv.assembly.tangent_moduli import Term, UnsupportedForm
 from hpcinv.mesh.source import Floats
-from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.jit import JIT_OPTIONS, array_type, compile_library
 from hpcinv.parallel.malloc import release_freed_memory
+from hpcinv.quantity.arrays import LocalIndices
 
 _CODE = Path(__file__).with_suffix(".c")
 
@@ -126,8 +127,8 @@ class _Places:
     """
 
     block: Block
-    first: Integers
-    row: Integers
+    first: LocalIndices
+    row: LocalIndices
 
     def add(self, code: ctypes.CDLL, cells: slice, entries: Floats, values: Floats) -> None:
         """Add the entries of some cells, (cells, *block.shape), to the values of the matrix."""
@@ -168,11 +169,11 @@ class _SparseRows:
         inner = np.delete(indices[:end], other) if len(other) else indices[:end]
         self._blocks = _integers(starts, inner), _integers(preceding, names[indices[other]])
         self._ghost_rows = _integers(indptr[self.owned :] - end, names[indices[end:]])
-        self._known: list[tuple[Integers, _Places]] = []
-        self._last: tuple[npt.NDArray[np.bool_], Integers, Integers] | None = None
+        self._known: list[tuple[LocalIndices, _Places]] = []
+        self._last: tuple[npt.NDArray[np.bool_], LocalIndices, LocalIndices] | None = None
 
     @cached_property
-    def _place(self) -> Integers:
+    def _place(self) -> LocalIndices:
         """Place of each entry of the pattern."""
         end = int(self._indptr[self.owned])
         place = np.arange(self._indptr[-1], dtype=np.int32)
@@ -199,15 +200,15 @@ class _SparseRows:
         ghosts = _unrolled(here[nodes.size_local :], bs)
         return A, values, (*self._ghost_rows, values[end:], ghosts)
 
-    def entry_places(self, rows: Integers, columns: Integers) -> Integers:
+    def entry_places(self, rows: LocalIndices, columns: LocalIndices) -> LocalIndices:
         """Return places of entries by local row and column."""
         return self._placed(self._pattern.entries(rows, columns, self._find))
 
-    def _placed(self, entries: Integers) -> Integers:
+    def _placed(self, entries: LocalIndices) -> LocalIndices:
         """Return the places of entries of the pattern, whose order they have where no columns belong to other ranks."""
         return self._place[entries] if len(self._other) else entries
 
-    def places_of(self, unknowns: npt.NDArray[np.bool_]) -> tuple[Integers, Integers]:
+    def places_of(self, unknowns: npt.NDArray[np.bool_]) -> tuple[LocalIndices, LocalIndices]:
         """Return places of all entries in the rows and columns of some local unknowns, and of those on the diagonal.
 
         They are kept for the next matrix, which mostly has the same supports.
@@ -234,7 +235,7 @@ class _SparseRows:
             release_freed_memory()  # else the next factorization adds to what the pattern took for a while
         return places
 
-    def _places(self, cells: Integers, block: Block) -> _Places:
+    def _places(self, cells: LocalIndices, block: Block) -> _Places:
         for known_cells, known in self._known:
             ranges = known.block.rows, known.block.columns
             if ranges == (block.rows, block.columns) and np.array_equal(known_cells, cells):

@@ -16,7 +16,8 @@ from hpcinv.assembly.compiled_moduli import CompiledModuli
 from hpcinv.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.assembly.tangent_moduli import Slot
 from hpcinv.mesh.source import Floats
-from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.model.spaces import Unknowns
+from hpcinv.quantity.arrays import LocalIndices
 
 _CHUNK = 2**19  # entries of element matrices at a time, which fit in the cache of a core
 
@@ -38,7 +39,7 @@ class ElementMatrices:
         self._mesh = mesh = unknowns.mesh
         self._values, points, weights = moduli.values, moduli.points, moduli.weights
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
-        self.cells: Integers = owned if moduli.cells is None else moduli.cells
+        self.cells: LocalIndices = owned if moduli.cells is None else moduli.cells
         tables = [tabulated(element, points) for element in unknowns.scalar_elements]
         if director is not None:
             tables[0] = director.functions(tables[0])
@@ -73,7 +74,7 @@ class Nodes:
     components: int
     count: int
 
-    def leading(self) -> Integers:
+    def leading(self) -> LocalIndices:
         """Return the first unknown of each node."""
         return self.first + self.components * np.arange(self.count, dtype=np.int32)
 

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import cpp, la
 
-from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.model.spaces import Unknowns
+from hpcinv.quantity.arrays import LocalIndices
 
 _TAG = 1  # of messages by which ranks agree on a map
 
@@ -29,13 +30,13 @@ class Pattern:
             in rows of the first node.
     """
 
-    starts: Integers
+    starts: LocalIndices
     names: npt.NDArray[np.int64]
-    nodes: Integers
-    components: Integers
-    pairs: tuple[Integers, Integers, Integers]
+    nodes: LocalIndices
+    components: LocalIndices
+    pairs: tuple[LocalIndices, LocalIndices, LocalIndices]
 
-    def entries(self, rows: Integers, columns: Integers, find: Callable[..., None]) -> Integers:
+    def entries(self, rows: LocalIndices, columns: LocalIndices, find: Callable[..., None]) -> LocalIndices:
         """Return the numbers of entries, by local unknowns; they must be in the pattern.
 
         Nodes have a ninth as many pairs as unknowns: the search among them takes half the time.
@@ -49,7 +50,7 @@ class Pattern:
         return self.starts[rows] + places[pair] + self.components[columns]
 
 
-def pattern_of(unknowns: Unknowns) -> tuple[Pattern, Integers]:
+def pattern_of(unknowns: Unknowns) -> tuple[Pattern, LocalIndices]:
     """Return the pattern of integrals over cells, and the column of each entry; collective.
 
     Columns ascend in each row: local unknowns, then unknowns of nodes that are not on this rank. Matrices order them
@@ -99,8 +100,8 @@ def _node_map(unknowns: Any, bs: int, first: npt.NDArray[np.int64]) -> Any:
 
 
 def _unrolled(
-    starts: Integers, columns: Integers, rows: Integers, widths: Integers
-) -> tuple[Integers, Integers, Integers]:
+    starts: LocalIndices, columns: LocalIndices, rows: LocalIndices, widths: LocalIndices
+) -> tuple[LocalIndices, LocalIndices, LocalIndices]:
     """Return rows and columns of unknowns from rows and columns of nodes, and the place of each node in its row.
 
     Args:

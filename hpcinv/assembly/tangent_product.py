@@ -20,9 +20,9 @@ from hpcinv.assembly.element_matrices import directions_of, tabulated
 from hpcinv.assembly.tangent_moduli import Slot
 from hpcinv.mesh.cells import quadrature, scalar_element
 from hpcinv.mesh.source import Floats
-from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.jit import array_type, compile_library
-from hpcinv.quantity.arrays import Singles
+from hpcinv.quantity.arrays import LocalIndices, Singles
 
 _CODE = Path(__file__).with_suffix(".c")
 _LANES = 8  # cells of a group, as in the code
@@ -61,7 +61,7 @@ class TangentProduct:
         self._y.scatter_reverse(la.InsertMode.add)
         return np.array(self._y.array[: self._owned])
 
-    def stiffness(self, most: int) -> tuple[Integers, Singles]:
+    def stiffness(self, most: int) -> tuple[LocalIndices, Singles]:
         """Return about ``most`` owned cells, spread evenly, and how stiff each is against displacements of its nodes.
 
         That is the sum over the nodes of ``‖K_ii‖/√3`` (Frobenius), with the 3 × 3 block of the cell's part of K at
@@ -158,7 +158,9 @@ class _ModuliTerm:
         stiffness: Singles = np.linalg.norm(blocks, axis=(2, 3)).sum(axis=1) / math.sqrt(3)
         return stiffness
 
-    def _evaluated(self, moduli: CompiledModuli, form_unknowns: Unknowns, lanes: Integers, extended: Floats) -> Singles:
+    def _evaluated(
+        self, moduli: CompiledModuli, form_unknowns: Unknowns, lanes: LocalIndices, extended: Floats
+    ) -> Singles:
         """Return moduli of all groups, (groups, points, all tests, all trials, lanes)."""
         rows, columns = (max(place.stop for place in slots.values()) for slots in (self._tests, self._trials))
         groups = len(lanes) // _LANES

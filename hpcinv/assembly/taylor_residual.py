@@ -35,7 +35,7 @@ from hpcinv.kinematics import staged_derivatives
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, remove_stages
 from hpcinv.mesh.cells import FACET_KIND, jacobians, kind_and_degree, quadrature, scalar_element, sub_entities
 from hpcinv.mesh.source import Floats
-from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.jit import (
@@ -47,6 +47,7 @@ from hpcinv.parallel.jit import (
     load_expression,
 )
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.arrays import LocalIndices
 
 _SHARE = 0.4
 """Share of the available memory for coefficients of the unknowns, at nodes and at quadrature points. With more of them,
@@ -136,13 +137,13 @@ class _Domain:
         normal: unit normal of the facet of the reference cell, ``None`` for cells.
     """
 
-    entities: Integers
+    entities: LocalIndices
     points: Floats
     weights: Floats
     normal: Floats | None = None
 
     @property
-    def cells(self) -> Integers:
+    def cells(self) -> LocalIndices:
         return self.entities if self.normal is None else self.entities[:, 0]
 
 
@@ -169,7 +170,7 @@ def _surface(weak_form: WeakForm) -> Iterator[_Integral]:
     """Yield the integrals over regions of the boundary, by region and quadrature degree."""
     kind = weak_form.unknowns.mesh.basix_cell().name
     integrands: dict[tuple[int, int], Any] = {}
-    entities: dict[int, Integers] = {}
+    entities: dict[int, LocalIndices] = {}
     for integral in weak_form.residual.integrals():
         if integral.integral_type() == "cell":
             continue

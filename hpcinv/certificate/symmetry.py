@@ -11,9 +11,9 @@ from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES, Support
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
-from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.arrays import LocalIndices
 
 _ROUND_OFF = 1e-9  # of the body's diagonal
 

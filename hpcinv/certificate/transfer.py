@@ -8,7 +8,8 @@ import numpy.typing as npt
 from dolfinx import la
 
 from hpcinv.mesh.source import Floats
-from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.model.spaces import Unknowns
+from hpcinv.quantity.arrays import LocalIndices
 
 _CELLS = 10_000  # whose values are gathered at once; more take more memory
 
@@ -49,7 +50,7 @@ class Transfer:
         self._coarse.scatter_reverse(la.InsertMode.add)
         return np.array(self._coarse.array[: self._owned[0]])
 
-    def _parts(self) -> Iterator[tuple[Floats, Integers, Integers]]:
+    def _parts(self) -> Iterator[tuple[Floats, LocalIndices, LocalIndices]]:
         """Yield the interpolation of each field, with the coarse and the finer unknowns of some cells at a time."""
         for table, coarse_rows, finer_rows in zip(self._tables, self._coarse_dofs, self._finer_dofs, strict=True):
             for begin in range(0, len(finer_rows), _CELLS):

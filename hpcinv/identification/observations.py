@@ -22,12 +22,12 @@ from hpcinv.job.sections import CUBIC, MeshSpec
 from hpcinv.mesh import Body, reorder_to_source
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.location import PointLocation, locate, position
-from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import gather_surface
 from hpcinv.model.surface_distance import barycentric
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import on_root
+from hpcinv.quantity.arrays import LocalIndices
 from hpcinv.quantity.csv_rows import Row
 from hpcinv.quantity.quantity import Measured
 from hpcinv.quantity.table_files import readings_of

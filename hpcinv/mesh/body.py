@@ -38,9 +38,10 @@ from hpcinv.mesh.orientation import consistently_oriented
 from hpcinv.mesh.readers import FILES, GENERATORS, read_surface
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geometry, surface_geometry
-from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
+from hpcinv.mesh.regions import Mesh, Region, build_regions, find
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.quantity.arrays import LocalIndices
 from hpcinv.quantity.nondimensional import power_of_two
 from hpcinv.reading.suffix import suffix_of
 

@@ -2,13 +2,12 @@
 
 import dolfinx
 import numpy as np
-import numpy.typing as npt
 
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected
+from hpcinv.quantity.arrays import LocalIndices
 
-type LocalIndices = npt.NDArray[np.int32]
 type Mesh = dolfinx.mesh.Mesh[np.float64]
 
 

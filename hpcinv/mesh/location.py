@@ -9,8 +9,8 @@ from dolfinx import geometry
 
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
+from hpcinv.quantity.arrays import LocalIndices
 
 type Point = tuple[float, float, float]
 

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from hpcinv.errors import HpcinvError, MeshError
 from hpcinv.job.region_names import THIN, THIN_REMEDY
 from hpcinv.job.region_rules import RegionRule, RegionUnion, SmoothFace, VertexSet
-from hpcinv.mesh.boundary_shells import LocalIndices as LocalIndices
 from hpcinv.mesh.boundary_shells import Mesh as Mesh
 from hpcinv.mesh.boundary_shells import cavities, outer_facets
 from hpcinv.mesh.bounding_box import extent
@@ -21,6 +20,7 @@ from hpcinv.mesh.smooth_faces import smooth_face
 from hpcinv.mesh.source import MASK_BITS, Floats, Ints, MeshSource
 from hpcinv.mesh.vertex_sets import edges_between, nearest_vertices
 from hpcinv.parallel.runtime import MPI, agree
+from hpcinv.quantity.arrays import LocalIndices
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.suggestions import did_you_mean
 

@@ -17,7 +17,7 @@ from hpcinv.mesh.topology import unique_rows, vertex_sets
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
-    from hpcinv.mesh.regions import LocalIndices
+    from hpcinv.quantity.arrays import LocalIndices
 
 _VALUES_AT_ONCE = 3_000_000
 

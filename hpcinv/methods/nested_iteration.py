@@ -24,8 +24,8 @@ from hpcinv.mesh.gathered_cells import FARTHEST, GatheredCells
 from hpcinv.methods import DirectMethod, solve_direction
 from hpcinv.methods.method import NESTED, UNLOADED, Guess, Start
 from hpcinv.model.outcome import Outcome
-from hpcinv.model.spaces import Integers
 from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.quantity.arrays import LocalIndices
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.cost_model import COARSER
 from hpcinv.solver.linear.selection import Used
@@ -244,7 +244,7 @@ def _transferred(coarse: Equations, equations: Equations, sign: int) -> Guess | 
 
 def _layers(
     equations: Equations, coarse: Equations, cells: GatheredCells, space: fem.FunctionSpace
-) -> Iterator[tuple[Integers, npt.NDArray[np.bool_] | None]]:
+) -> Iterator[tuple[LocalIndices, npt.NDArray[np.bool_] | None]]:
     """Yield owned degrees of freedom, and the cells of ``coarse`` in the same layer: ``None`` for all; collective."""
     owned = space.dofmap.index_map.size_local
     layers, coarse_layers = equations.unknowns.layers, coarse.unknowns.layers

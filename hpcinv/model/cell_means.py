@@ -14,7 +14,7 @@ from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
 from hpcinv.model.quadrature_values import CellMeans, QuadratureValues
 from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import Integers
+from hpcinv.quantity.arrays import LocalIndices
 
 _COLUMNS = 10  # components of the stress, and the volume ratio
 
@@ -78,7 +78,7 @@ class PartExpressions:
         energy: stored energy per volume of the mesh.
     """
 
-    cells: Integers | None
+    cells: LocalIndices | None
     cauchy_stress: Any
     J: Any
     energy: Any
@@ -94,7 +94,7 @@ class StateMeans:
     def __init__(
         self,
         parts: Sequence[PartExpressions],
-        prestrain_stress: Sequence[tuple[Any, Integers | None]],
+        prestrain_stress: Sequence[tuple[Any, LocalIndices | None]],
         mesh: Mesh,
         quadrature_degree: int,
     ) -> None:

@@ -23,9 +23,9 @@ from hpcinv.job.fibre_rules import FibreRule, TubeRule, VentricleRule
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import jacobians
 from hpcinv.mesh.source import Floats
-from hpcinv.model.laplace import Dofs, Laplace
+from hpcinv.model.laplace import Laplace
 from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import Booleans
+from hpcinv.quantity.arrays import Booleans, LocalIndices
 
 _COLUMN = {"fibre": 0, "normal": 1, "sheet": 2}
 _CHUNK = 10_000  # most cells at a time, to limit memory
@@ -144,9 +144,9 @@ def _computed(body: Body, rule: FibreRule, where: str) -> Directions:
 def _potentials(body: Body, rule: FibreRule, where: str) -> Mapping[str, fem.Function]:
     """Return the Laplace solutions that a rule needs by name; each set of surfaces is solved for once."""
     laplace = list[Laplace]()  # made only if something is not known yet
-    surfaces = dict[str, Dofs]()
+    surfaces = dict[str, LocalIndices]()
 
-    def dofs(field: str) -> Dofs:
+    def dofs(field: str) -> LocalIndices:
         if field not in surfaces:
             if field == "apex" and "apex" not in rule.surfaces:
                 surfaces[field] = _farthest(body, laplace[0], dofs("epi"), dofs("base"))
@@ -189,7 +189,7 @@ def _potentials(body: Body, rule: FibreRule, where: str) -> Mapping[str, fem.Fun
             solver.destroy()
 
 
-def _farthest(body: Body, laplace: Laplace, epi: Dofs, base: Dofs) -> Dofs:
+def _farthest(body: Body, laplace: Laplace, epi: LocalIndices, base: LocalIndices) -> LocalIndices:
     """Return the unknown on one region that is farthest from the middle of another, on the rank that owns it."""
     comm, owned = body.mesh.comm, laplace.space.dofmap.index_map.size_local
     x = laplace.space.tabulate_dof_coordinates()
@@ -203,7 +203,12 @@ def _farthest(body: Body, laplace: Laplace, epi: Dofs, base: Dofs) -> Dofs:
 
 
 def _check_apart(
-    body: Body, laplace: Laplace, rule: FibreRule, names: tuple[str, str], dofs: tuple[Dofs, Dofs], where: str
+    body: Body,
+    laplace: Laplace,
+    rule: FibreRule,
+    names: tuple[str, str],
+    dofs: tuple[LocalIndices, LocalIndices],
+    where: str,
 ) -> None:
     comm, owned = body.mesh.comm, laplace.space.dofmap.index_map.size_local
     both = np.intersect1d(*dofs)

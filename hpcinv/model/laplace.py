@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
@@ -12,11 +11,10 @@ from petsc4py import PETSc
 from hpcinv.errors import MeshError
 from hpcinv.mesh import Body
 from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.quantity.arrays import LocalIndices
 
 _ACCURACY, _ITERATIONS = 1e-11, 500
 _QUADRATURE = 4
-
-type Dofs = npt.NDArray[np.int32]
 
 
 class Laplace:
@@ -34,7 +32,7 @@ class Laplace:
         self._matrix = fem_petsc.assemble_matrix(form)
         self._matrix.assemble()
 
-    def dofs(self, region: str) -> Dofs:
+    def dofs(self, region: str) -> LocalIndices:
         """Return the local unknowns on a region of the boundary, ghosts included; collective.
 
         Raises:
@@ -42,7 +40,7 @@ class Laplace:
         """
         return np.asarray(fem.locate_dofs_topological(self.space, 2, self._body.facets(region)))
 
-    def solve(self, fixed: Sequence[tuple[Dofs, float]]) -> fem.Function:
+    def solve(self, fixed: Sequence[tuple[LocalIndices, float]]) -> fem.Function:
         """Return the solution with these values at these unknowns; collective.
 
         Raises:

@@ -5,17 +5,16 @@ import numpy as np
 from dolfinx import fem, la
 
 from hpcinv.mesh.cells import kind_and_degree, scalar_element
-from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
-from hpcinv.model.spaces import Integers
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.arrays import LocalIndices
 
 _SMOOTH = 0.7
 """Least cosine of the angle between a facet and the normal of its node (46°); raised, coarse curved surfaces are
 refused; lowered, a sharp edge of 90° would count as smooth."""
 
 
-def nodal_normals(space: fem.FunctionSpace, facets: LocalIndices) -> tuple[Integers, Floats, Floats | None]:
+def nodal_normals(space: fem.FunctionSpace, facets: LocalIndices) -> tuple[LocalIndices, Floats, Floats | None]:
     """Return local nodes of facets, their outward unit normals (n, 3), and the place of a sharp edge; collective.
 
     The normal of a node is the mean of its facets, weighted by their areas. It is exact on planes.

@@ -14,7 +14,7 @@ from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import Integers
+from hpcinv.quantity.arrays import LocalIndices
 
 _CHUNK = 10_000  # cells at a time, so that values at quadrature points take little memory
 
@@ -27,7 +27,9 @@ class CellMeans:
         quadrature_degree: degree of polynomials whose mean is exact on straight cells.
     """
 
-    def __init__(self, expressions: Sequence[tuple[Any, Integers | None]], mesh: Mesh, quadrature_degree: int) -> None:
+    def __init__(
+        self, expressions: Sequence[tuple[Any, LocalIndices | None]], mesh: Mesh, quadrature_degree: int
+    ) -> None:
         self._shape = shape = expressions[0][0].ufl_shape
         self._space = fem.functionspace(mesh, ("DG", 0, shape) if shape else ("DG", 0))
         volume = abs(ufl.JacobianDeterminant(mesh))
@@ -57,7 +59,7 @@ class PointValues:
     Iteration yields some of the owned cells (or of ``cells``) at a time, with their present values (cells, points, …).
     """
 
-    def __init__(self, expression: Any, mesh: Mesh, points: Floats, cells: Integers | None = None) -> None:
+    def __init__(self, expression: Any, mesh: Mesh, points: Floats, cells: LocalIndices | None = None) -> None:
         self._compiled = fem.Expression(remove_stages(expression), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
         self._mesh = mesh
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
@@ -80,5 +82,5 @@ class PointValues:
 class QuadratureValues(PointValues):
     """A UFL expression, compiled for the quadrature points of a mesh."""
 
-    def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: Integers | None = None) -> None:
+    def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: LocalIndices | None = None) -> None:
         super().__init__(expression, mesh, quadrature(mesh.basix_cell().name, quadrature_degree)[0], cells)

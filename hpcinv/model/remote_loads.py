@@ -13,8 +13,9 @@ from hpcinv.job.remote_load import RemoteLoad
 from hpcinv.job.sections import Motion
 from hpcinv.kinematics.rigid_motion import rotation_matrix, rotation_vector
 from hpcinv.mesh.source import Floats
-from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.arrays import LocalIndices
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class RemoteFace:
         turn: Q; move: t, in scaled lengths.
     """
 
-    def __init__(self, region: str, space: fem.FunctionSpace, nodes: Integers, unknowns: Unknowns) -> None:
+    def __init__(self, region: str, space: fem.FunctionSpace, nodes: LocalIndices, unknowns: Unknowns) -> None:
         self.region = region
         self._space, self._comm = space, space.mesh.comm
         dofs = unknowns.displacement_dofs_of_nodes[nodes]

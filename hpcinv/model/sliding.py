@@ -34,7 +34,8 @@ from petsc4py import PETSc
 
 from hpcinv.mesh.source import Floats
 from hpcinv.model.sliding_surfaces import SlidingSurface
-from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.model.spaces import Unknowns
+from hpcinv.quantity.arrays import LocalIndices
 
 _SUBSET: Any = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN  # its stub has the wrong type
 _PARALLEL = 1e-6
@@ -55,7 +56,7 @@ class Slide:
     field: str
     region: str
     space: fem.FunctionSpace
-    nodes: Integers
+    nodes: LocalIndices
     normals: Floats
     surface: SlidingSurface | None = None
 
@@ -95,8 +96,8 @@ class Sliding:
         self._unknowns, self._metre, self.sign = unknowns, metre, sign
         self._regions = [slide.region for slide in slides]
         nodes = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *(slide.nodes for slide in slides)]))
-        self._nodes: Integers = nodes
-        self.dofs: Integers = unknowns.displacement_dofs_of_nodes[nodes]
+        self._nodes: LocalIndices = nodes
+        self.dofs: LocalIndices = unknowns.displacement_dofs_of_nodes[nodes]
         self._planes = np.zeros((len(nodes), len(slides), 3))
         rows = [np.searchsorted(nodes, slide.nodes) for slide in slides]
         for k, slide in enumerate(slides):
@@ -188,7 +189,7 @@ class Sliding:
         regions: Collection[str] | None = None,
         *,
         displacements: bool = False,
-    ) -> tuple[Integers, Floats]:
+    ) -> tuple[LocalIndices, Floats]:
         """Return unknowns (n, 3) of nodes among ``values``, and the held part of the values there.
 
         Args:
@@ -205,7 +206,7 @@ class Sliding:
             sizes *= [region in regions for region in self._regions]
         return dofs, np.einsum("nk,nki->ni", sizes, directions[inside])
 
-    def row_values(self, values: Floats) -> tuple[Integers, Floats]:
+    def row_values(self, values: Floats) -> tuple[LocalIndices, Floats]:
         """Return all unknowns (nodes, 3), and what the matrix makes there of local displacements that are missing."""
         u = values[self.dofs]
         rows = np.einsum("nik,nkj,nj->ni", self._test_inverse, self._free_trial, np.where(self._is_fixed, 0.0, u))

@@ -14,7 +14,7 @@ from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Ints
 from hpcinv.model.split_dofs import split
 from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import Integers as Integers
+from hpcinv.quantity.arrays import LocalIndices
 
 
 class Unknowns:
@@ -102,7 +102,7 @@ class Unknowns:
         here = bool((np.diff(dofs, axis=1) == 1).all())
         return bool(self.mesh.comm.allreduce(here, op=MPI.LAND))
 
-    def dofs_of_cells(self) -> list[Integers]:
+    def dofs_of_cells(self) -> list[LocalIndices]:
         """Return local unknowns of displacement and pressure in each local cell, (cells, nodes, components) each."""
         dofmap = self.space.dofmap
         bs = dofmap.index_map_bs
@@ -113,7 +113,7 @@ class Unknowns:
         return parts[: len(self.scalar_elements)]
 
     @cached_property
-    def nodes(self) -> tuple[Integers, Integers]:
+    def nodes(self) -> tuple[LocalIndices, LocalIndices]:
         """Unknowns of all ranks, by their global numbers, node by node; and where each node begins, and the end.
 
         The pressure at a vertex is among the unknowns of that node; other pressures are nodes by themselves. The same

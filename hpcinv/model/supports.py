@@ -14,7 +14,6 @@ from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES, Support
 from hpcinv.kinematics.rigid_motion import RigidMotion
 from hpcinv.mesh import Body
-from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
 from hpcinv.model.nodal_normals import nodal_normals
 from hpcinv.model.parameters import load_factor
@@ -23,6 +22,7 @@ from hpcinv.model.sliding import Slide, Sliding
 from hpcinv.model.sliding_surfaces import surface_of
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.arrays import LocalIndices
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.parameter_paths import POINTS, central_difference, step_at
 

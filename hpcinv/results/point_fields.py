@@ -15,11 +15,11 @@ from hpcinv.kinematics.staged_derivatives import remove_stages
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import FACET_KIND, LayerDegree, layer_interpolation, quadrature
 from hpcinv.mesh.location import PointLocation
-from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.arrays import LocalIndices
 from hpcinv.quantity.nondimensional import Scales
 from hpcinv.quantity.stress_measures import (
     COMPONENTS,

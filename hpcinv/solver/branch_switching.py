@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.model.spaces import Integers
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.arrays import Floats, LocalIndices
 from hpcinv.solver.bordering import Bordering, Corrected
 from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.solver.power_series import PowerSeries, Reals
+from hpcinv.solver.power_series import PowerSeries
 
 STRATEGY = "branch switching"
 """Strategy of the solve that ends on another path."""
@@ -43,11 +43,13 @@ class Bifurcation:
 
     load: float
     parameter: float
-    mode: Reals
+    mode: Floats
     displacement: tuple[float, ...]
 
 
-def bifurcation_of(series: PowerSeries, owned_displacement_dofs: Integers, comm: MPI.Intracomm) -> Bifurcation | None:
+def bifurcation_of(
+    series: PowerSeries, owned_displacement_dofs: LocalIndices, comm: MPI.Intracomm
+) -> Bifurcation | None:
     """Return the bifurcation that the end of a series shows, ``None`` without one; collective."""
     found = series.bifurcation()
     if found is None:

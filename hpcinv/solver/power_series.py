@@ -26,11 +26,9 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from hpcinv.parallel.runtime import MPI
-
-type Reals = npt.NDArray[np.float64]
+from hpcinv.quantity.arrays import Floats
 
 _GROWTH = 1.05  # factor between parameters that are tried; the range is short of its end by this factor at most
 _FARTHEST = 50.0  # times the range of the polynomials, up to which Padé approximants are tried
@@ -55,13 +53,13 @@ class PowerSeries:
         factors: coefficients ``(xₖ/s, λₖ)`` in an orthonormal basis, (orders, orders), lower triangular.
     """
 
-    states: Reals
-    loads: Reals
+    states: Floats
+    loads: Floats
     load: float
     scale: float
-    factors: Reals
+    factors: Floats
 
-    def weights(self, a: float, *, pade: bool, orders: int | None = None) -> Reals:
+    def weights(self, a: float, *, pade: bool, orders: int | None = None) -> Floats:
         """Return the factors of all coefficients at ``a``, by polynomials or by Padé approximants of some orders."""
         count = len(self.loads)
         orders = orders or count
@@ -75,7 +73,7 @@ class PowerSeries:
         factors[: orders - 1] = powers[: orders - 1] * sums[-2::-1] / sums[-1]
         return factors
 
-    def load_at(self, weights: Reals) -> float:
+    def load_at(self, weights: Floats) -> float:
         return self.load + float(weights @ self.loads)
 
     def range(self, accuracy: float) -> tuple[float, bool]:
@@ -97,7 +95,7 @@ class PowerSeries:
             a *= _GROWTH
         return a, a > polynomial
 
-    def at_load(self, load: float, accuracy: float) -> tuple[Reals, float] | None:
+    def at_load(self, load: float, accuracy: float) -> tuple[Floats, float] | None:
         """Return the factors of all coefficients at a load factor, and the `error` there; ``None`` out of range.
 
         Args:
@@ -163,10 +161,10 @@ class PowerSeries:
         return float(np.linalg.norm((last - before) @ self.factors) / np.linalg.norm(last @ self.factors))
 
     @cached_property
-    def _denominators(self) -> dict[int, Reals]:
+    def _denominators(self) -> dict[int, Floats]:
         return {}
 
-    def _denominator(self, orders: int) -> Reals:
+    def _denominator(self, orders: int) -> Floats:
         """Return the coefficients of the denominator of a Padé approximant, from order 0 on."""
         if orders not in self._denominators:
             f, d = self.factors, np.zeros(orders)
@@ -192,7 +190,7 @@ class Coefficients:
         self._states, self._loads = np.empty((orders, size)), np.empty(orders)
         self._basis, self._factors = np.zeros((orders, size + 1)), np.zeros((orders, orders))
 
-    def add(self, state: Reals, load: float) -> None:
+    def add(self, state: Floats, load: float) -> None:
         """Add the coefficients of the next order."""
         k, self._count = self._count, self._count + 1
         self._states[k], self._loads[k] = state, load

@@ -18,12 +18,13 @@ from hpcinv.assembly.scalar_graph import NotAnalytic
 from hpcinv.assembly.taylor_residual import TaylorResidual
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.quantity.arrays import Floats
 from hpcinv.solver.branch_switching import STRATEGY as SWITCHED
 from hpcinv.solver.branch_switching import Bifurcation, bifurcation_of, switched
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.load_stepping import AdaptiveSteps, target_of
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.power_series import Coefficients, PowerSeries, Reals
+from hpcinv.solver.power_series import Coefficients, PowerSeries
 from hpcinv.solver.predictor import Increment, Prediction
 
 STRATEGY = "power series"
@@ -325,7 +326,7 @@ class SeriesContinuation:
         self._system.set_state(origin)
         return low
 
-    def _move(self, series: PowerSeries, origin: PETSc.Vec, weights: Reals) -> None:
+    def _move(self, series: PowerSeries, origin: PETSc.Vec, weights: Floats) -> None:
         x = origin.copy()
         x.array[:] += weights @ series.states
         self._system.set_state(x)
@@ -375,7 +376,7 @@ class SeriesContinuation:
             linear.become_exact()
             return None if linear.solve(b, x) else linear.failure
 
-        def put(k: int, values: Reals, load_rate: float) -> None:
+        def put(k: int, values: Floats, load_rate: float) -> None:
             step.x.petsc_vec.array[:] = values
             step.x.scatter_forward()
             with system.timings("residual"):

@@ -17,13 +17,13 @@ from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import sub_entities, vertex_count
 from hpcinv.mesh.distributed.rows import Rows
-from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected
 from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, nearest_name, unsprung_basis
 from hpcinv.model.sliding import Slide
 from hpcinv.model.supports import Prescribed, Supports
 from hpcinv.parallel.runtime import MPI, agree, on_root
+from hpcinv.quantity.arrays import LocalIndices
 from hpcinv.solver.spring_stiffness import stiffness_of
 
 _MOST_DESCRIBED = 3  # parts of a body in one message

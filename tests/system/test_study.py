@@ -700,6 +700,7 @@ def test_stopped_by_a_signal_and_killed_it_goes_on_and_does_nothing_twice(place:
         assert file["times"].shape == (2, 6)
 
 
+@pytest.mark.release
 def test_killed_at_random_moments_it_repeats_nothing_that_was_committed(place: Path) -> None:
     """Kills fall into the start, a run, or a commit; each time all that was committed stays as it is."""
     random, before = Random(7), dict[Path, tuple[int, bytes]]()

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +134,7 @@ def footprint(weak_form: WeakForm) -> dict[str, Any]:
     }
 
 
+@cache
 def footprints(*names: str) -> dict[str, dict[str, Any]]:
     """Of a block under these effects, in both directions."""
     block = model(case(*names), MPI.COMM_SELF)

@@ -65,6 +65,7 @@ def check(result: Result, comm: MPI.Intracomm, most: int) -> None:
         assert largest < 1e-13
 
 
+@pytest.mark.everyday("forward-displacement", "inverse-mixed")
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 @pytest.mark.parametrize("name", EXAMPLES)

@@ -4,12 +4,10 @@ from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
 from hpcinv.mesh.source import Floats
-
-type Integers = npt.NDArray[np.int32]
+from hpcinv.quantity.arrays import LocalIndices
 
 _MASS_ITERATIONS = 4  # of conjugate gradients; two take 10 % more Krylov iterations, six as many
 
@@ -17,7 +15,7 @@ _MASS_ITERATIONS = 4  # of conjugate gradients; two take 10 % more Krylov iterat
 class WithoutPressures:
     """Context of a matrix ``[[A, 0], [0, 0]]`` that multiplies with the tangent, for vectors without pressures."""
 
-    def __init__(self, tangent: PETSc.Mat, pressures: Integers) -> None:
+    def __init__(self, tangent: PETSc.Mat, pressures: LocalIndices) -> None:
         self._tangent, self._pressures = tangent, pressures
 
     def mult(self, _matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -46,7 +44,7 @@ class BlockTriangular:
     def __init__(
         self,
         tangent: PETSc.Mat,
-        pressures: Integers,
+        pressures: LocalIndices,
         mass: PETSc.Mat,
         set_levels: Callable[[PETSc.PC, PETSc.Mat, PETSc.Mat], None],
         prefix: str,

@@ -23,12 +23,10 @@ from petsc4py import PETSc
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Floats
 from hpcinv.model.weak_form import WeakForm
+from hpcinv.quantity.arrays import Booleans
 from hpcinv.solver.linear.cost_model import Forecast, shape_of
 from hpcinv.solver.linear.near_null_space import near_null_space
 from hpcinv.solver.petsc_options import OptionValue
-
-type Integers = npt.NDArray[np.integer[Any]]
-type Booleans = npt.NDArray[np.bool_]
 
 _ROWS = 10_000  # rows whose entries are searched at once; more take more memory
 _CURVED = 1e-8  # offset of a node of a curved cell, by reference coordinates; below are rounding errors
@@ -154,7 +152,9 @@ class DegreeLevels:
         weights: Floats = self._weights + np.einsum("nvj,nj->nv", self._slopes, shifts)
         return weights
 
-    def _matrix(self, owned_columns: int, lengths: Integers, columns: Any, values: Floats) -> PETSc.Mat:
+    def _matrix(
+        self, owned_columns: int, lengths: npt.NDArray[np.integer[Any]], columns: Any, values: Floats
+    ) -> PETSc.Mat:
         """Return a matrix with rows of these lengths at the unknowns of the nodes, and no entries in other rows."""
         starts = np.zeros(self._owned + 1, dtype=PETSc.IntType)
         starts[1 + self._nodes.ravel()[self._order]] = lengths
