@@ -237,7 +237,11 @@ def read_source(
     for note in source.notes:
         report(note)
     source = _with_sets(source, spec, path).drop_unused_nodes()
-    source = join_facets(source if spec.shell is None else thicken(source, spec.shell))
+    if spec.shell is not None:
+        known, source = len(source.notes), thicken(source, spec.shell)
+        for note in source.notes[known:]:
+            report(note)
+    source = join_facets(source)
     return source if spec.geometry_degree is None else change_degree(source, spec.geometry_degree)
 
 

@@ -35,6 +35,9 @@ _KIND, _DEGREE = "quadrilateral", 2
 _SHARPEST = 40.0
 """degrees between normals of cells at a common node; raised, a fold becomes a shell of changing thickness"""
 
+_NARROW = 1e-3
+"""Length of an edge by the thickness below which a note names it: at 5e-5 the residual was 4e-5 of the load."""
+
 _THIN, _THINNEST = 3e3, 1.5e4
 """Length of a surface by its thickness. Above the first, the tangent of the nodes has rounding errors with which
 Newton's method does not converge, and one layer has `DirectorUnknowns`. Above the second, rounded positions leave a
@@ -94,6 +97,7 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         facets=facets,
         groups=distinct_tags(groups),
         data=_data(surface, shell),
+        notes=surface.notes + _narrow_cells(surface, thickness),
         midsurface=surface,
         shell=shell,
         slenderness=_slenderness(surface, float(thickness.mean())) if len(thickness) else 1.0,
@@ -190,6 +194,21 @@ def _check_faces(surface: MeshSource, inner: Floats, outer: Floats) -> None:
                 "Is the unit of mesh.shell.thickness right? Half of it, or all of it from a face to the other one, must"
                 " be below the radius of curvature: take less, or mesh a solid.",
             )
+
+
+def _narrow_cells(surface: MeshSource, thickness: Floats) -> tuple[str, ...]:
+    """Return a note on the narrowest edge of a cell by its thickness, if it is below `_NARROW`."""
+    corners = surface.cells[:, [0, 1, 3, 2]]
+    lengths = np.linalg.norm(surface.points[corners] - surface.points[np.roll(corners, 1, axis=1)], axis=2)
+    shares = lengths / thickness[corners, 0]
+    if not shares.size or shares.min() >= _NARROW:
+        return ()
+    worst = np.unravel_index(shares.argmin(), shares.shape)
+    width, place = readable(float(lengths[worst]), "m"), _place(surface.points[corners[worst]])
+    return (
+        f"an edge at {place} is {width} long, {shares[worst]:.1g} of the thickness: rounding errors may leave a"
+        " residual there; join its nodes",
+    )
 
 
 def _tangents(cells: Ints, points: Floats) -> Floats:

@@ -39,10 +39,10 @@ LINE_REMEDIES: Mapping[str, str] = {
     "force on supports at vertices": "Let the loads balance, or hold a spot of facets (how-to/supports.md).",
     "smallest volume ratio": "Check load and moduli, or refine the mesh where J is small ('hpcinv show --colour J').",
     "largest volume ratio": "Check load and moduli, or refine the mesh where J is large ('hpcinv show --colour J').",
-    "volume ratio not explained": "Use smaller cells, or 'discretisation: {displacement: 3}'.",
+    "volume ratio not explained": "Use smaller cells, or in solids 'discretisation: {displacement: 3}'.",
     "equation of cavity": "Lower solver.tolerance.",
     "balance of the remote load": "Lower solver.tolerance.",
-    "discretisation error": "Use smaller cells, 'geometry_degree: 2' on a curved body, or demand an accuracy.",
+    "discretisation error": "Use smaller cells, 'geometry_degree: 2' on a curved solid, or demand an accuracy.",
     "worst cell, by its curvature": "Refine the mesh at this place; corners of supports and loads are singular.",
     "worst cell": "Mesh this place again or finer; 'mesh: {geometry_degree: 2}' writes curved cells of solids.",
     "depth beyond the plane": "If this is a plane of symmetry, check load and stiffness.",
@@ -50,7 +50,7 @@ LINE_REMEDIES: Mapping[str, str] = {
     "round trip": "Read the line on stability: the return solve may lead to another state.",
     "stability": "Check supports, direction of the load and stiffness.",
     "limit points": "Compare with smaller steps (solver.initial_step), or with 'limit_points: 0'.",
-    "shape files": "Use 'mesh: {geometry_degree: 2}' or smaller cells; if it is set, write msh or vtu.",
+    "shape files": "Use smaller cells, or for solids 'mesh: {geometry_degree: 2}'; if it is set, write msh or vtu.",
     "loads on parts": "Remove the load or the support.",
     "contact": "Refine the mesh where the body touches, and check the place of the obstacle.",
 }
@@ -58,7 +58,7 @@ LINE_REMEDIES: Mapping[str, str] = {
 
 _UNDECIDED: Mapping[str, str] = {
     "round trip": "Try 'certificate: {round_trip: path}', or a smaller solver.initial_step.",
-    "stability": "Refine the mesh, or use tetrahedra, which have fewer spurious modes.",
+    "stability": "Refine the mesh; solids of tetrahedra have fewer spurious modes.",
     "limit points": "Compare with smaller steps, or with a path without 'start' or 'start_shape'.",
 }
 """what to do about a line that is not decided, where that is something else"""

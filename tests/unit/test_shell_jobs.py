@@ -255,6 +255,16 @@ def test_surfaces_without_a_director_are_refused(sheet: Path, kind: str) -> None
         thicken(surface, shell)
 
 
+def test_edges_much_shorter_than_the_thickness_are_named(sheet: Path) -> None:
+    surface = read_surface(sheet)
+    assert not thicken(surface, THIN).notes
+    x, y, z = surface.points.T
+    narrow = replace(surface, points=np.column_stack([np.where(x > 2, 2 + 1e-5 * (x - 2), x), y, z]))
+    [note] = thicken(narrow, THIN).notes
+    assert note.startswith("an edge at (2, ")
+    assert "is 10 µm long, 0.0001 of the thickness" in note
+
+
 def test_arrays_of_both_faces_vary_through_the_thickness(sheet: Path) -> None:
     surface = read_surface(sheet)
     faces = {name: np.full((len(surface.points), 1), value) for name, value in (("p_inner", 1.0), ("p_outer", 3.0))}
