@@ -16,7 +16,7 @@ from hpcinv.errors import JobError, OutputError
 if TYPE_CHECKING:
     from hpcinv.fitting.candidate import Candidate
     from hpcinv.fitting.fit_report import CheckedFit
-    from hpcinv.fitting.measurements import MeasurementOptions, Test
+    from hpcinv.fitting.measurements import FileOptions, Test
 
 _EXAMPLES = """hpcinv fit uniaxial.csv planar.csv --law mooney-rivlin --plot fit.png
 hpcinv fit tests.csv --law mooney-rivlin --law yeoh --law ogden:2 --output fit.json --material material.yaml
@@ -177,8 +177,8 @@ def _tests(options: argparse.Namespace) -> list[Test]:
     return set_deviations(tests, options.sd)
 
 
-def _test_options(options: argparse.Namespace) -> MeasurementOptions:
-    from hpcinv.fitting.measurements import MeasurementOptions
+def _test_options(options: argparse.Namespace) -> FileOptions:
+    from hpcinv.fitting.measurements import FileOptions
     from hpcinv.quantity.quantity import Quantity
 
     sizes = {}
@@ -194,7 +194,7 @@ def _test_options(options: argparse.Namespace) -> MeasurementOptions:
         if not equals or not title or not name:
             raise JobError(f"--column {text}: is written TITLE=NAME, such as --column 'Spannung=nominal stress [MPa]'")
         columns[title] = name
-    return MeasurementOptions(
+    return FileOptions(
         mode=options.mode,
         columns=columns,
         cycle=options.cycle,

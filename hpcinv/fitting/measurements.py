@@ -79,7 +79,7 @@ class Test:
 
 
 @dataclass(frozen=True)
-class MeasurementOptions:
+class FileOptions:
     """Options of a user on files of tests.
 
     Attributes:
@@ -108,7 +108,7 @@ class TestFile:
     notes: tuple[str, ...]
 
 
-def read_file(path: Path, options: MeasurementOptions) -> TestFile:
+def read_file(path: Path, options: FileOptions) -> TestFile:
     """Read a file; its rows are sorted by mode, if it has a column for that.
 
     Raises:
@@ -132,7 +132,7 @@ _TITLES = "a line must name the columns, such as: stretch [-], nominal stress [M
 class _TableReader:
     """Reader of one file by the options of a user."""
 
-    def __init__(self, path: Path, options: MeasurementOptions) -> None:
+    def __init__(self, path: Path, options: FileOptions) -> None:
         self._path, self._options = path, options
         self._names = Names({name.lower(): column for name, column in options.columns.items()})
         self._statements: dict[str, float | Mode] = {}

@@ -21,7 +21,7 @@ from hpcinv.fitting.homogeneous import MODES, Response
 from hpcinv.fitting.least_squares import Fit, FitError, fit
 from hpcinv.fitting.linearised import Linearised
 from hpcinv.fitting.material_stability import smallest_stiffness
-from hpcinv.fitting.measurements import MeasurementOptions, Test, read_file, set_deviations
+from hpcinv.fitting.measurements import FileOptions, Test, read_file, set_deviations
 from hpcinv.job.job import load
 from hpcinv.materials import laws
 
@@ -131,9 +131,7 @@ def test_confidence_region_holds_the_parameters_as_often_as_it_says(known: bool)
 
 
 def treloar(*modes: str) -> list[Test]:
-    return [
-        test.deformed() for mode in modes for test in read_file(TRELOAR / f"{mode}.csv", MeasurementOptions()).tests
-    ]
+    return [test.deformed() for mode in modes for test in read_file(TRELOAR / f"{mode}.csv", FileOptions()).tests]
 
 
 def fitted(law: str, *modes: str) -> Fit:
@@ -189,7 +187,7 @@ def test_the_same_test_in_other_units_and_columns(tmp_path: Path) -> None:
         mark = next(d for d in "\t;," if d in titles)
         rows = "\n".join(f"{a:.16g}{mark} {b:.16g}" for a, b in zip(measure, values, strict=True))
         path = written(tmp_path / f"{name}.csv", f"\ufeff{head}\n{titles}\n\n{rows}\n")
-        (read,) = read_file(path, MeasurementOptions()).tests
+        (read,) = read_file(path, FileOptions()).tests
         fitted_law = fit(candidate("yeoh", {}, compressible=False), [read])
         np.testing.assert_allclose(fitted_law.values, list(YEOH.values()), rtol=1e-9, err_msg=name)
 
@@ -245,9 +243,7 @@ def test_decimal_commas_are_read_where_commas_delimit_nothing(delimiter: str, tm
     """As spreadsheets write them in many languages, with a byte-order mark."""
     (tmp_path / "point.csv").write_text(GOOD)
     (tmp_path / "comma.csv").write_text("\ufeff" + GOOD.replace(",", delimiter).replace(".", ","))
-    (point,), (comma,) = (
-        read_file(tmp_path / f"{name}.csv", MeasurementOptions()).tests for name in ("point", "comma")
-    )
+    (point,), (comma,) = (read_file(tmp_path / f"{name}.csv", FileOptions()).tests for name in ("point", "comma"))
     np.testing.assert_array_equal(comma.measure, point.measure)
     np.testing.assert_array_equal(comma.stress, point.stress)
 

@@ -11,13 +11,12 @@ import pytest
 from hpcinv.__main__ import main
 from hpcinv.errors import JobError, SystemPartMissing
 from hpcinv.fitting.cycles import loading_branches
-from hpcinv.fitting.measurements import TestOptions, read_file
+from hpcinv.fitting.measurements import FileOptions, read_file
 
-TestOptions.__test__ = False  # type: ignore[attr-defined]  # pytest must not collect it
 STRETCH = (1.0, 1.1, 1.25, 1.5)
 FORCE = (0.0, 2.5, 5.75, 10.125)  # N
 POINTS = list(zip(STRETCH, FORCE, strict=True))
-SPECIMEN = TestOptions("uniaxial", area=25e-6, length=20e-3)
+SPECIMEN = FileOptions("uniaxial", area=25e-6, length=20e-3)
 
 ZWICK = """Prüfprotokoll;Zugversuch
 Prüfer;Müller
@@ -77,8 +76,8 @@ def test_a_workbook_is_the_same_test(tmp_path: Path) -> None:
     with pytest.raises(JobError, match="unknown column 'Report of the machine'"):
         read_file(path, SPECIMEN)
     with pytest.raises(JobError, match=r"has no sheet 'Specimen 2'\. Did you mean 'Specimen 1'"):
-        read_file(path, TestOptions("uniaxial", 25e-6, 20e-3, sheet="Specimen 2"))
-    file = read_file(path, TestOptions("uniaxial", 25e-6, 20e-3, sheet="Specimen 1"))
+        read_file(path, FileOptions("uniaxial", 25e-6, 20e-3, sheet="Specimen 2"))
+    file = read_file(path, FileOptions("uniaxial", 25e-6, 20e-3, sheet="Specimen 1"))
     assert file.tests[0].stress == pytest.approx(np.array(FORCE) / 25e-6, rel=1e-12)
     assert "workbook, sheet 'Specimen 1' (others: Sheet)" in file.notes[0]
 
@@ -92,7 +91,7 @@ def test_titles_of_a_workbook_may_have_two_lines(tmp_path: Path) -> None:
         book.active.append(row)
     path = tmp_path / "uniaxial.xlsx"
     book.save(path)
-    assert read_file(path, TestOptions("uniaxial")).tests[0].stress == pytest.approx([1e5, 2e5])
+    assert read_file(path, FileOptions("uniaxial")).tests[0].stress == pytest.approx([1e5, 2e5])
 
 
 def test_workbooks_need_a_package_and_whole_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,14 +126,14 @@ def test_a_cycle_is_its_loading_branch(tmp_path: Path) -> None:
     rows = "".join(f"{x:.6g}, {1000 * i}\n" for i, x in enumerate(stretches))
     path = tmp_path / "cycles.csv"
     path.write_text(f"# mode: uniaxial\nstretch, nominal stress [Pa]\n{rows}")
-    whole = read_file(path, TestOptions())
+    whole = read_file(path, FileOptions())
     assert len(whole.tests[0]) == 14
     assert "--cycle N takes the loading branch" in "\n".join(whole.notes)
-    second = read_file(path, TestOptions(cycle=2))
+    second = read_file(path, FileOptions(cycle=2))
     assert list(second.tests[0].stress) == [9000, 10000, 11000, 12000, 13000]
     assert "loading of cycle 2: 5 points, lines 12 to 16: stretch 1.1 to 1.5" in "\n".join(second.notes)
     with pytest.raises(JobError, match="has 2 cycles of loading, not 3"):
-        read_file(path, TestOptions(cycle=3))
+        read_file(path, FileOptions(cycle=3))
 
 
 def test_titles_are_named_or_left_out_by_the_user(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -160,7 +159,7 @@ def test_decimal_commas_between_quotation_marks_are_never_guessed(tmp_path: Path
     path = tmp_path / "machine.csv"
     path.write_text('"stretch","nominal stress [kPa]"\n"1,1","2,5"\n"1,2","5"\n')
     with pytest.raises(JobError, match="'1,1' is not a number"):
-        read_file(path, TestOptions("uniaxial"))
-    (test,) = read_file(path, TestOptions("uniaxial", decimal_comma=True)).tests
+        read_file(path, FileOptions("uniaxial"))
+    (test,) = read_file(path, FileOptions("uniaxial", decimal_comma=True)).tests
     assert list(test.measure) == [1.1, 1.2]
     assert list(test.stress) == [2500, 5000]
