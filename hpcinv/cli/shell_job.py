@@ -246,7 +246,8 @@ class ShellJob(FileJob):
         height = "".join(f"{part:+.15g}*{name} " for part, name in parts if part)
         start = round(float(-centre @ normal), _DIGITS)
         pressure = f"{slope:.15g} {stress}/{length}*({height}{start:+.15g} {length})".replace("(+", "(")
-        text = f"{nodal.title} became a pressure on '{region}' that is linear through the thickness"
+        # the edge that widens has a net force, which weakens the moment in proportion to Poisson's ratio and rotation
+        text = f"{nodal.title} became a pressure on '{region}', linear through the thickness, for small rotations"
         self._comments.append(f"{text}; for an inverse job give it as arrays of the mesh, p_{INNER} and p_{OUTER}.")
         return {"effect": "pressure", "region": region, "pressure": pressure}
 
