@@ -68,7 +68,8 @@ class Contact(Effect):
     """pressure per penetration of a rigid obstacle in each solve; by default 64 shear moduli per length of the body,
     less for shells thinner than 1/50 of it, which grow up to 64 times that; 0 with a known pressure"""
     penetration: Size | None = None
-    """largest penetration of a rigid obstacle at vertices; by default 1/65536 of the length of the body"""
+    """largest penetration of a rigid obstacle at vertices; by default 1/65536 of the length of the body; with a known
+    pressure and a penalty, the value of the forward solve, which rounds the pressure where contact ends"""
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.stiffness is not None:

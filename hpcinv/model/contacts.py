@@ -429,7 +429,7 @@ class _OneContact:
         self._set_pressure((pressures + self.par.multiplier.x.array[self._vertices]) / 2)
         if penalty is not None and self._penalty is not None:
             self._penalty[:] = penalty
-            self._growth = float(penalty[0]) / self._first
+            self._growth = float(penalty.max(initial=0.0)) / self._first
 
     def _set_pressure(self, values: Floats) -> None:
         self.par.multiplier.x.array[self._vertices] = values

@@ -317,6 +317,25 @@ def test_sagging_sheet_rests_on_a_plane(tmp_path: Path, cells: int, thickness: f
 
 
 @pytest.mark.release
+def test_known_contact_pressure_gives_the_flat_sheet_back(tmp_path: Path) -> None:
+    """The pressure is rounded by the tolerated penetration, which by default follows the size of the given body."""
+    path = save_sheet(tmp_path / "sheet.msh", 8, 1, flat(1, 0.25))
+    plane = {"shape": "plane", "point": [0, 0, -0.1], "normal": [0, 0, 1]}
+    contact = {"effect": "contact", "region": "inner", "obstacle": plane}
+    base = job(path, 0.02, material={"law": "neo-hookean", "mu": 4e5, "lam": 8e5}, supports=[CLAMPED])
+    output = {"fields": False, "report": False, "mesh": ["msh"]}
+    forward = base | {"analysis": "forward", "effects": [weight(-0.5), contact], "output": output}
+    [there] = hpcinv.run(forward, progress=False, directory=tmp_path / "run").solutions[0].contacts
+    known = {"pressure": {"data": "contact_multiplier", "unit": "Pa"}, "penalty": there.penalty}
+    contact |= known | {"penetration": there.tolerance}
+    mesh = {"file": str(tmp_path / "run" / "shape.msh"), "shell": {"director": "data"}}
+    inverse = base | {"analysis": "inverse", "mesh": mesh, "effects": [weight(-0.5), contact]}
+    back = hpcinv.run(inverse, progress=False).solutions[0]
+    z = back.other_nodes[:, 2]
+    assert np.abs(z - 0.01 * np.rint(z / 0.01)).max() < 1e-8  # 2e-3 without the penetration
+
+
+@pytest.mark.release
 @pytest.mark.parallel([2])
 def test_error_estimate_agrees_with_a_finer_mesh(tmp_path: Path, comm: MPI.Intracomm) -> None:
     """Of a tip and of the largest displacement, also of a state that is solved from the corrected rest shape."""
