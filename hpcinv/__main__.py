@@ -115,8 +115,6 @@ def _parser(command: str = "") -> argparse.ArgumentParser:
 
     ``--version`` needs no modules.
     """
-    from hpcinv.cli.help import CommandParser
-
     parser = argparse.ArgumentParser(
         prog="hpcinv",
         description="Find the undeformed shape of a soft body from its deformed one.",
@@ -124,10 +122,14 @@ def _parser(command: str = "") -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=__version__)
+    if command == "--version":
+        return parser
+    from hpcinv.cli.help import CommandParser
+
     commands = parser.add_subparsers(required=True, metavar="command", parser_class=CommandParser)
     is_alone = command in COMMANDS and command != "completion"  # which completes the others
     modules = [COMMANDS[command]] if is_alone else dict.fromkeys(COMMANDS.values())
-    for name in modules if command != "--version" else ():
+    for name in modules:
         getattr(importlib.import_module(f"hpcinv.cli.{name}"), f"add_{name}")(commands)
     return parser
 
