@@ -9,8 +9,8 @@ from hpcinv.quantity import MomentField, Surface, Triple
 class EdgeMoment(Effect):
     """Moment per length of an edge of a shell, with a fixed direction in space: ``∫ m·δω dL``.
 
-    The material lines ``d`` through the thickness have the virtual rotation ``δω = d × δd / d·d``, of which the mean
-    over the thickness is taken. A moment about them does no work. It has no resultant force, unlike a pressure that is
+    Material lines ``d`` through the thickness have the virtual rotation ``δω = d × δd / d·d``. Its mean over the
+    thickness is taken. A moment about the lines does no work. It has no resultant force, unlike a pressure that is
     linear through the thickness, whose area and normals change with the edge.
 
     Source: Büchter & Ramm, Int. J. Numer. Meth. Engng 34, 39-59, 1992, doi:10.1002/nme.1620340105 (virtual work of
