@@ -250,7 +250,10 @@ class FileJob:
         share = moment / (size * float(np.linalg.norm(arms, axis=1).max()))
         text = f"{nodal.title} became a uniform traction on '{region}' with the same resultant"
         more = f"; their moment about its centre, {share:.0%} of their size by the distance, is lost"
-        self._comments.append(text + (more if share > _BALANCED else ""))
+        inside = set(self._source.node_tags[self._source.facets[members]].ravel().tolist())
+        strays = sum(tag not in inside and any(nodal.forces[tag]) for tag in tags)
+        most = f"; {strays:,} of its nodes are on no facet of the region" if strays else ""
+        self._comments.append(text + (more if share > _BALANCED else "") + most)
         components = [self._with_units(Measure(float(part), stress=1)) for part in resultant / area]
         for name in dict.fromkeys(group.name for group in groups):
             yield {"effect": "traction", "region": name, "traction": components, "area_in": "reference"}

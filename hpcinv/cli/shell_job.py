@@ -14,7 +14,6 @@ from hpcinv.cards.deck import Deck, Measure, NodalForces, ShellSection, layer_na
 from hpcinv.cli.file_job import FileJob
 from hpcinv.formats.mesh_format import INNER, OUTER
 from hpcinv.job.sections import Shell
-from hpcinv.mesh.facet_area import area_and_centre
 from hpcinv.mesh.midsurface import thicken
 from hpcinv.mesh.source import Floats, Group, MeshSource
 from hpcinv.quantity.units import as_float, parse_unit
@@ -24,9 +23,8 @@ _SAME = 1e-6
 aligned"""
 _DRILLING = 0.05
 """Part of the director that a rotation about the normal may move; raised, supports are lost without a word"""
-_DIGITS = 12  # decimals of a normal; more show rounding errors
-_TWIST = 1e-3
-"""Share of a moment that twists an edge, above which it is not taken; raised, the twist is lost"""
+_TURNED = 1e-3
+"""Share of moments about the normal or in other directions, above which they are not taken; raised, it is lost"""
 _PLACES = {0.0: "middle", 0.5: OUTER, -0.5: INNER}
 """of the nodes, by the offset along the outer normal"""
 
@@ -206,50 +204,28 @@ class ShellJob(FileJob):
         return bool(strays)
 
     def _couples(self, nodal: NodalForces) -> dict[str, Any] | None:
-        """Return the pressure of moments on a straight edge, linear through the thickness; ``None`` if it has none."""
+        """Return the moment per length of an edge that has the resultant of moments; ``None`` if it has none."""
         region = self._region(nodal.region) if nodal.region else None
-        total = np.array(list(nodal.forces.values())).reshape(-1, 3).sum(axis=0)
+        moments = np.array(list(nodal.forces.values())).reshape(-1, 3)
         edges = [group for group in self._surface.groups if group.name == region and group.dim == 2]
-        if not np.linalg.norm(total):
+        total, size = moments.sum(axis=0), float(np.linalg.norm(moments, axis=1).sum())
+        if not size:
             return None
-        if region is None or not edges or self._section.array:
-            self._deck.unused.append(f"{nodal.title}, which span no edge of one thickness")
+        if region is None or not edges:
+            self._deck.unused.append(f"{nodal.title}, which span no edge")
             return None
         if self._has_strays(nodal, region):
             return None
-        rows = np.concatenate([group.members for group in edges])
-        nodes = self._surface.facets[rows]
-        normal = self._normals[nodes.ravel()[0]]
-        tangent = self._surface.points[nodes[0, 1]] - self._surface.points[nodes[0, 0]]
-        along = tangent / np.linalg.norm(tangent)
-        arms = self._surface.points[nodes.ravel()] - self._surface.points[nodes[0, 0]]
-        is_straight = np.linalg.norm(np.cross(arms, along), axis=1).max() < _SAME * np.abs(arms).max()
-        twist = np.cross(total, normal) @ along
-        bending = total - normal * (total @ normal)
-        if (np.abs(self._normals[nodes.ravel()] - normal) > _SAME).any() or not is_straight:
-            self._deck.unused.append(f"{nodal.title}, whose edge is not straight: state a pressure by the thickness")
+        nodes = self._surface.facets[np.concatenate([group.members for group in edges])]
+        about_normals = np.abs(self._normals[nodes.ravel()] @ total).max()
+        if float(np.linalg.norm(total)) < (1 - _TURNED) * size or about_normals > _TURNED * size:
+            self._deck.unused.append(f"{nodal.title}, whose directions vary or which turn the edge in the surface")
             return None
-        if abs(twist) > _TWIST * float(np.linalg.norm(bending)) or not bending.any():
-            self._deck.unused.append(f"{nodal.title}, which twist the edge '{region}' or turn it in the surface")
-            return None
-        cells = self._surface.cells[(np.isin(self._surface.cells, nodes[0, :2]).sum(axis=1) == 2)]
-        outward = np.cross(along, normal)
-        middle = self._surface.points[cells[0]].mean(axis=0) - self._surface.points[nodes[0, 0]]
-        outward = outward if outward @ middle < 0 else -outward
-        band = np.concatenate([g.members for g in self._source.groups if g.name == region and g.dim == 2])
-        area, centre = area_and_centre(self._source, band, self._points)
-        thickness = self._section.thickness
-        # traction ζ a of the moment M on an edge of length L: M = (n × a) L t³/12
-        slope = -12 * (np.cross(total, normal) @ outward) / (area * thickness**2)
-        stress, length = self._options.stress_unit, self._options.unit
-        parts = zip(normal.round(_DIGITS).tolist(), "XYZ", strict=True)
-        height = "".join(f"{part:+.15g}*{name} " for part, name in parts if part)
-        start = round(float(-centre @ normal), _DIGITS)
-        pressure = f"{slope:.15g} {stress}/{length}*({height}{start:+.15g} {length})".replace("(+", "(")
-        # the edge that widens has a net force, which weakens the moment in proportion to Poisson's ratio and rotation
-        text = f"{nodal.title} became a pressure on '{region}', linear through the thickness, for small rotations"
-        self._comments.append(f"{text}; for an inverse job give it as arrays of the mesh, p_{INNER} and p_{OUTER}.")
-        return {"effect": "pressure", "region": region, "pressure": pressure}
+        line = self._surface.points[nodes[:, [0, *range(2, nodes.shape[1]), 1]]] / (self._surface.unit or 1.0)
+        length = float(np.linalg.norm(np.diff(line, axis=1), axis=2).sum())
+        self._comments.append(f"{nodal.title} became a uniform moment on '{region}' with the same resultant")
+        parts = [self._with_units(Measure(float(part), length=2, stress=1)) for part in total / length]
+        return {"effect": "edge-moment", "region": region, "moment": parts}
 
     def _effects(self) -> list[dict[str, Any]]:
         return [*super()._effects(), *(entry for entry in map(self._couples, self._deck.moments) if entry)]

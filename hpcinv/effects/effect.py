@@ -26,6 +26,9 @@ class Effect(Ingredient):
     directions: ClassVar[frozenset[Direction]] = frozenset({"forward", "inverse"})
     """The directions that the effect supports; a job with another one is refused."""
 
+    is_of_shells: ClassVar[bool] = False
+    """True if it acts on the edges of shells, and other bodies with it are refused."""
+
     attached: ClassVar[frozenset[str]] = frozenset()
     """Quantities of a load that belong to the body, such as its density: x, y, z in their formulas is the position in
     the given state, whatever the state of the load."""

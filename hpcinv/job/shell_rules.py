@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from hpcinv.effects.effect import Effect
 from hpcinv.job.sections import MeshSpec, Support
 from hpcinv.quantity.schema import Faults, KeyPath, dotted_key
 from hpcinv.reading.suffix import suffix_of
@@ -19,9 +20,10 @@ _MESH = ("geometry_degree", "faces", "surface_error", "size", "grade")
 
 
 def unsuited_shell(job: Any) -> Faults:
-    """Faults of sections of a job that are not possible with a shell; of supports that only a shell can have."""
+    """Faults of sections of a job that are not possible with a shell; of supports and loads of shells alone."""
     if job.mesh.shell is None:
         yield from _hinges(job)
+        yield from _effects_of_shells(job)
         return
     yield from ((("mesh", *place), text) for place, text in _unsuited_mesh(job.mesh))
     spaces = job.discretisation
@@ -72,6 +74,16 @@ def _refused(job: Any) -> Iterable[KeyPath]:
 def _hinges(job: Any) -> Faults:
     for place in _hinged(job):
         yield place, "is valid only with 'mesh: {shell: …}'; other bodies turn about an edge"
+
+
+def _effects_of_shells(job: Any) -> Faults:
+    lists: list[tuple[KeyPath, Iterable[Effect]]] = [(("effects",), job.effects)]
+    lists += [(("states", i, "effects"), state.effects) for i, state in enumerate(job.states)]
+    for place, effects in lists:
+        for i, effect in enumerate(effects):
+            if effect.is_of_shells:
+                text = "is valid only with 'mesh: {shell: …}'; give other bodies a pressure or traction by a formula"
+                yield (*place, i, "effect"), text
 
 
 def _hinged(job: Any) -> Iterable[KeyPath]:

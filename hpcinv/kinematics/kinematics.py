@@ -53,6 +53,10 @@ class Measures(Protocol):
     def surface(self, region: str, least_degree: int = 0) -> Any:
         """Return a region of the boundary, with a quadrature degree of at least ``least_degree``."""
 
+    @property
+    def layers(self) -> int:
+        """Number of layers of a shell."""
+
 
 class Deformation:
     """Strain measures and invariants of one displacement gradient ``H`` (3 × 3, dimensionless).
@@ -339,9 +343,33 @@ class Kinematics(ABC):
         return ufl.inner(vector, n_da) * self.integration.surface(region, least_degree)
 
     @cached_property
+    def across(self) -> tuple[Any, Any]:
+        """Material line through a layer of a shell, in the reference and in the current body."""
+        line = self._line_across
+        return self.reference_and_current(line, line + self._h * line)
+
+    def work_of_moment(self, moment: Sequence[Any], v: Any) -> Any:
+        """Return ``m · (d × δd)/(d·d)``, the virtual work of a moment on a line ``d`` through the thickness."""
+        line = self.across[1]
+        arm = ufl.cross(ufl.as_vector(list(moment)), line) / ufl.inner(line, line)
+        return ufl.inner(ufl.grad(v) * self._line_across, arm)
+
+    def dL(self, integrand: Any, edge: str) -> Any:
+        """Return the integral over the reference length of an edge of a shell, of the mean over its thickness."""
+        line, surface = self.across[0], self.integration.surface(edge)
+        share = self.areas[0] / (self.integration.layers * ufl.sqrt(ufl.inner(line, line)))
+        return integrand * share * surface
+
+    @cached_property
     def mesh_J(self) -> Any:
         """Determinant that must be positive at every point: of ``∂x/∂X`` or of ``∂X/∂x``."""
         return Deformation(self._h).J
+
+    @cached_property
+    def _line_across(self) -> Any:
+        """Line through a layer of a shell in the mesh, along the third axis of its cells."""
+        jacobian = ufl.Jacobian(ufl.domain.extract_unique_domain(self._coordinates))
+        return ufl.as_vector([jacobian[i, 2] for i in range(3)])
 
     @cached_property
     def _normal(self) -> Any:

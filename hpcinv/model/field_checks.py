@@ -6,6 +6,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
 
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.job import Job
@@ -16,6 +18,9 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.quantity import quantities_of, quantity_of
 from hpcinv.quantity.spatial_fields import entries, is_uniform
+
+_FACES = (0, 5)
+"""local numbers of the facets of a hexahedron across its third axis"""
 
 
 def check_fields(job: Job, fields: BodyFields) -> None:
@@ -28,7 +33,9 @@ def check_fields(job: Job, fields: BodyFields) -> None:
     for where, effect in job.named_effects:
         for region, field in effect.surfaces.items():
             with naming_field(f"{where}.{field}"):
-                fields.body.boundary_facets(region)
+                facets = fields.body.boundary_facets(region)
+                if effect.is_of_shells:
+                    _check_edge(fields, region, facets)
     for where, ingredient in [*job.laws.items(), *job.named_effects]:
         for name in quantities_of(type(ingredient)):
             value = getattr(ingredient, name)
@@ -95,6 +102,15 @@ def _directions(fields: BodyFields, family: Ingredient, where: str) -> Floats:
     vectors = fields.vector_samples(direction, where)
     unit: Floats = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
     return unit
+
+
+def _check_edge(fields: BodyFields, region: str, facets: npt.NDArray[np.int32]) -> None:
+    """Check that facets are the band of an edge of a shell; collective."""
+    topology = fields.body.mesh.topology
+    entities = fem.compute_integration_domains(fem.IntegralType.exterior_facet, topology, facets)
+    is_on_face = bool(np.isin(entities.reshape(-1, 2)[:, 1], _FACES).any())
+    if fields.body.mesh.comm.allreduce(is_on_face, op=MPI.LOR):
+        raise MeshError(f"'{region}' has parts of a face of the shell", "Name an edge, a curve of its surface.")
 
 
 def _require(fields: BodyFields, values: Floats, admits: Callable[[Floats], Any], what: str, wanted: str) -> None:

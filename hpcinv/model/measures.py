@@ -46,3 +46,9 @@ class Integration:
         rule = {"quadrature_degree": max(int(self._degree), least_degree)}
         measure = ufl.Measure("ds", self._body.mesh, subdomain_data=self._facets, metadata=rule)
         return measure(self._known[region])
+
+    @property
+    def layers(self) -> int:
+        """Number of layers of a shell."""
+        shell = self._body.source.shell
+        return 1 if shell is None else len(shell.levels) // 2

@@ -35,6 +35,7 @@ from hpcinv.quantity.spatial_fields import DispersionField as DispersionField
 from hpcinv.quantity.spatial_fields import ExpansionField as ExpansionField
 from hpcinv.quantity.spatial_fields import LameField as LameField
 from hpcinv.quantity.spatial_fields import ModulusField as ModulusField
+from hpcinv.quantity.spatial_fields import MomentField as MomentField
 from hpcinv.quantity.spatial_fields import NumberField as NumberField
 from hpcinv.quantity.spatial_fields import PositiveField as PositiveField
 from hpcinv.quantity.spatial_fields import StiffnessField as StiffnessField

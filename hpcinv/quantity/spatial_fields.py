@@ -195,6 +195,7 @@ NumberField = Annotated[Any, VaryingQuantity("")]
 PositiveField = Annotated[Any, VaryingQuantity("", above=0)]
 DispersionField = Annotated[Any, VaryingQuantity("", at_least=0, at_most=1 / 3)]
 StiffnessField = Annotated[Any, VaryingQuantity("N/m^3", at_least=0)]
+MomentField = Annotated[Any, VaryingQuantity("N")]  # per length
 ExpansionField = Annotated[Any, VaryingQuantity("1/K")]
 ThicknessField = Annotated[Any, VaryingQuantity("m", above=0)]
 TemperatureField = Annotated[Any, VaryingQuantity("K")]

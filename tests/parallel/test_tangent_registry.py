@@ -41,7 +41,8 @@ FIBRES = {
 CONFIGURATIONS = ("reference", "current")
 KINDS = [(direction, form) for direction in ("forward", "inverse") for form in ("displacement", "mixed")]
 # As they are before a test registers one of its own.
-LAWS, EFFECTS = sorted(laws()), sorted(effects().items())
+LAWS = sorted(laws())
+EFFECTS = [(name, kind) for name, kind in sorted(effects().items()) if not kind.is_of_shells]
 
 
 def job_of_laws(**data: Any) -> Job:

@@ -398,6 +398,9 @@ def test_conditions_on_single_nodes_and_elements_become_regions(tmp_path: Path) 
         {"effect": "traction", "region": "loaded-1", "traction": ["2 MPa", "0 MPa", "0 MPa"], "area_in": "reference"},
     ]
     assert "*CLOAD on 4 single nodes became a uniform traction on 'loaded-1' with the same resultant; their mom" in head
+    assert "on no facet of the region" not in head
+    _, strayed = job_of(tmp_path, "part.inp", CUBE.replace("5, 6, 7, 8", "5, 6, 7, 8, 2"), "--force")
+    assert "; 1 of its nodes are on no facet of the region" in strayed
     assert "Not taken from the file: *CLOAD on 1 single nodes, which span no facet" in head
     assert "Not taken from the file: elements of type MASS" in head
     assert job["supports"] == [

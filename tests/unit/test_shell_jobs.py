@@ -121,6 +121,15 @@ def test_hinges_of_faces_are_refused(sheet: Path) -> None:
         hpcinv.run(job(sheet, analysis="forward", supports=supports), progress=False)
 
 
+def test_moments_are_of_edges_of_shells_only(sheet: Path) -> None:
+    moment = {"effect": "edge-moment", "moment": [0, "1 N", 0]}
+    supports = [{"region": "boundary", "fix": ["x", "y", "z"]}]
+    with pytest.raises(JobError, match=r"effects\[0\]\.effect: is valid only with 'mesh: {shell"):
+        load(job(sheet, mesh={"file": str(sheet)}, effects=[moment | {"region": "x1"}], supports=supports))
+    with pytest.raises(MeshError, match=r"effects\[0\]\.region: 'inner' has parts of a face of the shell"):
+        hpcinv.run(job(sheet, analysis="forward", effects=[moment | {"region": "inner"}]), progress=False)
+
+
 def test_edges_and_faces_of_groups_are_regions(sheet: Path) -> None:
     supports = [{"region": "x0", "fix": ["x", "y", "z"]}, {"region": "sheet|inner", "fix": ["z"]}]
     assert load(job(sheet, supports=supports)).mesh.shell == THIN

@@ -69,7 +69,11 @@ FORMULA = {
 }
 INGREDIENTS = {
     **{f"law {name}": ("material", law.example) for name, law in laws().items()},
-    **{f"effect {name}": ("effects[0]", effect.example) for name, effect in effects().items()},
+    **{
+        f"effect {name}": ("effects[0]", effect.example)
+        for name, effect in effects().items()
+        if not effect.is_of_shells
+    },
     "law formula with differences": ("material", FORMULA),
 }
 

@@ -29,7 +29,9 @@ from hpcinv.solver.equations import Equations
 
 MATERIAL = {"law": "neo-hookean", "mu": "30 kPa", "lam": "120 kPa"}
 DIRECTIONS = ("forward", "inverse")
-EXAMPLES: dict[str, Effect] = {name: effect.model_validate(effect.example) for name, effect in effects().items()}
+EXAMPLES: dict[str, Effect] = {
+    name: effect.model_validate(effect.example) for name, effect in effects().items() if not effect.is_of_shells
+}
 
 of_every_effect = pytest.mark.parametrize("name", EXAMPLES)
 on_both_cells = pytest.mark.parametrize(
