@@ -59,7 +59,7 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
         marked |= mask
         parts.append(DrawnBody(boundary.points, boundary.triangles[new], colour))
         centres, normals = _sample(boundary, region)
-        vector = _numbers(getattr(effect, "traction", None))
+        vector = _numbers(getattr(effect, "traction", getattr(effect, "moment", None)))
         pull = -normals if vector is None else np.broadcast_to(vector / np.linalg.norm(vector), normals.shape)
         parts.append(Glyphs(centres, colour, pull * _SIZE * size))
     for face, colour in _FACES.items() if boundary.is_shell else ():

@@ -57,7 +57,7 @@ def _surfaces(cavity: Mapping[str, Any]) -> list[str]:
 
 
 def _load(effect: Mapping[str, Any], boundary: Boundary, symbols: Mapping[str, str]) -> dict[str, Any]:
-    vector = next((v for v in map(_numbers, (effect.get("acceleration"), effect.get("traction"))) if v), None)
+    vector = next((v for v in map(_numbers, map(effect.get, ("acceleration", "traction", "moment"))) if v), None)
     region, is_on_surface = effect.get("region"), "region" in effect
     rows = boundary.spread(region, _EACH).tolist() if region else []
     kind = effects().get(effect["effect"])
