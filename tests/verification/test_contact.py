@@ -105,7 +105,7 @@ def test_block_stands_on_its_weight_there_and_back(comm: MPI.Intracomm, run_dire
 def test_estimated_error_of_a_block_on_a_floor_is_that_against_a_higher_degree(comm: MPI.Intracomm) -> None:
     """The sides are free, so that the block bulges: its pressure is not uniform.
 
-    On 2 cells an edge, the floor is penetrated between the vertices by 1.3 mm, of which the certificate warns instead.
+    On 2 cells an edge, the vertices are 1.3 mm too far apart for the floor: the certificate warns of a penetration.
     """
     top = {"quantities": [{"name": "top", "of": "uz", "at": [0.5, 0.5, 1]}], "supports": [SIDES[0], SIDES[2]]}
     top |= {"mesh": box((4, 4, 4)) | {"geometry_degree": 2}}
