@@ -15,6 +15,7 @@ import pytest
 from helpers.schemas import refusals
 
 from hpcinv.__main__ import _parser, complete_action
+from hpcinv.effects import effects
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.study.study_plan import load_study
@@ -168,9 +169,12 @@ def test_jobs_in_the_pages_are_valid(block: str, has_files: bool, tmp_path: Path
         return
     box = {"file": "../meshes/box.py", "parameters": {"nx": 1, "ny": 1, "nz": 1}}
     gravity = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000.0, "density_in": "reference"}
-    whole = {"mesh": box, "material": {"law": "neo-hookean", "young": "1 kPa", "poisson": 0.3}, **fragment}
+    sheet = {"file": "../meshes/sheet.py", "shell": {"thickness": "1 mm"}}
+    is_of_shell = any(effects()[effect["effect"]].is_of_shells for effect in fragment.get("effects", ()))
+    body = sheet if is_of_shell else box
+    whole = {"mesh": body, "material": {"law": "neo-hookean", "young": "1 kPa", "poisson": 0.3}, **fragment}
     if not any((ROOT / "jobs" / str(whole["mesh"].get(key))).exists() for key in ("file", "image")):
-        whole["mesh"] = box  # the file stands for one of the reader
+        whole["mesh"] = body  # the file stands for one of the reader
     family = {"direction": [1, 0, 0], "given_on": "reference"}
     named = ("fibre", "fibres", "sheet", "fibre1", "fibre2", "radial", "hoop", "axial")
     whole["fibres"] = dict.fromkeys(named, family) | whole.get("fibres", {})
