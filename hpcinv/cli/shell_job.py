@@ -24,7 +24,7 @@ aligned"""
 _DRILLING = 0.05
 """Part of the director that a rotation about the normal may move; raised, supports are lost without a word"""
 _TURNED = 1e-3
-"""Share of moments about the normal or in other directions, above which they are not taken; raised, it is lost"""
+"""Share of moments about the normal or in other directions, above which they are not taken; raised, more is lost"""
 _PLACES = {0.0: "middle", 0.5: OUTER, -0.5: INNER}
 """of the nodes, by the offset along the outer normal"""
 

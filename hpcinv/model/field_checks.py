@@ -6,7 +6,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from hpcinv.errors import MeshError, naming_field
@@ -15,6 +14,7 @@ from hpcinv.materials import MaterialLaw
 from hpcinv.mesh.source import Floats
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.arrays import LocalIndices
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.quantity import quantities_of, quantity_of
 from hpcinv.quantity.spatial_fields import entries, is_uniform
@@ -104,13 +104,16 @@ def _directions(fields: BodyFields, family: Ingredient, where: str) -> Floats:
     return unit
 
 
-def _check_edge(fields: BodyFields, region: str, facets: npt.NDArray[np.int32]) -> None:
+def _check_edge(fields: BodyFields, region: str, facets: LocalIndices) -> None:
     """Check that facets are the band of an edge of a shell; collective."""
     topology = fields.body.mesh.topology
     entities = fem.compute_integration_domains(fem.IntegralType.exterior_facet, topology, facets)
     is_on_face = bool(np.isin(entities.reshape(-1, 2)[:, 1], _FACES).any())
     if fields.body.mesh.comm.allreduce(is_on_face, op=MPI.LOR):
-        raise MeshError(f"'{region}' has parts of a face of the shell", "Name an edge, a curve of its surface.")
+        raise MeshError(
+            f"{fields.body.source.path}: region '{region}' has parts of a face of the shell",
+            "Name an edge, a curve of its surface.",
+        )
 
 
 def _require(fields: BodyFields, values: Floats, admits: Callable[[Floats], Any], what: str, wanted: str) -> None:
