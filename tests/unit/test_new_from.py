@@ -338,6 +338,12 @@ TOP, 2, 0.
 """
 
 
+REMOTE = {
+    "force": ["0 N", "1 N", "0 N"],
+    "moment": ["0.002 N m", "0 N m", "0 N m"],
+    "about": ["1 mm", "1 mm", "9 mm"],
+}
+"""load of node 9 of the cube on its upper face"""
 OBLIQUE = "1,1,0,-1,1,0"  # x' = (1, 1, 0)/√2, y' = (-1, 1, 0)/√2, z' = z
 SKEW = "1,1,1,-1,1,0"
 NORMAL = {"fix": ["normal"], "normal": pytest.approx([0.5**0.5, 0.5**0.5, 0])}
@@ -421,12 +427,7 @@ def test_couplings_become_remote_loads(tmp_path: Path) -> None:
     )
     text = text.replace("9, 2, 1.\n", "9, 2, 1.\n9, 4, 2.\n").replace("TOP, 3, 2.\n", "")
     job, head = job_of(tmp_path, "part.inp", text)
-    remote = {
-        "force": ["0 N", "1 N", "0 N"],
-        "moment": ["0.002 N m", "0 N m", "0 N m"],
-        "about": ["1 mm", "1 mm", "9 mm"],
-    }
-    assert job["supports"][-1] == {"region": "UP", "remote": remote}
+    assert job["supports"][-1] == {"region": "UP", "remote": REMOTE}
     assert "COUPLING" not in head
     spread = text.replace("*KINEMATIC\n1, 3\n", "*DISTRIBUTING\n1, 3\n").replace("9, 4, 2.\n", "")
     job, head = job_of(tmp_path, "part.inp", spread, "--force")
@@ -446,12 +447,7 @@ def test_rigid_bodies_of_calculix_become_remote_loads(tmp_path: Path) -> None:
     rigid = "*NODE\n10, 1., 1., 9.\n*RIGID BODY, NSET=TOP, REF NODE=9, ROT NODE=10\n*EQUATION\n1\n1, 1, 1.\n*STEP\n"
     text = CUBE.replace("*STEP\n", rigid).replace("9, 2, 1.\n", "9, 2, 1.\n10, 1, 2.\n").replace("TOP, 3, 2.\n", "")
     job, head = job_of(tmp_path, "part.inp", text)
-    remote = {
-        "force": ["0 N", "1 N", "0 N"],
-        "moment": ["0.002 N m", "0 N m", "0 N m"],
-        "about": ["1 mm", "1 mm", "9 mm"],
-    }
-    assert job["supports"][-1] == {"region": "TOP", "remote": remote}
+    assert job["supports"][-1] == {"region": "TOP", "remote": REMOTE}
     assert "RIGID" not in head
     assert "Not taken from the file: *EQUATION, which a job cannot say: fix a plane of symmetry, or give a face" in head
     held = text.replace("*BOUNDARY\n", "*BOUNDARY\n10, 1, 3\n")
