@@ -267,7 +267,7 @@ def _with_sets(source: MeshSource, spec: MeshSpec, path: Path) -> MeshSource:
     if spec.array_labels is not None and spec.shell is None:
         source = add_label_groups(source, spec.array_labels)
         check_nodes(source)
-    return replace(source, surface_cells=None) if source.surface_cells is not None else source
+    return source
 
 
 def sibling_path(path: Path, file: str, other: str) -> Path:

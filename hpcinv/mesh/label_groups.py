@@ -42,14 +42,20 @@ def add_label_groups(source: MeshSource, labels: ArrayLabels) -> MeshSource:
         text = f"the array '{labels.array}' has {len(distinct):,} values; regions can have {_MOST_VALUES:,}"
         raise MeshError(f"{where}: {text}", _listed(source))
     for name, named in labels.names.items():
-        if any(group.name == name for group in source.groups):
-            raise MeshError(f"{where}.names.{name}: is a group of the mesh already", "Choose another name.")
         if missing := [n for n in named if n not in distinct]:
             text = f"no {' or '.join(places)} of the mesh have the value {missing[0]} of '{labels.array}'"
             raise MeshError(f"{where}.names.{name}: {text}", f"Its values are {_shown(distinct)}.")
     numbers: dict[str, Sequence[int]] = dict(labels.names)
     named_values = {n for named in numbers.values() for n in named}
     numbers |= {f"{labels.array}-{n}": [n] for n in distinct.tolist() if n not in named_values}
+    earlier = len(source.groups)
+    return _without_repeated(_labelled(source, places, numbers, labels), earlier, where)
+
+
+def _labelled(
+    source: MeshSource, places: Mapping[str, Ints], numbers: Mapping[str, Sequence[int]], labels: ArrayLabels
+) -> MeshSource:
+    """Return a mesh with further groups, of values by their names."""
     if "nodes" in places:
         return _by_nodes(source, places["nodes"], numbers, labels)
     if "cells" in places:
@@ -57,9 +63,42 @@ def add_label_groups(source: MeshSource, labels: ArrayLabels) -> MeshSource:
     if "surface cells" in places and source.surface_cells is not None:
         count = len(source.facets)
         source = dataclasses.replace(source, facets=np.concatenate([source.facets, source.surface_cells.nodes]))
-        rows = np.concatenate([np.full(count, distinct.min() - 1), places["surface cells"]])
+        unnamed = min(min(named) for named in numbers.values()) - 1
+        rows = np.concatenate([np.full(count, unnamed), places["surface cells"]])
         source = _drop_ungrouped(_with_groups(source, 2, rows, numbers))
     return source
+
+
+def _without_repeated(source: MeshSource, earlier: int, where: str) -> MeshSource:
+    """Return a mesh without the groups that the file has as well, such as a shape file written of this mesh.
+
+    Args:
+        earlier: number of the first groups, which the file has.
+
+    Raises:
+        MeshError: a group of the file has the same name and other members.
+    """
+    own = {group.name: list[Group]() for group in source.groups[:earlier]}
+    for group in source.groups[:earlier]:
+        own[group.name].append(group)
+    repeated = dict[str, list[Group]]()
+    for group in source.groups[earlier:]:
+        if group.name in own:
+            repeated.setdefault(group.name, []).append(group)
+    for name, groups in repeated.items():
+        if not _are_equal(own[name], groups):
+            raise MeshError(
+                f"{where}: the mesh has a group '{name}' already, with other members",
+                f"Choose another name for its values in mesh.labels.names, or remove '{name}' from the file.",
+            )
+    new = [group for group in source.groups[earlier:] if group.name not in repeated]
+    return dataclasses.replace(source, groups=(*source.groups[:earlier], *new))
+
+
+def _are_equal(groups: Sequence[Group], others: Sequence[Group]) -> bool:
+    members = ({group.dim: set(group.members.tolist()) for group in some} for some in (groups, others))
+    first, second = members
+    return first == second
 
 
 def _with_groups(source: MeshSource, dim: int, values: Ints, numbers: Mapping[str, Sequence[int]]) -> MeshSource:
@@ -71,7 +110,7 @@ def _with_groups(source: MeshSource, dim: int, values: Ints, numbers: Mapping[st
 
 
 def _drop_ungrouped(source: MeshSource) -> MeshSource:
-    """Return the mesh without facets that are in no group, such as an array's value that has none, each once."""
+    """Return the mesh without facets that are not in a group, each facet once."""
     kept = np.flatnonzero(source.labels(2) >= 0)
     groups = (
         dataclasses.replace(g, members=np.searchsorted(kept, g.members)) if g.dim == 2 else g for g in source.groups

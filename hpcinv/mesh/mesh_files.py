@@ -13,6 +13,7 @@ from hpcinv.formats import FORMATS
 from hpcinv.formats.mesh_format import loaded
 from hpcinv.mesh.body import Body, reorder_to_source, source_node_values, values_on_cells
 from hpcinv.mesh.distributed.partitioned import write_partitioned
+from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.midsurface import surface_source
 from hpcinv.mesh.refine.degree import serendipity
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
@@ -29,23 +30,25 @@ SAVERS: dict[str, Callable[[Path, MeshSource, Floats], None]] = {
 }
 
 
-def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, Floats] = MappingProxyType({})) -> None:
+def write_mesh(
+    path: Path, body: Body, coordinates: Floats, more: Mapping[str, DataArray] = MappingProxyType({})
+) -> None:
     """Write the body at ``coordinates`` (m) of its local geometry nodes, in the format of the suffix; collective.
 
-    Node order, node and cell tags, physical groups and data arrays are as in the source (vectors are not rotated
-    with the body); the file is written completely or not at all. A ``.bp`` is written by all ranks, in metres. Other
+    Node order, node and cell tags, physical groups and data arrays are as in the source, where ``more`` has no array of
+    the same name; the file is written completely or not at all. A ``.bp`` is written by all ranks, in metres. Other
     formats are written by rank 0, in the length unit of the source's file, and not from a partitioned mesh. Of a shell
     they have the midsurface, with thickness and director as data (`surface_source`).
 
     Args:
-        more: further data arrays (n, components) at the local geometry nodes, by name; of a shell those on both faces
-            are written.
+        more: further data arrays at the local geometry nodes or in the local cells, by name; of a shell those on both
+            faces, or in the first layer, are written.
 
     Raises:
         OutputError: on every rank, if it cannot be written; an `UnstorableMesh` if its format cannot hold the mesh.
     """
     points, comm = reorder_to_source(body, coordinates), body.mesh.comm
-    arrays = {name: DataArray(name, "nodes", reorder_to_source(body, values)) for name, values in more.items()}
+    arrays = {name: _in_source_order(body, array) for name, array in more.items()}
     source = body.source
     if FORMATS[suffix_of(path)].is_partitioned:
         whole = dataclasses.replace(source, data={**source.data, **arrays}, points=points)
@@ -53,6 +56,17 @@ def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, F
     else:
         assert not source.is_partitioned
         on_root(comm, lambda: save_body(path, source, points, arrays))
+
+
+def _in_source_order(body: Body, array: DataArray) -> DataArray:
+    """Return local values at the nodes or in the cells of this rank's source; collective."""
+    if array.place == "nodes":
+        return dataclasses.replace(array, values=reorder_to_source(body, array.values))
+    topology = body.mesh.topology
+    owned = topology.index_map(3).size_local
+    rows = Rows.distributed(body.mesh.comm, len(body.source.cells))
+    values = rows.deliver(array.values[:owned], np.asarray(topology.original_cell_index)[:owned])
+    return dataclasses.replace(array, values=values)
 
 
 def left_out(path: Path, body: Body, coordinates: Floats) -> float:
@@ -82,7 +96,7 @@ def has_20_nodes(path: Path, source: MeshSource) -> bool:
 def save_body(
     path: Path, source: MeshSource, points: Floats, more: Mapping[str, DataArray] = MappingProxyType({})
 ) -> None:
-    """Write a whole body at ``points`` (n, 3) m with more data at its nodes, of a shell its midsurface; as `save`."""
+    """Write a whole body at ``points`` (n, 3) m with more data, of a shell its midsurface; as `save`."""
     if source.midsurface:
         save(path, *surface_source(source, points, more))
     else:

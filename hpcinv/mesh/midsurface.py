@@ -251,7 +251,8 @@ def surface_source(
     unit vector between the faces, and ``thickness`` their distance (m). Other levels have arrays as well.
 
     Args:
-        more: further data at the nodes of the body; ``NAME_outer`` and ``NAME_inner`` are the values on the faces.
+        more: further data of the body, which replace its own. Those at nodes are ``NAME_outer`` and ``NAME_inner``, on
+            the faces, unless the surface has an array NAME.
     """
     surface, shell = body.midsurface, body.shell
     assert surface is not None
@@ -273,13 +274,19 @@ def surface_source(
         INNER: levels[0] - middle,
     }
     arrays |= {"thickness": thickness, "director": through / np.maximum(thickness, 1e-300)}
+    on_faces = {
+        name: array
+        for name, array in more.items()
+        if array.place == "nodes" and (name not in body.data or f"{name}_{OUTER}" in surface.data)
+    }
     data = {
         name: dataclasses.replace(
             array, values=at_surface(array.values) if array.place == "nodes" else array.values[: len(surface.cells)]
         )
-        for name, array in body.data.items()
+        for name, array in {**body.data, **more}.items()
+        if name not in on_faces
     }
-    for name, array in more.items():
+    for name, array in on_faces.items():
         columns = array.values.reshape(len(shell.levels), count, -1)
         arrays |= {f"{name}_{OUTER}": columns[-1], f"{name}_{INNER}": columns[0]}
     data |= {name: DataArray(name, "nodes", values) for name, values in arrays.items()}

@@ -35,11 +35,12 @@ class Group:
 
 @dataclass(frozen=True)
 class DataArray:
-    """Values (n, components) at the nodes or in the cells of a mesh."""
+    """Values (n, components) at the nodes or in the cells of a mesh; ``is_integer`` if the file has integers."""
 
     name: str
     place: Place
     values: Floats
+    is_integer: bool = False
 
 
 def data_arrays(candidates: Iterable[tuple[str, Place, npt.NDArray[np.generic]]]) -> dict[str, DataArray]:
@@ -47,15 +48,16 @@ def data_arrays(candidates: Iterable[tuple[str, Place, npt.NDArray[np.generic]]]
 
     If nodes and cells have arrays of the same name, these are renamed ``NAME (nodes)`` and ``NAME (cells)``.
     """
-    kept: dict[tuple[str, Place], Floats] = {}
+    kept: dict[tuple[str, Place], npt.NDArray[np.generic]] = {}
     for name, place, values in candidates:
         rows = values[:, None] if values.ndim == 1 else values
         if rows.dtype.kind in "fiu" and rows.ndim == 2 and rows.shape[1] in COMPONENTS:
-            kept[name, place] = rows.astype(np.float64)
+            kept[name, place] = rows
     arrays = []
     for (name, place), rows in kept.items():
         both = {(name, "nodes"), (name, "cells")} <= kept.keys()
-        arrays.append(DataArray(f"{name} ({place})" if both else name, place, rows))
+        full_name = f"{name} ({place})" if both else name
+        arrays.append(DataArray(full_name, place, rows.astype(np.float64), rows.dtype.kind in "iu"))
     return {array.name: array for array in arrays}
 
 
@@ -76,9 +78,16 @@ class CadSurface:
 
 @dataclass(frozen=True)
 class SurfaceCells:
-    """All surface cells of a mesh file: ``nodes`` as `MeshSource.facets`, and integers in them by name of the array."""
+    """All surface cells of a mesh file, and integers in them.
+
+    Attributes:
+        nodes: as `MeshSource.facets`, of the mesh as it was read.
+        vertex_tags: tags (f, v) of their vertices, which remain when the nodes are numbered anew.
+        values: (f,) by name of the array.
+    """
 
     nodes: Ints
+    vertex_tags: Ints
     values: Mapping[str, Ints]
 
 
@@ -110,7 +119,7 @@ class MeshSource:
     voxel: float = 0.0  # size (m) of the voxels of the image from which it was made, 0 without one
     inputs: Mapping[str, str] = field(default_factory=dict)  # files that its generator read, see `files.inputs`
     notes: tuple[str, ...] = ()  # what the reader did with the file, or did not use
-    surface_cells: SurfaceCells | None = None  # until regions are made of their values (`label_groups`)
+    surface_cells: SurfaceCells | None = None  # with integers, in files that have such (`surface_labels`)
     nodes_per_cell: int = 0  # of the elements in the file of another program; 0: as many as in ``cells``
     surface: CadSurface | None = None  # of the CAD model that was meshed, if there is one
     midsurface: MeshSource | None = None  # of a shell, whose groups of cells have ``dim`` 3, and of edges 2

@@ -11,6 +11,7 @@ from hpcinv.job.job import Job
 from hpcinv.mesh import Body, write_mesh
 from hpcinv.mesh.data import geometry_node_values
 from hpcinv.mesh.mesh_files import UnstorableMesh, left_out
+from hpcinv.mesh.source import DataArray
 from hpcinv.output.checkpoint import Checkpoints, Restart, cells_digest, nodes_digest
 from hpcinv.output.progress import Progress
 from hpcinv.output.run_directory import RunDirectory
@@ -19,6 +20,7 @@ from hpcinv.output.summary import versions
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.results.cell_fields import face_arrays
 from hpcinv.results.displacement_scale import displacement_scale
+from hpcinv.results.shape_directions import shape_directions
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
@@ -156,8 +158,10 @@ def _write_shape(
         shape += f"-{job.rest if solution.direction == 'inverse' else solution.state}"
     with equations.timings("output"):
         pressures = {field.name: field for contact in solution.contacts for field in contact.fields}
-        arrays = {name: geometry_node_values(equations.body, pressure) for name, pressure in pressures.items()}
-        arrays |= face_arrays(equations.body, solution)
+        values = {name: geometry_node_values(equations.body, pressure) for name, pressure in pressures.items()}
+        values |= face_arrays(equations.body, solution)
+        arrays = {name: DataArray(name, "nodes", nodal) for name, nodal in values.items()}
+        arrays |= shape_directions(equations.body, job.fibres, solution)
         scale = displacement_scale(equations, solution).length
         for suffix in job.shape_formats:
             name = f"{shape}.{suffix}"

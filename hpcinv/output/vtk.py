@@ -18,7 +18,8 @@ from hpcinv.errors import OutputError
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import vtk_order
-from hpcinv.mesh.io.vtu import VTK_TYPES
+from hpcinv.mesh.file_numbers import cell_numbers, node_numbers
+from hpcinv.mesh.io.vtu import CELL_TAG, NODE_TAG, VTK_TYPES
 from hpcinv.mesh.io.vtu_writer import Array, Grid, attribute, write_vtu
 from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import on_root
@@ -185,6 +186,7 @@ class _Fields:
     def node_arrays(self, more: Sequence[fem.Function]) -> list[Array]:
         solution = self._solution
         arrays = [Array("displacement", self._u, "m")]
+        arrays.append(Array(NODE_TAG, node_numbers(self._body, self._spaces[()])[: self._owned]))
         if solution.pressure is not None:
             arrays.append(Array("pressure", self._mean_of_cells(solution.pressure), "Pa"))
         for contact in solution.contacts:
@@ -212,6 +214,7 @@ class _Fields:
         solution, body = self._solution, self._body
         stress = constants_in(solution.cauchy_stress, self.cells)
         arrays = [Array("J", constants_in(solution.J, self.cells)[:, 0]), Array("cauchy_stress", stress, "Pa")]
+        arrays.append(Array(CELL_TAG, cell_numbers(body)[self.cells]))
         arrays.extend(array for array in _stresses(stress) if array.name != "cauchy_stress")
         stretches = np.linalg.svd(self.gradients, compute_uv=False)
         arrays.append(Array("principal_stretches", stretches.astype(np.float32)))

@@ -25,15 +25,29 @@ def deformation_gradients(body: Body, solution: Solution, cells: Cells) -> Float
 
 def gradients_at(body: Body, solution: Solution, cells: Cells, points: Floats) -> Floats:
     """Return the same at points (n, 3) of the reference cell, (cells, n, 3, 3)."""
-    nodes = solution.mesh_nodes[body.mesh.geometry.dofmaps[0][cells]]
-    space = solution.displacement.function_space
-    values = solution.displacement.x.array.reshape(-1, 3)[space.dofmap.list[cells]]
-    slopes = space.element.basix_element.tabulate(1, points)[1:, :, :, 0]  # (3, points, shape functions)
-    reference_gradients = np.einsum("cni,kpn->cpik", values, slopes)
-    h = reference_gradients @ np.linalg.inv(jacobians(body.source.kind, body.degree, nodes, points))
+    h = _mesh_gradients(body, solution.mesh_nodes, solution.displacement, cells, points)
     if solution.direction == "forward":
         return np.asarray(np.eye(3) + h)
     return np.asarray(np.linalg.inv(np.eye(3) - h))
+
+
+def given_gradients(body: Body, solution: Solution, cells: Cells, points: Floats) -> Floats:
+    """Return the same of the state that is given: of the solution itself, or of the one that it started from."""
+    if solution.given_displacement is None:
+        return gradients_at(body, solution, cells, points)
+    return np.asarray(
+        np.eye(3) + _mesh_gradients(body, solution.mesh_nodes, solution.given_displacement, cells, points)
+    )
+
+
+def _mesh_gradients(body: Body, mesh_nodes: Floats, displacement: Function, cells: Cells, points: Floats) -> Floats:
+    """Return the gradients of a displacement by the position in the mesh at these nodes, (cells, n, 3, 3)."""
+    nodes = mesh_nodes[body.mesh.geometry.dofmaps[0][cells]]
+    space = displacement.function_space
+    values = displacement.x.array.reshape(-1, 3)[space.dofmap.list[cells]]
+    slopes = space.element.basix_element.tabulate(1, points)[1:, :, :, 0]  # (3, points, shape functions)
+    reference_gradients = np.einsum("cni,kpn->cpik", values, slopes)
+    return np.asarray(reference_gradients @ np.linalg.inv(jacobians(body.source.kind, body.degree, nodes, points)))
 
 
 def fibres(
@@ -47,7 +61,7 @@ def fibres(
     """
     directions = dict[str, Floats]()
     for name, family in families.items():
-        direction: Floats = _given(body, name, family, given, cells)
+        direction: Floats = given_in_middles(body, name, family, given, cells)
         if family.given_on == "current":
             direction = np.asarray(np.linalg.solve(gradients, direction[:, :, None])[:, :, 0], dtype=float)
         directions[name] = unit_vectors(direction)
@@ -67,8 +81,8 @@ def constants_in(function: Function, cells: Cells) -> Floats:
     return np.asarray(values[space.dofmap.list[cells, 0]])
 
 
-def _given(body: Body, name: str, family: FibreFamily, solution: Solution, cells: Cells) -> Floats:
-    """Return the directions as they are given, of any length."""
+def given_in_middles(body: Body, name: str, family: FibreFamily, solution: Solution, cells: Cells) -> Floats:
+    """Return the directions of a family as they are given, of any length, in the middle of local cells; collective."""
     (value, _) = family.quantities()["direction"]
     if isinstance(value, ByRule):
         return middle_vectors(rule_directions(body, value.rule, f"fibres.{name}").function, cells)
@@ -79,10 +93,13 @@ def _given(body: Body, name: str, family: FibreFamily, solution: Solution, cells
         if array.place == "cells":
             return array.values[cells]
         return np.asarray(np.einsum("n,cni->ci", shapes, array.values[dofs[cells]]))
-    positions = dict[str, Floats]()
-    for names, nodes in (("XYZ", solution.reference_nodes), ("xyz", solution.current_nodes)):
-        middles = np.einsum("n,cni->ci", shapes, nodes[dofs[cells]])
-        positions |= dict(zip(names, middles.T, strict=True))
+    reference, current = (
+        np.einsum("n,cni->ci", shapes, nodes[dofs[cells]])
+        for nodes in (solution.reference_nodes, solution.current_nodes)
+    )
+    if (displacement := solution.given_displacement) is not None:
+        current = reference + middle_vectors(displacement, cells)
+    positions = dict(zip("XYZxyz", (*reference.T, *current.T), strict=True))
     components = [np.broadcast_to(component.values_at(positions), len(cells)) for component in value]
     return np.stack(components, axis=1).astype(float)
 

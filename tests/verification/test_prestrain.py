@@ -23,6 +23,7 @@ from helpers.verification import Solved, box, digits, job
 import hpcinv
 from hpcinv.errors import JobError
 from hpcinv.mesh import build_body, write_mesh
+from hpcinv.mesh.source import DataArray
 from hpcinv.parallel.runtime import MPI, on_root
 
 MESHES = ROOT / "meshes"
@@ -189,7 +190,7 @@ def test_data_of_the_mesh_are_the_formula_that_they_come_from(run_directory: Pat
         generated = spec(MESHES / "box.py", parameters={"nx": 2, "ny": 2, "nz": 2}, geometry_degree=2)
         body = build_body(generated, {}, MPI.COMM_SELF)
         points = body.mesh.geometry.x * body.length_scale
-        write_mesh(file, body, points, {"F0": tensors(points)})
+        write_mesh(file, body, points, {"F0": DataArray("F0", "nodes", tensors(points))})
 
     on_root(comm, write)
     common: dict[str, Any] = {

@@ -10,11 +10,12 @@ import numpy.typing as npt
 from hpcinv.errors import MeshError
 from hpcinv.formats.mesh_format import MeshArrays
 from hpcinv.formats.vtu import REGION
-from hpcinv.mesh.cells import EDGE_KIND, FACET_KIND, degree_of, no_cells, vtk_order
+from hpcinv.mesh.cells import EDGE_KIND, FACET_KIND, degree_of, no_cells, vertex_count, vtk_order
 from hpcinv.mesh.io.isolated import Arrays, read_isolated
 from hpcinv.mesh.io.length_unit import FIELD, as_unit
 from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, SurfaceCells, data_arrays, distinct_tags
+from hpcinv.mesh.surface_labels import labelled_facets
 from hpcinv.parallel.runtime import MPI
 
 VTK_TYPES = {
@@ -91,11 +92,13 @@ def _source(path: Path, names: Mapping[int, str], arrays: Mapping[str, npt.NDArr
         *_named(facets, groups),
         data=data_arrays(without_tags(arrays, rows[3])),
         unit=unit_of(arrays),
-        surface_cells=_surface_cells(facets, rows[2], arrays),
+        surface_cells=_surface_cells(FACET_KIND[kind], facets, node_tags, rows[2], arrays),
     )
 
 
-def _surface_cells(facets: Ints, rows: Ints, arrays: Mapping[str, npt.NDArray[Any]]) -> SurfaceCells | None:
+def _surface_cells(
+    kind: str, facets: Ints, node_tags: Ints, rows: Ints, arrays: Mapping[str, npt.NDArray[Any]]
+) -> SurfaceCells | None:
     """Facets with their values of integer arrays; none if there are no such arrays."""
     values = {
         name: array[rows].astype(np.int64)
@@ -103,7 +106,7 @@ def _surface_cells(facets: Ints, rows: Ints, arrays: Mapping[str, npt.NDArray[An
         if place == "cells" and name != CELL_TAG and not name.startswith((OF_VTK, REGION))
         if (array := arrays[f"cells:{name}"]).ndim == 1 and array.dtype.kind in "iu" and len(rows)
     }
-    return SurfaceCells(facets, values) if values else None
+    return SurfaceCells(facets, node_tags[facets[:, : vertex_count(kind)]], values) if values else None
 
 
 def read_arrays(path: Path, action: str) -> tuple[dict[int, str], dict[str, npt.NDArray[Any]]]:
@@ -207,20 +210,25 @@ def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
 
 def content_of(source: MeshSource) -> tuple[list[tuple[Ints, int]], Arrays, Arrays, dict[str, float]]:
     """Return nodes and VTK's type of the cells and facets, arrays at nodes and in cells, and fields."""
+    facets, labels = labelled_facets(source)
     cells = [
         (nodes[:, np.argsort(vtk_order(kind, source.degree))], VTK_TYPES[kind][source.degree - 1])
-        for kind, nodes in ((source.kind, source.cells), ((FACET_KIND | EDGE_KIND)[source.kind], source.facets))
+        for kind, nodes in ((source.kind, source.cells), ((FACET_KIND | EDGE_KIND)[source.kind], facets))
     ]
     node_arrays: dict[str, npt.NDArray[Any]] = {}
     cell_arrays: dict[str, npt.NDArray[Any]] = {}
     for name, data in source.data.items():  # before the arrays below, which replace data arrays of the same name
+        values = data.values.astype(np.int64) if data.is_integer else data.values
         if data.place == "nodes":
-            node_arrays[name] = data.values
+            node_arrays[name] = values
+        elif data.is_integer and values.shape[1] == 1:
+            no_label = np.full(len(facets), min(0, int(values.min(initial=0)) - 1))
+            cell_arrays[name] = np.concatenate([values[:, 0], labels.get(name, no_label)])
         else:
-            facet_values = np.full((len(source.facets), data.values.shape[1]), np.nan)
-            cell_arrays[name] = np.concatenate([data.values, facet_values])
+            facet_values = np.full((len(facets), values.shape[1]), np.nan)
+            cell_arrays[name] = np.concatenate([values, facet_values])
     node_arrays[NODE_TAG] = source.node_tags
-    facet_tags = source.cell_tags.max() + 1 + np.arange(len(source.facets))
+    facet_tags = source.cell_tags.max() + 1 + np.arange(len(facets))
     cell_arrays[CELL_TAG] = np.concatenate([source.cell_tags, facet_tags])
     for group in source.groups:
         marks = cell_arrays.setdefault(REGION + group.name, np.zeros(len(cell_arrays[CELL_TAG]), dtype=np.int32))

@@ -133,6 +133,7 @@ def _raise_geometry(source: MeshSource, degree: int) -> MeshSource:
         groups=tuple(group for group in source.groups if group.dim == 3),
         data={},
         surface=None,
+        surface_cells=None,
     )
 
 
