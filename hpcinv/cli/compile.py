@@ -9,15 +9,13 @@ from typing import Any
 from hpcinv.cli.help import add_command
 from hpcinv.errors import HpcinvError, Interrupted
 from hpcinv.files.untrusted import add_option
-from hpcinv.job.fingerprint import WITH_DEFINITIONS
+from hpcinv.job.fingerprint import NOT_PHYSICS
 from hpcinv.job.job import Job, load
 from hpcinv.job.kind_of_file import is_study, is_sweep
-from hpcinv.job.reuse_key import reuse_group_of
+from hpcinv.job.reuse_key import kernel_key
+from hpcinv.quantity.keys import parse_key
 from hpcinv.study.study_plan import load_study
-from hpcinv.sweep.sweep_plan import load_sweep
-
-_COMPUTED = {"method", "certificate", "quantities", "sensitivities"}
-"""Sections of a job that need kernels, besides its reuse group."""
+from hpcinv.sweep.sweep_plan import Case, load_sweep
 
 
 def add_compile(commands: Any) -> None:
@@ -69,19 +67,23 @@ def _compile(options: argparse.Namespace) -> int:
 
 
 def _distinct(paths: list[Path]) -> Iterator[Job]:
-    """Yield the jobs of these files, one for each set of kernels; of a sweep one for each reuse group."""
-    known = set[tuple[str, str]]()
+    """Yield the jobs of these files, one for each set of kernels."""
+    known = set[str]()
     for path in paths:
         if is_sweep(path):
             plan = load_sweep(path)
-            jobs = [plan.job(case) for case in {case.reuse_group: case for case in reversed(plan.cases)}.values()]
+            jobs = [plan.job(case) for case in {_kind_of(case): case for case in reversed(plan.cases)}.values()]
         else:
             jobs = [run.job for run in load_study(path).runs] if is_study(path) else [_differentiated(load(path))]
         for job in jobs:
-            kernels = reuse_group_of(job), job.model_dump_json(include=_COMPUTED, context=WITH_DEFINITIONS)
-            if kernels not in known:
+            if (kernels := kernel_key(job)) not in known:
                 known.add(kernels)
                 yield job
+
+
+def _kind_of(case: Case) -> tuple[str, str]:
+    """Return the reuse group of a case, and what it sets outside of the physics, as text."""
+    return case.reuse_group, repr([(key, v) for key, v in case.settings.items() if parse_key(key)[0] in NOT_PHYSICS])
 
 
 def _differentiated(job: Job) -> Job:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ValidationInfo, field_validator
 
-from hpcinv.files.names import is_file
+from hpcinv.files.names import FilePath, is_file
 from hpcinv.files.untrusted import REFUSED, applies
 from hpcinv.quantity import Length, Triple
 from hpcinv.quantity.expressions import Expression
@@ -214,7 +214,7 @@ class SurfaceObstacle(Obstacle):
     """
 
     shape: Literal["surface"]
-    file: str
+    file: FilePath
     """path from the job file to triangles (.stl, .ply, .obj, .vtp) whose normals point towards the body"""
     unit: LengthUnit = 1.0
     """length unit of the coordinates in the file, such as mm"""

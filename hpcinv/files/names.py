@@ -3,11 +3,20 @@
 import os.path
 import re
 from pathlib import Path
+from typing import Annotated
 
 from hpcinv.errors import OutputError
 
 exists, is_file = os.path.exists, os.path.isfile
 """False, and no error as from methods of a path, for names that are too long or have a null character"""
+
+
+class NamesFile:
+    """Mark of a field of a job with paths of files: keys of results have their content instead of the path."""
+
+
+FilePath = Annotated[str, NamesFile()]
+"""Path of a file, relative to the job file."""
 
 
 def escaped_line(text: str) -> str:

@@ -18,6 +18,7 @@ from typing import Annotated
 from pydantic import AfterValidator, ValidationInfo
 
 from hpcinv.errors import JobError
+from hpcinv.files.names import NamesFile
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.image_headers import METAIMAGE, NRRD, source_of
 from hpcinv.reading.suffix import suffix_of
@@ -67,7 +68,7 @@ def _stays_beside(path: str, info: ValidationInfo) -> str:
     return path
 
 
-FileBeside = Annotated[str, AfterValidator(_stays_beside)]
+FileBeside = Annotated[str, NamesFile(), AfterValidator(_stays_beside)]
 """Path to a file; in untrusted data it must be in or below the directory of the file that contains the path."""
 
 

@@ -22,9 +22,10 @@ from hpcinv.errors import Interrupted, JobError, MeshError, SolveError
 from hpcinv.files.atomic import output_errors, replace
 from hpcinv.identification.observations import Observed, PredictedObservation, gather_rows, observations_of
 from hpcinv.identification.shares import StateShare
-from hpcinv.job.fingerprint import content_key, file_digest
+from hpcinv.job.fingerprint import content_key
 from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job
+from hpcinv.job.resolved_job import file_digest
 from hpcinv.job.sensitivities import TIES, Parameter, stated_values
 from hpcinv.mesh import reorder_to_source
 from hpcinv.mesh.source import Floats

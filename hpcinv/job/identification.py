@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo
 
-from hpcinv.files.names import is_file
+from hpcinv.files.names import FilePath, is_file
 from hpcinv.files.untrusted import applies
 from hpcinv.formats import FORMATS, mesh_fault
 from hpcinv.job.cavities import Cavity
@@ -103,14 +103,14 @@ class Observation(Spec):
     """its name in reports"""
     state: Name | None = None
     """observed state, other than the given one; not needed in a job without states, and for a quantity"""
-    mesh: str | None = None
+    mesh: FilePath | None = None
     """path to a mesh (.msh, .xdmf, .vtu) with the nodes and cells of the given one, at their observed positions"""
-    surface: str | None = None
+    surface: FilePath | None = None
     """path to points of the surface (.stl, .ply, .obj, .vtp, or a table .csv, .txt, .xlsx with x, y, z), in any order;
     what counts is their distance from the computed surface"""
     on: str | None = None
     """region of the boundary on which the points of a surface lie; by default all of it"""
-    landmarks: ListOf[Landmark] | str | None = None
+    landmarks: ListOf[Landmark] | FilePath | None = None
     """list of {at: point in the given mesh, observed: point}, or path to a table (.csv, .txt, .xlsx) of six columns"""
     strains: ListOf[LineStrain] | None = None
     """strains of lines of material points, such as the circumferential ones of a wall that an image tracks"""

@@ -21,7 +21,7 @@ from pydantic import (
 
 from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.errors import JobError
-from hpcinv.files.names import is_file
+from hpcinv.files.names import FilePath, is_file
 from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
 from hpcinv.formats import SAVED
 from hpcinv.formats.mesh_format import Groups
@@ -114,9 +114,9 @@ class Job(Spec):
     unions of regions and groups of the mesh by their names, such as {skin: [endo, epi]}; or the facet nearest to a
     point with all that is smooth with it, such as {foot: {smooth: [0, 0, 2 mm], angle: 30 deg}}; or vertices, for
     supports of a body whose loads balance, such as {corner: {vertices: [[0, 0, 0]]}}"""
-    plugins: ListOf[str] = ()
+    plugins: ListOf[FilePath] = ()
     """Python files, by paths relative to the job file, that define further laws and effects"""
-    files: ListOf[str] = ()
+    files: ListOf[FilePath] = ()
     """further files that generators and plugins read, by paths relative to the job file: with another content
     of one it is another job. Files that they read in Python, or by gmsh from a name in the text, need no entry"""
     fibres: Mapping[Name, FibreFamily] = {}

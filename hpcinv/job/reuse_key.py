@@ -4,22 +4,58 @@ The numbers of laws, effects, fibres and supports are entries of one constant of
 that differ only in these use the same kernels and the same matrix.
 """
 
-import hashlib
-import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from hpcinv.job.fingerprint import WITH_DEFINITIONS, file_digest, fingerprint
+from hpcinv.job.cavities import CONTROLS, Cavity
+from hpcinv.job.fingerprint import NOT_CONTENT, NOT_PHYSICS, fingerprint, hash_of
 from hpcinv.job.job import Job
+from hpcinv.job.resolved_job import file_digest, resolved, without
 from hpcinv.job.sections import Support
+from hpcinv.job.states import StateSpec
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.quantity import quantities_of
+from hpcinv.quantity.schema import Spec
 from hpcinv.quantity.spatial_fields import Field
 
 _EQUATIONS = {"linear", "petsc", "maximum_iterations", "reuse_tangent"}
+"""settings that solvers of equations have from their first job; all others are read from the job of each run"""
 _NUMBER = "#"
+
+_NEITHER = {key: reason for key, reason in NOT_CONTENT.items() if key != "mesh.partition"}
+NOT_BODY: dict[str, str] = _NEITHER | dict.fromkeys(
+    (
+        *("directions", "analysis", "material", "fibres", "load_cases", "states", "effects", "supports", "cavities"),
+        *("solver", "method", "fixed_point", "certificate", "quantities", "sensitivities", "accuracy"),
+        *("expected_shape", "plugins", "inputs_of_plugins", "files"),
+        *(f"discretisation.{key}" for key in ("formulation", "pressure", "quadrature", "layers", "recovered_geometry")),
+    ),
+    "is not given to `build_body`; files that a generator reads are compared by `changed_inputs`",
+)
+"""What has no influence on the body of a job, with the reason."""
+
+
+def body_key(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
+    """Hash (20 hex digits) of all that the body of a job depends on: everything except `NOT_BODY`."""
+    return hash_of(without(resolved(job, digest), NOT_BODY))
+
+
+def kernel_key(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
+    """Hash (20 hex digits) of all that the kernels of a run depend on.
+
+    It is the reuse group, and what the content key has in addition, without the numbers of ways to a state.
+    """
+    content = without(resolved(job, digest), NOT_CONTENT)
+    further = {name: part for name, part in content.items() if name in NOT_PHYSICS}
+    for section in ("solver", "fixed_point"):
+        further[section] = {name: _marked_setting(value) for name, value in further[section].items()}
+    return hash_of([reuse_group_of(job, digest), further, content["mesh"]])
+
+
+def _marked_setting(value: Any) -> Any:
+    return _NUMBER if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
 def reuse_group_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
@@ -29,32 +65,27 @@ def reuse_group_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str
         digest: SHA-256 of a file; callers with many jobs on the same files can cache it.
     """
     content = _structure(job, digest) | {"solver": job.solver.model_dump(mode="json", include=_EQUATIONS)}
-    return _hash(content)
+    return hash_of(content)
 
 
 def digests_of_structure(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[str, str]:
     """Hash of each section of a job without its numbers and solver: what solutions of jobs must have in common."""
-    return {section: _hash(content) for section, content in _structure(job, digest).items()}
-
-
-def _hash(content: Any) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
+    return {section: hash_of(content) for section, content in _structure(job, digest).items()}
 
 
 def _structure(job: Job, digest: Callable[[Path], str]) -> dict[str, Any]:
-    content = (
-        fingerprint(job, digest)
-        | _skeleton_of_loads(job)
-        | {
-            "material": {where: _skeleton(law) for where, law in job.laws.items()},
-            "fibres": {where: _skeleton(family) for where, family in job.families.items()},
-            "partition": job.mesh.partition,
-        }
-    )
-    if controlled := job.controlled_cavities:
-        content["cavities"] = {name: [cavity.regions, cavity.apex] for name, cavity in controlled.items()}
+    content = fingerprint(job, digest)
+    laws = {"": content["material"]} if "material" in job.laws else content["material"]
+    fibres, cavities = content["fibres"], content.get("cavities", {})
+    content |= _skeleton_of_loads(job, content) | {
+        "material": {name: _skeleton(law, laws[name]) for name, law in zip(laws, job.laws.values(), strict=True)},
+        "fibres": {name: _skeleton(family, fibres[name]) for name, family in job.fibres.items()},
+        "partition": job.mesh.partition,
+        "cavities": {name: _skeleton_of_cavity(cavity, cavities[name]) for name, cavity in job.cavities.items()},
+    }
     if job.states:
-        content["states"] = [_skeleton_of_loads(solve.job) | {"state": solve.job.state} for solve in job.plan]
+        states = zip(job.states, content["states"], strict=True)
+        content["states"] = [_skeleton_of_state(state, data) for state, data in states]
         content["order"] = [[solve.mesh, solve.start] for solve in job.plan]
     return content
 
@@ -76,25 +107,46 @@ def numbers_of(job: Job) -> tuple[float, ...]:
     """
     jobs = [solve.job for solve in job.plan] if job.states else [job]
     effects = (effect for each_job in jobs for effect in each_job.effects)
-    ingredients = (*job.laws.values(), *effects, *job.families.values())
+    ingredients = (*job.laws.values(), *effects, *job.fibres.values())
     values = (v for i in ingredients for name, (v, _) in i.quantities().items() if not name.startswith("_"))
     ingredient_numbers = (number for value in values for number in _numbers(value))
     return (
         *ingredient_numbers,
         *(n for each_job in jobs for support in each_job.supports for n in _numbers_of_support(support)),
+        *(n for each_job in jobs for cavity in each_job.cavities.values() for n in _numbers_of_cavity(cavity)),
     )
 
 
-def _skeleton_of_loads(job: Job) -> dict[str, Any]:
+def _skeleton_of_loads(part: Job | StateSpec, data: Mapping[str, Any]) -> dict[str, Any]:
+    effects = zip(part.effects, data["effects"], strict=True)
+    supports = zip(part.supports or (), data.get("supports", ()), strict=True)
     return {
-        "effects": [_skeleton(effect) for effect in job.effects],
-        "supports": [_skeleton_of_support(support) for support in job.supports],
+        "effects": [_skeleton(*effect) for effect in effects],
+        "supports": None if part.supports is None else [_skeleton_of_support(*support) for support in supports],
     }
 
 
-def _skeleton(ingredient: Ingredient) -> dict[str, Any]:
+def _skeleton_of_state(state: StateSpec, data: Mapping[str, Any]) -> dict[str, Any]:
+    volumes = {"volumes": list(state.volumes), "unloaded_volumes": list(state.unloaded_volumes)}
+    return {**data, **volumes, **_skeleton_of_loads(state, data)}
+
+
+def _skeleton_of_cavity(cavity: Cavity, data: Mapping[str, Any]) -> dict[str, Any]:
+    return {**data, **{key: _marked_control(getattr(cavity, key)) for key in CONTROLS}}
+
+
+def _marked_control(value: Any) -> Any:
+    return {name: _marked_setting(entry) for name, entry in value} if isinstance(value, Spec) else _marked(value)
+
+
+def _numbers_of_cavity(cavity: Cavity) -> Iterator[float]:
+    for value in (getattr(cavity, key) for key in CONTROLS):
+        yield from (number for _, number in value) if isinstance(value, Spec) else _numbers(value)
+
+
+def _skeleton(ingredient: Ingredient, data: Mapping[str, Any]) -> dict[str, Any]:
     left_out = {*quantities_of(type(ingredient)), "constants", "parameters"}
-    plain = ingredient.model_dump(mode="json", exclude=left_out, context=WITH_DEFINITIONS)
+    plain = {name: value for name, value in data.items() if name not in left_out}
     kinds = {name: _marked(value) for name, (value, _) in ingredient.quantities().items()}
     return plain | {"quantities": kinds, "structure": ingredient.structure()}
 
@@ -118,11 +170,10 @@ def _numbers(value: Any) -> Iterator[float]:
         yield float(value)
 
 
-def _skeleton_of_support(support: Support) -> dict[str, Any]:
-    plain = support.model_dump(mode="json", exclude={"displacement", "constants"}, context=WITH_DEFINITIONS)
+def _skeleton_of_support(support: Support, data: Mapping[str, Any]) -> dict[str, Any]:
     formulas = [f if f is None else f.whole if f.names else _NUMBER for f in support.displacement or ()]
     constants = sorted(support.constants) if support.surface is None else dict(support.constants)
-    return plain | {"displacement": formulas, "constants": constants}
+    return {**data, "displacement": formulas, "constants": constants}
 
 
 def _numbers_of_support(support: Support) -> Iterator[float]:

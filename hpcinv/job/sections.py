@@ -20,7 +20,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
-from hpcinv.files.names import exists, is_file
+from hpcinv.files.names import FilePath, NamesFile, exists, is_file
 from hpcinv.files.untrusted import applies
 from hpcinv.formats import FORMATS as MESHES
 from hpcinv.formats import mesh_fault
@@ -145,7 +145,7 @@ def _sources_in(data: Any) -> list[str]:
 class MeshFile(Spec):
     """A mesh: a file, or a generator that is run when the mesh is needed."""
 
-    file: str
+    file: FilePath
     """path from the job file to a gmsh generator (.py, .geo), a mesh (.msh, .vtu, .xdmf, or of another program: .inp,
     .feb, .cdb, .bdf, .e, .med, .unv, .vtk, .mesh), or a partitioned mesh made by 'hpcinv mesh partition' (.bp): each
     rank reads a part"""
@@ -413,13 +413,13 @@ class MeshSpec(MeshFile):
     array_labels: Annotated[ArrayLabels | None, Field(exclude_if=lambda labels: labels is None)] = None
     """of a mesh file (written as 'labels'): an array of integers whose values are regions, such as
     {array: material, names: {plaque: 2}}"""
-    faces: Annotated[Mapping[Name, TextOrTexts], Field(exclude_if=lambda faces: not faces)] = {}
+    faces: Annotated[Mapping[Name, TextOrTexts], NamesFile(), Field(exclude_if=lambda faces: not faces)] = {}
     """of a mesh file: surfaces of triangles with the facets of further regions, in the unit of the mesh, such as
     {inlet: mesh-surfaces/inlet.vtp}"""
     neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
     is the region LABEL|NEIGHBOUR instead of LABEL|outside"""
-    surfaces: Annotated[Mapping[Name, TextOrTexts], Field(exclude_if=lambda surfaces: not surfaces)] = {}
+    surfaces: Annotated[Mapping[Name, TextOrTexts], NamesFile(), Field(exclude_if=lambda surfaces: not surfaces)] = {}
     """closed surfaces instead of 'file': the files of each region, which is between a shell and those in it, such as
     {wall: [outer.stl, inner.stl]}; a region in another one is cut out of it"""
     orientation: Annotated[Orientation, Field(exclude_if=lambda frame: frame == "LPS")] = "LPS"

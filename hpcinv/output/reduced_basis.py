@@ -40,7 +40,7 @@ from hpcinv.solver.equations import Equations
 
 STRATEGY = "start of a sweep"
 """Strategy of a solve from a predicted solution, for reports."""
-_FORMAT = 1
+_FORMAT = 2
 _TRUNCATION = 0.1
 """Size of modes that are left out, relative to the errors of cases predicted from all others. Smaller: more modes."""
 _OUTSIDE = 0.1

@@ -7,7 +7,6 @@ mesh use the body again. States of one job that differ only in numbers have the 
 from __future__ import annotations
 
 import gc
-import json
 from collections.abc import Callable
 from functools import cache
 from typing import cast
@@ -16,14 +15,13 @@ from petsc4py import PETSc
 
 from hpcinv.errors import HpcinvError
 from hpcinv.files.inputs import changed_inputs
-from hpcinv.job.fingerprint import file_digest
 from hpcinv.job.job import Job
-from hpcinv.job.reuse_key import reuse_group_of, structure_of
+from hpcinv.job.resolved_job import file_digest
+from hpcinv.job.reuse_key import body_key, reuse_group_of, structure_of
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cell_count import no_report
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import Timings
-from hpcinv.quantity.expressions import Expression
 from hpcinv.solver.equations import Equations
 
 
@@ -60,7 +58,7 @@ class Workspace:
 
     def _key(self, job: Job) -> tuple[str, bool]:
         """Return the key of a job's body, and whether it is the kept one, made of files as they are now; on rank 0."""
-        key = _mesh_of(job)
+        key = body_key(job)
         if self._body is None or self._body[0] != key:
             return key, False
         home = job.resolve(job.mesh.file).absolute().parent
@@ -111,11 +109,3 @@ def collect_garbage(comm: MPI.Intracomm) -> None:
     """Collect garbage on all ranks: meshes and matrices hold communicators, and MPI has few of them."""
     gc.collect()
     PETSc.garbage_cleanup(cast(PETSc.Comm, comm))
-
-
-def _mesh_of(job: Job) -> str:
-    """Return everything that a body depends on, as text."""
-    digests = [file_digest(job.resolve(file)) for file in job.mesh.files]
-    spec = job.mesh.model_dump(mode="json") | {"metres": job.mesh.metres, "digest": digests}
-    regions = {n: rule.whole if isinstance(rule, Expression) else str(rule) for n, rule in job.regions.items()}
-    return json.dumps([spec, regions, job.discretisation.displacement], sort_keys=True)

@@ -88,6 +88,8 @@ def expanded(
     Raises:
         NotAnalytic: on all ranks, if there is no series; the message has the reason.
     """
+    if equations.job.controlled_cavities:
+        raise NotAnalytic("the pressure of a cavity is unknown, and numbers of a cavity are not entries of the forms")
     equations.put(
         State(
             job=equations.job,

@@ -14,7 +14,7 @@ from helpers.command_line import environment, hpcinv
 from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
 
 from hpcinv.errors import MeshError
-from hpcinv.job.fingerprint import file_digest
+from hpcinv.job.resolved_job import file_digest
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.io import isolated

@@ -17,7 +17,7 @@ from helpers.mesh_cases import spec
 import hpcinv
 from hpcinv.errors import MeshError
 from hpcinv.formats import FORMATS, mesh_fault
-from hpcinv.job.fingerprint import file_digest
+from hpcinv.job.resolved_job import file_digest
 from hpcinv.mesh import read_source, reorder_to_source
 from hpcinv.mesh.mesh_files import UnstorableMesh, save
 from hpcinv.mesh.source import MeshSource

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from hpcinv import reading
 from hpcinv.errors import MeshError, OutputError, SystemPartMissing
 from hpcinv.formats import action_of
-from hpcinv.job.fingerprint import file_digest
+from hpcinv.job.resolved_job import file_digest
 from hpcinv.job.sections import MeshSpec
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.children import run_child, start_child

@@ -15,11 +15,11 @@ from hpcinv.driver import run
 from hpcinv.errors import MeshError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import Job, load
-from hpcinv.job.reuse_key import numbers_of, reuse_group_of
+from hpcinv.job.reuse_key import body_key, numbers_of, reuse_group_of
 from hpcinv.methods.method import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.workspace import Workspace, _mesh_of
+from hpcinv.solver.workspace import Workspace
 from hpcinv.sweep.sweep_interface import sweep
 
 CLAMPED = [{"region": "x0", "fix": ["x", "y", "z"]}]
@@ -231,7 +231,7 @@ def test_settings_of_mesh_and_checks_are_part_of_the_key(tmp_path: Path) -> None
         with_mesh(surface="a.stl", unit="mm", surface_error={"sd": "2 mm"}),
     ]
     assert len({content_key(variant) for variant in jobs}) == len(jobs)
-    assert len({_mesh_of(variant) for variant in jobs}) == len(jobs)
+    assert len({body_key(variant) for variant in jobs}) == len(jobs)
     assert content_key(with_mesh(**scan, unit="mm")) == content_key(jobs[0])
 
 

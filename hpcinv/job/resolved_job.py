@@ -1,0 +1,165 @@
+"""The whole job as data from which its keys are made: choices resolved, definitions in formulas, files by content.
+
+A key leaves out only what its table of sections names, each with the reason: a new section counts in all keys.
+"""
+
+import glob
+import hashlib
+import os
+import re
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from hpcinv.errors import MeshError
+from hpcinv.files.names import NamesFile
+from hpcinv.formats import FORMATS
+from hpcinv.formats.partitioned_header import read_header
+from hpcinv.job.job import Job
+from hpcinv.quantity.expressions import LET
+from hpcinv.quantity.plugins import inputs_of
+from hpcinv.quantity.schema import Spec, metadata_in
+from hpcinv.reading.suffix import suffix_of
+
+WITH_DEFINITIONS = {LET: True}
+"""Serialization context in which formulas include the definitions that they use."""
+
+_HEADERS = (".mhd", ".mha", ".nrrd", ".nhdr")
+"""suffixes of images whose header may name other files for the voxels"""
+_LONGEST_HEADER = 2**20
+"""bytes that are searched for such names; a name that comes later would not count"""
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file, including the files in which it says that its data are: XDMF files, and headers of images.
+
+    For a partitioned mesh it is the hash of the header, which contains checksums of all arrays.
+    """
+    mesh_format = FORMATS.get(suffix_of(path))
+    if mesh_format and mesh_format.is_partitioned:
+        return read_header(path).digest()
+    digest = hashlib.sha256()
+    try:
+        content = path.read_bytes()
+        digest.update(content)
+        for name in sorted(mesh_format.data_files(path)) if mesh_format else ():
+            digest.update((path.parent / name).read_bytes())
+        if suffix_of(path) in _HEADERS:
+            for file in _voxel_files(path, content[:_LONGEST_HEADER]):
+                digest.update(file.name.encode())
+                with file.open("rb") as voxels:
+                    digest.update(hashlib.file_digest(voxels, "sha256").digest())
+    except (OSError, ValueError) as error:
+        missing = getattr(error, "filename", None) or path
+        advice = "Keep the .h5 file next to the .xdmf file." if mesh_format else "Is the file readable?"
+        raise MeshError(f"{path}: {missing} cannot be read: {getattr(error, 'strerror', error)}", advice) from None
+    return digest.hexdigest()
+
+
+def _voxel_files(path: Path, header: bytes) -> list[Path]:
+    """Return the files next to the header of an image that hold its voxels: one, a list, or a numbered series."""
+    named = re.search(rb"^\s*(?:ElementDataFile\s*=|data ?file:)[ \t]*([^\r\n]*)", header, re.IGNORECASE | re.MULTILINE)
+    if named is None or named[1].strip().upper() == b"LOCAL":
+        return []
+    words = named[1].split()
+    if words and words[0].upper() == b"LIST":
+        names = [line.strip() for line in header[named.end() :].splitlines()]
+        return [file for name in names if name and (file := path.parent / os.fsdecode(name)).is_file()]
+    if (file := path.parent / os.fsdecode(named[1].strip())).is_file():
+        return [file]
+    if words and b"%" in words[0]:  # a series such as slice%03d.raw 1 99 1
+        pattern = re.sub("%[0-9]*d", "*", glob.escape(os.fsdecode(words[0])))
+        return sorted(file for file in path.parent.glob(pattern) if file.is_file())
+    return []
+
+
+def resolved(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[str, Any]:
+    """Return all sections of a job as JSON data, with automatic choices made, and files by their content.
+
+    Args:
+        digest: SHA-256 of a file; callers with many jobs on the same files can cache it.
+
+    Raises:
+        MeshError: a file cannot be read.
+    """
+
+    def content_of(file: str) -> str:
+        path = job.resolve(file)
+        return f"{digest(path)} {suffix_of(path)}".rstrip()
+
+    data = job.model_dump(mode="json", exclude_none=True, context=WITH_DEFINITIONS)
+    _replace_files(job, data, content_of)
+    data["directions"] = list(job.directions)
+    data["mesh"]["unit"] = job.mesh.metres  # of an image by default mm
+    if job.expected_shape is not None:
+        data["expected_shape"]["unit"] = job.expected_shape.metres
+    data["discretisation"] |= _spaces(job)
+    if job.plugins and any(inputs := [inputs_of(job.resolve(plugin)) for plugin in job.plugins]):
+        data["inputs_of_plugins"] = inputs
+    return data
+
+
+def _spaces(job: Job) -> dict[str, Any]:
+    spaces: dict[str, Any] = {
+        "formulation": "mixed" if job.is_mixed else "displacement",
+        "pressure": job.pressure_degree,
+    }
+    if job.is_mixed and (layerings := job.layerings):  # each layer has its own pressures
+        spaces["layers"] = [layering.as_data() for layering in layerings]
+    if job.discretisation.displacement > 1 and any(solve.mesh is not None for solve in job.plan):
+        # Later solves are on the recovered body. Earlier versions moved the nodes of its given cells only.
+        spaces["recovered_geometry"] = job.discretisation.displacement
+    return spaces
+
+
+def _replace_files(part: Any, data: Any, content_of: Callable[[str], str]) -> None:
+    """Replace the paths of files in the data of a part of a job by their content."""
+    match part:
+        case Spec():
+            kind = type(part)
+            for name in data.keys() & kind.model_fields.keys():
+                if _is_file(kind, name):
+                    data[name] = _contents(data[name], content_of)
+                else:
+                    _replace_files(getattr(part, name), data[name], content_of)
+        case Mapping():
+            for name, entry in part.items():
+                if name in data:
+                    _replace_files(entry, data[name], content_of)
+        case tuple() if len(part) == len(data):
+            for entry, entry_data in zip(part, data, strict=True):
+                _replace_files(entry, entry_data, content_of)
+
+
+def _contents(paths: Any, content_of: Callable[[str], str]) -> Any:
+    """Return the contents of files, in the structure of their paths; data of another kind stay."""
+    match paths:
+        case str():
+            return content_of(paths)
+        case {}:
+            return {name: _contents(entry, content_of) for name, entry in paths.items()}
+        case [str(), *_]:
+            return [content_of(path) for path in paths]
+    return paths
+
+
+@cache
+def _is_file(kind: type[Spec], name: str) -> bool:
+    field = kind.model_fields[name]
+    return metadata_in(NamesFile, field.annotation, *field.metadata) is not None
+
+
+def without(data: Mapping[str, Any], left_out: Mapping[str, str]) -> dict[str, Any]:
+    """Return data of a job without some sections, or keys of sections such as ``mesh.partition``.
+
+    Args:
+        left_out: reasons by dotted key.
+    """
+    return {
+        section: {key: value for key, value in content.items() if f"{section}.{key}" not in left_out}
+        if isinstance(content, dict)
+        else content
+        for section, content in data.items()
+        if section not in left_out
+    }
