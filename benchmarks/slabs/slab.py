@@ -65,6 +65,34 @@ OUTLINES = {
         {"left": lambda x, y: x == 0, "bottom": lambda x, y: y == 0, "top": lambda x, y: y == 1.5},
         holes=((1, 1),),
     ),
+    "step": Outline(
+        (0, 1, 2), (0, 0.5, 1), {"left": lambda x, y: x == 0, "right": lambda x, y: x == 2}, holes=((1, 1),)
+    ),
+    "tee": Outline(
+        (0, 0.75, 1.25, 2),
+        (0, 0.5, 1.5),
+        {"left": lambda x, y: x == 0, "right": lambda x, y: x == 2, "top": lambda x, y: y == 1.5},
+        holes=((0, 1), (2, 1)),
+    ),
+    "zed": Outline(
+        (0, 0.5, 1, 1.5),
+        (0, 0.5, 1),
+        {"left": lambda x, y: x == 0, "right": lambda x, y: x == 1.5},
+        holes=((2, 0), (0, 1)),
+    ),
+    "cross": Outline(
+        (0, 0.5, 1, 1.5),
+        (0, 0.5, 1, 1.5),
+        {"left": lambda x, y: x == 0, "right": lambda x, y: x == 1.5},
+        holes=((0, 0), (2, 0), (0, 2), (2, 2)),
+    ),
+    "comb": Outline(
+        (0, 0.5, 1, 1.5),
+        (0, 0.5, 1),
+        {"bottom": lambda x, y: y == 0, "right": lambda x, y: x == 1.5},
+        holes=((1, 1),),
+    ),
+    "block": Outline((0, 1), (0, 1), {"bottom": lambda x, y: y == 0, "top": lambda x, y: y == 1}),
 }
 
 

@@ -2,11 +2,17 @@
 
 import enum
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from hpcinv.certificate.certify import DISCRETISATION
 from hpcinv.certificate.check import Line, Verdict
+from hpcinv.certificate.volume import UNACCOUNTED
 from hpcinv.quantity.written_units import as_shown
+
+JUDGES_OF_MESHES = (DISCRETISATION, UNACCOUNTED)
+"""Names of the lines of the certificate that doubt a promise if they do not pass."""
+_DOUBTS = (Verdict.UNDECIDED, Verdict.WARN, Verdict.FAIL)
 
 
 class Ending(enum.Enum):
@@ -88,9 +94,23 @@ class AccuracyRecord:
     ending: Ending
     seconds: float
 
-    def lines(self, units: Mapping[str, str], symbols: Mapping[str, str]) -> list[Line]:
-        """Return a line of the certificate for each demand; arguments as of `AccuracyStep.described`."""
-        return [self._line(name, demand, units.get(name, ""), symbols) for name, demand in self.demands.items()]
+    def lines(self, units: Mapping[str, str], symbols: Mapping[str, str], checked: Sequence[Line] = ()) -> list[Line]:
+        """Return a line of the certificate for each demand; other arguments as of `AccuracyStep.described`.
+
+        Args:
+            checked: lines of the certificate. A promise is not decided while one of them doubts the mesh.
+        """
+        lines = [self._line(name, demand, units.get(name, ""), symbols) for name, demand in self.demands.items()]
+        doubts = [line.name for line in checked if line.name in JUDGES_OF_MESHES and line.verdict in _DOUBTS]
+        if not doubts:
+            return lines
+        why = f"the certificate doubts the mesh: {', '.join(dict.fromkeys(doubts))}"
+        return [
+            replace(line, verdict=Verdict.UNDECIDED, note="; ".join(filter(None, [line.note, why])))
+            if line.verdict is Verdict.PASS
+            else line
+            for line in lines
+        ]
 
     def _line(self, name: str, demand: float, unit: str, symbols: Mapping[str, str]) -> Line:
         met = self.bounds[name] <= demand

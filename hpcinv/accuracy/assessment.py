@@ -4,8 +4,11 @@ The error estimate compares one degree with the next on the same mesh. It does n
 alone reveals, such as the geometry of a curved body or a maximum between nodes; these are estimated by the difference
 of the corrected values on two meshes. The estimate itself is tested: the one of a discretisation is compared with the
 values of the next one, and no error is promised that is smaller than the last change of the value allows. With a ratio
-r of successive errors, a change Δ leaves ``Δ r/(1 - r)``; r is not less than the ratio of the estimates, and not less
-than singular edges allow.
+r of successive errors, a change Δ leaves ``Δ r/(1 - r)``; r is not less than the ratio of the estimates, than singular
+edges allow, and than the last two changes show.
+
+Where singular edges have a share of the error, or volumes are not explained by the pressure, one mesh proves nothing,
+and no error is promised that is smaller than the last change between two meshes.
 """
 
 import itertools
@@ -19,7 +22,12 @@ from hpcinv.job.sections import QuantityValue
 
 UNTESTED, LEAST, MOST = 2.0, 1.5, 10.0  # safety factors: of an untested estimate, and their bounds
 FASTEST = 4.0  # largest presumed order of the errors that the estimate does not contain
+LOWEST = 0.5  # least order of errors that changes of a value are taken for; the end of a support within a face has 1
 SLOWEST = 0.75  # largest presumed ratio of these errors on a finer mesh to those on a coarser one
+NEARLY_EQUAL = 0.9
+"""Largest presumed ratio of successive errors whose values changed; raised, small steps promise less."""
+DOUBTED = 1.5
+"""Safety factor of what a change of the value leaves, where one mesh proves nothing; raised, searches take longer."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +39,7 @@ class Finding:
         corrected: these values plus the estimated errors.
         ratio: least ratio of its errors to the errors of the finding before, by singular edges; 0 if nothing is known.
         is_reliable: whether its estimate is, by itself.
+        needs_test: whether its estimate must be compared with another mesh: singular edges or unexplained volumes.
     """
 
     mesh: int
@@ -40,6 +49,12 @@ class Finding:
     corrected: Mapping[str, QuantityValue]
     ratio: float = 0.0
     is_reliable: bool = True
+    needs_test: bool = False
+
+    @property
+    def is_proof(self) -> bool:
+        """True if its estimate may end a search without another discretisation."""
+        return self.is_reliable and not self.needs_test
 
 
 @dataclass(frozen=True)
@@ -119,17 +134,41 @@ def _unseen(findings: Sequence[Finding], name: str, order: float | None) -> floa
 
 
 def _least(findings: Sequence[Finding], name: str, previous: Assessment | None) -> float:
-    """Return the error that the last change of a value allows; infinite for one unreliable estimate alone."""
+    """Return the error that the last changes of a value allow; infinite for one estimate that proves nothing."""
     last = findings[-1]
     if previous is None or len(findings) < 2:
-        return 0.0 if last.is_reliable else math.inf
-    previous_finding = findings[-2]
-    earlier, later = (distance(f.corrected[name], f.values[name]) for f in (previous_finding, last))
-    ratio = min(max(later / earlier if earlier > 0 else 0.0, last.ratio), SLOWEST)
-    least = distance(last.values[name], previous_finding.values[name]) * ratio / (1 - ratio)
+        return 0.0 if last.is_proof else math.inf
+    earlier, later = (distance(f.corrected[name], f.values[name]) for f in findings[-2:])
+    ratio = max(later / earlier if earlier > 0 else 0.0, last.ratio, _ratio_of_changes(findings, name))
+    ratio = min(ratio, NEARLY_EQUAL)
+    least = distance(last.values[name], findings[-2].values[name]) * ratio / (1 - ratio)
+    if last.needs_test:
+        other = next((f for f in reversed(findings) if f.mesh != last.mesh), None)
+        if other is None:
+            return math.inf
+        least = max(DOUBTED * least, distance(last.values[name], other.values[name]))
     # A small change may be an accident where errors nearly cancel.
     known = previous.least.get(name, 0.0)
     return least if last.is_reliable or not math.isfinite(known) else max(least, last.ratio * known)
+
+
+def _ratio_of_changes(findings: Sequence[Finding], name: str) -> float:
+    """Return the ratio of the last two errors by the last two changes of a value, 0 with fewer."""
+    if len(findings) < 3:
+        return 0.0
+    first, second, third = findings[-3:]
+    changes = [distance(g.values[name], f.values[name]) for f, g in ((first, second), (second, third))]
+    if first.size is None or second.size is None or third.size is None:
+        return min(changes[1] / changes[0], SLOWEST) if changes[0] > 0 else SLOWEST
+    if third.degree > first.degree and not third.needs_test:
+        return 0.0
+    # At singular edges, errors depend on the size over the square of the degree.
+    coarse, middle, fine = (
+        size / f.degree**2 for size, f in zip((first.size, second.size, third.size), findings[-3:], strict=True)
+    )
+    if not coarse > middle > fine:
+        return 0.0
+    return float((fine / middle) ** max(_order_seen((coarse, middle, fine), *changes), LOWEST))
 
 
 def _order_seen(sizes: tuple[float, float, float], earlier: float, later: float) -> float:
@@ -150,10 +189,11 @@ def _safety(findings: Sequence[Finding], name: str, demand: float, previous: Ass
     if previous is None or not math.isfinite(estimated := previous.errors[name]):
         return UNTESTED
     earlier, later = findings[-2:]
+    lowest = UNTESTED if later.needs_test else LEAST
     actual = distance(later.corrected[name], earlier.values[name])
     if max(estimated, actual) < 0.01 * demand:
         return UNTESTED
-    return min(max(LEAST, LEAST * actual / estimated), MOST) if estimated > 0 else MOST
+    return min(max(lowest, LEAST * actual / estimated), MOST) if estimated > 0 else MOST
 
 
 def distance(first: QuantityValue, second: QuantityValue) -> float:

@@ -14,6 +14,7 @@ from hpcinv.accuracy.refinement_forecast import HIGHEST_DEGREE, RefinementForeca
 from hpcinv.accuracy.trial import Trial, attempt
 from hpcinv.certificate.discretisation_error import one_degree_more
 from hpcinv.certificate.singular_edges import singular_edges
+from hpcinv.certificate.volume import WARN, unexplained_strain
 from hpcinv.errors import Interrupted, MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
@@ -34,6 +35,7 @@ LEAST = 50e6  # bytes, below which the memory that was used is not a basis of a 
 MOST_STEPS = 15
 INTERFACE = 1.0  # order of errors by the border of a region that moves with the mesh; a larger one promises less error
 MOSTLY = 0.5  # share of the error at singular edges from which lines name them; a larger one names fewer
+TESTED = 0.1  # share of the error at singular edges from which one mesh proves nothing; a larger one trusts more
 AVERAGES = ("mean", "rms", "integral")
 TOLERANCE, FINEST = 1e-3, 1e-15  # tolerance of the solver as a share of the demand, and its smallest value
 
@@ -109,14 +111,17 @@ class Search:
         elif sampled or self.job.regions or not one_shape:
             self.unseen_order = 2.0
         self.may_mark = body.source.kind == "tetrahedron" and one_shape and not averaged
-        needs_two = self.unseen_order is not None or self._may_cancel(body)
+        needs_two = self.unseen_order is not None or self._has_singular_edges(body)
         if needs_two and (coarser := self.meshes.coarser()) is not None:
             with suppress(MeshError):  # it may lack regions of the job
                 self._attempt(coarser, self._build(coarser), self._degree)
-        if not self._attempt(first, body, self._degree):
-            return None, self.best
-        with signals_recorded():
-            ending = self._improve()
+        try:
+            if not self._attempt(first, body, self._degree):
+                return None, self.best
+            with signals_recorded():
+                ending = self._improve()
+        except Stopped:  # what an earlier mesh gave is written
+            ending = Ending.STOPPED
         seconds = time.perf_counter() - begin
         bounds = self.promise.bounds
         return AccuracyRecord(self.job.accuracy, self.rows, self.chosen, bounds, ending, seconds), self.best
@@ -131,15 +136,14 @@ class Search:
                 self.meshes.job = straight
         return body
 
-    def _may_cancel(self, body: Body) -> bool:
-        """Return whether an estimate on one mesh may be unreliable: in hexahedra with pressures and singular edges."""
-        if body.source.kind != "hexahedron" or self.job.pressure_degree is None:
-            return False
+    def _has_singular_edges(self, body: Body) -> bool:
+        """Return whether an estimate on one mesh may prove nothing."""
         with suppress(MeshError):  # of supports without facets: the model says more about them
             return singular_edges(self.job, body) is not None
         return False
 
     def _improve(self) -> Ending:
+        """Try better discretisations; raises ``Stopped`` on all ranks if that is asked for."""
         while self.assessments[-1].excess > 1:
             if len(self.rows) >= MOST_STEPS:
                 return Ending.STEPS
@@ -147,11 +151,7 @@ class Search:
             if choice is None:
                 return Ending.LIMIT
             last_trial = self.last
-            try:
-                is_reached = self._attempt(*choice)
-            except Stopped:  # what an earlier mesh gave is written
-                return Ending.STOPPED
-            if not is_reached:
+            if not self._attempt(*choice):
                 return Ending.UNSOLVED
             self._check_degree(last_trial)
         return Ending.MET
@@ -182,7 +182,8 @@ class Search:
         mesh = 0 if last_trial is None else self.findings[-1].mesh + (last_trial.variant is not variant)
         limit, is_singular = trial.estimate.limit, not self.job.accuracy.keys().isdisjoint(trial.estimate.unreliable)
         ratio, is_reliable = self._ratio(variant, degree), (limit is None or limit.is_reliable) and not is_singular
-        self.findings.append(Finding(mesh, variant.size, degree, values, corrected, ratio, is_reliable))
+        needs_test = self._needs_test(trial)
+        self.findings.append(Finding(mesh, variant.size, degree, values, corrected, ratio, is_reliable, needs_test))
         previous = self.assessments[-1] if self.assessments else None
         if last_trial is None or last_trial.variant is not variant:
             shares = facet_shares(body)
@@ -199,16 +200,31 @@ class Search:
             self.best, self.promise, self.chosen = trial, assessment, len(self.rows) - 1
         return True
 
+    def _needs_test(self, trial: Trial) -> bool:
+        """Return whether an estimate proves nothing by itself; unexplained volumes only count on the first mesh."""
+        assert trial.estimate is not None
+        if trial.estimate.limit is not None and trial.estimate.limit.share >= TESTED:
+            return True
+        return not self.findings and (unexplained_strain(trial.equations, trial.solution) or 0.0) > WARN
+
     def _ratio(self, variant: Variant, degree: int) -> float:
-        """Return the least ratio of errors to the last step's errors that singular edges allow, 0 without them."""
+        """Return the least ratio of errors to the last step's errors that singular edges allow, 0 without them.
+
+        Where they hold enough of the error to need a test, it is the ratio of the errors there.
+        """
         if self.last is None or self.last.estimate is None or (limit := self.last.estimate.limit) is None:
             return 0.0
         last_size, new_size = self.last.variant.size, variant.size
+        whole = limit.share if limit.share >= TESTED else 1.0
         if variant is self.last.variant:
-            return limit.least_remaining(1.0, self.last.step.degree, degree)
-        if last_size is None or new_size is None:
-            return variant.ratio or limit.least_remaining(2.0, self.last.step.degree, degree)
-        return limit.least_remaining(last_size / new_size, self.last.step.degree, degree)
+            refinement = 1.0
+        elif last_size is None or new_size is None:
+            if variant.ratio:
+                return variant.ratio / whole
+            refinement = 2.0
+        else:
+            refinement = last_size / new_size
+        return limit.least_remaining(refinement, self.last.step.degree, degree) / whole
 
     def _interrupted(self) -> Interrupted:
         where = f"stopped by a signal in step {len(self.rows) + 1} towards the accuracy demanded"
@@ -257,7 +273,7 @@ class Search:
         limit = min(self.job.solver.maximum_unknowns, self.memory.limit(self.steps[-1].estimate.unknowns))
         excess, estimate = self.assessments[-1].excess, self.last.estimate
         known = math.isfinite(excess)
-        if not known and self.may_mark and not self.findings[-1].is_reliable:
+        if not known and self.may_mark and not self.findings[-1].is_proof:
             # A mesh that is refined towards the edges is a second one, too.
             excess = max(UNTESTED * max(hindsight(self.findings[-1:], self.job.accuracy)), UNTESTED)
             known = True
@@ -267,8 +283,10 @@ class Search:
             excess if known else UNTESTED,
             estimate.limit if estimate else None,
         )
+        # A higher degree on the one mesh would not be a test.
+        highest = self.highest if math.isfinite(self.assessments[-1].excess) else self.last.step.degree
         decision = decide(
-            self.meshes, self.last, forecast, limit=limit, highest=self.highest, known=known, may_mark=self.may_mark
+            self.meshes, self.last, forecast, limit=limit, highest=highest, known=known, may_mark=self.may_mark
         )
         if decision is None:
             return None

@@ -47,8 +47,7 @@ def volume(equations: Equations, solution: Solution) -> Iterator[Line]:
     swollen = _where(equations, solution, 1) if LARGEST < largest < np.inf else ""
     yield lower_bound_line("smallest volume ratio J", smallest, warn=SMALLEST, fail=0.0, note=squeezed)
     yield upper_bound_line("largest volume ratio J", largest, warn=LARGEST, fail=float("inf"), note=swollen)
-    equations.put(solution)
-    strain = _unaccounted(equations, equations.weak_form(solution.direction))
+    strain = unexplained_strain(equations, solution)
     if strain is None:  # compressible: any volume ratio may be right
         return
     rule = f"warning above {WARN:g}"
@@ -58,6 +57,15 @@ def volume(equations: Equations, solution: Solution) -> Iterator[Line]:
         mixed = equations.unknowns.p is not None
         what = "the mesh is too coarse" if mixed else "the mesh is too coarse, or locks in the displacement form"
         yield Line(UNACCOUNTED, strain, "", rule, Verdict.WARN, what)
+
+
+def unexplained_strain(equations: Equations, solution: Solution) -> float | None:
+    """Return the volumetric strain that the pressure does not explain, exceeded in `SHARE` of the volume; collective.
+
+    ``None`` for compressible materials.
+    """
+    equations.put(solution)
+    return _unaccounted(equations, equations.weak_form(solution.direction))
 
 
 def _where(equations: Equations, solution: Solution, sign: int) -> str:

@@ -67,7 +67,8 @@ class RunReport(Observer):
         """Write and print the summary of a converged run, with all lines of its certificate."""
         lines = [*result.certificate.lines, *lines_of(self.store.shape_files), *_not_finite(result)]
         if self.record is not None:
-            lines += self.record.lines(getattr(result.quantities, "units", {}), written_units(self.job.data))
+            units = getattr(result.quantities, "units", {})
+            lines += self.record.lines(units, written_units(self.job.data), result.certificate.lines)
         if result.surface_spread is not None:
             lines += result.surface_spread.lines()
         if self.job.output.unit_warnings and not self.totals.warnings:  # warn of a body that hardly moves

@@ -125,8 +125,10 @@ def _errors_of_quantity(statistics: Mapping[str, Any], name: str, text: Callable
     reactions = _reactions(statistics)
     if (spread := (statistics.get("surface_errors") or {}).get("quantities", {}).get(name)) is not None:
         yield f"± {text(spread, digits=2)} by errors of the surface"
-    if name in bounds:  # only one error of a quantity is printed
-        yield f"error at most {text(bounds[name], digits=3)}{omission}"
+    if (bound := bounds.get(name, 0.0)) is None or not math.isfinite(bound):
+        yield "error not bounded: one mesh proves nothing here"
+    elif name in bounds:  # only one error of a quantity is printed
+        yield f"error at most {text(bound, digits=3)}{omission}"
     elif name in estimated["quantities"]:
         singular = estimated.get("singular")
         is_doubted = (singular and not singular["reliable"]) or name in estimated.get("unreliable", ())

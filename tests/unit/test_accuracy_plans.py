@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from helpers.verification import box, job
 
-from hpcinv.accuracy.accuracy_record import AccuracyRecord, AccuracyStep, Ending
+from hpcinv.accuracy.accuracy_record import JUDGES_OF_MESHES, AccuracyRecord, AccuracyStep, Ending
 from hpcinv.accuracy.assessment import Assessment, Finding, assess, hindsight
 from hpcinv.accuracy.marking import CLOSURE, plan
 from hpcinv.accuracy.refinement_forecast import (
@@ -28,6 +28,7 @@ from hpcinv.accuracy.refinement_forecast import (
     nodes,
 )
 from hpcinv.certificate import Verdict
+from hpcinv.certificate.check import Line
 from hpcinv.errors import JobError
 
 GOOD: dict[str, Any] = {
@@ -266,3 +267,45 @@ def test_pieces_at_a_singular_edge_are_halved_again() -> None:
     assert marked.places.cells < 1 + CLOSURE * float(np.mean(8.0**marked.levels - 1))  # not all pieces of the first one
     expected = (2 ** (-1.1 * marked.levels[0]) + 2 * 2.0 ** (-3 * marked.levels[1])) / 3
     assert marked.places.error == pytest.approx(expected)
+
+
+def test_one_mesh_with_singular_edges_proves_nothing() -> None:
+    """The second mesh of a stepped bar (true value -0.4298): the bound is the change between meshes, or larger."""
+    values, estimates = [-0.4178, -0.4183, -0.4206], [-1.0e-3, -9.5e-3, -5.9e-3]
+    trials = [
+        Finding(mesh, size, degree, {"q": q}, {"q": q + e}, ratio, needs_test=True)
+        for mesh, size, degree, q, e, ratio in zip(
+            (0, 0, 1), (1.0, 1.0, 0.5), (2, 3, 2), values, estimates, (0.0, 0.41, 0.5), strict=True
+        )
+    ]
+    alone, raised, tested = judged(trials, None)
+    assert alone.bounds["q"] == raised.bounds["q"] == math.inf  # a higher degree on the one mesh is not a test
+    assert tested.bounds["q"] >= max(2.8e-3, 0.4298 - 0.4206)
+    trusted = assess([replace(trials[0], needs_test=False)], {"q": 1e-3}, None)
+    assert trusted.bounds["q"] == pytest.approx(2 * 1.0e-3)
+
+
+@pytest.mark.parametrize("order", [0.5, 1.0, 1.5])
+def test_the_rate_of_the_last_changes_counts(order: float) -> None:
+    """Errors fall slowly, and the estimates of them by 20."""
+    sizes, estimates = (1.0, 0.5, 0.25), (4e-3, 2e-4, 1e-5)
+    trials = [
+        Finding(i, h, 2, {"q": 1 + 0.01 * h**order}, {"q": 1 + 0.01 * h**order - e})
+        for i, (h, e) in enumerate(zip(sizes, estimates, strict=True))
+    ]
+    error = 0.01 * sizes[-1] ** order
+    last = judged(trials, None)[-1]
+    assert last.least["q"] == pytest.approx(error, rel=1e-6)
+    assert error * (1 - 1e-6) <= last.bounds["q"] <= 2 * error
+
+
+@pytest.mark.parametrize("name", JUDGES_OF_MESHES)
+def test_a_certificate_that_doubts_the_mesh_leaves_a_promise_undecided(name: str) -> None:
+    step = AccuracyStep("as it is", 48, 2, 375, {}, {}, {}, None, "", 3, 1.0)
+    record = AccuracyRecord({"a": 1.0, "b": 1.0}, [step], 0, {"a": 0.5, "b": 2.0}, Ending.LIMIT, 1.0)
+    doubt = Line(name, 0.08, "", "warning above 0.05", Verdict.WARN)
+    met, missed = record.lines({}, {}, [doubt])
+    assert (met.verdict, missed.verdict) == (Verdict.UNDECIDED, Verdict.FAIL)
+    assert met.note == f"the certificate doubts the mesh: {name}"
+    sure, _ = record.lines({}, {}, [replace(doubt, verdict=Verdict.PASS), replace(doubt, name="round trip")])
+    assert sure.verdict is Verdict.PASS
