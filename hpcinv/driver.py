@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hpcinv.certificate import Certificate, Estimate, certify_all
+from hpcinv.files.untrusted import applied_to
 from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.sections import QuantityValue
 from hpcinv.kernels_ahead import certificate_kernels_ahead
@@ -69,6 +70,8 @@ def run(
         workspace = workspace or own.enter_context(Workspace(comm))
         progress = progress or own.enter_context(Progress(comm, None))
         store = own.enter_context(RunStore(directory, comm))
+        if job.is_untrusted:
+            own.enter_context(applied_to([job.resolve("."), *([store.path] if store.path else [])]))
         stop, timings = StopSignal(stop_asked), Timings()
         if resume:
             store.lock(job)

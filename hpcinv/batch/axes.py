@@ -11,9 +11,10 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import Field, PlainValidator, ValidationInfo, model_validator
 
 from hpcinv.batch.sampling import Distribution, SamplingMethod, read_distribution, unit_points
-from hpcinv.files.untrusted import FileBeside, applies, path_fault
+from hpcinv.files.untrusted import FileBeside, applies
 from hpcinv.quantity.keys import JobKey, parse_key
 from hpcinv.quantity.schema import Faults, ListOf, Name, Problems, Spec
+from hpcinv.reading.door import path_fault
 
 LISTS = ("grid", "zip")
 SAMPLES: tuple[SamplingMethod, ...] = ("random", "latin_hypercube", "sobol")

@@ -9,6 +9,8 @@ from typing import Any
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import check_one_process
 from hpcinv.errors import OutputError
+from hpcinv.files.untrusted import add_option
+from hpcinv.reading.door import admitted
 
 
 def add_dossier(commands: Any) -> None:
@@ -24,6 +26,7 @@ def add_dossier(commands: Any) -> None:
     given.add_argument("--context", type=Path, metavar="FILE", help="texts of the applicant (YAML)")
     given.add_argument("--ask", type=Path, metavar="FILE", help="write a context file to be filled, and no dossier")
     dossier.add_argument("--output", type=Path, metavar="FILE", help="the page (default: dossier.html in the run)")
+    add_option(dossier)
     dossier.set_defaults(command=_dossier)
 
 
@@ -62,7 +65,7 @@ def _run_of(directory: Path) -> tuple[Path, Mapping[str, Any] | None]:
     if not source.is_file():
         return directory, None
     try:
-        return directory / "run", json.loads(source.read_text("utf-8"))
+        return directory / "run", json.loads(admitted(source).read_text("utf-8"))
     except (OSError, ValueError) as error:
         raise OutputError(
             f"{source}: cannot be read ({type(error).__name__})",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from hpcinv.cli.help import add_command
 from hpcinv.cli.options import positive
 from hpcinv.errors import JobError, OutputError
+from hpcinv.files.untrusted import add_option
 
 if TYPE_CHECKING:
     from hpcinv.fitting.candidate import Candidate
@@ -71,6 +72,7 @@ def add_fit(commands: Any) -> None:
     fit.add_argument("--plot", type=Path, metavar="FILE", help="plot of tests and laws (.png, .pdf, .svg)")
     fit.add_argument("--material", type=Path, metavar="FILE", help="sections of a job for the best law (.yaml)")
     fit.add_argument("--output", type=Path, metavar="FILE", help="write all figures (.json, .yaml)")
+    add_option(fit)
     fit.set_defaults(command=_fit)
 
 

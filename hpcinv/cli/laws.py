@@ -6,6 +6,7 @@ from typing import Any
 
 from hpcinv.cli.cards import add_options, convert
 from hpcinv.cli.help import add_command
+from hpcinv.files.untrusted import add_option
 from hpcinv.quantity.component import Ingredient
 
 _CARDS = """
@@ -29,6 +30,7 @@ def add_laws(commands: Any) -> None:
         if name == "laws":
             catalogue.add_argument("name", nargs="?", help="name, as in job files; a card; or a file")
             add_options(catalogue)
+            add_option(catalogue)
         else:
             catalogue.add_argument("name", nargs="?", help="name, as in job files")
         catalogue.set_defaults(command=_catalogue, catalogue=name)

@@ -13,8 +13,7 @@ from hpcinv.cli.mesh_input import JOBS, check_one_process, length_unit, mesh_spe
 from hpcinv.cli.options import positive
 from hpcinv.cli.show import add_picture, show
 from hpcinv.errors import JobError, OutputError
-from hpcinv.files.untrusted import add_option, is_asked
-from hpcinv.formats import mesh_fault
+from hpcinv.files.untrusted import add_option
 from hpcinv.formats.partitioned_header import SUFFIX
 from hpcinv.job.job import load
 from hpcinv.job.sections import CADS, IMAGES, SURFACES, MeshSpec
@@ -254,8 +253,6 @@ def _partition(options: argparse.Namespace) -> int:
 def _gather(options: argparse.Namespace) -> int:
     if suffix_of(options.input) != SUFFIX:
         raise OutputError(f"{options.input}: is not a partitioned mesh ({SUFFIX})")
-    if is_asked() and (fault := mesh_fault(options.input.parent, options.input.name)):
-        raise JobError(f"{options.input}: {fault}")
     check_one_process("mesh")
     from hpcinv.mesh.mesh_files import SAVERS, save
     from hpcinv.mesh.readers import FILES

@@ -8,11 +8,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from hpcinv.errors import MeshError, OutputError
-from hpcinv.files.untrusted import is_asked
 from hpcinv.job.sections import LENGTH, MeshSpec
 from hpcinv.quantity.schema import job_error
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import LENGTH_UNITS, parse_quantity
+from hpcinv.reading.door import is_asked
 
 JOBS = (".yaml", ".yml")
 """suffixes of job files"""

@@ -16,6 +16,7 @@ from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
 from hpcinv.job.sections import IMAGES, Support
 from hpcinv.pictures.colours import COLOURS, Colour
+from hpcinv.reading.door import admitted
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
@@ -202,7 +203,7 @@ def _page(path: Path, unit: str | None, save: str = "") -> bytes:
 
     from hpcinv.reports.job_page import job_page, length_unit_of
 
-    text = path.read_text("utf-8") if job else ""
+    text = admitted(path).read_text("utf-8") if job else ""
     symbol = unit or length_unit_of(job, body)
     return job_page(path.stem, body, job, text, symbol, save)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from hpcinv.batch.ledger.store import open_store
 from hpcinv.errors import OutputError, SubmitError
 from hpcinv.files.atomic import output_errors, replace
-from hpcinv.files.untrusted import VARIABLE, is_asked
+from hpcinv.reading.door import VARIABLE, is_asked
 from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
 from hpcinv.sweep.templates import TEMPLATES
 

@@ -17,6 +17,7 @@ from jinja2 import UndefinedError
 from hpcinv.dossier.context import OPEN, DossierContext
 from hpcinv.errors import OutputError
 from hpcinv.formats import FORMATS
+from hpcinv.reading.door import admitted
 from hpcinv.reports.page import render
 from hpcinv.reports.run_page import quantity_rows
 from hpcinv.reports.wording import words
@@ -164,7 +165,7 @@ def _hashes(directory: Path) -> Iterator[tuple[str, str]]:
     for path in sorted(directory.iterdir()):
         if path.is_file() and path.suffix in (*FORMATS, ".yaml", ".json", ".h5", ".npz", ".log"):
             try:
-                with path.open("rb") as file:
+                with admitted(path).open("rb") as file:
                     yield path.name, hashlib.file_digest(file, "sha256").hexdigest()
             except OSError as error:
                 raise OutputError(f"{path}: cannot be read: {error.strerror}") from error

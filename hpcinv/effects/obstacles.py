@@ -9,12 +9,13 @@ from typing import Annotated, Any, Literal
 from pydantic import ValidationInfo, field_validator
 
 from hpcinv.files.names import FilePath, is_file
-from hpcinv.files.untrusted import REFUSED, applies
+from hpcinv.files.untrusted import applies
 from hpcinv.quantity import Length, Triple
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.quantity import Dimensionless, LengthUnit, Size
 from hpcinv.quantity.schema import OneOf, Spec, shown
 from hpcinv.quantity.units import Dimension
+from hpcinv.reading.door import REFUSED
 from hpcinv.reading.suffix import suffix_of
 
 LENGTH, NUMBER = Dimension(length=1), Dimension()

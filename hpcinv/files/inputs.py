@@ -13,6 +13,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from hpcinv.reading.door import admitted
+
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_APPEND | os.O_CREAT
 _SYSTEM = tuple(
     os.path.join(os.path.realpath(path), "")  # noqa: PTH118  (a path that ends with its separator)
@@ -100,7 +102,7 @@ def digest_of(path: Path) -> str:
     """Return the SHA-256 of a regular file; empty if there is none."""
     with suppress(OSError):
         if path.is_file():
-            with path.open("rb") as file:
+            with admitted(path).open("rb") as file:
                 return hashlib.file_digest(file, "sha256").hexdigest()
     return ""
 

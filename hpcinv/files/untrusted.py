@@ -10,7 +10,7 @@ import os
 import re
 import sys
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -18,16 +18,14 @@ from typing import Annotated
 from pydantic import AfterValidator, ValidationInfo
 
 from hpcinv.errors import JobError
-from hpcinv.files.names import NamesFile
+from hpcinv.files.names import NamesFile, exists
+from hpcinv.reading.door import PLACES, REFUSED, VARIABLE, admit, is_asked, path_fault
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.image_headers import METAIMAGE, NRRD, source_of
 from hpcinv.reading.suffix import suffix_of
 
 _IMAGES = METAIMAGE + NRRD
 """suffixes of images whose headers can name other files"""
-VARIABLE = "HPCINV_UNTRUSTED"
-REFUSED = "refused with --untrusted"
-
 _WORKING_DIRECTORY = (
     ".petscrc",
     "petscrc",
@@ -47,14 +45,6 @@ def add_option(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="for files from others: refuse everything that could execute code or access other files",
     )
-
-
-def is_asked() -> bool:
-    """Return whether the environment variable is set; raises ``JobError`` if its value is not valid."""
-    value = os.environ.get(VARIABLE, "")
-    if value not in ("", "0", "1"):
-        raise JobError(f"{VARIABLE}={value}: must be 1, to refuse files that could execute code, or unset")
-    return value == "1"
 
 
 def applies(info: ValidationInfo) -> bool:
@@ -79,21 +69,45 @@ def asked_for(options: argparse.Namespace) -> Iterator[None]:
     Raises:
         JobError: files in the working directory could be executed.
     """
-    kept_value = os.environ.get(VARIABLE)
-    if getattr(options, "untrusted", False):
-        os.environ[VARIABLE] = "1"
-    try:
+    with _kept_environment():
+        if getattr(options, "untrusted", False):
+            os.environ[VARIABLE] = "1"
         if is_asked():
-            values = [
-                entry for value in vars(options).values() for entry in (value if isinstance(value, list) else [value])
-            ]
-            _check_working_directory([value for value in values if isinstance(value, Path)])
+            named = list(_named_in(options))
+            _check_working_directory(named)
+            admit(*named, *(path.resolve().parent for path in named if path.is_file()), Path("results"))
+        yield
+
+
+@contextmanager
+def applied_to(places: Sequence[Path]) -> Iterator[None]:
+    """Context in which only files in some places are read, as with ``--untrusted``; all files if there are none."""
+    with _kept_environment():
+        if places:
+            os.environ[VARIABLE] = "1"
+            admit(*places)
+        yield
+
+
+@contextmanager
+def _kept_environment() -> Iterator[None]:
+    kept = {name: os.environ.get(name) for name in (VARIABLE, PLACES)}
+    try:
         yield
     finally:
-        if kept_value is None:
-            os.environ.pop(VARIABLE, None)
-        else:
-            os.environ[VARIABLE] = kept_value
+        for name, value in kept.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _named_in(options: argparse.Namespace) -> Iterator[Path]:
+    """Yield the files and directories that the arguments name; those to be written need not exist."""
+    for value in vars(options).values():
+        for entry in value if isinstance(value, list | tuple) else [value]:
+            if isinstance(entry, Path) or (isinstance(entry, str) and exists(entry)):
+                yield Path(entry)
 
 
 def _check_working_directory(files: list[Path]) -> None:
@@ -105,13 +119,6 @@ def _check_working_directory(files: list[Path]) -> None:
     if str(here) in sys.path and any(here == home or home in here.parents for home in homes):
         text = f"{here}: {REFUSED}: with 'python -m' Python imports modules from the working directory"
         raise JobError(f"{text}, where the file is; start as 'hpcinv …', or from another directory")
-
-
-def path_fault(directory: Path, path: str) -> str:
-    """Fault of a path in an untrusted file in ``directory``; empty text if there is none."""
-    if (directory / path).resolve().is_relative_to(directory.resolve()):
-        return ""
-    return f"leads out of the directory of the file, and is {REFUSED}; put the needed files there"
 
 
 def image_fault(path: Path) -> str:

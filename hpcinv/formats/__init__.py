@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
-from hpcinv.files.untrusted import REFUSED, image_fault, path_fault
+from hpcinv.errors import MeshError
+from hpcinv.files.untrusted import image_fault
 from hpcinv.formats.mesh_format import MeshFormat
 from hpcinv.quantity.schema import import_modules
+from hpcinv.reading.door import REFUSED, is_asked, path_fault
 from hpcinv.reading.suffix import suffix_of
 
 import_modules(__name__, __path__)
@@ -38,4 +40,10 @@ def mesh_fault(directory: Path, file: str) -> str:
     return image_fault(path)
 
 
-__all__ = ["FORMATS", "MESHES", "SAVED", "MeshFormat", "action_of", "mesh_fault"]
+def check_untrusted(path: Path) -> None:
+    """Raise ``MeshError`` if a file must not be read because of ``--untrusted``."""
+    if is_asked() and (fault := mesh_fault(path.resolve().parent, path.resolve().name)):
+        raise MeshError(f"{path}: {fault}")
+
+
+__all__ = ["FORMATS", "MESHES", "SAVED", "MeshFormat", "action_of", "check_untrusted", "mesh_fault"]

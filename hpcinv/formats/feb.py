@@ -5,6 +5,7 @@ from html import unescape
 from pathlib import Path
 
 from hpcinv.formats.mesh_format import Groups, MeshFormat
+from hpcinv.reading.door import admitted
 
 _NAMED = re.compile(r"<(?:Nodes|Elements|NodeSet|ElementSet|Surface)\b[^>]*?\bname\s*=\s*\"([^\"]*)\"")
 _UNNAMED = r"part-\d+"
@@ -23,5 +24,5 @@ class Feb(MeshFormat):
         """Groups by the names of parts, sets and surfaces; parts without a name are called such as ``part-2``."""
         if path.stat().st_size > _LARGEST:
             return None
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = admitted(path).read_text(encoding="utf-8", errors="replace")
         return Groups(frozenset(map(unescape, _NAMED.findall(text))), patterns=(_UNNAMED,))

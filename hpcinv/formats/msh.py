@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 from hpcinv.formats.mesh_format import Groups, MeshFormat
+from hpcinv.reading.door import admitted
 
 _HEADERS = (b"$MeshFormat", b"$Comments", b"$NOD")
 """First lines of MSH 2 and 4, the same after a comment, and MSH 1."""
@@ -23,7 +24,7 @@ class Msh(MeshFormat):
 
         It executes other files as scripts, which can start programs.
         """
-        with path.open("rb") as file:
+        with admitted(path).open("rb") as file:
             first = file.readline(256)
         if first.rstrip() in _HEADERS:
             return ""
@@ -31,7 +32,7 @@ class Msh(MeshFormat):
 
     def fault_inside(self, path: Path) -> str:
         """Fault of a file without elements, or that is cut off."""
-        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        with admitted(path).open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             if content.find(b"$MeshFormat") < 0:  # version 1
                 return ""
             sections = (b"$Nodes", b"$EndNodes", b"$Elements", b"$EndElements")
@@ -40,7 +41,7 @@ class Msh(MeshFormat):
 
     def groups(self, path: Path) -> Groups | None:
         """Groups by their names, which are text also in binary files; unnamed ones are called such as ``surface-3``."""
-        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        with admitted(path).open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             if content[:1] != b"$" or content.find(b"$Elements") < 0:
                 return None  # not MSH 2 or 4, or incomplete
             names: dict[bool, set[str]] = {False: set(), True: set()}

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from hpcinv.errors import MeshError
+from hpcinv.reading.door import trusted
 
 SUFFIX = ".bp"
 HEADER = "mesh.json"
@@ -85,7 +86,7 @@ def read_header(path: Path) -> Header:
         MeshError: it is not a partitioned mesh, is damaged, or was written by another version.
     """
     try:
-        content = json.loads((path / HEADER).read_text(encoding="utf-8"))
+        content = json.loads(trusted(path / HEADER).read_text(encoding="utf-8"))
         version = content.pop("format")
         if version != _FORMAT:
             raise MeshError(

@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from hpcinv.formats.mesh_format import Groups, MeshFormat
+from hpcinv.reading.door import admitted
 
 _LARGEST = 8 * 2**20
 """bytes of a file that is searched for names; raised, ``validate`` may take seconds"""
@@ -50,7 +51,7 @@ class Xdmf(MeshFormat):
 def root_of(path: Path) -> ET.Element:
     """Root of the XML; raises ``ValueError`` if it is not valid."""
     try:
-        return ET.parse(path).getroot()
+        return ET.parse(admitted(path)).getroot()
     except (ET.ParseError, LookupError) as error:  # LookupError: an unknown encoding
         raise ValueError(str(error)) from error
 

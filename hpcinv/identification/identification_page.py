@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.errors import OutputError
+from hpcinv.reading.door import admitted
 from hpcinv.reports.cases_page import as_url
 from hpcinv.reports.page import NAME, render, write_page
 
@@ -19,7 +20,7 @@ def write_identification_report(directory: Path, output: Path | None) -> Path:
     """
     source = directory / FIGURES
     try:
-        figures: dict[str, Any] = json.loads(source.read_text("utf-8"))
+        figures: dict[str, Any] = json.loads(admitted(source).read_text("utf-8"))
         curves = [{**curve, "picture": _picture(directory, curve["name"])} for curve in figures["curves"]]
         chance = figures["probability"]
         page = render(
@@ -43,4 +44,4 @@ def write_identification_report(directory: Path, output: Path | None) -> Path:
 
 def _picture(directory: Path, name: str) -> str:
     path = directory / f"curve-{name}.png"
-    return as_url(path.read_bytes()) if path.is_file() else ""
+    return as_url(admitted(path).read_bytes()) if path.is_file() else ""

@@ -34,6 +34,7 @@ from hpcinv.mesh.source import DataArray, Floats, MeshSource
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.quantity.written_units import as_shown, written_units
+from hpcinv.reading.door import admitted
 from hpcinv.solver.workspace import Workspace
 
 _ORIGIN, _FIGURES, _SECTIONS, _RUN = "identification-origin.json", "identification.json", "sections.yaml", "run"
@@ -199,7 +200,7 @@ def _open(directory: Path, job: Job, content: str, *, overwrite: bool) -> None:
 
 def _content_of(origin: Path) -> str:
     try:
-        return str(json.loads(origin.read_text())["content"])
+        return str(json.loads(admitted(origin).read_text())["content"])
     except (ValueError, KeyError, TypeError):
         return ""
 

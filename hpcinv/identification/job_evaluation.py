@@ -33,6 +33,7 @@ from hpcinv.methods.method import Guess
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
 from hpcinv.parallel.ranks import MPI, agree, on_root, wait_for_all
+from hpcinv.reading.door import admitted
 from hpcinv.solver.workspace import Workspace
 from hpcinv.version import __version__
 
@@ -76,7 +77,7 @@ class Evaluation:
     def read(cls, path: Path) -> Self | None:
         """Return a kept evaluation; ``None`` if there is none, or its file is damaged."""
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with np.load(admitted(path), allow_pickle=False) as file:
                 factorizations, seconds, quantities, failure = json.loads(bytes(file["about"]))
                 numbers = file["differences"], file["jacobian"]
                 shapes = {key.removeprefix(_SHAPE): file[key] for key in file.files if key.startswith(_SHAPE)}

@@ -22,7 +22,7 @@ from pydantic import (
 from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.errors import JobError
 from hpcinv.files.names import FilePath, is_file
-from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
+from hpcinv.files.untrusted import applies
 from hpcinv.formats import SAVED
 from hpcinv.formats.mesh_format import Groups
 from hpcinv.job import region_references, rules
@@ -66,6 +66,7 @@ from hpcinv.quantity.schema import (
     repeated,
     shown,
 )
+from hpcinv.reading.door import REFUSED, is_asked, path_fault
 from hpcinv.reading.suffix import suffix_of
 
 MOST_ENTRIES = 10_000

@@ -15,6 +15,7 @@ from hpcinv.quantity.quantity import QUANTITIES
 from hpcinv.quantity.schema import KeyPath, collected, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
+from hpcinv.reading.door import admitted
 from hpcinv.reading.suffix import suffix_of
 
 type ParameterValue = float | int | bool | str
@@ -185,7 +186,7 @@ def is_generator(path: Path) -> bool:
 def parameters_of(path: Path) -> dict[str, GeneratorParameter]:
     """Parameters of ``build()`` in a Python generator or of ``DefineConstant`` in a gmsh script, by name."""
     try:
-        return _FORMATS[suffix_of(path)](path.read_text(encoding="utf-8"))
+        return _FORMATS[suffix_of(path)](admitted(path).read_text(encoding="utf-8"))
     except UnicodeDecodeError:
         raise ValueError(f"{path.name} is not a text file in UTF-8") from None
     except SyntaxError as error:

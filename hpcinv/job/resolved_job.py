@@ -20,6 +20,7 @@ from hpcinv.job.job import Job
 from hpcinv.quantity.expressions import LET
 from hpcinv.quantity.plugins import inputs_of
 from hpcinv.quantity.schema import Spec, metadata_in
+from hpcinv.reading.door import admitted
 from hpcinv.reading.suffix import suffix_of
 
 WITH_DEFINITIONS = {LET: True}
@@ -41,14 +42,14 @@ def file_digest(path: Path) -> str:
         return read_header(path).digest()
     digest = hashlib.sha256()
     try:
-        content = path.read_bytes()
+        content = admitted(path).read_bytes()
         digest.update(content)
         for name in sorted(mesh_format.data_files(path)) if mesh_format else ():
-            digest.update((path.parent / name).read_bytes())
+            digest.update(admitted(path.parent / name, path).read_bytes())
         if suffix_of(path) in _HEADERS:
             for file in _voxel_files(path, content[:_LONGEST_HEADER]):
                 digest.update(file.name.encode())
-                with file.open("rb") as voxels:
+                with admitted(file, path).open("rb") as voxels:
                     digest.update(hashlib.file_digest(voxels, "sha256").digest())
     except (OSError, ValueError) as error:
         missing = getattr(error, "filename", None) or path

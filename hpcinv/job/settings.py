@@ -1,6 +1,7 @@
 """Sections of a job file for the solution methods, checks and output."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
@@ -16,9 +17,10 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
-from hpcinv.files.untrusted import REFUSED, FileBeside, applies, option_fault
-from hpcinv.formats import SAVED
+from hpcinv.files.untrusted import FileBeside, applies, option_fault
+from hpcinv.formats import SAVED, mesh_fault
 from hpcinv.quantity.schema import Faults, ListOf, Spec, raise_if_any, shown
+from hpcinv.reading.door import REFUSED
 
 if TYPE_CHECKING:
     SavedFormat = str
@@ -131,6 +133,14 @@ class Solver(Spec):
     at the given body, and the nodal forces that would hold it there are taken away"""
     petsc: Mapping[str, PetscValue] = {}
     """PETSc options by name, without the dash"""
+
+    @field_validator("start_shape")
+    @classmethod
+    def _is_data(cls, start_shape: str | None, info: ValidationInfo) -> str | None:
+        directory = (info.context or {}).get("directory", Path())
+        if start_shape is not None and applies(info) and (fault := mesh_fault(directory, start_shape)):
+            raise ValueError(f"'{start_shape}' {fault}")
+        return start_shape
 
     @field_validator("start")
     @classmethod

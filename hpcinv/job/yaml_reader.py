@@ -17,6 +17,7 @@ import yaml
 from hpcinv.errors import JobError
 from hpcinv.formats import FORMATS
 from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.reading.door import admitted
 from hpcinv.reading.suffix import suffix_of
 
 MOST_BYTES = 8 * 2**20
@@ -132,7 +133,7 @@ def _content(path: Path) -> bytes:
         raise JobError(f"{path}: cannot be read: it is a directory")
     if not stat.S_ISREG(status.st_mode):
         raise JobError(f"{path}: cannot be read: it is a device or a pipe; use a regular file")
-    with path.open("rb") as file:  # not the size from stat, which is 0 for files of /proc
+    with admitted(path).open("rb") as file:  # not the size from stat, which is 0 for files of /proc
         content = file.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
         size = max(status.st_size, len(content))

@@ -12,7 +12,7 @@ from typing import Any
 
 from hpcinv.errors import HpcinvError, MeshError, described
 from hpcinv.files.inputs import recorded_inputs
-from hpcinv.formats import FORMATS
+from hpcinv.formats import FORMATS, check_untrusted
 from hpcinv.formats.mesh_format import MeshFormat, loaded
 from hpcinv.job.mesh_generators import ParameterValue
 from hpcinv.job.sections import ArrayLabels
@@ -26,6 +26,7 @@ from hpcinv.mesh.io.shell_surfaces import read_shell_surface
 from hpcinv.mesh.io.vtu import source_of
 from hpcinv.mesh.quadrilaterals import quadrilaterals
 from hpcinv.mesh.source import MeshSource
+from hpcinv.reading.door import admitted, trusted
 from hpcinv.reading.suffix import suffix_of
 
 
@@ -48,7 +49,7 @@ def build_python(
     file = str(path.absolute())
     with session(path.stem, size_factor) as gmsh, recorded_inputs(path, reimported=True) as inputs, noted_files(gmsh):
         try:
-            build = runpy.run_path(file).get("build")
+            build = runpy.run_path(str(trusted(path.absolute()))).get("build")
             if not callable(build):
                 raise MeshError(
                     f"{path}: no function 'build'",
@@ -78,7 +79,7 @@ def build_geo(
     is_surface: bool = False,
 ) -> MeshSource:
     """Mesh a gmsh script, in its own unit, whose ``DefineConstant`` values are the parameters."""
-    file = path.absolute()
+    file = trusted(path.absolute())
     with session(path.stem, size_factor) as gmsh, recorded_inputs(path) as inputs:
         note_script(file)
         for name, value in parameters.items():
@@ -151,7 +152,7 @@ def _merge(gmsh: Any, path: Path, called: Path | None = None) -> None:
     """Read a file into gmsh's current model; errors name ``called`` instead of ``path``, if given."""
     called = called or path
     try:
-        gmsh.merge(str(path))
+        gmsh.merge(str(admitted(path)))
     except Exception as exc:  # gmsh raises nothing narrower
         # After a syntax error gmsh's parser keeps the rest of the line for the next file: let it read another one.
         with tempfile.NamedTemporaryFile("w", suffix=".geo") as scrap, suppress(Exception):
@@ -185,6 +186,7 @@ GENERATORS: dict[str, Callable[..., MeshSource]] = {".py": build_python, ".geo":
 
 
 def _read(mesh_format: MeshFormat, path: Path) -> MeshSource:
+    check_untrusted(path)
     if mesh_format.reader:
         source: MeshSource = loaded(mesh_format.reader)(path)
         return source

@@ -21,6 +21,7 @@ from hpcinv.files.names import check_output
 from hpcinv.job.fingerprint import check_same_problem, fingerprint
 from hpcinv.job.job import UNNAMED, Job, load, parse
 from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.reading.door import admitted
 
 _JOB, _ORIGIN, _LOG, _SUMMARY = "job.yaml", "origin.json", "run.log", "summary.json"
 _CONTENT = (  # in the order in which it is removed: what is left after a kill never counts as a finished run
@@ -54,7 +55,7 @@ class RunDirectory:
     def summary(self) -> dict[str, Any] | None:
         """Return the content of ``summary.json``, ``None`` if it is missing or of something else."""
         try:
-            content: dict[str, Any] = json.loads((self.path / _SUMMARY).read_bytes())
+            content: dict[str, Any] = json.loads(admitted(self.path / _SUMMARY).read_bytes())
             _ = content["status"]
         except (OSError, ValueError, KeyError, TypeError):
             return None
@@ -196,13 +197,13 @@ class RunDirectory:
             return self.text
         with contextlib.suppress(JobError):  # a job made in Python has no file
             if read_yaml(job.path) == job.data:
-                return job.path.read_text(encoding="utf-8")
+                return admitted(job.path).read_text(encoding="utf-8")
         return as_yaml(job.data)
 
     def _origin(self) -> tuple[str | None, bool]:
         """Return the file from which the job was read, and whether the job is untrusted."""
         try:
-            content = json.loads((self.path / _ORIGIN).read_text())
+            content = json.loads(admitted(self.path / _ORIGIN).read_text())
             origin, untrusted = content["job"], bool(content.get("untrusted", False))
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError("it names no job") from error

@@ -15,6 +15,7 @@ from hpcinv.errors import OutputError
 from hpcinv.files.atomic import write_output
 from hpcinv.quantity.arrays import Floats, Ints
 from hpcinv.quantity.units import readable
+from hpcinv.reading.door import admitted
 
 NAME = "surface.npz"
 _REGION, _RESULT, _FIBRES = "region:", "result:", "fibres:"
@@ -131,7 +132,7 @@ def read_boundary(path: Path) -> Boundary:
         OutputError: it is missing, damaged, or of another version of hpcinv.
     """
     try:
-        with np.load(path) as stored:
+        with np.load(admitted(path)) as stored:
             arrays = dict(stored)
         results: dict[str, dict[str, Any]] = {}
         regions, directions = {}, {}

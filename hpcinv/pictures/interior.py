@@ -15,6 +15,7 @@ from hpcinv.mesh.topology import unique_rows
 from hpcinv.pictures.boundary_surface import DAMAGE, write_arrays
 from hpcinv.quantity.arrays import Floats, Ints
 from hpcinv.quantity.stress_measures import COMPONENTS
+from hpcinv.reading.door import admitted
 
 NAME = "interior.npz"
 _REGION = "region:"
@@ -103,7 +104,7 @@ def read_interior(path: Path) -> Interior | None:
         OutputError: it is damaged, or of another version of hpcinv.
     """
     try:
-        with np.load(path) as stored:
+        with np.load(admitted(path)) as stored:
             arrays = dict(stored)
         count = sum(key.endswith(":J") for key in arrays)
         names = InteriorResult.__dataclass_fields__

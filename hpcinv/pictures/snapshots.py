@@ -8,6 +8,7 @@ import numpy as np
 from hpcinv.errors import OutputError
 from hpcinv.pictures.boundary_surface import DAMAGE, write_arrays
 from hpcinv.quantity.arrays import Floats, Ints
+from hpcinv.reading.door import admitted
 
 NAME = "snapshots"
 _LEVELS = 65_535  # of a displacement between its smallest and its largest value
@@ -90,7 +91,7 @@ def read_snapshots(directory: Path) -> list[Snapshot]:
     for path in _all(directory):
         solution, solves = _place(path)
         try:
-            with np.load(path) as file:
+            with np.load(admitted(path)) as file:
                 content = dict(file)
             values = content["low"] + content["levels"].T / _LEVELS * content["range"]
             state, load, residual = str(content["state"]), float(content["load"]), float(content["residual"])

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from hpcinv.quantity.units import NUMBER
 from hpcinv.reading.decoding import decoded
+from hpcinv.reading.door import admitted
 
 _NUMBER = re.compile(NUMBER)
 _WITH_COMMA = re.compile(r"([+-]?\d*),(\d+(?:[eE][+-]?\d{1,3})?)")
@@ -93,6 +94,6 @@ def content_of(path: Path, most: int) -> bytes:
     try:
         if (size := path.stat().st_size) > most:
             raise ValueError(f"has {size:,} bytes, and may have {most:,}")
-        return path.read_bytes()
+        return admitted(path).read_bytes()
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror}") from None

@@ -11,6 +11,7 @@ from pathlib import Path
 from hpcinv.errors import JobError, described
 from hpcinv.files.inputs import changed_inputs, digest_of, recorded_inputs
 from hpcinv.files.names import is_file
+from hpcinv.reading.door import trusted
 
 GROUP = "hpcinv.plugins"
 _PREFIX = "hpcinv_plugin_"  # of module names of files named by a job
@@ -54,7 +55,7 @@ def load_file(path: Path) -> None:
                 f"'{path.parent / files[0]}' has changed since this process imported it; start Python again to use it"
             )
         return
-    spec = importlib.util.spec_from_file_location(name, path)
+    spec = importlib.util.spec_from_file_location(name, trusted(path))
     if path.suffix != ".py" or spec is None or spec.loader is None:
         raise ValueError(f"'{path.name}' is not a Python file")
     module = importlib.util.module_from_spec(spec)

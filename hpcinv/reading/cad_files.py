@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault, shown
 
 _GIVEN_BY_LIBRARY = ("Open CASCADE", "COMPOUND", "SOLID", "SHELL")
@@ -43,7 +44,7 @@ def read_cad(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.model.add("rehearsal")
-        gmsh.model.occ.importShapes(str(path))
+        gmsh.model.occ.importShapes(str(admitted(path)))
         gmsh.model.occ.synchronize()
         gmsh.model.getBoundary(gmsh.model.getEntities(3))
         occ, solids = gmsh.model.occ, solid_names(gmsh)

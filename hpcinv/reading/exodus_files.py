@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.hdf5_arrays import array_in, opened
 from hpcinv.reading.numbered_elements import Blocks, element_arrays, vertices_of
@@ -153,7 +154,7 @@ def _valid(rows: Any, count: int, owner: str) -> Any:
 
 @contextmanager
 def _variables(path: Path) -> Iterator[_Variables]:
-    with path.open("rb") as file:
+    with admitted(path).open("rb") as file:
         head = file.read(4)
     if head[:3] != b"CDF":
         with opened(path) as hdf5:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.inp_files import FACES
 from hpcinv.reading.local_fibres import local_name, local_nodes
@@ -23,7 +24,7 @@ _FACETS = {"tri3": 3, "tri6": 3, "quad4": 4, "quad8": 4, "quad9": 4}  # with the
 
 def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return arrays of nodes, elements and sets as `hpcinv.reading.inp_files` does; surfaces are ``facets:NAME``."""
-    content = path.read_bytes()
+    content = admitted(path).read_bytes()
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise Fault("has definitions of entities, which could fill the memory", "Save the model again.")
     try:

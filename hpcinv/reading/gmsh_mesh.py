@@ -4,6 +4,8 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
+from hpcinv.reading.door import admitted
+
 
 def read_msh(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Read the file with gmsh, and all data that the package asks for; errors are reported where it is read again."""
@@ -14,7 +16,7 @@ def read_msh(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.NumThreads", 1)
         gmsh.model.add("rehearsal")
-        gmsh.merge(str(path))
+        gmsh.merge(str(admitted(path)))
         if gmsh.model.getNumberOfPartitions():
             gmsh.model.mesh.unpartition()
         gmsh.model.mesh.getNodes()

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault, shown
 
 MOST_COMPRESSED = 1100
@@ -17,7 +18,7 @@ def opened(path: Path) -> Iterator[Any]:
     import h5py
 
     try:
-        file = h5py.File(path, "r")
+        file = h5py.File(admitted(path), "r")
     except OSError as error:
         raise Fault(f"is not a complete HDF5 file: {shown(str(error))}", "Is the file complete?") from None
     with file:

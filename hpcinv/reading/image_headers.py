@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Literal, cast
 
+from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault
 from hpcinv.reading.suffix import suffix_of
 
@@ -71,7 +72,7 @@ def check_regular(path: Path) -> None:
 def opened(path: Path) -> IO[bytes]:
     """Open a regular file, through gzip if its name ends so."""
     check_regular(path)
-    return cast("IO[bytes]", gzip.open(path)) if suffix_of(path) == ".gz" else path.open("rb")
+    return cast("IO[bytes]", gzip.open(admitted(path))) if suffix_of(path) == ".gz" else admitted(path).open("rb")
 
 
 def format_of(path: Path) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hpcinv.reading.decoding import decoded
+from hpcinv.reading.door import Refused, admitted
 from hpcinv.reading.fault import Fault, shown
 
 _INPUT = re.compile(r",\s*INPUT\s*=\s*(\"[^\"]*\"?|[^,]*)", re.IGNORECASE)
@@ -45,7 +46,7 @@ def included_by(path: Path, reader: Reader | None = None) -> list[str]:
     try:
         for line in (reader or _lines)(path, path.parent, (), names):
             del line
-    except (Fault, OSError):  # reported by the reader
+    except (Fault, Refused, OSError):  # reported by the reader
         pass
     return list(dict.fromkeys(names))
 
@@ -95,7 +96,7 @@ def text_of(path: Path, above: tuple[Path, ...] = ()) -> str:
         above: the files that include it, the first one outermost.
     """
     try:
-        return decoded(path.read_bytes())[0]
+        return decoded(admitted(path).read_bytes())[0]
     except ValueError:
         raise Fault(place_in(above, path, "is not a text file"), "Save it as text, in UTF-8.") from None
 
@@ -118,6 +119,6 @@ def found_file(name: str, home: Path, beside: Path, place: str, names: list[str]
         if file.is_file():
             if names is not None:
                 names.append(str(file.relative_to(home) if file.is_relative_to(home) else file))
-            return file
+            return admitted(file, home / name)
     advice = f"Put '{shown(Path(name.replace(chr(92), '/')).name)}' next to the file, and name it so."
     raise Fault(f"{place}: includes '{shown(name)}', which does not exist", advice)

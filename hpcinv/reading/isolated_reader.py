@@ -29,6 +29,7 @@ if "hpcinv" not in sys.modules:  # the package of the parent process, which need
 
 import numpy as np  # noqa: E402
 
+from hpcinv.reading.door import Refused, admit, admitted  # noqa: E402
 from hpcinv.reading.fault import Fault, PackageMissing, shown  # noqa: E402
 from hpcinv.reading.image_headers import METAIMAGE, NRRD, check_regular, format_of  # noqa: E402
 from hpcinv.reading.suffix import suffix_of  # noqa: E402
@@ -137,7 +138,7 @@ def _unpacked(path: Path, limits: Limits) -> Path:
     file = tempfile.TemporaryFile()  # noqa: SIM115  (it stays open)
     written, most = 0, min(limits.memory, shutil.disk_usage(tempfile.gettempdir()).free)
     try:
-        with gzip.open(path) as packed:
+        with gzip.open(admitted(path)) as packed:
             while part := packed.read(_CHUNK):
                 written += len(part)
                 if written > most:
@@ -148,7 +149,9 @@ def _unpacked(path: Path, limits: Limits) -> Path:
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise Fault(f"cannot be read as an image: {error}", "Is the file complete?") from None
     _open_files.append(file)
-    return Path(f"/proc/self/fd/{file.fileno()}")
+    unpacked = Path(f"/proc/self/fd/{file.fileno()}")
+    admit(unpacked)
+    return unpacked
 
 
 _open_files: list[IO[bytes]] = []
@@ -178,6 +181,9 @@ def main(action: str, name: str, memory: str, seconds: str) -> None:
     try:
         check_regular(path)
         head, arrays = ACTIONS[action](path, Limits(int(memory), int(seconds)))
+    except Refused as refused:
+        name = "" if refused.path == path else f"names '{shown(str(refused.path))}', which "
+        head = {"fault": [f"{name}{refused.text}", "", False]}
     except Fault as fault:
         head = {"fault": [shown(fault.text, _LONGEST), fault.advice, isinstance(fault, PackageMissing)]}
     except MemoryError:

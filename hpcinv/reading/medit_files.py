@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.included_files import text_of
 from hpcinv.reading.numbered_elements import Blocks, element_arrays
@@ -32,7 +33,7 @@ _KINDS = "Tetrahedra and Hexahedra"
 
 def read_medit(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return arrays of vertices, cells and references; a reference of 0 makes no region."""
-    content = path.read_bytes()
+    content = admitted(path).read_bytes()
     if content[:4] in (b"\1\0\0\0", b"\0\0\0\1"):
         raise Fault("is a binary file of Medit", "Save it as text (.mesh).")
     words = [word for line in text_of(path).splitlines() for word in line.split("#")[0].split()]

@@ -11,6 +11,7 @@ from typing import IO
 
 import numpy as np
 
+from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault, PackageMissing
 from hpcinv.reading.image_headers import opened
 from hpcinv.reading.voxel_files import check_memory
@@ -68,7 +69,7 @@ def read_nifti(path: Path, memory: float) -> VoxelGrid:
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     reader = SimpleITK.ImageFileReader()
     reader.SetImageIO("NiftiImageIO")
-    reader.SetFileName(str(path))
+    reader.SetFileName(str(admitted(path)))
     try:
         image = reader.Execute()
     except RuntimeError as error:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault, PackageMissing
 from hpcinv.reading.voxel_files import check_memory
 from hpcinv.reading.voxels import Floats, VoxelGrid, check_frame
@@ -33,7 +34,7 @@ def read_segmentation(path: Path, memory: float) -> VoxelGrid:
         text = "DICOM segmentations are read by pydicom, which is not installed"
         raise PackageMissing(text, "Install it by: pip install pydicom") from None
     try:
-        data = pydicom.dcmread(path)
+        data = pydicom.dcmread(admitted(path))
         kind = str(data.get("SOPClassUID", ""))
         if kind not in (_SEGMENTATION, _LABEL_MAP):
             raise Fault("is not a DICOM segmentation (SEG)", "Give the segmentation, not the scan itself.")

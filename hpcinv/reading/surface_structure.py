@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault
 from hpcinv.reading.suffix import suffix_of
 
@@ -21,7 +22,7 @@ _STL_HEAD, _STL_TRIANGLE = 84, 50  # bytes
 def check_structure(path: Path) -> int | None:
     """Raise ``Fault`` for a file that is cut or has other entries than it says; return its number of polygons."""
     check = {".stl": _check_stl, ".ply": _check_ply, ".obj": _check_obj, ".vtk": _check_vtk}.get(suffix_of(path))
-    return check(path.read_bytes()) if check else None
+    return check(admitted(path).read_bytes()) if check else None
 
 
 def _check_stl(content: bytes) -> int | None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault
 from hpcinv.reading.suffix import suffix_of
 from hpcinv.reading.surface_structure import check_structure
@@ -65,7 +66,7 @@ def _read(path: Path) -> Any:
         raise Fault("cannot be read as a surface", _FORMATS)
     module, _, name = readers[suffix_of(path)].partition(".")  # each one takes a tenth of a second to load
     reader: Any = getattr(importlib.import_module(f"vtkmodules.{module}"), name)()
-    reader.SetFileName(str(path))
+    reader.SetFileName(str(admitted(path)))
     reader.Update()
     return reader.GetOutput()
 

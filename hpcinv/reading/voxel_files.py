@@ -10,6 +10,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.image_headers import ImageHeader, check_regular, opened, read_header
 from hpcinv.reading.suffix import suffix_of
@@ -37,7 +38,7 @@ def read_voxel_file(path: Path, memory: float) -> VoxelGrid:
             if not names or header.shape[-1] % len(names):
                 raise Fault(f"names {len(names)} files for {header.shape[-1]} slices")
             each = math.prod(header.shape) // len(names)
-            numbers = np.concatenate([_voxels_in(path.parent, name, header, each) for name in names])
+            numbers = np.concatenate([_voxels_in(path, name, header, each) for name in names])
     return VoxelGrid(numbers.reshape(header.shape, order="F"), *frame)
 
 
@@ -50,12 +51,12 @@ def check_memory(voxels: int, size: int, memory: float) -> None:
         )
 
 
-def _voxels_in(directory: Path, name: str, header: ImageHeader, count: int) -> Numbers:
+def _voxels_in(header_path: Path, name: str, header: ImageHeader, count: int) -> Numbers:
     """Voxels in a file that a header names."""
-    path = directory / name
+    path = header_path.parent / name
     try:
         check_regular(path)
-        with path.open("rb") as file:
+        with admitted(path, header_path).open("rb") as file:
             return _voxels(file, header, count, is_packed=False)
     except (OSError, ValueError) as error:
         text = f"names the file '{shown(name)}', which cannot be read: {getattr(error, 'strerror', None) or error}"

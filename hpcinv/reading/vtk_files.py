@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault
 from hpcinv.reading.voxels import VoxelGrid
 from hpcinv.reading.vtk_headers import elements_of, parse
@@ -25,7 +26,7 @@ def read_vtu(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     if fault := fault_of_header(path):
         raise Fault(f"VTK cannot read it: {fault}", "Is it a complete .vtu file?")
     reader = vtkXMLUnstructuredGridReader()
-    reader.SetFileName(str(path))
+    reader.SetFileName(str(admitted(path)))
     reader.Update()
     return _content(reader.GetOutput())
 
@@ -34,14 +35,14 @@ def read_vtk(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the same of a file in VTK's legacy format, as text or binary."""
     from vtkmodules.vtkIOLegacy import vtkUnstructuredGridReader
 
-    with path.open("rb") as file:
+    with admitted(path).open("rb") as file:
         head = file.read(4096)
     if not head.startswith(b"# vtk DataFile"):
         raise Fault("is not a legacy file of VTK", "Its first line is '# vtk DataFile Version'.")
     if (match := re.search(rb"^DATASET\s+(\w+)", head, re.M | re.I)) and match[1].upper() != b"UNSTRUCTURED_GRID":
         raise Fault(f"is {match[1].decode('ascii', 'replace')}, not UNSTRUCTURED_GRID", "Save the cells of the body.")
     reader = vtkUnstructuredGridReader()
-    reader.SetFileName(str(path))
+    reader.SetFileName(str(admitted(path)))
     for kind in ("Scalars", "Vectors", "Tensors", "Fields"):
         getattr(reader, f"ReadAll{kind}On")()
     reader.Update()
@@ -79,7 +80,7 @@ def read_vti(path: Path) -> VoxelGrid:
     vtk_to_numpy: Any = numpy_support.vtk_to_numpy
     _check_image_header(path)
     reader = vtkXMLImageDataReader()
-    reader.SetFileName(str(path))
+    reader.SetFileName(str(admitted(path)))
     reader.Update()
     image = reader.GetOutput()
     arrays = [

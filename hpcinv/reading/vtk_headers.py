@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from xml.parsers import expat
 
+from hpcinv.reading.door import admitted
+
 END = "/VTKFile"
 """tag by which `elements_of` ends a header that is whole"""
 
@@ -44,5 +46,5 @@ def parse(
         parser.CharacterDataHandler = has_text
     if ends is not None:
         parser.EndElementHandler = ends
-    with contextlib.suppress(_HeaderRead, expat.ExpatError), path.open("rb") as file:
+    with contextlib.suppress(_HeaderRead, expat.ExpatError), admitted(path).open("rb") as file:
         parser.ParseFile(file)

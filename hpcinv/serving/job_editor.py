@@ -12,6 +12,7 @@ from hpcinv.errors import HpcinvError, JobError
 from hpcinv.files.atomic import write_output
 from hpcinv.job.job import parse
 from hpcinv.job.yaml_reader import read_text, read_yaml
+from hpcinv.reading.door import admitted
 from hpcinv.reports.job_text import place_of_entries
 from hpcinv.serving.http_server import HttpServer, Reply
 
@@ -65,7 +66,7 @@ class JobEditor:
             OutputError: the file cannot be written.
         """
         expected = dict(read_yaml(self._path))
-        text = self._path.read_bytes().decode()
+        text = admitted(self._path).read_bytes().decode()
         newline = "\r\n" if "\r\n" in text else "\n"
         text = text.replace("\r\n", "\n")
         for section in SECTIONS:

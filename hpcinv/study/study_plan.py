@@ -8,8 +8,8 @@ from typing import Any
 from hpcinv.batch.axes import combined, sections_first
 from hpcinv.batch.specification import SpecificationFaults, changed_data, read_base, read_spec, text_of, texts_of
 from hpcinv.errors import JobError
-from hpcinv.files.untrusted import is_asked
 from hpcinv.job.job import Job, parse
+from hpcinv.reading.door import is_asked
 from hpcinv.study.study_spec import Study, measured_key
 
 

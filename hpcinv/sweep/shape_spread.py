@@ -12,6 +12,7 @@ from hpcinv.errors import JobError
 from hpcinv.mesh.io.vtu import read_vtu
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
+from hpcinv.reading.door import admitted
 from hpcinv.sweep.chaos import GOOD, Indices, Surrogate, sobol_indices
 from hpcinv.sweep.indices import ConvergedSample, accuracy, advice, regression_of, table_of
 
@@ -142,10 +143,10 @@ def _positions(sample: ConvergedSample, ledger: Ledger) -> tuple[MeshSource, Flo
     files: Mapping[int, Path] = {number: path for number, path in files_by_case.items() if path is not None}
     first = next(iter(files))
     source = read_vtu(files[first])
-    cells = pyvista.read(files[first]).cells
+    cells = pyvista.read(admitted(files[first])).cells
     positions = np.empty((len(files), *source.points.shape))
     for row, (number, path) in enumerate(files.items()):
-        grid = pyvista.read(path)
+        grid = pyvista.read(admitted(path))
         if len(grid.points) != len(source.points) or not np.array_equal(grid.cells, cells):
             raise JobError(
                 f"{plan.path}: cases {number} and {first} have different meshes, so that nodes have no standard"

@@ -10,12 +10,12 @@ from hpcinv.batch.axes import combined, sections_first
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.specification import SpecificationFaults, changed_data, read_base, read_spec, texts_of
 from hpcinv.errors import JobError
-from hpcinv.files.untrusted import is_asked
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import UNNAMED, Job, parse
 from hpcinv.job.resolved_job import file_digest
 from hpcinv.job.reuse_key import numbers_of, reuse_group_of
 from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.reading.door import is_asked
 from hpcinv.sweep.sweep_spec import Sweep
 
 _STORE = Path("results/store")

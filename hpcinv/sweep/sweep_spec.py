@@ -6,10 +6,11 @@ from typing import Annotated, Any
 from pydantic import ValidationInfo, field_validator
 
 from hpcinv.batch.axes import Axis, faults_between, number_of
-from hpcinv.files.untrusted import REFUSED, FileBeside, applies
+from hpcinv.files.untrusted import FileBeside, applies
 from hpcinv.quantity.keys import JobKey
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import FileName, ListOf, Spec, raise_if_any
+from hpcinv.reading.door import REFUSED
 
 MOST = 1_000_000
 """largest number of cases of a sweep, which can be checked within minutes"""

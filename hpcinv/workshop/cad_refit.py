@@ -20,6 +20,7 @@ from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.surface import surface_of
 from hpcinv.quantity.arrays import Floats
+from hpcinv.reading.door import admitted
 from hpcinv.workshop.brep_text import BrepText, UnknownForm
 from hpcinv.workshop.splines import DEGREE, Spline, even_knots, fitted, values_of
 
@@ -147,7 +148,7 @@ def refit(path: Path, move: Movement, tolerance: float, volume: float) -> Refitt
 def _tried(path: Path, move: Movement, spans: int, place: Path) -> Refitted:
     brep, step = place / "shape.brep", place / "shape.step"
     with session("given") as gmsh:
-        gmsh.model.occ.importShapes(str(path))
+        gmsh.model.occ.importShapes(str(admitted(path)))
         gmsh.model.occ.synchronize()
         if not gmsh.model.getEntities(3):
             gmsh.model.occ.healShapes()

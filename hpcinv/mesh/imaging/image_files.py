@@ -2,9 +2,6 @@
 
 from pathlib import Path
 
-from hpcinv.errors import MeshError
-from hpcinv.files.untrusted import is_asked
-from hpcinv.formats import mesh_fault
 from hpcinv.mesh.io.isolated import read_isolated
 from hpcinv.reading.voxels import VoxelGrid
 
@@ -21,8 +18,6 @@ def read_voxels(path: Path) -> VoxelGrid:
         MeshError: it cannot be read, contradicts itself, or there is not enough memory.
         SystemPartMissing: the packages for images are not installed.
     """
-    if is_asked() and (fault := mesh_fault(path.parent, path.name)):
-        raise MeshError(f"{path}: {fault}")
     head, arrays = read_isolated("image", path, "cannot be read as an image", _FORMATS)
     numbers = arrays.pop("numbers").transpose()
     return VoxelGrid(numbers, names=head["names"], **arrays)

@@ -20,6 +20,7 @@ from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.thin_walls import report_thin_walls
 from hpcinv.quantity.units import readable
 from hpcinv.reading.cad_files import given_name, solid_names
+from hpcinv.reading.door import admitted
 
 _HAIR = 1e-3  # gap of two solids, relative to the whole size, that is taken for a fault; more refuses separate parts
 _SEWN = 1e-5  # gap of faces, relative to the whole size, that are sewn to a solid; more may join thin parts
@@ -91,7 +92,7 @@ def _meshed(gmsh: Any, path: Path, spec: MeshSpec, report: Callable[[str], None]
 def _imported(gmsh: Any, path: Path, report: Callable[[str], None]) -> tuple[list[_Solid], _Faces]:
     """Return the solids of a file, and names and colours of its faces."""
     occ = gmsh.model.occ
-    occ.importShapes(str(path))
+    occ.importShapes(str(admitted(path)))
     occ.synchronize()
     if not gmsh.model.getEntities(3):
         if gmsh.model.getEntities(2):

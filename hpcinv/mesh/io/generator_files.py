@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.files.inputs import note_input
+from hpcinv.reading.door import admitted
 from hpcinv.reading.suffix import suffix_of
 
 _READERS = (("open",), ("merge",), ("model", "occ", "importShapes"), ("parser", "parse"))
@@ -54,5 +55,5 @@ def note_script(path: Path) -> None:
         known.add(file)
         note_input(file)
         if suffix_of(file) in _SCRIPTS:
-            text = _COMMENT.sub("", file.read_text(encoding="utf-8", errors="replace"))
+            text = _COMMENT.sub("", admitted(file).read_text(encoding="utf-8", errors="replace"))
             pending += [file.parent / name for name in _NAMED.findall(text)]

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from hpcinv import reading
 from hpcinv.errors import MeshError, OutputError, SystemPartMissing
-from hpcinv.formats import action_of
+from hpcinv.formats import action_of, check_untrusted
 from hpcinv.job.resolved_job import file_digest
 from hpcinv.job.sections import MeshSpec
 from hpcinv.parallel.available_memory import available
@@ -104,6 +104,7 @@ def run_isolated(action: str, path: Path, receive: _Received | None = None) -> s
 
 def _command(action: str, path: Path) -> tuple[list[str], int]:
     """Return the command that runs the program on a file, and its limit of processor time (s)."""
+    check_untrusted(path)
     memory, seconds = available(MPI.COMM_SELF), _SECONDS
     try:
         seconds += int(path.stat().st_size / _BYTES_PER_SECOND)

@@ -6,8 +6,6 @@ import numpy as np
 import pyvista
 
 from hpcinv.errors import MeshError
-from hpcinv.files.untrusted import is_asked
-from hpcinv.formats import mesh_fault
 from hpcinv.mesh.io.isolated import Arrays, read_isolated
 from hpcinv.mesh.source import Floats
 
@@ -39,6 +37,4 @@ def read_triangles(path: Path) -> pyvista.PolyData:
 
 
 def _read(path: Path) -> Arrays:
-    if is_asked() and (fault := mesh_fault(path.parent, path.name)):
-        raise MeshError(f"{path}: {fault}")
     return read_isolated("surface", path, "cannot be read as a surface", _FORMATS)[1]

@@ -17,6 +17,7 @@ from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, SurfaceCells, data_arrays, distinct_tags
 from hpcinv.mesh.surface_labels import labelled_facets
 from hpcinv.parallel.runtime import MPI
+from hpcinv.reading.door import admitted
 
 VTK_TYPES = {
     "interval": (3, 21, 68),
@@ -112,7 +113,7 @@ def _surface_cells(
 def read_arrays(path: Path, action: str) -> tuple[dict[int, str], dict[str, npt.NDArray[Any]]]:
     """Return names of the cell types in a file by their number, and its arrays: ``points``, …, and data ``nodes:NAME``
     or ``cells:NAME``; raises ``MeshError``."""
-    with path.open("rb"):  # raises OSError if the file cannot be opened
+    with admitted(path).open("rb"):  # raises OSError if the file cannot be opened
         pass
     remedy = f"Is it a complete .{action} file?{' If so, save it as .vtu.' if action == 'vtk' else ''}"
     head, arrays = read_isolated(action, path, "VTK cannot read it", remedy)

@@ -14,6 +14,7 @@ from hpcinv.formats.xdmf import IN_FILE, mesh_grids, root_of
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, Place, data_arrays
 from hpcinv.mesh.topology import find_rows
+from hpcinv.reading.door import admitted
 
 KIND_OF = {"tet": "tetrahedron", "hex": "hexahedron", "tri": "triangle", "qua": "quadrilateral"}
 MOST_COMPRESSED = 1100  # largest ratio of compression; zlib reaches 1032
@@ -146,7 +147,7 @@ def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
     try:
         import h5py  # here, since few runs need it
 
-        with h5py.File(file_of) as file:
+        with h5py.File(admitted(file_of, path)) as file:
             stored = file[dataset]
             if not isinstance(stored, h5py.Dataset) or stored.dtype.kind not in "iuf":
                 raise MeshError(f"{path}: {text[:80]} is not an array of numbers", "Write the mesh again.")

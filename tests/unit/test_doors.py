@@ -1,0 +1,191 @@
+"""Every file of a user is opened through one door, `hpcinv.reading.door`: the code is walked for other openings."""
+
+import ast
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import hpcinv
+from hpcinv.reading.door import PLACES, VARIABLE, Refused, admit, admitted, trusted
+
+ROOT = Path(hpcinv.__file__).parent
+DOORS = ("admitted", "trusted")
+OF_A_PATH = ("open", "read_text", "read_bytes")
+READERS = {
+    *("open", "io.open", "gzip.open", "os.open", "importlib.util.spec_from_file_location", "runpy.run_path", "exec"),
+    *("h5py.File", "adios2.Stream", "adios4dolfinx.read_function", "ctypes.CDLL", "pydicom.dcmread"),
+    *("gmsh.open", "gmsh.merge", "gmsh.model.occ.importShapes", "occ.importShapes", "reader.SetFileName"),
+    *("np.load", "np.loadtxt", "np.genfromtxt", "np.fromfile", "np.memmap", "pyvista.read", "SimpleITK.ReadImage"),
+    *("ET.parse", "ET.iterparse", "zipfile.ZipFile", "openpyxl.load_workbook", "shutil.copy", "shutil.copyfile"),
+}
+"""functions that open a path, by their names in the code"""
+NAMES = {*OF_A_PATH, *(reader.rpartition(".")[2] for reader in READERS)}
+LIBRARIES = {
+    *("SimpleITK", "adios2", "adios4dolfinx", "gmsh", "h5py", "openpyxl", "pydicom", "pyvista", "vtk", "vtkmodules"),
+    *("basix", "cffi", "dolfinx", "emcee", "ffcx", "jinja2", "lib3mf", "manifold3d", "markupsafe", "matplotlib"),
+    *("mpi4py", "numpy", "petsc4py", "pydantic", "pydantic_core", "rich", "scipy", "ufl", "yaml"),
+}
+"""packages in use: the readers of the first line and of NumPy are among `READERS`, the others open no file of a user"""
+OTHER_READERS = {
+    *("configparser", "dbm", "fileinput", "linecache", "lzma", "mailbox", "netrc", "plistlib", "shelve", "sqlite3"),
+    *("tarfile", "tomllib", "urllib", "wave", "zipimport"),
+}
+"""modules of Python with readers that are not in use"""
+OWN = {
+    "assembly/csr_tangent.py: _CODE": "code of the package",
+    "assembly/derivation_record.py: Path(file)": "code of the package",
+    "assembly/tangent_product.py: _CODE": "code of the package",
+    "batch/grouptask.py: directory / _EVENTS": "a directory that this process has made",
+    "batch/grouptask.py: directory / _TASK": "a directory that this process has made",
+    "batch/ledger/ledger.py: file": "records, whose directory no untrusted sweep can name",
+    "batch/ledger/liveness.py: self._heartbeats / token": "as above",
+    "batch/ledger/store.py: mark": "as above",
+    "cli/identify.py: directory / 'sections.yaml'": "just written",
+    "cli/new.py: _GENERATORS / generator": "part of the package",
+    "cli/sweep_submit.py: template": "an argument of the command, by default part of the package",
+    "cli/sweep_submit.py: script": "just written",
+    "dossier/content.py: file": "part of the package",
+    "files/atomic.py: path": "a directory, or a file that is written",
+    "files/atomic.py: partial": "just written",
+    "files/directory_lock.py: path": "locks, which are JSON",
+    "files/directory_lock.py: self._path": "locks, which are JSON",
+    "files/muted.py: os.devnull": "nothing",
+    "formats/partitioned_header.py: path": "just written, or admitted with its directory",
+    "mesh/io/gmsh_model.py: path": "just written",
+    "mesh/readers.py: scrap.name": "just written",
+    "output/checkpoint.py: file": "checkpoints: 'resume --untrusted' reads none",
+    "output/checkpoint.py: path / 'state.json'": "as above",
+    "output/checkpoint.py: self.path / 'functions.bp'": "as above",
+    "output/console.py: path": "the terminal",
+    "output/console.py: proc / str(process) / 'cmdline'": "of the system",
+    "output/console.py: proc / str(process) / 'stat'": "of the system",
+    "output/reduced_basis.py: path / 'modes.bp'": "'solver.start' is refused in untrusted jobs",
+    "output/reduced_basis.py: path / 'start.json'": "as above",
+    "parallel/adios.py: 'libadios2_cxx_mpi.so.2.12'": "of the installation",
+    "parallel/available_memory.py: _MEMINFO": "of the system",
+    "parallel/available_memory.py: group / 'memory.current'": "of the system",
+    "parallel/available_memory.py: group / 'memory.max'": "of the system",
+    "parallel/available_memory.py: Path('/proc/self/cgroup')": "of the system",
+    "parallel/jit.py: Path('/proc/cpuinfo')": "of the system",
+    "parallel/jit.py: path": "kernels, whose owner and seal are checked",
+    "parallel/jit.py: str(path)": "kernels, whose owner and seal are checked",
+    "parallel/kernel_compiler.py: target": "just written",
+    "parallel/kernel_files.py: directory / _LOCK": "of the directory of kernels",
+    "parallel/kernel_files.py: partial": "written",
+    "parallel/malloc.py: None": "this process",
+    "parallel/memory_use.py: '/proc/self/statm'": "of the system",
+    "parallel/processes.py: Path('/proc/sys/kernel/random/boot_id')": "of the system",
+    "parallel/processes.py: Path(f'/proc/{pid}/stat')": "of the system",
+    "parallel/signals.py: os.devnull": "nothing",
+    "quantity/table_files.py: io.BytesIO(content)": "content that was admitted",
+    "reading/isolated_reader.py: 'hpcinv'": "code of the package",
+    "reading/isolated_reader.py: Path('/proc/self/statm')": "of the system",
+    "reading/isolated_reader.py: os.devnull": "nothing",
+    "reports/page.py: files('hpcinv.reports').joinpath('static', name)": "part of the package",
+    "solver/linear/ordering.py: PETSc.__file__": "of the installation",
+    "solver/linear/symbolic_analysis.py: PETSc.__file__": "of the installation",
+    "study/directory.py: path / _MARK": "records, which are JSON, in a directory that an argument names",
+    "workshop/cad_refit.py: str(brep)": "just written",
+    "workshop/cad_refit.py: str(step)": "just written",
+    "workshop/cad_refit.py: brep": "just written",
+    "workshop/cad_refit.py: step": "just written",
+}
+"""what is opened by other ways, by module and expression, and why it may be"""
+
+
+@cache
+def code() -> dict[str, list[ast.AST]]:
+    """Return all nodes of each module."""
+    return {
+        str(module.relative_to(ROOT)): list(ast.walk(ast.parse(module.read_text("utf-8"))))
+        for module in sorted(ROOT.rglob("*.py"))
+    }
+
+
+def passes_a_door(text: str) -> bool:
+    return any(f"{door}(" in text for door in DOORS)
+
+
+def opened_by(call: ast.Call) -> str:
+    """Return the expression that a call opens for reading; empty text if it opens nothing."""
+    function = call.func
+    name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+    if name not in NAMES:
+        return ""
+    words = [ast.unparse(argument) for argument in (*call.args, *(key.value for key in call.keywords))]
+    if any(word[:1] == "'" and set(word[1:-1]) & set("wax") and set(word[1:-1]) <= set("wax+bt") for word in words):
+        return ""  # for writing
+    if ast.unparse(function) in READERS:
+        return next((word for word in words if passes_a_door(word)), words[0])
+    if (
+        isinstance(function, ast.Attribute)
+        and function.attr in OF_A_PATH
+        and ast.unparse(function.value) not in ("store", "self._log")
+    ):
+        return ast.unparse(function.value)
+    return ""
+
+
+def openings() -> Iterator[str]:
+    for module, nodes in code().items():
+        for call in nodes:
+            if isinstance(call, ast.Call) and (text := opened_by(call)) and not passes_a_door(text):
+                yield f"{module}: {text}"
+
+
+def test_files_are_opened_through_the_door_alone() -> None:
+    found = set(openings())
+    others = sorted(found - OWN.keys())
+    assert not others, f"open these by hpcinv.reading.door, or say in OWN whose they are: {others}"
+    assert OWN.keys() == found, "these are not opened any more"
+
+
+def test_no_other_library_reads_files() -> None:
+    """A new package is noticed here: add its readers to `READERS`."""
+    imported = set[str]()
+    for node in (node for nodes in code().values() for node in nodes):
+        if isinstance(node, ast.Import):
+            imported |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            imported.add(node.module.partition(".")[0])
+    assert imported - sys.stdlib_module_names - {"hpcinv"} == LIBRARIES
+    assert not imported & OTHER_READERS
+
+
+@pytest.fixture
+def named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A directory that the user of --untrusted has named, next to one that is private."""
+    for name in ("named", "private"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "file").touch()
+    monkeypatch.setenv(VARIABLE, "1")
+    monkeypatch.setenv(PLACES, "[]")
+    admit(tmp_path / "named")
+    return tmp_path / "named"
+
+
+def test_files_below_a_named_directory_are_admitted(named: Path) -> None:
+    (named / "deeper").mkdir()
+    for path in (named / "file", named / "deeper" / "no-such-file", named / "deeper" / ".." / "file"):
+        assert admitted(path) == path
+    assert admitted(named / "file", named / "deck") == named / "file"
+
+
+def test_files_elsewhere_are_refused(named: Path) -> None:
+    (named / "link").symlink_to(named.parent / "private" / "file")
+    for path in (named / ".." / "private" / "file", named / "link", named.parent / "named-too", Path("/etc/hostname")):
+        with pytest.raises(Refused, match=r"leads out of .* refused with --untrusted"):
+            admitted(path)
+    with pytest.raises(Refused, match="leads out of the directory of the file"):
+        admitted(named / "file", named / "deeper" / "deck")
+
+
+def test_programs_are_refused_wherever_they_are(named: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(Refused, match="can execute code, and is refused with --untrusted"):
+        trusted(named / "file")
+    monkeypatch.setenv(VARIABLE, "0")
+    assert trusted(named / "file") == named / "file"
+    assert admitted(Path("/etc/hostname")) == Path("/etc/hostname")
