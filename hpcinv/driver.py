@@ -127,7 +127,7 @@ class _Outputs(StepObserver):
         self.job, self.store, self.progress, self.stop, self.guesses = job, store, progress, stop, guesses
         checkpoints, self.restart = store.open(job, first, progress, overwrite=overwrite, resume=resume)
         with progress.phase("compiling"):
-            totals = totals_of(first, job.directions[0])
+            totals = totals_of(first, job.plan[0])
         progress.body(totals)
         self.report = RunReport(job, first, store, progress, totals, prepared.record, prepared.unused_options)
         self.checkpoints = CheckpointWriter(checkpoints, store, first, self.restart)

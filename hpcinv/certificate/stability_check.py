@@ -11,6 +11,7 @@ from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.lowest_eigenvalue import lowest_eigenvalue
 from hpcinv.certificate.multigrid_solver import MultigridSolver
 from hpcinv.certificate.symmetry import symmetry_planes
+from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, freeing
 from hpcinv.solver.support_checks import barely_held
@@ -35,7 +36,8 @@ def stability(equations: Equations, forward: ForwardFactors, observer: Observer 
         yield skipped(STABILITY, "switched off: certificate.stability")
         return
     line = _factors_line(equations, forward) if forward.affordable else _iteration_line(equations, forward, observer)
-    yield replace(line, note="; ".join([line.note, *_left_out(equations, forward), *_barely_held(line, equations)]))
+    held = _barely_held(line, equations, forward.solution)
+    yield replace(line, note="; ".join([line.note, *_left_out(equations, forward), *held]))
 
 
 def _left_out(equations: Equations, forward: ForwardFactors) -> Iterator[str]:
@@ -45,9 +47,9 @@ def _left_out(equations: Equations, forward: ForwardFactors) -> Iterator[str]:
         yield f"motions that are not symmetric about {', '.join(planes)} are left out"
 
 
-def _barely_held(line: Line, equations: Equations) -> Iterator[str]:
+def _barely_held(line: Line, equations: Equations, solution: Solution) -> Iterator[str]:
     """Yield the rigid motion that a line that does not pass may be due to; collective."""
-    is_sprung = any(effect.holds for effect in equations.job.effects)
+    is_sprung = any(effect.holds for effect in solution.job.effects)
     if (
         line.verdict is not Verdict.PASS
         and not is_sprung

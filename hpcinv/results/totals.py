@@ -13,7 +13,7 @@ import numpy as np
 from dolfinx import fem
 
 from hpcinv.effects import Direction, Effect
-from hpcinv.job.job import Job
+from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.plausibility import convention, doubtful_moduli, largest_bulk_modulus
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
@@ -93,10 +93,10 @@ class Totals:
         return replace(self, warnings=(*self.warnings, text))
 
 
-def totals_of(equations: Equations, direction: Direction) -> Totals:
-    """Return the totals of the unloaded body in one direction, and leave the equations unloaded; collective."""
-    job, body = equations.job, equations.body
-    body.place(body.given_nodes)
+def totals_of(equations: Equations, step: PlannedSolve) -> Totals:
+    """Return the totals of the unloaded body in a step, and leave the equations in its unloaded state; collective."""
+    job, body, direction = step.job, equations.body, step.direction
+    equations.put(equations.unloaded(job))
     comm, length = body.mesh.comm, body.length_scale
     low, high = extent(comm, body.mesh.geometry.x)
     volumes = _cell_volumes(body)

@@ -91,7 +91,7 @@ def slopes(
     """
     equations.put(solution)
     weak_form, body = equations.weak_form(solution.direction), equations.body
-    quantities = [quantity for quantity in equations.job.quantities if not quantity.is_reaction]
+    quantities = [quantity for quantity in solution.job.quantities if not quantity.is_reaction]
     weak_form.parameters.set_load(1.0)
     fields = fields_for(quantities, body, weak_form, equations.scales)
 
@@ -110,7 +110,7 @@ def slopes(
         with weak_form.parameters.moved(change.direction, shift):
             return {name: np.array(v) for name, v in values_of(wanted, body, moved, fields).items()}
 
-    is_kinked = has_kinks(equations.job)
+    is_kinked = has_kinks(solution.job)
     kinked = {
         quantity.name
         for quantity in quantities

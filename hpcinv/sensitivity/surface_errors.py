@@ -165,7 +165,7 @@ class SurfaceSpreads:
         parameters = self._errors.parameters
         try:
             if self._first is None:
-                moved = self._errors.displacements(equations.job, equations.body)
+                moved = self._errors.displacements(solution.job, equations.body)
                 self._derivatives[shape] = sensitivities(equations, solution, parameters, mesh=moved)
                 self._first = solution
             else:

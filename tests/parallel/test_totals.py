@@ -18,6 +18,7 @@ from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.units import readable
 from hpcinv.results.totals import Totals, totals_of
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.workspace import Workspace
 
 GRAVITY = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000}
 
@@ -33,7 +34,7 @@ def block(side: float, **changes: Any) -> dict[str, Any]:
 def totals(comm: MPI.Intracomm, **job: Any) -> Totals:
     case = parse(job, Path("job.yaml"))
     body = build_body(case.mesh, case.regions, comm, resolve=case.resolve)
-    return totals_of(Equations(case, body, Timings()), case.directions[0])
+    return totals_of(Equations(case, body, Timings()), case.plan[0])
 
 
 @pytest.mark.parallel([1, 2])
@@ -69,6 +70,24 @@ def test_a_fluid_has_no_mass_of_the_body() -> None:
     both = totals(MPI.COMM_SELF, **block(0.1, effects=[water, GRAVITY | {"density": 500}]))
     assert both.mass == pytest.approx(0.5, rel=1e-12)
     assert both.warnings == ()
+
+
+def test_states_have_the_loads_of_the_solved_state() -> None:
+    """Several states share equations, which have had the numbers of the last one."""
+    side = GRAVITY | {"acceleration": [0, 0, 3]}
+    states = [
+        {"name": "down", "given": True, "effects": [GRAVITY | {"acceleration": [0, -9.81, 0]}]},
+        {"name": "rest"},
+        {"name": "side", "effects": [side]},
+    ]
+    case = parse({k: v for k, v in block(0.1, states=states).items() if k != "effects"}, Path("job.yaml"))
+    with Workspace(MPI.COMM_SELF) as workspace:
+        equations = workspace.equations(case, workspace.body(case), Timings())
+        found = [totals_of(own, step) for own, step in zip(equations, case.plan, strict=True)]
+        assert equations[0] is equations[1]
+    assert found[0].load == pytest.approx((0, -9.81, 0), rel=1e-12, abs=0)
+    assert found[1].load == pytest.approx((0, 0, 3), rel=1e-12, abs=0)
+    assert found[0].weight_strain == pytest.approx(1000 * 9.81 * 0.1 / 3e3, rel=1e-12)
 
 
 def test_loads_that_cancel_have_no_resultant() -> None:
