@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from hpcinv.cards.abaqus_elastic import elastic_law, is_isotropic
-from hpcinv.cards.abaqus_keywords import Keyword, keywords
 from hpcinv.cards.card import (
     MOST_TERMS,
     Card,
@@ -22,6 +21,7 @@ from hpcinv.cards.card import (
     shown,
     triangle,
 )
+from hpcinv.reading.abaqus_keywords import Keyword, keywords_of_text
 
 PROGRAM = "Abaqus"
 _PER_LINE = 8
@@ -62,9 +62,9 @@ def read(text: str, name: str | None = None) -> Card:
     """
     materials: dict[str, list[Keyword]] = {}
     current: str | None = ""
-    for keyword in keywords(text):
+    for keyword in keywords_of_text(text):
         if keyword.name == "MATERIAL":
-            current = keyword.parameters.get("NAME", "")
+            current = keyword.options.get("NAME", "")
             materials[current] = []
         elif keyword.name not in (*_LAWS, *_WITHOUT_EFFECT, *_OTHER_BEHAVIOUR, *_TEST_DATA):
             current = None
@@ -87,16 +87,16 @@ def read(text: str, name: str | None = None) -> Card:
 
 
 def _isotropic(keyword: Keyword) -> tuple[str, Counterpart]:
-    names = [name for name in keyword.parameters if name in _POTENTIALS] or ["POLYNOMIAL"]
+    names = [name for name in keyword.options if name in _POTENTIALS] or ["POLYNOMIAL"]
     title = f"*HYPERELASTIC, {names[0]}"
-    for name in keyword.parameters:
+    for name in keyword.options:
         if name in ("TEST DATA INPUT", "MARLOW"):
             raise UnknownLaw(f"*HYPERELASTIC, {name}: the card has tests, not parameters; fit them with 'hpcinv fit'")
         if name not in ("N", "MODULI", *_POTENTIALS):
             raise UnknownLaw(f"*HYPERELASTIC, {name} has no counterpart")
     if len(names) > 1:
         raise CardError(f"*HYPERELASTIC names several laws: {', '.join(names)}")
-    order = keyword.parameters.get("N", "1")
+    order = keyword.options.get("N", "1")
     if not order.isdecimal() or not 1 <= int(order) <= MOST_TERMS:
         raise CardError(f"{title}: N must be from 1 to {MOST_TERMS}, not {order!r}")
     count, convert = _POTENTIALS[names[0]]
@@ -175,10 +175,10 @@ _POTENTIALS: Mapping[str, tuple[Callable[[int], int], Callable[[list[float], int
 
 def _anisotropic(keyword: Keyword) -> tuple[str, Counterpart]:
     title = "*ANISOTROPIC HYPERELASTIC, HOLZAPFEL"
-    others = [name for name in keyword.parameters if name not in ("HOLZAPFEL", "LOCAL DIRECTIONS", "MODULI")]
-    if others or "HOLZAPFEL" not in keyword.parameters:
+    others = [name for name in keyword.options if name not in ("HOLZAPFEL", "LOCAL DIRECTIONS", "MODULI")]
+    if others or "HOLZAPFEL" not in keyword.options:
         raise UnknownLaw(f"*ANISOTROPIC HYPERELASTIC, {', '.join(others) or 'without HOLZAPFEL'} has no counterpart")
-    families = keyword.parameters.get("LOCAL DIRECTIONS", "0")
+    families = keyword.options.get("LOCAL DIRECTIONS", "0")
     if not families.isdecimal() or not 1 <= int(families) <= MOST_TERMS:
         raise CardError(f"{title}: LOCAL DIRECTIONS must be from 1 to {MOST_TERMS}, not {families!r}")
     c10, compliance, k1, k2, dispersion = _constants(keyword, title, 5)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from math import cos, radians, sin
+from math import radians
 
 import numpy as np
 
-from hpcinv.cards.abaqus_keywords import Keyword
 from hpcinv.cards.card import CardError, number
 from hpcinv.cards.deck import Axes, Vector
 from hpcinv.quantity.arrays import Floats
-from hpcinv.reading.coordinate_frames import frame_of
+from hpcinv.reading.abaqus_keywords import Keyword
+from hpcinv.reading.coordinate_frames import frame_of, rotation
 
 GLOBAL = Axes(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 
@@ -21,7 +21,7 @@ def axes_of(keyword: Keyword) -> Axes:
     Raises:
         CardError: it is damaged.
     """
-    parameters = keyword.parameters
+    parameters = keyword.options
     place = f"*ORIENTATION {parameters.get('NAME', '')}"
     system = " ".join(parameters.get("SYSTEM", "RECTANGULAR").upper().split())
     kind = parameters.get("DEFINITION", "COORDINATES").upper()
@@ -35,7 +35,7 @@ def axes_of(keyword: Keyword) -> Axes:
     frame = frame_at(first - origin, second - origin, place)
     turned, *fibres = rows[1:] or [[]]
     if len(turned) > 1 and turned[0] in (1, 2, 3):  # about an axis, by degrees
-        frame = frame @ _rotation(frame[int(turned[0]) - 1], radians(turned[1])).T
+        frame = frame @ rotation(frame[int(turned[0]) - 1], radians(turned[1])).T
     directions = [np.array([*entries, 0.0, 0.0][:3]) @ frame for entries in fibres]
     return Axes(tuple(map(_as_vector, frame)), tuple(map(_as_vector, directions)))
 
@@ -50,11 +50,3 @@ def frame_at(first: Floats, second: Floats, place: str) -> Floats:
 
 def _as_vector(values: Floats) -> Vector:
     return tuple((values + 0.0).tolist())
-
-
-def _rotation(axis: Floats, angle: float) -> Floats:
-    """Return Rodrigues' matrix."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    matrix: Floats = np.eye(3) + sin(angle) * cross + (1 - cos(angle)) * cross @ cross
-    return matrix

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hpcinv.cards.abaqus_keywords import Keyword
 from hpcinv.cards.card import CardError, Counterpart, UnknownLaw, number
 from hpcinv.cards.orthotropic import FAMILIES, orthotropic, stiffness_of
+from hpcinv.reading.abaqus_keywords import Keyword
 
 _ISOTROPIC = ("ISO", "ISOTROPIC")
 _KINDS = {
@@ -26,7 +26,7 @@ def is_isotropic(keyword: Keyword) -> bool:
 
 
 def _kind(keyword: Keyword) -> str:
-    return " ".join(keyword.parameters.get("TYPE", "ISOTROPIC").upper().split())
+    return " ".join(keyword.options.get("TYPE", "ISOTROPIC").upper().split())
 
 
 def elastic_law(keyword: Keyword) -> tuple[str, Counterpart]:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from hpcinv.cards.abaqus_keywords import Keyword
 from hpcinv.cards.card import CardError, UnknownLaw, number
 from hpcinv.cards.deck import ShellSection
+from hpcinv.reading.abaqus_keywords import Keyword
 
 SECTIONS = ("SHELL SECTION", "SHELL GENERAL SECTION", "MEMBRANE SECTION")
 _OTHERS = ("SOLID SECTION", "BEAM SECTION", "BEAM GENERAL SECTION", "FRAME SECTION")
@@ -42,7 +42,7 @@ def section_of(keyword: Keyword) -> ShellSection:
     Raises:
         CardError: it is damaged, or has what is not read.
     """
-    parameters = keyword.parameters
+    parameters = keyword.options
     title = f"*{keyword.name}"
     for name, remedy in _NOT_READ.items():
         if name in parameters:

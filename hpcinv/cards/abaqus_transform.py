@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hpcinv.cards.abaqus_axes import frame_at
-from hpcinv.cards.abaqus_keywords import Keyword
 from hpcinv.cards.card import CardError, number
 from hpcinv.quantity.arrays import Floats
+from hpcinv.reading.abaqus_keywords import Keyword
 
 _PARALLEL = 1e-9
 """difference of unit vectors of the same axis; raised, oblique axes are taken for axes of the coordinates"""
@@ -81,7 +81,7 @@ class Transforms:
                 self._read(keyword)
 
     def _read(self, keyword: Keyword) -> None:
-        name = keyword.parameters.get("NSET", "")
+        name = keyword.options.get("NSET", "")
         frame = _frame(keyword, f"*TRANSFORM of {name}")
         self._by_name[name.lower()] = frame
         nodes = self._nodes(name)
@@ -110,7 +110,7 @@ class Transforms:
 def _frame(keyword: Keyword, place: str) -> TransformAxes:
     texts = keyword.lines[0] if keyword.lines else []
     points = np.array([number(text or "0", place) for text in [*texts, *["0"] * 6][:6]]).reshape(2, 3)
-    kind = keyword.parameters.get("TYPE", "R").upper()
+    kind = keyword.options.get("TYPE", "R").upper()
     if kind == "R":
         return _as_frame(frame_at(points[0], points[1], place), is_cylindrical=False)
     third = points[1] - points[0] if kind == "C" else np.zeros(3)

@@ -32,28 +32,29 @@ class NodalForces:
     """Forces at nodes: components by number of the node, in the file's units of stress by its square of lengths.
 
     Attributes:
-        region: name of a node set; ``None`` if the file has none of these nodes.
+        region: name of a node set, or of a surface; ``None`` if the file has none of these nodes.
         title: keyword and place in the file.
     """
 
     region: str | None
     title: str
     forces: Mapping[int, tuple[float, float, float]]
+    of: str = "nodes"
 
 
 @dataclass(frozen=True)
-class RemoteForce:
-    """Force and moment on a node that moves a rigid region, in the file's units.
+class RigidRegion:
+    """A region that one node moves, by a force and a moment or by a motion.
 
     Attributes:
         region: name of the region.
-        node: number of the node.
+        of: ``nodes`` if it is a node set, else ``surface``.
+        section: of a support of a job, without the region.
     """
 
     region: str
-    node: int
-    force: tuple[float, float, float]
-    moment: tuple[float, float, float]
+    of: str
+    section: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -107,14 +108,16 @@ class Deck:
         axes: of the materials, by the same sets.
         linear: linearly elastic materials, by name; taken if the program's other laws of it have no counterpart.
         supports: sections of a job, whose regions are names of sets; numbers with units are `Measure`. Of a shell,
-            ``turns`` has the axes of the rotations that are held.
+            ``turns`` has the axes of the rotations that are held. Regions are node sets, or what ``of`` says: a
+            ``surface`` or a ``part``.
         effects: the same; one on sets of elements names them under ``on``. Of a shell, ``face`` is ``back`` for a
             pressure that pushes along the normals, ``surface`` on the side that a surface names, and ``edge`` for a
             force by length instead of a pressure.
         forces: forces at nodes.
         moments: the same of moments, on shells.
-        remotes: forces and moments on rigid regions.
+        remotes: regions that one node moves.
         shells: sections; the file has no solids if there are any.
+        is_linear: whether displacements are small in a step of the file, which solves linear equations.
         unused: what is in the file and not in the job.
     """
 
@@ -125,13 +128,21 @@ class Deck:
     effects: list[Mapping[str, Any]] = field(default_factory=list)
     forces: list[NodalForces] = field(default_factory=list)
     moments: list[NodalForces] = field(default_factory=list)
-    remotes: list[RemoteForce] = field(default_factory=list)
+    remotes: list[RigidRegion] = field(default_factory=list)
     shells: list[ShellSection] = field(default_factory=list)
+    is_linear: bool = False
     unused: list[str] = field(default_factory=list)
 
-    def support(self, region: str, values: Mapping[str, float], turns: Sequence[str] = ()) -> None:
-        """Add a support by the displacements of its components, and the axes about which a shell is held."""
-        turned = {"turns": sorted(turns)} if turns else {}
+    def support(
+        self, region: str, values: Mapping[str, float], turns: Sequence[str] = (), *, of: str = "nodes"
+    ) -> None:
+        """Add a support by the displacements of its components, and the axes about which a shell is held.
+
+        Args:
+            of: what the region is: ``nodes``, a set of them, ``surface`` or ``part``.
+        """
+        turned: dict[str, Any] = {"of": of} if of != "nodes" else {}
+        turned |= {"turns": sorted(turns)} if turns else {}
         if any(values.values()):
             components = [Measure(values[axis], length=1) if axis in values else None for axis in "xyz"]
             self.supports.append({"region": region, "displacement": components} | turned)

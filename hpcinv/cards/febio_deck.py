@@ -15,7 +15,8 @@ from hpcinv.cards.febio_curves import LoadCurves
 
 _READ = ("Module", "Control", "Globals", "Material", "Mesh", "Geometry", "MeshDomains", "Boundary", "Loads", "LoadData")
 _WITHOUT_EFFECT = ("Output", "Import", "Step")  # the last step is read
-_AS_NODES = re.compile(r"^@\w+:")  # a surface or an element set as a node set
+_AS_NODES = re.compile(r"^@(\w+):")  # a surface or an element set as a node set
+_KINDS = {"surface": "surface", "elem_set": "part", "part": "part"}  # of regions, by these prefixes
 _SHELLS = ("tri", "quad", "q4")  # beginnings of types of elements
 _AT_REST = ("", "STATIC", "STEADY-STATE")
 
@@ -45,11 +46,11 @@ class _DeckReader:
 
     def deck(self) -> Deck:
         self._read_materials()
-        held: dict[str, dict[str, float]] = {}
+        held: dict[tuple[str, str], dict[str, float]] = {}
         for condition in self._entries("Boundary"):
             self._read_condition(condition, held)
-        for name, values in held.items():
-            self._deck.support(name, values)
+        for (name, of), values in held.items():
+            self._deck.support(name, values, of=of)
         for load in self._entries("Loads"):
             self._read_load(load)
         self._list_the_rest()
@@ -95,8 +96,8 @@ class _DeckReader:
                 if kind.upper() not in _AT_REST:
                     unused.append(f"inertia (analysis {kind})")
 
-    def _read_condition(self, condition: ET.Element, held: dict[str, dict[str, float]]) -> None:
-        region = _AS_NODES.sub("", condition.get("node_set") or condition.get("surface") or "")
+    def _read_condition(self, condition: ET.Element, held: dict[tuple[str, str], dict[str, float]]) -> None:
+        region, of = _region_of(condition)
         kind = condition.get("type", condition.tag)
         values: dict[str, float] = {}
         if kind == "zero displacement":
@@ -110,7 +111,7 @@ class _DeckReader:
             if axis in tuple("xyz") and amount is not None:
                 values = {axis: number(amount.text or "", "displacement") * self._factor(amount, kind, region)}
         if values and region:
-            held.setdefault(region, {}).update(values)
+            held.setdefault((region, of), {}).update(values)
         else:
             self._deck.unused.append(f"<{condition.tag} type='{kind}'>{f' on {region}' if region else ''}")
 
@@ -135,9 +136,9 @@ class _DeckReader:
             effect = {"effect": "traction", "region": region, "traction": components, "area_in": area_in}
             self._deck.effects.append(effect)
         elif load.tag == "nodal_load" and (nodal := self._nodal_force(load)) is not None:
-            name = _AS_NODES.sub("", load.get("node_set", ""))
+            name, of = _region_of(load)
             forces = dict.fromkeys(self._sets.get(name, frozenset()), nodal)
-            self._deck.forces.append(NodalForces(name, f"<nodal_load> on {name}", forces))
+            self._deck.forces.append(NodalForces(name, f"<nodal_load> on {name}", forces, of))
         elif load.tag == "body_load" and not load.get("elem_set") and (force := self._body_force(load)) is not None:
             self._add_weight(force)
         else:
@@ -191,6 +192,14 @@ class _DeckReader:
         except CardError as error:
             self._deck.unused.append(f"load curve {label} of the {what} on {region}: {error}")
             return 1.0
+
+
+def _region_of(entry: ET.Element) -> tuple[str, str]:
+    """Return the name of the nodes of a condition, and what has that name."""
+    name = entry.get("node_set") or entry.get("surface") or ""
+    prefix = _AS_NODES.match(name)
+    of = _KINDS.get(prefix[1], "nodes") if prefix else "nodes" if entry.get("node_set") else "surface"
+    return _AS_NODES.sub("", name), of
 
 
 def _is_set(entry: ET.Element, flag: str) -> bool:

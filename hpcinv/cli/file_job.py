@@ -14,7 +14,7 @@ from hpcinv.files.names import escaped_line
 
 if TYPE_CHECKING:
     from hpcinv.cards.card import Card
-    from hpcinv.cards.deck import Deck, NodalForces, RemoteForce
+    from hpcinv.cards.deck import Deck, NodalForces, RigidRegion
     from hpcinv.mesh.source import Floats, Group, MeshSource
 
 _MOST_VERTICES = 200
@@ -49,6 +49,7 @@ class FileJob:
         supports += [entry for entry in map(self._remote, self._deck.remotes) if entry]
         effects = self._effects()
         sections = self._materials()
+        self._comments += self._remarks()
         self._comments = list(dict.fromkeys(self._comments))
         self._comments += [f"Not taken from the file: {text}" for text in dict.fromkeys(self._deck.unused)]
         if not supports:
@@ -74,6 +75,14 @@ class FileJob:
         body = yaml.safe_dump(job, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
         return "".join([*lines, body])
 
+    def _remarks(self) -> Iterator[str]:
+        """Yield what a reader of the job must know of the file."""
+        from hpcinv.mesh.io.elements import loose_nodes
+
+        if self._deck.is_linear:
+            yield "The file is solved for small displacements (*STEP without NLGEOM), this job for large ones."
+        yield from loose_nodes(self._source)
+
     def _mesh(self) -> dict[str, Any]:
         """Return the section of the mesh."""
         file = os.path.relpath(self._options.source.resolve(), self._options.output.resolve().parent)
@@ -87,17 +96,27 @@ class FileJob:
     def _anywhere(self) -> str:
         return next((group.name for group in self._source.groups if group.dim == 2), "boundary")
 
-    def _region(self, name: str) -> str | None:
-        """Return the region of a set, as the mesh has it; names in an assembly are of an instance."""
+    def _region(self, name: str, of: str = "") -> str | None:
+        """Return the region of a set, as the mesh has it; names in an assembly are of an instance.
+
+        Args:
+            of: ``nodes`` or ``surface``: which of the two is meant where the file has both by one name.
+        """
         short = name.strip().lower()
-        return self._regions.get(short) or self._regions.get(short.rpartition(".")[2])
+        names = [short, short.rpartition(".")[2]]
+        every = [*(f"{own}-{of}" for own in names if of), *names]
+        return next((self._regions[own] for own in every if own in self._regions), None)
+
+    def _dims(self, region: str | None) -> set[int]:
+        """Return the dimensions of the groups of a region."""
+        return {group.dim for group in self._source.groups if group.name == region}
 
     def _placed(self, entry: Mapping[str, Any]) -> dict[str, Any] | None:
         """Return a section with units and the region of the mesh; ``None`` if there is no such region."""
-        placed = {key: self._with_units(value) for key, value in entry.items() if key != "on"}
+        placed = {key: self._with_units(value) for key, value in entry.items() if key not in ("on", "of")}
         if "region" in entry:
             what = entry.get("effect", "support")
-            region = self._region(entry["region"])
+            region = self._region(entry["region"], entry.get("of", "surface" if "effect" in entry else "nodes"))
             if region is None:
                 self._deck.unused.append(f"{what} on '{entry['region']}', which spans no facet of the mesh")
                 return None
@@ -136,24 +155,45 @@ class FileJob:
 
     def _supports(self, entry: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         """Yield the section of a support, and one of the vertices of its set that span no facet."""
-        name = entry["region"]
-        region = self._region(name)
-        if region is not None and (placed := self._placed(entry)) is not None:
+        region = self._region(entry["region"], entry.get("of", "nodes"))
+        if region is not None and self._dims(region) == {3} and entry.get("of") == "part":
+            yield from self._part_supports(entry, region)
+            return
+        if 2 in self._dims(region) and (placed := self._placed(entry)) is not None:
             yield placed
         yield from self._vertex_supports(entry)
+
+    def _part_supports(self, entry: Mapping[str, Any], region: str) -> Iterator[dict[str, Any]]:
+        """Yield the support of all nodes of a part: on the boundary if it is the whole body, else at its vertices."""
+        from hpcinv.mesh.cells import vertex_count
+
+        source, plain = self._source, {key: self._with_units(value) for key, value in entry.items() if key != "of"}
+        cells = self._cells(region)
+        vertices = set(source.node_tags[source.cells[cells][:, : vertex_count(source.kind)]].ravel().tolist())
+        if len(set(cells)) == len(source.cells):
+            self._comments.append(
+                f"The support on '{region}', which is the whole body, holds its boundary in this job."
+            )
+            yield plain | {"region": "boundary"}
+        elif len(vertices) <= _MOST_VERTICES:
+            yield plain | {"region": self._named_vertices(f"{region}_vertices", sorted(vertices))}
+        else:
+            text = f"support on the part '{region}' of {len(vertices):,} vertices: hold a face of it"
+            self._deck.unused.append(text)
 
     def _vertex_supports(self, entry: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         """Yield the section of a support at the vertices of its set that span no facet."""
         name = entry["region"]
-        region = self._region(name)
+        region = self._region(name, entry.get("of", "nodes"))
         vertices = self._lost_vertices(name, region)
         if len(vertices) > _MOST_VERTICES:
             text = f"support on {len(vertices):,} vertices of '{name}', which span no facet of the mesh"
             self._deck.unused.append(text)
         elif vertices:
             own = self._named_vertices(f"{name}_vertices", self._with_neighbours(name, vertices))
-            yield {key: self._with_units(value) for key, value in entry.items()} | {"region": own}
-        elif region is None:
+            plain = {key: self._with_units(value) for key, value in entry.items() if key != "of"}
+            yield plain | {"region": own}
+        elif 2 not in self._dims(region):
             self._deck.unused.append(f"support on '{name}', which has no vertex of the mesh")
 
     def _named_vertices(self, name: str, tags: list[int]) -> str:
@@ -166,7 +206,7 @@ class FileJob:
         return own
 
     def _lost_vertices(self, name: str, region: str | None) -> list[int]:
-        """Return the numbers of the vertices of a node set that are on no facet and cell of its region."""
+        """Return the numbers of the vertices of a node set that are on no facet of its region."""
         from hpcinv.mesh.cells import FACET_KIND, vertex_count
 
         source, tags = self._source, self._source.node_tags
@@ -175,8 +215,8 @@ class FileJob:
         wanted = self._members(name) & set(tags[cells].ravel().tolist())
         found: set[int] = set()
         for group in source.groups:
-            if group.name == region:
-                found.update(tags[(facets if group.dim == 2 else cells)[group.members]].ravel().tolist())
+            if group.name == region and group.dim == 2:
+                found.update(tags[facets[group.members]].ravel().tolist())
         return sorted(wanted - found)
 
     def _members(self, name: str) -> frozenset[int]:
@@ -200,22 +240,13 @@ class FileJob:
         edges = edges[np.isin(edges[:, :2], lost).any(axis=1), :2]
         return sorted({*lost, *edges.ravel().tolist()})
 
-    def _remote(self, coupled: RemoteForce) -> dict[str, Any] | None:
-        """Return the support that moves a region by a force and a moment; ``None`` if there is no such region."""
-        from hpcinv.cards.deck import Measure
-
-        region = self._region(coupled.region)
-        if region is None or coupled.node not in self._row:
-            text = f"*COUPLING or *RIGID BODY of '{coupled.region}', which has no facet or no node"
-            self._deck.unused.append(text)
+    def _remote(self, rigid: RigidRegion) -> dict[str, Any] | None:
+        """Return the support of a region that one node moves; ``None`` if there is no such region."""
+        region = self._region(rigid.region, rigid.of)
+        if 2 not in self._dims(region):
+            self._deck.unused.append(f"*COUPLING or *RIGID BODY of '{rigid.region}', which has no facet")
             return None
-        point = self._points[self._row[coupled.node]]
-        remote = {
-            "force": [self._with_units(Measure(part, length=2, stress=1)) for part in coupled.force],
-            "moment": [self._with_units(Measure(part, length=3, stress=1)) for part in coupled.moment],
-            "about": [self._with_units(Measure(part, length=1)) for part in point.tolist()],
-        }
-        return {"region": region, "remote": remote}
+        return {"region": region, **self._with_units(rigid.section)}
 
     def _positions(self, tags: Sequence[int]) -> Floats:
         """Return the places (n, 3) of nodes in the unit of the file."""
@@ -234,7 +265,7 @@ class FileJob:
 
         tags = [tag for tag in nodal.forces if tag in self._row]
         forces = np.array([nodal.forces[tag] for tag in tags]).reshape(-1, 3)
-        region = self._region(nodal.region) if nodal.region else None
+        region = self._region(nodal.region, nodal.of) if nodal.region else None
         groups = self._loaded_groups(region) if region else []
         size, resultant = float(np.linalg.norm(forces, axis=1).sum()), forces.sum(axis=0)
         if not size:
@@ -285,6 +316,8 @@ class FileJob:
                 return f"{value.value * sizes[0] ** value.length * sizes[1] ** value.stress:.15g} kg/m^3"
             case list():
                 return [self._with_units(entry) for entry in value]
+            case dict():
+                return {key: self._with_units(entry) for key, entry in value.items()}
         return value
 
     def _materials(self) -> dict[str, Any]:

@@ -69,7 +69,7 @@ class ShellJob(FileJob):
         for section in deck.shells:
             if section.is_membrane:
                 self._comments.append(f"Membranes of {section.region} became a shell, which has bending stiffness too.")
-        deck.unused += [f"*COUPLING of '{coupled.region}' to a node: shells have none" for coupled in deck.remotes]
+        deck.unused += [f"*COUPLING of '{rigid.region}' to a node: shells have none" for rigid in deck.remotes]
         deck.remotes.clear()
 
     def _faces(self) -> dict[str, Any]:

@@ -11,7 +11,11 @@ _NAMED = re.compile(
     r"^\s*\*\s*(?:NODE|ELEMENT|NSET|ELSET|SURFACE)\b[^\n]*?\b(?:NSET|ELSET|NAME)\s*=\s*\"?([^,\"\n]+)", re.I | re.M
 )
 _SEVERAL = re.compile(r"^\s*\*\s*INSTANCE\b", re.I | re.M)
-_CONDITIONS = (r".+-(P[1-6]|EDNOR[1-4])", r"held-[rxyz]+(=.+)?", r"(loaded|turned|pressed|edge-loaded)(-\d+)?")
+_CONDITIONS = (
+    r".+-(P[1-6]|EDNOR[1-4]|nodes|surface)",
+    r"held-[rxyz]+(=.+)?",
+    r"(loaded|turned|pressed|edge-loaded)(-\d+)?",
+)
 """faces of the elements of a set, by a line of ``*DLOAD``, and what lines on single nodes and elements hold or load"""
 _LARGEST = 200 * 2**20
 """bytes of a file that is searched for names; raised, ``validate`` may take seconds"""

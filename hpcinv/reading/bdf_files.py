@@ -129,7 +129,8 @@ def _name(deck: _Deck, what: str, tag: int) -> str:
 def _deck(path: Path) -> _Deck:
     """Return the cards of a file, without what comes before ``BEGIN BULK`` but the sets there."""
     deck, lines = _Deck(), list(lines_of(path, path.parent, (), []))
-    is_bulk = not any(_BEGIN.match(line.text) for line in lines)
+    begin = next((line.place for line in lines if _BEGIN.match(line.text)), "")
+    is_bulk = not begin
     pending = 0
     for place, raw in lines:
         if match := _NAME.match(raw):
@@ -154,6 +155,8 @@ def _deck(path: Path) -> _Deck:
             break
     if not deck.cards:
         raise Fault("has no bulk data", "Is it an input file of Nastran?")
+    if begin and deck.cards[-1].name != "ENDDATA":
+        raise Fault(f"{begin}: BEGIN BULK has no ENDDATA", "Is the file complete?")
     return deck
 
 

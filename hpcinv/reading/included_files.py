@@ -11,6 +11,7 @@ from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
 
+from hpcinv.reading.abaqus_options import is_option
 from hpcinv.reading.decoding import decoded
 from hpcinv.reading.door import Refused, admitted
 from hpcinv.reading.fault import Fault, shown
@@ -68,25 +69,32 @@ def _lines(path: Path, home: Path, above: tuple[Path, ...], names: list[str] | N
 
 
 def joined_lines(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
-    """Yield lines with their numbers, without empty ones and comments; a keyword is continued after a comma."""
-    head, number = "", 0
+    """Yield lines with their numbers, without empty ones and comments.
+
+    A keyword that ends with a comma is continued by a line that begins with an option of it, as Abaqus does. CalculiX
+    continues none: a line of data after such a keyword is data in both programs.
+    """
+    head, place = "", 0
     for number, line in enumerate(lines, 1):
         stripped = line.strip()
         if not stripped or stripped.startswith("**"):
             continue
-        if head and stripped.startswith("*"):  # nothing has followed the comma
-            yield number - 1, head.rstrip(", ")
-            head = ""
-        if head or stripped.startswith("*"):
-            head += stripped
-            if head.endswith(","):
-                continue
-            yield number, head
-            head = ""
+        if head and not stripped.startswith("*") and _continues(head, stripped):
+            head, place = head + stripped, number
         else:
-            yield number, stripped
+            if head:
+                yield place, head.rstrip(", ")
+            head, place = stripped, number
+        if not (head.startswith("*") and head.endswith(",")):
+            yield place, head
+            head = ""
     if head:
-        yield number, head.rstrip(", ")
+        yield place, head.rstrip(", ")
+
+
+def _continues(head: str, line: str) -> bool:
+    """Return whether a line begins with an option of a keyword."""
+    return is_option(head[1:].partition(",")[0], line.partition(",")[0])
 
 
 def text_of(path: Path, above: tuple[Path, ...] = ()) -> str:

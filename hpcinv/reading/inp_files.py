@@ -10,13 +10,24 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from hpcinv.reading.abaqus_keywords import Keyword, keywords, position_of
+from hpcinv.reading.abaqus_options import USED, not_used, remedy
+from hpcinv.reading.coordinate_frames import rotation
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.included_files import lines_of
-from hpcinv.reading.single_conditions import force_groups, fortran_number, held_axes, held_groups, pressed_groups
+from hpcinv.reading.single_conditions import force_groups, held_groups, pressed_groups
+from hpcinv.reading.standing_conditions import (
+    EDGE_LOAD,
+    PRESSED,
+    NewConditions,
+    SingleConditions,
+    by_axis,
+    vectors,
+)
 
 FACES = {
     4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
@@ -35,10 +46,11 @@ _EDGE = re.compile(r"(?:E|EDGE)([1-4])|S([3-6])", re.IGNORECASE)
 """edge of a shell: Abaqus' E1, E2, …, CalculiX' S3, S4, …"""
 _WHOLE = {"": -1, "SNEG": -1, "S1": -1, "SPOS": -2, "S2": -2}
 """a whole shell element, whose side along its normal is SPOS"""
-_PRESSED = re.compile(r"P([1-6]?)", re.IGNORECASE)
-_EDGE_LOAD = re.compile(r"EDNOR([1-4])", re.IGNORECASE)
 _THICKNESS = "values:nodal_thickness"
-_WITHOUT_EFFECT = ("HEADING", "ASSEMBLY", "END ASSEMBLY", "END STEP", "PREPRINT", "RESTART", "OUTPUT")
+_WITH_END = ("PART", "INSTANCE", "ASSEMBLY", "STEP")
+_OF_JOBS = {*USED}  # keywords that a job may have, and a mesh has not
+_OF_CELLS = "nodes of elements"  # marks a member of a node set that is a set of elements
+_NODE_SURFACE = "node surface"  # kind of surfaces by nodes, whose names are apart from those of node sets
 _INSTANCE = "instance "  # begins the name of a part that holds the sets of an instance
 _OWN_MESH = "mesh of instance "  # begins the name of a part that holds what is within an instance
 _GENERATED = "generated"  # marks members of a generated set, whose range may have numbers that are not defined
@@ -64,60 +76,47 @@ class _Part:
 
 
 @dataclass
-class _Keyword:
-    place: str
-    keyword: str
-    options: Mapping[str, str]
-    rows: list[tuple[str, list[str]]]
+class _Conditions:
+    """Supports and loads of single nodes and elements, and faces of element sets that a line of ``*DLOAD`` names."""
 
+    single: SingleConditions
+    step: int = 0
+    new: NewConditions = field(default_factory=NewConditions)
+    pressed: dict[tuple[str, str, str], None] = field(default_factory=dict)  # region, set and face
 
-@dataclass
-class _Single:
-    """Supports and loads of single nodes and elements; a later line replaces an earlier one."""
+    def read(self, card: Keyword) -> None:
+        """Read supports or loads; damaged lines are reported elsewhere."""
+        if self.new.ends_earlier(card.name, card.options, self.step):
+            self.single.end_earlier(card.name, self.step)
+        for row in card.lines:
+            with contextlib.suppress(ValueError):
+                self.single.read(card.name, row, self.step)
+            if card.name != "DLOAD" or len(row) < 2 or row[0].isdigit():
+                continue
+            if (match := PRESSED.fullmatch(row[1])) and match[1]:
+                self.pressed[f"{row[0]}-P{match[1]}", row[0], f"S{match[1]}"] = None
+            elif match := EDGE_LOAD.fullmatch(row[1]):
+                self.pressed[f"{row[0]}-EDNOR{match[1]}", row[0], f"E{match[1]}"] = None
 
-    has_rotations: bool = False  # of shells
-    held: dict[str, dict[int, float]] = field(default_factory=dict)
-    forces: dict[int, tuple[float, float, float]] = field(default_factory=dict)
-    moments: dict[int, tuple[float, float, float]] = field(default_factory=dict)
-    pressed: dict[tuple[int, int], float] = field(default_factory=dict)
-    edges: dict[tuple[int, int], float] = field(default_factory=dict)
-
-    def read(self, card: _Keyword) -> None:
-        """Read the lines that name a node or an element by its number; damaged ones are read elsewhere."""
-        for _, row in card.rows:
-            if row[0].isdigit() and len(row) > 1:
-                with contextlib.suppress(ValueError):
-                    self._read_line(card.keyword, int(row[0]), row[1:])
-
-    def _read_line(self, keyword: str, number: int, row: list[str]) -> None:
-        if keyword == "BOUNDARY":
-            for axis, value in held_axes(row, has_rotations=self.has_rotations).items():
-                self.held.setdefault(axis, {})[number] = value
-        elif keyword == "CLOAD" and row[0] in ("1", "2", "3", "4", "5", "6") and len(row) > 1:
-            place = int(row[0]) - 1
-            vectors = self.moments if place > 2 else self.forces
-            vector = list(vectors.get(number, (0.0, 0.0, 0.0)))
-            vector[place % 3] = fortran_number(row[1])
-            vectors[number] = (vector[0], vector[1], vector[2])
-        elif keyword == "DLOAD" and (match := _PRESSED.fullmatch(row[0])) and len(row) > 1:
-            self.pressed[number, int(match[1] or 0)] = fortran_number(row[1])
-        elif keyword == "DLOAD" and (match := _EDGE_LOAD.fullmatch(row[0])) and len(row) > 1:
-            self.edges[number, int(match[1])] = fortran_number(row[1])
-
-    def add_sets(self, part: _Part) -> None:
+    def add_sets(self, part: _Part, *, has_rotations: bool) -> None:
         """Add a set for each of their regions, of what is defined, if the file has no set of its name."""
-        nodes = {name: nodes for name, _, nodes in held_groups(self.held)} | dict(force_groups(self.forces))
-        if self.has_rotations:
-            nodes |= dict(force_groups(self.moments, "turned"))
+        for region, name, face in self.pressed:
+            if ("cells", name.lower()) in part.sets:  # not of other elements
+                part.members("faces", region).append((name, face))
+        single = self.single
+        nodes = {name: nodes for name, _, nodes in held_groups(by_axis(single.held))}
+        nodes |= dict(force_groups(vectors(single.forces, is_scaled=False)))
+        if has_rotations:
+            nodes |= dict(force_groups(vectors(single.moments, is_scaled=False), "turned"))
         for name, members in nodes.items():
             if ("nodes", name) not in part.sets:
                 part.members("nodes", name).extend((str(node), "") for node in sorted(members & part.nodes.keys()))
-        pressed = [(group, "S") for group in pressed_groups(self.pressed)]
-        for (name, _, places), letter in [*pressed, *((g, "E") for g in pressed_groups(self.edges, "edge-loaded"))]:
-            if ("faces", name) not in part.sets:
-                known = sorted(place for place in places if place[0] in part.elements)
-                faces = ((str(element), f"{letter}{face}" if face else "") for element, face in known)
-                part.members("faces", name).extend(faces)
+        for standing, called, letter in ((single.pressed, "pressed", "S"), (single.edges, "edge-loaded", "E")):
+            for name, _, places in pressed_groups({k: v.raw for k, v in standing.values.items()}, called):
+                if ("faces", name) not in part.sets:
+                    known = sorted(place for place in places if place[0] in part.elements)
+                    faces = ((str(element), f"{letter}{face}" if face else "") for element, face in known)
+                    part.members("faces", name).extend(faces)
 
 
 def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -151,20 +150,21 @@ def read_inp_shells(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[str, Any], list[list[int]]]:
     """Return what `read_inp` does, and the nodes of the elements of some kinds apart."""
-    parts, instances, ignored = _parts(path, kinds)
-    placed = _placed(parts, instances) or [(parts[""], np.zeros(3), "")]
+    file = _FileReader(path, kinds)
+    file.read()
+    placed = _placed(file.parts, file.instances) or [(file.parts[""], _at_place, "")]
     points: list[Any] = []
     tags: list[int] = []
     cells: list[list[int]] = []
     cell_tags: list[int] = []
     thickness: list[float] = []
     sets: dict[str, list[Any]] = {}
-    for part, shift, name in placed:
+    for part, moved, name in placed:
         if not part.elements:
             raise _without_elements(part, kinds)
         node_row = {tag: len(points) + i for i, tag in enumerate(part.nodes)}
         cell_row = {tag: len(cells) + i for i, tag in enumerate(part.elements)}
-        points += [np.add(position, shift) for position in part.nodes.values()]
+        points += [moved(position) for position in part.nodes.values()]
         tags += part.nodes
         cell_tags += part.elements
         for tag, nodes in part.elements.items():
@@ -181,7 +181,10 @@ def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[s
             rows = _rows(part, kind, key, node_row, cell_row, cells, face)
             if len(rows):
                 prefix = f"{name}." if len(placed) > 1 and (kind, key) not in part.shared else ""
-                sets.setdefault(f"{kind}:{prefix}{spelled}", []).extend(rows)
+                called = f"{prefix}{spelled}"
+                if kind == _NODE_SURFACE:  # which may have the name of a node set
+                    called += "" if ("nodes", key) not in part.names else "-surface"
+                sets.setdefault(f"{'nodes' if kind == _NODE_SURFACE else kind}:{called}", []).extend(rows)
     if len(placed) > 1:  # numbers of several instances repeat
         tags, cell_tags = list(range(1, len(tags) + 1)), list(range(1, len(cell_tags) + 1))
     arrays: dict[str, Any] = {
@@ -193,7 +196,7 @@ def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[s
         arrays[name] = np.unique(np.array(rows, dtype=np.int64), axis=0)
     if kinds is _SHELL and any(part.thickness for part, _, _ in placed):
         arrays[_THICKNESS] = np.array(thickness)
-    return {"ignored": sorted(ignored)}, arrays, cells
+    return {"ignored": sorted(file.ignored)}, arrays, cells
 
 
 def _without_elements(part: _Part, kinds: re.Pattern[str]) -> Fault:
@@ -206,87 +209,144 @@ def _without_elements(part: _Part, kinds: re.Pattern[str]) -> Fault:
     return Fault("has no solid elements", text)
 
 
-def _parts(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, _Part], list[_Keyword], set[str]]:
-    """Return parts by lower-case name (``""``: outside of parts), instances, and keywords that are not used.
+class _FileReader:
+    """Reads the keywords of a file in order.
 
-    Args:
-        kinds: of elements that are read.
+    Attributes:
+        parts: by lower-case name; outside of parts, and of an assembly, ``""``.
+        instances: keywords that place a part.
+        ignored: what is not used.
     """
-    parts: dict[str, _Part] = {"": _Part()}
-    current, instances, ignored = parts[""], list[_Keyword](), set[str]()
-    pressed, single = list[tuple[str, str, str]](), _Single(has_rotations=kinds is _SHELL)
-    for card in _cards(path):
-        options = card.options
-        match card.keyword:
-            case "PART":
-                current = parts.setdefault(_needed(card, "NAME").lower(), _Part())
-            case "END PART":
-                current = parts[""]
-            case "INSTANCE":
-                instances.append(card)
-                name = options.get("NAME", _needed(card, "PART"))
-                current = parts.setdefault(f"{_OWN_MESH}{name.lower()}", _Part())
-            case "END INSTANCE":
-                current = parts[""]
-            case "NODE":
-                _read_nodes(current, card)
-            case "":
-                ignored.add(f"{len(card.rows):,} lines before the first keyword")
-            case "ELEMENT":
-                ignored.update(_read_elements(current, card, kinds))
-            case "NSET" | "ELSET":
-                kind, owner = ("nodes" if card.keyword == "NSET" else "cells"), current
-                if instance := options.get("INSTANCE"):
-                    if instance.lower() not in {known.options.get("NAME", "").lower() for known in instances}:
-                        raise Fault(f"{card.place}: there is no instance '{shown(instance)}'")
-                    owner = parts.setdefault(f"{_INSTANCE}{instance.lower()}", _Part())
-                _read_set(owner, kind, _needed(card, card.keyword), card)
-            case "SURFACE" if options.get("TYPE", "ELEMENT").upper() == "ELEMENT":
-                members = current.members("faces", _needed(card, "NAME"))
-                members += [(row[0], row[1] if len(row) > 1 else "") for _, row in card.rows if row[0]]
-            case "SURFACE" if options.get("TYPE", "").upper() == "NODE":
-                members = current.members("nodes", _needed(card, "NAME"))
-                members += [(row[0], "") for _, row in card.rows if row[0]]
-            case "DLOAD":  # faces of the elements of a set
-                ignored.add(card.keyword)
-                for _, row in card.rows:
-                    if len(row) < 2 or row[0].isdigit():
-                        continue
-                    if (match := _PRESSED.fullmatch(row[1])) and match[1]:
-                        pressed.append((f"{row[0]}-P{match[1]}", row[0], f"S{match[1]}"))
-                    elif match := _EDGE_LOAD.fullmatch(row[1]):
-                        pressed.append((f"{row[0]}-EDNOR{match[1]}", row[0], f"E{match[1]}"))
-                single.read(card)
-            case "BOUNDARY" | "CLOAD":
-                ignored.add(card.keyword)
-                single.read(card)
-            case "NODAL THICKNESS":
-                ignored.add(card.keyword)
-                current.thickness += [(row, place) for place, row in card.rows]
-            case "SYSTEM" | "NGEN" | "NFILL" | "ELGEN" | "NCOPY" | "ELCOPY":
-                text = f"{card.place}: *{card.keyword} is not read"
-                raise Fault(text, "Save the mesh with all its nodes and elements in global coordinates.")
-            case name if name in _WITHOUT_EFFECT or name.endswith((" PRINT", " FILE", " OUTPUT")):
-                pass
-            case _:
-                ignored.add(card.keyword)
-    outside = parts[""]
-    if not parts.keys() - {""}:
-        for region, name, face in dict.fromkeys(pressed):
-            if ("cells", name.lower()) in outside.sets:  # not of other elements
-                outside.members("faces", region).append((name, face))
-        single.add_sets(outside)
-    if instances and (outside.nodes or outside.elements):
-        raise Fault("has nodes outside of its parts", "Save one part, or the assembly with its parts.")
-    if not instances and len(parts) == 2:
-        parts[""] = next(part for name, part in parts.items() if name)
-    elif not instances and len(parts) > 2:
-        raise Fault(f"has {len(parts) - 1} parts and no assembly", "Save one part, or the assembly with its instances.")
-    return parts, instances, ignored
+
+    def __init__(self, path: Path, kinds: re.Pattern[str]) -> None:
+        self.parts: dict[str, _Part] = {"": _Part()}
+        self.instances: list[Keyword] = []
+        self.ignored: set[str] = set()
+        self._path, self._kinds = path, kinds
+        self._current = self.parts[""]
+        self._conditions = _Conditions(SingleConditions(has_rotations=kinds is _SHELL))
+        self._open: dict[str, str] = {}  # places of keywords whose end is missing
+
+    def read(self) -> None:
+        """Read all keywords."""
+        for card in _cards(self._path):
+            if refused := remedy(card.name, card.options):
+                raise Fault(f"{card.place}: *{card.name}, {refused[0]} is not read", refused[1])
+            self._note_ends(card)
+            if reader := self._READERS.get(card.name):
+                reader(self, card)
+                self.ignored.update(not_used(card.name, card.options))
+            elif not card.name:
+                self.ignored.add(f"{len(card.rows):,} lines before the first keyword")
+            elif card.name not in _OF_JOBS:
+                self.ignored.update(text.removeprefix("*") for text in not_used(card.name, ()))
+            else:
+                self.ignored.add(card.name)
+        for name, place in self._open.items():
+            raise Fault(f"{place}: *{name} has no *END {name}", "Is the file complete?")
+        outside = self.parts[""]
+        if not self.parts.keys() - {""}:
+            self._conditions.add_sets(outside, has_rotations=self._kinds is _SHELL)
+        self._check_parts()
+
+    def _note_ends(self, card: Keyword) -> None:
+        if card.name in _WITH_END:
+            self._open[card.name] = card.place
+        elif card.name.startswith("END "):
+            self._open.pop(card.name.removeprefix("END "), None)
+
+    def _check_parts(self) -> None:
+        parts, outside = self.parts, self.parts[""]
+        named = [part for name, part in parts.items() if name]
+        if self.instances and outside.elements:
+            raise Fault("has elements outside of its parts", "Save one part, or the assembly with its parts.")
+        if self.instances and outside.nodes:
+            self.ignored.add(f"{len(outside.nodes):,} reference points")
+        elif not self.instances and len(named) == 1:
+            parts[""] = named[0]
+        elif not self.instances and named:
+            raise Fault(f"has {len(named)} parts and no assembly", "Save one part, or the assembly with its instances.")
+
+    def _begin_part(self, card: Keyword) -> None:
+        self._current = self.parts.setdefault(_needed(card, "NAME").lower(), _Part())
+
+    def _begin_instance(self, card: Keyword) -> None:
+        self.instances.append(card)
+        name = card.options.get("NAME", _needed(card, "PART"))
+        self._current = self.parts.setdefault(f"{_OWN_MESH}{name.lower()}", _Part())
+
+    def _leave(self, card: Keyword) -> None:
+        self._current = self.parts[""]
+
+    def _read_nodes(self, card: Keyword) -> None:
+        if _read_nodes(self._current, card):
+            self.ignored.add("normals of nodes")
+
+    def _read_elements(self, card: Keyword) -> None:
+        self.ignored.update(_read_elements(self._current, card, self._kinds))
+
+    def _owner(self, card: Keyword) -> _Part:
+        """Return the part that a set is of."""
+        instance = card.options.get("INSTANCE")
+        if not instance:
+            return self._current
+        if instance.lower() not in {known.options.get("NAME", "").lower() for known in self.instances}:
+            raise Fault(f"{card.place}: there is no instance '{shown(instance)}'")
+        return self.parts.setdefault(f"{_INSTANCE}{instance.lower()}", _Part())
+
+    def _read_set(self, card: Keyword) -> None:
+        kind = "nodes" if card.name == "NSET" else "cells"
+        name = _needed(card, card.name)
+        if kind == "nodes" and "ELSET" in card.options:  # the nodes of its elements
+            self._owner(card).members(kind, name).append((_needed(card, "ELSET"), _OF_CELLS))
+        else:
+            _read_set(self._owner(card), kind, name, card)
+
+    def _read_surface(self, card: Keyword) -> None:
+        kind = {"ELEMENT": "faces", "NODE": _NODE_SURFACE}.get(card.options.get("TYPE", "ELEMENT").upper(), "")
+        if not kind:
+            self.ignored.add(f"SURFACE, TYPE={shown(card.options['TYPE'])}")
+            return
+        members = self._current.members(kind, _needed(card, "NAME"))
+        members += [(row[0], row[1] if len(row) > 1 and kind == "faces" else "") for row in card.lines if row[0]]
+
+    def _read_conditions(self, card: Keyword) -> None:
+        self.ignored.add(card.name)
+        self._conditions.read(card)
+
+    def _read_step(self, card: Keyword) -> None:
+        self.ignored.add(card.name)
+        self._conditions.step += 1
+
+    def _read_thickness(self, card: Keyword) -> None:
+        self.ignored.add(card.name)
+        self._current.thickness += [(row, place) for place, row in card.rows]
+
+    def _refuse(self, card: Keyword) -> None:
+        text = f"{card.place}: *{card.name} is not read"
+        raise Fault(text, "Save the mesh with all its nodes and elements in global coordinates.")
+
+    _READERS: ClassVar[Mapping[str, Callable[[Any, Keyword], None]]] = {
+        "PART": _begin_part,
+        "END PART": _leave,
+        "INSTANCE": _begin_instance,
+        "END INSTANCE": _leave,
+        "NODE": _read_nodes,
+        "ELEMENT": _read_elements,
+        "NSET": _read_set,
+        "ELSET": _read_set,
+        "SURFACE": _read_surface,
+        "DLOAD": _read_conditions,
+        "BOUNDARY": _read_conditions,
+        "CLOAD": _read_conditions,
+        "STEP": _read_step,
+        "NODAL THICKNESS": _read_thickness,
+        **dict.fromkeys(("SYSTEM", "NGEN", "NFILL", "NMAP", "ELGEN", "NCOPY", "ELCOPY", "PARAMETER"), _refuse),
+    }
 
 
-def _placed(parts: Mapping[str, _Part], instances: list[_Keyword]) -> list[tuple[_Part, Any, str]]:
-    """Return the part of each instance with the sets of the assembly in it, its translation, and its name."""
+def _placed(parts: Mapping[str, _Part], instances: list[Keyword]) -> list[tuple[_Part, Callable[[Any], Any], str]]:
+    """Return the part of each instance with the sets of the assembly in it, its motion, and its name."""
     outside = parts[""]
     placed = []
     for card in instances:
@@ -294,12 +354,6 @@ def _placed(parts: Mapping[str, _Part], instances: list[_Keyword]) -> list[tuple
         part = parts.get(name.lower())
         if part is None:
             raise Fault(f"{card.place}: there is no part '{shown(name)}'")
-        rows = [_numbers(row, place) for place, row in card.rows]
-        if len(rows) > 1:
-            raise Fault(f"{card.place}: the instance is rotated", "Save the mesh in global coordinates.")
-        shift = np.zeros(3)
-        if rows:
-            shift[: len(rows[0][:3])] = rows[0][:3]
         instance = card.options.get("NAME", name)
         content = parts.get(f"{_OWN_MESH}{instance.lower()}", _Part())
         if content.nodes:  # of Abaqus/CAE's independent instances
@@ -308,16 +362,19 @@ def _placed(parts: Mapping[str, _Part], instances: list[_Keyword]) -> list[tuple
         own = _Part(part.nodes, part.elements, part.others, dict(part.names), sets, thickness=part.thickness)
         for more in (content, parts.get(f"{_INSTANCE}{instance.lower()}", _Part()), outside):
             for key, spelled in more.names.items():
-                own.members(key[0], spelled).extend(more.sets[key])
+                members = more.sets[key]
+                if more is outside and key[0] in ("nodes", _NODE_SURFACE):  # its own nodes are reference points
+                    members = [m for m in members if not (m[0].isdigit() and int(m[0]) in outside.nodes)]
+                own.members(key[0], spelled).extend(members)
                 own.shared.add(key)
-        placed.append((own, shift, instance))
+        placed.append((own, _motion(card), instance))
     for key, spelled in outside.names.items() if instances else ():
-        names = {member.lower() for member, _ in outside.sets[key] if not member.isdigit()}
-        if len(instances) > 1 and len(names) < len({member for member, _ in outside.sets[key]}):
+        names = {member.lower(): face for member, face in outside.sets[key] if not member.isdigit()}
+        numbers = {int(member) for member, _ in outside.sets[key] if member.isdigit()}
+        if len(instances) > 1 and numbers - (outside.nodes.keys() if key[0] != "cells" else set()):
             raise Fault(f"set '{shown(spelled)}' of the assembly has numbers without instance=", "Name the instance.")
-        inner = "cells" if key[0] == "faces" else key[0]
-        for name in names:
-            has_set = [(inner, name) in own.sets for own, _, _ in placed]
+        for name, face in names.items():
+            has_set = [(_inner_kind(key[0], face), name) in own.sets for own, _, _ in placed]
             if not any(has_set):
                 raise Fault(f"set '{shown(spelled)}' has '{shown(name)}', which is not defined")
             for (own, _, _), has in zip(placed, has_set, strict=True):
@@ -326,40 +383,52 @@ def _placed(parts: Mapping[str, _Part], instances: list[_Keyword]) -> list[tuple
     return placed
 
 
-def _cards(path: Path) -> Iterator[_Keyword]:
-    """Yield the keywords with their lines of data; text before the first one, which CalculiX leaves out, has none."""
-    card: _Keyword | None = None
-    for place, line in lines_of(path):
-        if line.startswith("*"):
-            if card is not None:
-                yield card
-            card = _keyword(line, place)
-        else:
-            card = card or _Keyword(place, "", {}, [])
-            if not card.keyword and _DATA.fullmatch(line):
+def _at_place(position: Any) -> Any:
+    return np.array(position)
+
+
+def _motion(card: Keyword) -> Callable[[Any], Any]:
+    """Return the motion of an instance: it is moved, then turned about the axis between two points, by degrees."""
+    shift, turn = ([_numbers(row, place) for place, row in card.rows] + [[], []])[:2]
+    move = np.array([*shift, 0.0, 0.0, 0.0][:3])
+    if not turn:
+        return lambda position: np.add(position, move)
+    if len(turn) != 7 or len(card.rows) > 2 or turn[:3] == turn[3:6]:
+        text = f"{card.place}: the instance is turned by other than two points of an axis and an angle"
+        raise Fault(text, "Save the mesh in global coordinates.")
+    start, axis = np.array(turn[:3]), np.subtract(turn[3:6], turn[:3])
+    matrix = rotation(axis / np.linalg.norm(axis), math.radians(turn[6]))
+    return lambda position: start + matrix @ (np.add(position, move) - start)
+
+
+def _inner_kind(kind: str, face: str) -> str:
+    """Return the kind of sets that a set or surface may have as a member."""
+    return "cells" if kind == "faces" or face == _OF_CELLS else "nodes" if kind == _NODE_SURFACE else kind
+
+
+def _cards(path: Path) -> Iterator[Keyword]:
+    """Yield the keywords; text before the first one, which CalculiX leaves out, has none."""
+    is_empty = True
+    for card in keywords(lines_of(path)):
+        for place, row in () if card.name else card.rows:
+            if _DATA.fullmatch(",".join(row)):
                 raise Fault(f"{place} is not a keyword", "Input files begin with a keyword such as *NODE.")
-            card.rows.append((place, [entry.strip().strip('"') for entry in line.rstrip(",").split(",")]))
-    if card is None or not card.keyword:
+        is_empty = is_empty and not card.name
+        yield card
+    if is_empty:
         raise Fault("has no keywords", "Is it an input file of Abaqus or CalculiX?")
-    yield card
 
 
-def _keyword(line: str, place: str) -> _Keyword:
-    keyword, *options = (entry.strip() for entry in line[1:].split(","))
-    pairs = (option.partition("=") for option in options if option)
-    values = {name.strip().upper(): value.strip().strip('"') for name, _, value in pairs}
-    return _Keyword(place, " ".join(keyword.upper().split()), values, [])
-
-
-def _needed(card: _Keyword, option: str) -> str:
+def _needed(card: Keyword, option: str) -> str:
     if not (value := card.options.get(option, "")):
-        raise Fault(f"{card.place}: *{card.keyword} needs {option}=")
+        raise Fault(f"{card.place}: *{card.name} needs {option}=")
     return value
 
 
 def _numbers(row: list[str], place: str) -> list[float]:
+    """Return numbers; entries that are left out are 0."""
     try:
-        values = [float(entry.lower().replace("d", "e")) for entry in row if entry]
+        values = [float((entry or "0").lower().replace("d", "e")) for entry in row]
     except ValueError:
         raise Fault(f"{place}: '{shown(', '.join(row))}' are not numbers") from None
     if not np.isfinite(values).all():
@@ -369,23 +438,26 @@ def _numbers(row: list[str], place: str) -> list[float]:
 
 def _tags(row: list[str], place: str) -> list[int]:
     try:
-        return [int(entry) for entry in row if entry]
+        return [int(entry) for entry in row]
     except ValueError:
         raise Fault(f"{place}: '{shown(', '.join(row))}' are not whole numbers") from None
 
 
-def _read_nodes(part: _Part, card: _Keyword) -> None:
+def _read_nodes(part: _Part, card: Keyword) -> bool:
+    """Read nodes, in the coordinates of the keyword; return whether they have normals."""
     group = part.members("nodes", card.options["NSET"]) if card.options.get("NSET") else []
+    has_normals = False
     for place, row in card.rows:
-        tag, *position = _tags(row[:1], place) + _numbers(row[1:4], place)
-        if not position:
+        (tag,) = _tags(row[:1], place)
+        if len(row) < 2:
             raise Fault(f"{place}: a node has no coordinates")
-        x, y, z = [*position, 0.0, 0.0][:3]  # those left out are zero
-        part.nodes[int(tag)] = (x, y, z)
-        group.append((str(int(tag)), ""))
+        part.nodes[tag] = position_of(_numbers(row[1:4], place), card.options.get("SYSTEM", ""), place)
+        has_normals = has_normals or len(row) > 4
+        group.append((str(tag), ""))
+    return has_normals
 
 
-def _read_elements(part: _Part, card: _Keyword, kinds: re.Pattern[str]) -> list[str]:
+def _read_elements(part: _Part, card: Keyword, kinds: re.Pattern[str]) -> list[str]:
     """Read the elements of a keyword; return what is ignored.
 
     As CalculiX does, entries after the last node of an element are ignored. They are faults if lines differ in length:
@@ -424,17 +496,17 @@ def _read_elements(part: _Part, card: _Keyword, kinds: re.Pattern[str]) -> list[
     return [f"entries after the {count} nodes of elements {shown(kind)}"] if is_longer else []
 
 
-def _read_set(part: _Part, kind: str, name: str, card: _Keyword) -> None:
+def _read_set(part: _Part, kind: str, name: str, card: Keyword) -> None:
     members = part.members(kind, name)
     for place, row in card.rows:
         if "GENERATE" not in card.options:
             members += [(entry, "") for entry in row if entry]
             continue
-        numbers = _tags(row, place)
+        numbers = _tags([entry for entry in row if entry], place)
         first, last, step = (*numbers, 1)[:3] if len(numbers) in (2, 3) else (1, 0, 1)
-        if step < 1 or not 0 < (last - first) // step + 1 <= _MOST_GENERATED:
+        if not step or not 0 < (last - first) // step + 1 <= _MOST_GENERATED:
             raise Fault(f"{place}: the generated set has no valid range")
-        members += [(str(tag), _GENERATED) for tag in range(first, last + 1, step)]
+        members += [(str(tag), _GENERATED) for tag in range(first, last + (1 if step > 0 else -1), step)]
 
 
 def _rows(
@@ -448,10 +520,11 @@ def _rows(
 ) -> list[Any]:
     """Return rows of the members of a set; pairs of a cell and a face for a surface."""
     rows: list[Any] = []
-    numbers = node_row if kind == "nodes" else cell_row
+    is_of_nodes = kind in ("nodes", _NODE_SURFACE)
+    numbers = node_row if is_of_nodes else cell_row
     for member, face in _flattened(part, kind, key, frozenset()):
         tag = int(member)
-        if kind != "nodes" and tag in part.others:
+        if not is_of_nodes and tag in part.others:
             continue
         if tag not in numbers and face == _GENERATED:
             continue
@@ -507,12 +580,16 @@ def _flattened(part: _Part, kind: str, key: str, above: frozenset[str]) -> Itera
     if key in above:
         raise Fault(f"set '{shown(part.names[kind, key])}' contains itself")
     for member, face in part.sets.get((kind, key), ()):
-        if member.lstrip("+-").isdigit():
+        if member.lstrip("+-").isdigit() and face != _OF_CELLS:
             yield member, face
             continue
-        inner = "cells" if kind == "faces" else kind
+        inner = _inner_kind(kind, face)
         name = member.rpartition(".")[2].lower()
         if (inner, name) not in part.sets:
             raise Fault(f"set '{shown(part.names[kind, key])}' has '{shown(member)}', which is not defined")
         above_here = above | {key} if inner == kind else above
-        yield from ((tag, face) for tag, _ in _flattened(part, inner, name, above_here))
+        tags = (tag for tag, _ in _flattened(part, inner, name, above_here))
+        if face == _OF_CELLS:
+            yield from ((str(node), "") for tag in tags for node in part.elements.get(int(tag), ()))
+        else:
+            yield from ((tag, face) for tag in tags)

@@ -36,6 +36,9 @@ def read_med(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             raise Fault(f"has {len(meshes)} meshes", "Save one mesh in a file.")
         name = next(iter(meshes))
         steps = group_in(meshes, name)
+        if (system := int(steps.attrs.get("REP", 0))) != 0:
+            kind = {1: "cylindrical", 2: "spherical"}.get(system, "unknown")
+            raise Fault(f"its coordinates are {kind} (REP={system})", "Save the mesh in Cartesian coordinates.")
         step = group_in(steps, min(steps, default=""))
         families = group_in(group_in(file, "FAS"), name) if "FAS" in file and name in file["FAS"] else {}
         nodes = group_in(step, "NOE")
@@ -52,6 +55,7 @@ def read_med(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
                     sets.setdefault(f"nodes:{group}", []).append(tag)
         _read_cells(step, tags, _names(families, "ELEME"), blocks, sets)
         ignored = ["fields"] if "CHA" in file and len(file["CHA"]) else []
+        ignored += [f"further steps of the mesh ({len(steps) - 1:,})"] if len(steps) > 1 else []
     return {"ignored": ignored}, element_arrays(tags, points, blocks, sets, _KINDS)
 
 

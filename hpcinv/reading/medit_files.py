@@ -38,11 +38,12 @@ def read_medit(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         raise Fault("is a binary file of Medit", "Save it as text (.mesh).")
     words = [word for line in text_of(path).splitlines() for word in line.split("#")[0].split()]
     sections: dict[str, Any] = {}
-    at = 0
+    at, is_complete = 0, False
     while at < len(words):
         name = words[at].lower()
         at += 1
         if name == "end":
+            is_complete = True
             break
         if name in ("meshversionformatted", "dimension"):
             if name == "dimension" and words[at : at + 1] != ["3"]:
@@ -53,7 +54,8 @@ def read_medit(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             end = at + 1 + count * _SECTIONS[name]
             if end > len(words):
                 raise Fault(f"section {name} has fewer than {count:,} entries", "Is the file complete?")
-            sections[name] = _table(words[at + 1 : end], name)
+            table = _table(words[at + 1 : end], name)
+            sections[name] = np.concatenate([sections[name], table]) if name in sections else table
             at = end
         elif name.startswith(("tetrahedrap", "hexahedraq", "trianglesp", "quadrilateralsq")):
             raise Fault("has curved cells", "Save a mesh of straight cells, or use another format.")
@@ -61,6 +63,8 @@ def read_medit(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             raise Fault(f"has {name}", f"Cells are {_KINDS}.")
         elif not name[0].isalpha():
             raise Fault(f"'{shown(words[at - 1])}' is not the name of a section", "Is the file complete?")
+    if not is_complete and sections:
+        raise Fault("has no End", "Is the file complete?")
     if "vertices" not in sections:
         raise Fault("has no section Vertices", "Is it a file of Medit?")
     vertices, blocks, sets = sections["vertices"], Blocks(), dict[str, list[int]]()

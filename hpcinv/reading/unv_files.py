@@ -69,7 +69,7 @@ def _datasets(path: Path) -> Iterator[tuple[int, _Lines]]:
             is_empty = False
             yield whole_numbers(inside[0][1].split()[:1] or ["?"], f"line {inside[0][0]}")[0], iter(inside[1:])
         inside = None
-    if inside:
+    if inside is not None:
         raise Fault("its last dataset has no end", "Is the file complete?")
     if is_empty:
         raise Fault("has no datasets", "Is it a universal file?")

@@ -120,8 +120,8 @@ def test_an_input_file_of_abaqus_is_a_job(tmp_path: Path) -> None:
     ]
     assert job["regions"] == {"Tip_vertices": {"vertices": [["10 mm", "10 mm", "10 mm"]]}}
     assert "Not taken from the file: *CLOAD on 1 single nodes, which span no facet" in text
-    head, material = INP.split("*MATERIAL")  # also if a part is in another file; a comma continues a keyword
-    (tmp_path / "rubber.inc").write_text(f"*MATERIAL{material}*BOUNDARY,\nTip, 2")
+    head, material = INP.split("*MATERIAL")  # also if a part is in another file; a comma ends a keyword
+    (tmp_path / "rubber.inc").write_text(f"*MATERIAL{material}*BOUNDARY,\nTip, 1\n*BOUNDARY,")
     included, text = job_of(tmp_path, "part.inp", f"{head}*INCLUDE, INPUT=rubber.inc\n*STATIC,\n*END STEP\n", "--force")
     assert included == job
     assert "Not taken from the file: *BOUNDARY, which has no line of data" in text

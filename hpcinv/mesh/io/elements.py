@@ -37,6 +37,10 @@ _EDGES = {
 """vertices of the edges whose middle nodes follow the vertices"""
 
 
+OF_NODES = "-nodes"
+"""ends the name of the region of a node set, if the surface of its name has other nodes"""
+
+
 def read_elements(path: Path, action: str, failure: str) -> MeshSource:
     """Return the mesh of a file by an action of ``hpcinv.reading.isolated_reader``; `read_isolated` says more."""
     head, arrays = read_isolated(action, path, failure, "Is the file complete?")
@@ -81,7 +85,15 @@ def _source_of_elements(path: Path, arrays: Mapping[str, npt.NDArray[Any]], igno
         notes=tuple(notes),
         nodes_per_cell=arrays["cells"].shape[1],
     )
+    source = dataclasses.replace(source, notes=(*notes, *loose_nodes(source)))
     return _with_sets(source, arrays, cells)
+
+
+def loose_nodes(source: MeshSource) -> Iterator[str]:
+    """Yield a sentence on nodes that belong to no element, as in a file that was cut."""
+    loose = len(source.points) - len(np.unique(source.cells))
+    if loose:
+        yield f"{loose:,} of {len(source.points):,} nodes belong to no element: reference points, or the file is cut"
 
 
 def elements_of(source: MeshSource, *, has_27: bool = False) -> Ints:
@@ -196,6 +208,16 @@ def _completed(cells: Ints, points: Floats, tags: Ints) -> tuple[Ints, Floats, I
     return wide, np.concatenate([points, more]), np.concatenate([tags, new_tags])
 
 
+def _surface_nodes(
+    name: str, arrays: Mapping[str, npt.NDArray[Any]], elements: Ints, local: Ints
+) -> npt.NDArray[Any] | None:
+    """Return the vertices of the surface of a name; ``None`` if there is none."""
+    faces = arrays.get(f"faces:{name}")
+    parts = [] if faces is None else [elements[faces[:, 0, None], local[faces[:, 1]]].ravel()]
+    parts += [arrays[key].ravel() for key in (f"facets:{name}", f"skin:{name}") if key in arrays]
+    return np.unique(np.concatenate(parts)) if parts else None
+
+
 def _with_sets(source: MeshSource, arrays: Mapping[str, npt.NDArray[Any]], elements: Ints) -> MeshSource:
     """Return the mesh with a group for each set and surface; ``elements`` have the order of the file."""
     vertices = source.cells[:, : vertex_count(source.kind)]
@@ -204,9 +226,13 @@ def _with_sets(source: MeshSource, arrays: Mapping[str, npt.NDArray[Any]], eleme
     groups, sides, thin = list[Group](), dict[str, Ints](), list[str]()
     for key, rows in arrays.items():
         place, separator, name = key.partition(":")
-        has_surface = {f"{other}:{name}" for other in ("faces", "facets", "skin")} & arrays.keys()
-        if not separator or place == "values" or (place == "nodes" and has_surface):  # the surface is exact
+        if not separator or place == "values":
             continue
+        if place == "nodes" and (surface := _surface_nodes(name, arrays, elements, local)) is not None:
+            corners = np.intersect1d(rows, vertices)
+            if np.array_equal(corners, np.intersect1d(surface, vertices)):  # the surface is exact
+                continue
+            name = f"{name}{OF_NODES}"
         if place == "cells":
             groups.append(Group(name, 3, 0, rows))
             continue

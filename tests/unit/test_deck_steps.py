@@ -1,0 +1,137 @@
+"""Supports and loads of the steps of input files of Abaqus and CalculiX: what holds at the end of the last one."""
+
+from __future__ import annotations
+
+import pytest
+
+from hpcinv.cards.abaqus_deck import read_deck
+from hpcinv.cards.deck import Deck, Measure
+
+SETS = {"FOOT": frozenset((1, 2)), "TOP": frozenset((3, 4)), "WIDE": frozenset((4, 5))}
+HEAD = """*MATERIAL, NAME=rubber
+*ELASTIC
+10, 0.3
+*DENSITY
+1e-9
+*SOLID SECTION, ELSET=EALL, MATERIAL=rubber
+"""
+
+
+def deck_of(text: str) -> Deck:
+    return read_deck(HEAD + text.replace(" | ", "\n"), SETS)
+
+
+def step(text: str) -> str:
+    return f"*STEP, NLGEOM | *STATIC | {text} | *END STEP | "
+
+
+def pressures(deck: Deck) -> dict[str, float]:
+    return {effect["region"]: effect["pressure"].value for effect in deck.effects if "pressure" in effect}
+
+
+def test_op_new_ends_earlier_steps_and_not_its_own() -> None:
+    first = step("*BOUNDARY | FOOT, 1, 3 | *DSLOAD | SIDE, P, 0.3 | *CLOAD | TOP, 3, 5.")
+    second = step(
+        "*BOUNDARY, OP=NEW | TOP, 1, 2 | *BOUNDARY, OP=NEW | WIDE, 3"
+        " | *DSLOAD, OP=NEW | A, P, 0.1 | *DSLOAD, OP=NEW | B, P, 0.2"
+        " | *CLOAD, OP=NEW | TOP, 1, 1. | *CLOAD, OP=NEW | WIDE, 2, 2."
+    )
+    deck = deck_of(first + second)
+    assert deck.supports == [{"region": "TOP", "fix": ["x", "y"]}, {"region": "WIDE", "fix": ["z"]}]
+    assert pressures(deck) == {"A": 0.1, "B": 0.2}
+    assert [(f.region, f.forces) for f in deck.forces] == [
+        ("TOP", {3: (1.0, 0.0, 0.0), 4: (1.0, 0.0, 0.0)}),
+        ("WIDE", {4: (0.0, 2.0, 0.0), 5: (0.0, 2.0, 0.0)}),
+    ]
+    assert not deck.unused
+
+
+@pytest.mark.parametrize("keyword", ["BOUNDARY", "DLOAD", "DSLOAD", "CLOAD"])
+def test_late_op_new_is_said(keyword: str) -> None:
+    line = "TOP, 1, 1." if keyword in ("BOUNDARY", "CLOAD") else "TOP, P1, 1."
+    deck = deck_of(step(f"*{keyword} | {line} | *{keyword}, OP=NEW | {line}"))
+    assert any("OP=NEW" in text and keyword in text for text in deck.unused)
+
+
+def test_loads_of_one_step_add_up_and_those_of_a_later_step_replace() -> None:
+    loads = "*DSLOAD | SIDE, P, 0.2 | *DSLOAD | side, P, 0.25 | *CLOAD | TOP, 3, 0.02 | *CLOAD | TOP, 3, 0.03"
+    loads += " | *DLOAD | 7, P1, 0.5 | 7, P1, 0.25 | *CLOAD | 9, 1, 2. | 9, 1, 3."
+    deck = deck_of(step(loads))
+    assert pressures(deck) == {"SIDE": 0.45, "pressed": 0.75}
+    assert [f.forces for f in deck.forces] == [
+        dict.fromkeys((3, 4), (0.0, 0.0, pytest.approx(0.05))),
+        {9: (5.0, 0.0, 0.0)},
+    ]
+    later = deck_of(step(loads) + step("*DSLOAD | SIDE, P, 0.1 | *CLOAD | 4, 3, 1. | *DLOAD | 7, P1, 0.125"))
+    assert pressures(later) == {"SIDE": 0.1, "pressed": 0.125}
+    # a force on node 4 replaces what the set of an earlier step has there
+    assert later.forces[0].forces == {3: (0.0, 0.0, pytest.approx(0.05)), 4: (0.0, 0.0, 0.0)}
+
+
+def test_gravity_has_a_direction_and_adds_up() -> None:
+    (effect,) = deck_of(step("*DLOAD | EALL, GRAV, 9810., 0, 0, -2. | EALL, GRAV, 100., 3, , 0")).effects
+    assert [component.value for component in effect["acceleration"]] == [100.0, 0.0, -9810.0]
+    again = deck_of(step("*DLOAD | EALL, GRAV, 1., 0, 0, -2.") + step("*DLOAD | EALL, GRAV, 3., 0, 0, -1."))
+    assert [component.value for component in again.effects[0]["acceleration"]] == [0.0, 0.0, -3.0]
+    assert not again.unused
+    turned = deck_of(step("*DLOAD | EALL, GRAV, 1., 0, 0, -1") + step("*DLOAD | EALL, GRAV, 3., 1, 0, 0"))
+    assert any("Abaqus replaces" in text for text in turned.unused)
+
+
+def test_absolute_amplitudes_are_values() -> None:
+    curve = "*AMPLITUDE, NAME=A, VALUE=ABSOLUTE | 0, 0, 1, 0.4 | "
+    deck = deck_of(curve + step("*BOUNDARY, AMPLITUDE=A | TOP, 3, 3, 2. | *DSLOAD, AMPLITUDE=A | SIDE, P, 7."))
+    assert deck.supports == [{"region": "TOP", "displacement": [None, None, Measure(0.4, length=1)]}]
+    assert pressures(deck) == {"SIDE": 0.4}
+    assert deck_of(curve.replace("ABSOLUTE", "RELATIVE") + step("*DSLOAD, AMPLITUDE=A | S, P, 7.")).effects[0][
+        "pressure"
+    ].value == pytest.approx(2.8)
+
+
+def test_total_time_goes_on_in_later_steps() -> None:
+    curve = "*AMPLITUDE, NAME=A, TIME=TOTAL TIME | 0, 0, 4, 1 | "
+    text = "*STEP, NLGEOM | *STATIC | 0.1, 1. | *DSLOAD, AMPLITUDE=A | SIDE, P, 8. | *END STEP | "
+    assert pressures(deck_of(curve + text + "*STEP, NLGEOM | *STATIC | 0.1, 3. | *END STEP"))["SIDE"] == 8.0
+
+
+def test_small_displacements_of_the_file_are_said() -> None:
+    assert deck_of("*STEP | *STATIC | *END STEP").is_linear
+    assert not deck_of("*STEP, NLGEOM=YES | *STATIC | *END STEP").is_linear
+    assert deck_of("*STEP, NLGEOM=NO | *STATIC | *END STEP").is_linear
+
+
+@pytest.mark.parametrize(
+    ("held", "section"),
+    [
+        ("", {"remote": None}),
+        ("*BOUNDARY | RP, 1, 6", {"fix": ["x", "y", "z"]}),
+        ("*BOUNDARY | RP, 1, 6 | 9, 1, 1, 0.5", {"displacement": [0.5, 0.0, 0.0]}),
+        ("*BOUNDARY | RP, 1, 6 | RP, 6, 6, 0.5", {"motion": None}),
+        ("*BOUNDARY | RP, 1, 3", None),
+    ],
+)
+@pytest.mark.parametrize("node", ["9", "RP"])
+def test_reference_points_have_loads_and_motions(node: str, held: str, section: dict[str, object] | None) -> None:
+    text = "*NODE, NSET=RP | 9, 1, 2, 3 | *COUPLING, SURFACE=END, REF NODE=RP | *KINEMATIC | "
+    load = f"*CLOAD | {node}, 1, 0.25 | {node}, 6, 2." if not held else held.replace("RP", node)
+    deck = deck_of(text + step(load))
+    if section is None:
+        assert not deck.remotes
+        assert any("*COUPLING of END" in text for text in deck.unused)
+        return
+    (rigid,) = deck.remotes
+    assert (rigid.region, rigid.of, rigid.section.keys()) == ("END", "surface", section.keys())
+    point = [Measure(x, length=1) for x in (1.0, 2.0, 3.0)]
+    if "remote" in section:
+        assert rigid.section["remote"] == {
+            "force": [Measure(x, length=2, stress=1) for x in (0.25, 0.0, 0.0)],
+            "moment": [Measure(x, length=3, stress=1) for x in (0.0, 0.0, 2.0)],
+            "about": point,
+        }
+    elif "motion" in section:
+        motion = rigid.section["motion"]
+        assert motion["about"] == point
+        assert motion["axis"] == [0.0, 0.0, 1.0]
+        assert float(motion["rotate"].split()[0]) == pytest.approx(28.6478897565412)
+    elif "displacement" in section:
+        assert [part.value for part in rigid.section["displacement"]] == section["displacement"]
