@@ -94,7 +94,7 @@ def file_text(path: Path) -> str:
     if suffix_of(path) != ".inp" or "INPUT" not in text.upper():
         return text
     try:
-        return "\n".join(line.text for line in lines_of(path))
+        return "\n".join(line.text for line in lines_of(path, LARGEST))
     except Fault as fault:
         raise ValueError(f"{fault.text}. {fault.advice}") from None
 

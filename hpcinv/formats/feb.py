@@ -7,7 +7,7 @@ from pathlib import Path
 from hpcinv.formats.mesh_format import Groups, MeshFormat
 from hpcinv.reading.door import admitted
 
-_NAMED = re.compile(r"<(?:Nodes|Elements|NodeSet|ElementSet|Surface)\b[^>]*?\bname\s*=\s*\"([^\"]*)\"")
+_NAMED = re.compile(r"<(?:Nodes|Elements|NodeSet|ElementSet|Surface)\b[^<>]*?\bname\s*=\s*\"([^\"]*)\"")
 _UNNAMED = r"part-\d+"
 _LARGEST = 200 * 2**20
 """bytes of a file that is searched for names; raised, ``validate`` may take seconds"""

@@ -33,7 +33,7 @@ class Inp(MeshFormat):
         if path.stat().st_size > _LARGEST:
             return None
         try:
-            text = "\n".join(line.text for line in lines_of(path))
+            text = "\n".join(line.text for line in lines_of(path, _LARGEST))
         except Fault:  # reported by the reader
             return None
         if _SEVERAL.search(text):

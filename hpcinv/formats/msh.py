@@ -9,8 +9,8 @@ from hpcinv.reading.door import admitted
 
 _HEADERS = (b"$MeshFormat", b"$Comments", b"$NOD")
 """First lines of MSH 2 and 4, the same after a comment, and MSH 1."""
-_NAMED = re.compile(rb"\$PhysicalNames\r?\n(.*?)\$EndPhysicalNames", re.DOTALL)
-_NAME = re.compile(rb'^\s*(\d+)\s+-?\d+\s+"(.*)"\s*$', re.MULTILINE)
+_BEGIN, _END = b"$PhysicalNames", b"$EndPhysicalNames"
+_NAME = re.compile(rb'[ \t]*(\d+)[ \t]+-?\d+[ \t]+"(.*)"\s*')
 
 
 class Msh(MeshFormat):
@@ -45,7 +45,9 @@ class Msh(MeshFormat):
             if content[:1] != b"$" or content.find(b"$Elements") < 0:
                 return None  # not MSH 2 or 4, or incomplete
             names: dict[bool, set[str]] = {False: set(), True: set()}
-            for section in _NAMED.finditer(content):
-                for dim, name in _NAME.findall(section[1]):
-                    names[int(dim) < 2].add(name.decode(errors="replace"))
+            end = 0
+            while (begin := content.find(_BEGIN, end)) >= 0 and (end := content.find(_END, begin)) >= 0:
+                for line in content[begin:end].splitlines():
+                    if match := _NAME.fullmatch(line):
+                        names[int(match[1]) < 2].add(match[2].decode(errors="replace"))
         return Groups(frozenset(names[False]), frozenset(names[True] - names[False]), (r"(?:surface|volume)-\d+",))

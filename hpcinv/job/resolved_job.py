@@ -47,7 +47,7 @@ def file_digest(path: Path) -> str:
         for name in sorted(mesh_format.data_files(path)) if mesh_format else ():
             digest.update(admitted(path.parent / name, path).read_bytes())
         if suffix_of(path) in _HEADERS:
-            for file in _voxel_files(path, content[:_LONGEST_HEADER]):
+            for file in dict.fromkeys(_voxel_files(path, content[:_LONGEST_HEADER])):
                 digest.update(file.name.encode())
                 with admitted(file, path).open("rb") as voxels:
                     digest.update(hashlib.file_digest(voxels, "sha256").digest())
@@ -60,7 +60,9 @@ def file_digest(path: Path) -> str:
 
 def _voxel_files(path: Path, header: bytes) -> list[Path]:
     """Return the files next to the header of an image that hold its voxels: one, a list, or a numbered series."""
-    named = re.search(rb"^\s*(?:ElementDataFile\s*=|data ?file:)[ \t]*([^\r\n]*)", header, re.IGNORECASE | re.MULTILINE)
+    named = re.search(
+        rb"^[ \t]*(?:ElementDataFile\s*=|data ?file:)[ \t]*([^\r\n]*)", header, re.IGNORECASE | re.MULTILINE
+    )
     if named is None or named[1].strip().upper() == b"LOCAL":
         return []
     words = named[1].split()

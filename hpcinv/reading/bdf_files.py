@@ -13,7 +13,7 @@ from typing import Any
 
 from hpcinv.reading.bdf_frames import BY_NODES, KINDS, CoordinateCard, Frames
 from hpcinv.reading.fault import Fault
-from hpcinv.reading.included_files import FileLine, check_loop, found_file, place_in, text_of
+from hpcinv.reading.included_files import FileLine, Inclusions, place_in, text_of
 from hpcinv.reading.numbered_elements import (
     Blocks,
     all_in,
@@ -36,6 +36,8 @@ _NAME = re.compile(r"\$HM(SET|NAME\s+PROP)\s+(\d+)\s*(\d*)\s*\"([^\"]+)\"")
 _CASE_SET = re.compile(r"SET\s+(\d+)\s*=\s*(.*)", re.I)
 _BEGIN = re.compile(r"\s*BEGIN\s+BULK", re.I)
 _INCLUDE = re.compile(r"\s*INCLUDE\b", re.I)
+_LONGEST_COMMAND = 10_000
+"""characters of one INCLUDE; raised, a hostile file takes longer to be refused"""
 _GENERAL = ("PARAM", "ENDDATA", "PSOLID", "PSHELL", "BEGIN", "SOL", "CEND")
 
 
@@ -128,7 +130,7 @@ def _name(deck: _Deck, what: str, tag: int) -> str:
 
 def _deck(path: Path) -> _Deck:
     """Return the cards of a file, without what comes before ``BEGIN BULK`` but the sets there."""
-    deck, lines = _Deck(), list(lines_of(path, path.parent, (), []))
+    deck, lines = _Deck(), list(lines_of(path, Inclusions(path.parent), ()))
     begin = next((line.place for line in lines if _BEGIN.match(line.text)), "")
     is_bulk = not begin
     pending = 0
@@ -160,16 +162,14 @@ def _deck(path: Path) -> _Deck:
     return deck
 
 
-def lines_of(path: Path, home: Path, above: tuple[Path, ...], names: list[str]) -> Iterator[FileLine]:
+def lines_of(path: Path, inclusions: Inclusions, above: tuple[Path, ...]) -> Iterator[FileLine]:
     """Yield the lines of a file with the lines of the files that it includes.
 
     Args:
-        home: directory of the outermost file.
         above: the files that include this one.
-        names: receives the names of included files.
 
     Raises:
-        Fault: a file is missing, includes itself, or is not text.
+        Fault: a file is missing, includes itself, or is not text; or too much is included.
     """
     command, inner = "", (*above, path.resolve())
     for row, line in enumerate(text_of(path, above).splitlines(), 1):
@@ -178,11 +178,12 @@ def lines_of(path: Path, home: Path, above: tuple[Path, ...], names: list[str]) 
             yield FileLine(place, line)
             continue
         command += line.split("$")[0].strip()
+        if len(command) > _LONGEST_COMMAND:
+            raise Fault(f"{place}: an INCLUDE has no end", "Close its quotation mark.")
         if command.count("'") == 1 or command.count('"') == 1:  # a name may be continued
             continue
-        file = found_file(command[len("INCLUDE") :].strip().strip("'\"=").strip(), home, path.parent, place, names)
-        check_loop(file, inner, place)
-        yield from lines_of(file, home, inner, names)
+        name = command[len("INCLUDE") :].strip().strip("'\"=").strip()
+        yield from lines_of(inclusions.find(name, inner, place), inclusions, inner)
         command = ""
 
 

@@ -5,8 +5,10 @@ for their lines of data. Names are relative to the directory of the input file, 
 Source: *Abaqus Keywords Guide*, ``*INCLUDE``, ``*NODE``.
 """
 
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
@@ -19,7 +21,11 @@ from hpcinv.reading.fault import Fault, shown
 _INPUT = re.compile(r",\s*INPUT\s*=\s*(\"[^\"]*\"?|[^,]*)", re.IGNORECASE)
 _INCLUDING = re.compile(r"\*\s*(INCLUDE|NODE|ELEMENT|AMPLITUDE)\s*(?:,|$)", re.IGNORECASE)
 _DEEPEST = 20
-"""Levels of files in one another; Abaqus has at most five. Raised, a hostile file takes longer to be refused."""
+"""levels of files in one another; Abaqus has at most five. Raised, a hostile file takes longer to be refused"""
+_MOST_INCLUDES = 1000
+"""files that are included, each as often as it is; raised, a hostile file takes longer to be refused"""
+_REPEATED = 100 * 2**20
+"""bytes of files that are included again; raised, a hostile file takes longer to be refused"""
 
 
 class FileLine(NamedTuple):
@@ -29,30 +35,84 @@ class FileLine(NamedTuple):
     text: str
 
 
-def lines_of(path: Path) -> Iterator[FileLine]:
+@dataclass
+class Inclusions:
+    """Files that one input file includes, counted, since each may include another one many times.
+
+    Attributes:
+        home: directory of the input file.
+        most: bytes of all files; unlimited by default.
+        names: the files, relative to that directory.
+    """
+
+    home: Path
+    most: float = math.inf
+    names: list[str] = field(default_factory=list)
+    _sizes: dict[Path, int] = field(default_factory=dict)
+    _count: int = 0
+    _repeated: int = 0
+
+    def find(self, name: str, above: tuple[Path, ...], place: str) -> Path:
+        """Return the file of a name, which may be spelled as Windows does.
+
+        Args:
+            above: the files that include it, the first one outermost.
+
+        Raises:
+            Fault: it is missing, includes itself, or too much is included.
+        """
+        file = self._found(name, above[-1].parent, place)
+        real = file.resolve()
+        if real in above or len(above) > _DEEPEST:
+            raise Fault(f"{place}: '{shown(file.name)}' includes itself", "Remove the line.")
+        self._count += 1
+        if real in self._sizes:
+            self._repeated += self._sizes[real]
+        self._sizes[real] = file.stat().st_size
+        if self._count > _MOST_INCLUDES or self._repeated > _REPEATED:
+            text = f"more than {_MOST_INCLUDES:,} files, or more than {_REPEATED:,} bytes again"
+            raise Fault(f"{place}: includes {text}", "Include each file once.")
+        if sum(self._sizes.values()) > self.most:
+            raise Fault(f"{place}: includes more than {self.most:,} bytes")
+        return file
+
+    def _found(self, name: str, beside: Path, place: str) -> Path:
+        spellings = dict.fromkeys((name, name.replace("\\", "/")))
+        for file in (directory / text for text in spellings for directory in dict.fromkeys((self.home, beside))):
+            if file.is_file():
+                self.names.append(str(file.relative_to(self.home) if file.is_relative_to(self.home) else file))
+                return admitted(file, self.home / name)
+        advice = f"Put '{shown(Path(name.replace(chr(92), '/')).name)}' next to the file, and name it so."
+        raise Fault(f"{place}: includes '{shown(name)}', which does not exist", advice)
+
+
+def lines_of(path: Path, most: float = math.inf) -> Iterator[FileLine]:
     """Yield the lines that are neither empty nor comments; a keyword that is continued is one line.
 
+    Args:
+        most: bytes of included files.
+
     Raises:
-        Fault: a file is missing, includes itself, or is not text.
+        Fault: a file is missing, includes itself, or is not text; or too much is included.
     """
-    yield from _lines(path, path.parent, ())
+    yield from _lines(path, Inclusions(path.parent, most), ())
 
 
-type Reader = Callable[[Path, Path, tuple[Path, ...], list[str]], Iterator[FileLine]]
+type Reader = Callable[[Path, Inclusions, tuple[Path, ...]], Iterator[FileLine]]
 
 
 def included_by(path: Path, reader: Reader | None = None) -> list[str]:
     """Return the names of all files that a file includes, relative to its directory, as far as they can be read."""
-    names: list[str] = []
+    inclusions = Inclusions(path.parent)
     try:
-        for line in (reader or _lines)(path, path.parent, (), names):
+        for line in (reader or _lines)(path, inclusions, ()):
             del line
     except (Fault, Refused, OSError):  # reported by the reader
         pass
-    return list(dict.fromkeys(names))
+    return list(dict.fromkeys(inclusions.names))
 
 
-def _lines(path: Path, home: Path, above: tuple[Path, ...], names: list[str] | None = None) -> Iterator[FileLine]:
+def _lines(path: Path, inclusions: Inclusions, above: tuple[Path, ...]) -> Iterator[FileLine]:
     inner = (*above, path.resolve())
     for number, head in joined_lines(StringIO(text_of(path, above), newline=None)):
         place = place_in(above, path, f"line {number}")
@@ -61,9 +121,8 @@ def _lines(path: Path, home: Path, above: tuple[Path, ...], names: list[str] | N
         if not is_include:
             yield FileLine(place, head)
         if including is not None and (included := _INPUT.search(head)):
-            file = found_file(included[1].strip().strip('"').strip(), home, path.parent, place, names)
-            check_loop(file, inner, place)
-            yield from _lines(file, home, inner, names)
+            file = inclusions.find(included[1].strip().strip('"').strip(), inner, place)
+            yield from _lines(file, inclusions, inner)
         elif is_include:
             raise Fault(f"{place}: *INCLUDE needs INPUT=")
 
@@ -109,24 +168,6 @@ def text_of(path: Path, above: tuple[Path, ...] = ()) -> str:
         raise Fault(place_in(above, path, "is not a text file"), "Save it as text, in UTF-8.") from None
 
 
-def check_loop(file: Path, above: tuple[Path, ...], place: str) -> None:
-    """Raise ``Fault`` if a file is one of those that include it."""
-    if file.resolve() in above or len(above) > _DEEPEST:
-        raise Fault(f"{place}: '{shown(file.name)}' includes itself", "Remove the line.")
-
-
 def place_in(above: tuple[Path, ...], path: Path, text: str) -> str:
     """Return a place in a file; the file that is not included is named by the message."""
     return f"{shown(path.name)}, {text}" if above else text
-
-
-def found_file(name: str, home: Path, beside: Path, place: str, names: list[str] | None) -> Path:
-    """Return the file of a name, which may be spelled as Windows does."""
-    spellings = dict.fromkeys((name, name.replace("\\", "/")))
-    for file in (directory / spelled for spelled in spellings for directory in dict.fromkeys((home, beside))):
-        if file.is_file():
-            if names is not None:
-                names.append(str(file.relative_to(home) if file.is_relative_to(home) else file))
-            return admitted(file, home / name)
-    advice = f"Put '{shown(Path(name.replace(chr(92), '/')).name)}' next to the file, and name it so."
-    raise Fault(f"{place}: includes '{shown(name)}', which does not exist", advice)
