@@ -36,7 +36,7 @@ class Gas(Spec):
 
     ambient: Annotated[float, Quantity("Pa", above=0.0)]
     """absolute pressure around the body, and in the cavity of the unloaded body, such as 1 atm"""
-    amount: Annotated[float, Quantity("1", above=0.0)] = 1.0
+    amount: Annotated[float, Quantity("", above=0.0)] = 1.0
     """amount times absolute temperature in the loaded body, relative to the unloaded one"""
 
 

@@ -13,7 +13,7 @@ from hpcinv.formats import FORMATS, mesh_fault
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.filling_points import FillingPoint, filling_points, pressure_in, pressure_keys
 from hpcinv.job.sections import CUBIC, LENGTH, QuantityOfInterest, directory_of
-from hpcinv.job.sensitivities import TIES, Owner, Parameter, fault_of_tie, parameter
+from hpcinv.job.sensitivities import TIES, Owner, Parameter, fault_of_setting, fault_of_tie, parameter
 from hpcinv.job.states import StateSpec, rest_of
 from hpcinv.quantity.keys import JobKey
 from hpcinv.quantity.quantity import AnyMeasured, Length, LengthUnit, Measured, Quantity, Size
@@ -286,9 +286,12 @@ def _faults_of_parameter(key: str, sought: Sought, owners: Mapping[str, Owner]) 
         yield (), str(error)
         return
     yield from _faults_of_sought(number, sought)
+    if fault := fault_of_setting(number):
+        yield (), fault
     for place, other in ties_of(sought):
         try:
-            fault = fault_of_tie(parameter(other, owners, None), number, place[0])
+            tied = parameter(other, owners, None)
+            fault = fault_of_tie(tied, number, place[0]) or fault_of_setting(tied)
         except ValueError as error:
             fault = str(error)
         if fault:

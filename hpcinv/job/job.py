@@ -589,7 +589,7 @@ class Job(Spec):
             yield from rules.below(("effects",), faults)
             yield from rules.below(("supports",), rules.unsuited_supports(self.supports, self.effects, self.load_cases))
             return
-        if self.effects:
+        if self.effects[: self.own_effect_count]:
             text = "belong to states in a job with 'states': move them to 'effects' of each state that has them"
             yield ("effects",), text
         yield from rules.below(("states",), rules.unsuited_states(self.states, self.fibres, self.load_cases))

@@ -123,6 +123,12 @@ def fault_of_tie(tied: Parameter, number: Parameter, kind: str) -> str | None:
     return None
 
 
+def fault_of_setting(number: Parameter) -> str | None:
+    """Fault of a number that is to be set in the job, but follows there from others."""
+    reason = number.owner.unset_number(number.place) if isinstance(number.owner, Ingredient) else ""
+    return f"{number.key} {reason}" if reason else None
+
+
 def uncertain_parameters(given: Mapping[str, Uncertain], owners: Mapping[str, Owner]) -> list[Parameter]:
     """The parameters of a section, with what changes with each."""
     parameters = []

@@ -173,6 +173,16 @@ class MaterialLaw(Ingredient):
             numbers["poisson",] = "is 0.5, the end of its range" if poisson == 0.5 else Number(poisson, Dimension())
         return numbers
 
+    def unset_number(self, place: KeyPath) -> str:
+        name, *rest = place
+        stated = self._stated if self._stated is not None else {n: getattr(self, n) for n in type(self).model_fields}
+        entries = stated.get(str(name))
+        is_left_out = isinstance(entries, tuple) and bool(rest) and isinstance(rest[0], int) and rest[0] >= len(entries)
+        if name in stated and not is_left_out:
+            return ""
+        given = [n for n in stated if n in NAMES or n in self.quantities()]
+        return f"follows from {' and '.join(given)}, which the law has: state it there instead of one of them"
+
     def number_replaced(self, place: KeyPath, number: float) -> Self:
         """Return a copy with another number; of what the job gives, the moduli that it gives stay as they are."""
         name, *rest = place

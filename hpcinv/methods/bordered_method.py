@@ -33,7 +33,9 @@ class BorderedMethod(Method):
         self.reached_load = load = start.load
         names = ["cavities"] * bool(self._pressures) + ["remote loads"] * bool(self._motions)
         newton = BorderedNewton(self.equilibrium, [*self._motions, *self._pressures], " and ".join(names))
+        self.check_start(start)
         if load > 0.0:
+            self.equilibrium.system.set_load(load)
             for motion in self._motions:
                 motion.recover()
                 motion.put(load)

@@ -33,9 +33,7 @@ class DirectMethod(Method):
     def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
         self.reached_load = start.load
         contacts, tolerance = self.equilibrium.system.weak_form.contacts, self.problem.equations.job.solver.tolerance
-        if start.load == 0.0 and start.solution is None:
-            self.equilibrium.system.set_load(0.0 if contacts.is_iterated else 1.0)
-            contacts.check_start()
+        self.check_start(start)
         if contacts.is_iterated:
             contacts.reset()
             if start.load == 1.0:  # a checkpoint has no contact pressures

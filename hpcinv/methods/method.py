@@ -122,6 +122,17 @@ class Method(ABC):
         unloaded without one.
         """
 
+    def check_start(self, start: Start) -> None:
+        """Check that contacts of the unloaded body touch it, and do not overlap it; collective.
+
+        Raises:
+            MeshError: on all ranks, if one does.
+        """
+        system = self.equilibrium.system
+        if start.load == 0.0 and start.solution is None:
+            system.set_load(0.0 if system.weak_form.contacts.is_iterated else 1.0)
+            system.weak_form.contacts.check_start()
+
     @abstractmethod
     def can_restart_after(self, solve: Solve) -> bool:
         """Return whether a run can be resumed from the state after a solve that was just yielded."""

@@ -7,15 +7,16 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from dolfinx.mesh import entities_to_geometry
 from petsc4py import PETSc
 
-from hpcinv.errors import naming_field
+from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.enclosed_volume import EnclosedVolume
-from hpcinv.mesh.source import Floats
+from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.quantity.nondimensional import Scales
 
@@ -65,7 +66,14 @@ def check_cavities(job: Job, body: Body) -> list[str]:
         MeshError: on all ranks, if they do not.
     """
     warnings = []
+    for places, names in [("cavities", job.controlled_cavities), *_controlled_in_states(job)]:
+        _check_apart(job, body, places, list(names))
     for name, cavity in job.cavities.items():
+        if cavity.lid_region is not None and not _touch(body, cavity.surface, cavity.lid_region):
+            raise MeshError(
+                f"{body.source.path}: cavities.{name}.lid: '{cavity.lid_region}' does not touch the cavity's surface",
+                "Name the region that closes an opening of the surface, or leave out 'lid' for a planar one.",
+            )
         enclosed = enclosed_volume(job, body, name)
         if cavity.apex is None and enclosed.unevenness(body.given_nodes) > _UNEVEN:
             warnings.append(
@@ -73,6 +81,38 @@ def check_cavities(job: Job, body: Body) -> list[str]:
                 " a part of a symmetric body needs 'lid: {apex: [x, y, z]}'"
             )
     return warnings
+
+
+def _controlled_in_states(job: Job) -> Iterator[tuple[str, list[str]]]:
+    """Yield the cavities of unknown pressure of each state, with their place in the job."""
+    for number, state in enumerate(job.states):
+        key = "unloaded_volumes" if state.given else "volumes"
+        yield f"states[{number}].{key}", [name for name in job.cavities if name in state.controlled]
+
+
+def _check_apart(job: Job, body: Body, place: str, names: Sequence[str]) -> None:
+    """Raise ``MeshError`` on all ranks for two cavities of unknown pressure on one facet."""
+    facets = {name: [body.boundary_facets(region) for region in job.cavities[name].regions] for name in names}
+    for i, name in enumerate(names):
+        for other in names[:i]:
+            shared = np.intersect1d(np.concatenate(facets[name]), np.concatenate(facets[other]))
+            if body.mesh.comm.allreduce(len(shared)):
+                raise MeshError(
+                    f"{body.source.path}: {place}: the unknown pressures of '{other}' and '{name}' act on one surface",
+                    "Give the volume of one of them, or give each its own surface.",
+                )
+
+
+def _touch(body: Body, surface: Sequence[str], lid: str) -> bool:
+    """Return whether the facets of a lid have a node of a cavity's surface; collective."""
+
+    def nodes(names: Sequence[str]) -> Ints:
+        facets = np.concatenate([body.facets(name) for name in names])
+        local = entities_to_geometry(body.mesh, 2, facets).ravel() if len(facets) else np.zeros(0, np.int32)
+        parts = body.mesh.comm.allgather(np.unique(body.mesh.geometry.index_map().local_to_global(local)))
+        return np.unique(np.concatenate(parts))
+
+    return bool(len(np.intersect1d(nodes(surface), nodes([lid]))))
 
 
 class CavityEquation:

@@ -53,6 +53,10 @@ class Ingredient(Spec):
             for place, scalar in scalars(getattr(self, name), (name,))
         }
 
+    def unset_number(self, place: KeyPath) -> str:
+        """Return why a job cannot set the number at a place, but only be differentiated by it; else empty."""
+        return ""
+
     def number_replaced(self, place: KeyPath, number: float) -> Self:
         """A copy with another number (SI), which is not checked, at one of the places of `numbers`."""
         name, *rest = place

@@ -9,7 +9,7 @@ from hpcinv.certificate import Verdict
 from hpcinv.driver import run
 from hpcinv.errors import JobError, SolveError
 from hpcinv.job.job import Job
-from hpcinv.job.sensitivities import stated_values
+from hpcinv.job.sensitivities import fault_of_setting, stated_values, tied_parameters
 from hpcinv.mesh.source import Floats
 from hpcinv.methods.method import Guess
 from hpcinv.output.result import Quantities, Result
@@ -51,6 +51,9 @@ class JobModel:
                 raise JobError(f"{job.path or 'job'}: {section}: is missing; it lists the {meaning} of a served job")
         self.job = job.with_({"certificate": "off", "identify": None})
         self.parameters = self.job.differentiated
+        for number in tied_parameters(self.parameters):
+            if fault := fault_of_setting(number):
+                raise JobError(f"{job.path or 'job'}: sensitivities: {fault}")
         self._workspace, self._stop = workspace, stop
         self._guesses: tuple[Guess, ...] = ()
         self._last: tuple[tuple[tuple[float, ...], str], Linearisation] | None = None

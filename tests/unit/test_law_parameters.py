@@ -11,9 +11,14 @@ import pytest
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job, parse
 from hpcinv.materials import laws
+from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.docstrings import meanings
+from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.quantity import quantities_of
+from hpcinv.quantity.schema import dotted_key
 from hpcinv.quantity.units import parse_unit
+from hpcinv.serving.job_model import JobModel
+from hpcinv.solver.workspace import Workspace
 
 HERE = Path(__file__).parents[1] / "job.yaml"
 JARGON = re.compile(r"pydantic|Input should|validat|NoneType|dict|tuple|Annotated")
@@ -160,3 +165,34 @@ def test_an_unknown_family_of_fibres_is_reported_with_its_field(law: str) -> Non
 )
 def test_valid_law_parameters_are_accepted(law: str, change: dict[str, Any]) -> None:
     job({**LAWS[law].example, **change, "law": law})
+
+
+BY_MODULI = [{"law": "neo-hookean", "young": 1e3, "poisson": 0.3}, {"law": "neo-hookean", "mu": 1e3, "poisson": 0.3}]
+
+
+@pytest.mark.parametrize("material", [*(law.example for law in LAWS.values()), *BY_MODULI])
+def test_only_numbers_that_the_job_states_can_be_set(material: dict[str, Any]) -> None:
+    """By others results are differentiated, but 'identify' and 'serve' refuse them."""
+    case = job(dict(material))
+    for where, law in case.laws.items():
+        for place, number in law.numbers().items():
+            if isinstance(number, Number):
+                unit = "" if number.dimension is None else number.dimension.unit
+                try:
+                    case.with_({dotted_key((where, *place)): f"{number.value!r} {unit}" if unit else number.value})
+                    is_set = True
+                except JobError:
+                    is_set = False
+                assert is_set == (not law.unset_number(place)), place
+
+
+def test_numbers_that_follow_from_others_are_neither_sought_nor_served() -> None:
+    young = {"parameters": {"material.young": {"start": "7 kPa"}}}
+    observed = {"observations": [{"name": "w", "quantity": "w", "value": 0.03, "sd": 1e-5}]}
+    quantities = [{"name": "w", "of": "Y", "on": "x1", "reduce": "mean"}]
+    case = job({"law": "neo-hookean", "mu": 1e3, "lam": 2e3})
+    with pytest.raises(JobError, match=r"identify.*material\.young follows from mu and lam, which the law has"):
+        case.with_({"quantities": quantities, "identify": young | observed})
+    differentiated = case.with_({"quantities": quantities, "sensitivities": ["material.young"]})
+    with Workspace(MPI.COMM_SELF) as workspace, pytest.raises(JobError, match=r"material\.young follows from mu and"):
+        JobModel(differentiated, workspace, lambda: False)

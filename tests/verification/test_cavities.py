@@ -15,12 +15,12 @@ from helpers.thick_sphere import INNER, OUTER, PRESSURE, sphere
 from helpers.verification import box, deform, job
 
 import hpcinv
-from hpcinv.errors import JobError
+from hpcinv.errors import JobError, MeshError
 from hpcinv.mesh import build_body
 from hpcinv.mesh.enclosed_volume import EnclosedVolume
 from hpcinv.methods import solve_direction
 from hpcinv.methods.method import UNLOADED, Start
-from hpcinv.model.cavities import cavity_equations
+from hpcinv.model.cavities import cavity_equations, check_cavities
 from hpcinv.parallel import jit
 from hpcinv.parallel.petsc_vectors import dot
 from hpcinv.parallel.runtime import MPI
@@ -218,12 +218,32 @@ def test_connected_cavities(comm: MPI.Intracomm) -> None:
         (cavity,) = solve_direction(connected, "forward", UNLOADED, SILENT).cavities
         assert sum(volumes(connected)) == pytest.approx(3.3, rel=1e-10)
     checkpoint = Start(solution=connected.state().fields, load=1.0)
-    (resumed,) = solve_direction(connected, "forward", checkpoint, SILENT).cavities
+    other_process = with_two_holes(comm, "forward", cavities=both)
+    (resumed,) = solve_direction(other_process, "forward", checkpoint, SILENT).cavities
     assert resumed.pressure == pytest.approx(cavity.pressure, rel=1e-10)
     pressures = [{"effect": "pressure", "region": n, "pressure": cavity.pressure} for n in ("large", "small")]
     pressed = with_two_holes(comm, "forward", effects=pressures)
     assert solve_direction(pressed, "forward", UNLOADED, SILENT).load == 1.0
     assert volumes(pressed) == pytest.approx(volumes(connected), rel=1e-9)
+
+
+@pytest.mark.parallel([1, 2])
+def test_cavities_that_share_a_surface_and_lids_elsewhere_are_refused(comm: MPI.Intracomm) -> None:
+    twice = {"a": {"surface": "large", "volume": 2.1}, "b": {"surface": ["small", "large"], "volume": 3.3}}
+    block = with_two_holes(comm, "forward", cavities=twice)
+    with pytest.raises(MeshError, match="cavities: the unknown pressures of 'a' and 'b' act on one surface"):
+        check_cavities(block.job, block.body)
+    apart = job(**dict(block.job.data) | {"cavities": {"a": {"surface": "large", "lid": {"region": "small"}}}})
+    with pytest.raises(MeshError, match=r"cavities\.a\.lid: 'small' does not touch the cavity's surface"):
+        check_cavities(apart, block.body)
+
+
+@pytest.mark.parametrize(("amount", "expected"), [("120 %", 1.2), ("6/5", 1.2), ("2*(1 - 0.4)", 1.2), (1.2, 1.2)])
+def test_the_amount_of_a_gas_is_any_number(amount: Any, expected: float) -> None:
+    gas = {"ambient": "1 atm", "amount": amount}
+    known = job(**data(cavities={"hole": HOLE | {"gas": gas}})).cavities["hole"].gas
+    assert known is not None
+    assert known.amount == pytest.approx(expected)
 
 
 @pytest.mark.parallel([1, 2])

@@ -392,3 +392,8 @@ def test_layer_that_a_given_body_does_not_touch_is_refused(comm: MPI.Intracomm) 
     away = {"obstacle": FLOOR | {"point": [0, 0, -0.2]}, **LAYER}
     with pytest.raises(MeshError, match=r"'z0' of the given body touches nothing: the gap is at least 0.2 m"):
         standing(comm, contact=away, analysis="inverse", supports=[*SIDES, {"region": "z1", "fix": ["z"]}])
+    pulled = {"region": "z1", "remote": {"force": [1, 0, 0], "about": [0, 0, 1]}}
+    held = {"region": "low", "fix": ["x", "y", "z"]}
+    low = {"regions": {"low": "x < 0.1 m and z < 0.6 m"}, "supports": [held, pulled]}
+    with pytest.raises(MeshError, match=r"'z0' of the given body touches nothing"):
+        standing(comm, contact=away, analysis="inverse", **low)

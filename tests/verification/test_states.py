@@ -440,6 +440,7 @@ SUPINE = {"name": "supine", "effects": [gravity(-1)]}
         ({"states": [PRONE, SUPINE | {"start": "supine"}]}, r"\.start: leads back to the state itself"),
         ({"states": [PRONE | {"start": "supine"}, SUPINE]}, r"start: is not valid for the given state"),
         ({"effects": [gravity(1)]}, "effects: belong to states in a job with 'states'"),
+        ({"cavities": {"c": {"surface": "z1", "gas": {"ambient": 1e5}}}}, "cavities.c: is not valid with 'states'"),
         ({"analysis": "inverse"}, "analysis: is not valid with 'states'"),
         ({"supports": []}, "supports: in state 'prone': leave the body free to move along x and y and z"),
         (
