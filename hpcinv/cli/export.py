@@ -140,9 +140,11 @@ def _export_cells(options: argparse.Namespace, unit: float) -> int:
 
 
 def _warn_of_nodes(options: argparse.Namespace, source: MeshSource) -> None:
-    """Print how far the file of a run is from the body that it computed."""
-    from hpcinv.workshop.run_shapes import left_out
+    """Print what a run has not checked, and how far its file is from the body that it computed."""
+    from hpcinv.workshop.run_shapes import left_out, unchecked
 
+    if text := unchecked(options.run):
+        print(f"warning: {options.to}: {text}", file=sys.stderr)
     if distance := left_out(options.run, source):
         text = (
             f"{source.path.name} has fewer nodes than the computed body, and is up to {readable(distance, 'm')} from it"

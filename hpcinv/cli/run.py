@@ -33,9 +33,6 @@ def add_run(commands: Any) -> None:
         "--output", type=Path, metavar="DIR", help="where results go (default: results/JOB, then JOB-2, …)"
     )
     run.add_argument("--overwrite", action="store_true", help="replace the run in --output (default: results/JOB)")
-    run.add_argument(
-        "--certificate", choices=LEVELS, help="level of the certificate, instead of the job's section of that name"
-    )
     run.set_defaults(command=_run)
 
     resume = add_command(
@@ -50,6 +47,9 @@ def add_run(commands: Any) -> None:
     resume.set_defaults(command=_resume)
 
     for parallel in (run, resume):
+        parallel.add_argument(
+            "--certificate", choices=LEVELS, help="level of the certificate, instead of the job's section of that name"
+        )
         verbosity = parallel.add_mutually_exclusive_group()
         verbosity.add_argument("-v", "--verbose", action="store_true", help="print every iteration of Newton's method")
         verbosity.add_argument(
@@ -71,10 +71,7 @@ def add_run(commands: Any) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     def read() -> tuple[Job, RunDirectory]:
-        job = load(options.job)
-        if options.certificate is not None:
-            job = job.with_({"certificate": options.certificate})
-        job = _reported(job, options)
+        job = _with_options(load(options.job), options)
         directory = choose(options.output, job, overwrite=options.overwrite)
         directory.check_free(overwrite=options.overwrite)
         return job, directory
@@ -82,9 +79,11 @@ def _run(options: argparse.Namespace) -> int:
     return _run_in_parallel(options, read, resume=False)
 
 
-def _reported(job: Job, options: argparse.Namespace) -> Job:
-    """The job, with a report if the options ask for one."""
-    return job.with_({"output.report": True}) if options.report else job
+def _with_options(job: Job, options: argparse.Namespace) -> Job:
+    """Return the job with the report and the level of the certificate that the options ask for."""
+    changes = {"output.report": True} if options.report else {}
+    changes |= {} if options.certificate is None else {"certificate": options.certificate}
+    return job.with_(changes) if changes else job
 
 
 def _resume(options: argparse.Namespace) -> int:
@@ -98,7 +97,7 @@ def _resume(options: argparse.Namespace) -> int:
         directory = RunDirectory(options.directory)
         job = directory.job(options.job)
         directory.check_same_problem(job)
-        return _reported(job, options), directory
+        return _with_options(job, options), directory
 
     return _run_in_parallel(options, read, resume=True)
 
@@ -139,7 +138,7 @@ def _run_in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, 
                 verdict = next((known for known in Verdict if known.value == verdict_text), Verdict.UNDECIDED)
                 results = f"its results are in summary.json, certificate: {verdict.value}"
                 progress.note(f"{directory.path}: this run is finished; {results}")
-                if options.job is not None and not on_root(comm, lambda: directory.holds(job)):
+                if (options.job or options.certificate) and not on_root(comm, lambda: directory.holds(job)):
                     progress.warn("settings that differ from its job.yaml were not used; 'run' uses them")
                 return verdict.exit_code(strict=options.strict)
 

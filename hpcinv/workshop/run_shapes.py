@@ -1,9 +1,11 @@
 """Shapes of a finished run: what it was given, and what it found."""
 
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from hpcinv.errors import OutputError
+from hpcinv.errors import JobError, OutputError
 from hpcinv.files.names import is_file
 from hpcinv.formats import FORMATS
 from hpcinv.job.sections import MeshSpec, Shell
@@ -90,12 +92,28 @@ def _summary(run: Path) -> dict[str, Any]:
             f"{run}: {'the run is not finished' if begun else 'is not the directory of a finished run'}",
             f"Finish it by 'resume {run}'." if begun else "Give the directory that 'run' printed at its beginning.",
         )
-    if summary["status"] != "converged":
+    if summary["status"] != "converged" and not _is_solved(directory, summary):
         raise OutputError(
             f"{run}: the run failed, and has no shape: {summary['status']}",
             "summary.json and run.log say what to try.",
         )
     return summary
+
+
+def _is_solved(directory: RunDirectory, summary: Mapping[str, Any]) -> bool:
+    """Return whether all solves of a run that has not reached its end have reached the full load."""
+    loads = [solution["load"] for solution in summary["solutions"]]
+    with suppress(OutputError, JobError):
+        return len(loads) == len(directory.job(None).directions) and all(load == 1.0 for load in loads)
+    return False
+
+
+def unchecked(run: Path) -> str:
+    """Return why the certificate of a run is not complete; empty if it is."""
+    status = str(_summary(run)["status"])
+    return (
+        "" if status == "converged" else f"the certificate is not complete ({status}): 'hpcinv resume {run}' makes it"
+    )
 
 
 def _found(run: Path, name: str) -> MeshSource:

@@ -126,10 +126,12 @@ def test_a_signal_in_the_certificate_keeps_both_directions(tmp_path: Path) -> No
     script = sending(tmp_path, "hpcinv.certificate.certify.self_overlap")
     stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script)
     assert stopped.returncode == 75, stopped.stderr
-    done = hpcinv(1, "resume", "run", cwd=tmp_path)
+    done = hpcinv(1, "resume", "run", "--certificate", "quick", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("  load ") == 0
-    assert [solution["direction"] for solution in summary(tmp_path / "run")["solutions"]] == ["inverse", "forward"]
+    content = summary(tmp_path / "run")
+    assert [solution["direction"] for solution in content["solutions"]] == ["inverse", "forward"]
+    assert content["job"]["certificate"]["level"] == "quick"
 
 
 def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_again(tmp_path: Path) -> None:

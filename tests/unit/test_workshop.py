@@ -23,7 +23,7 @@ from hpcinv.__main__ import main
 from hpcinv.errors import MeshError, OutputError
 from hpcinv.formats import FORMATS
 from hpcinv.formats import MESHES as SAVED
-from hpcinv.job.job import load
+from hpcinv.job.job import load as load_job
 from hpcinv.job.sections import MeshSpec, Shell
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.checks import check
@@ -255,7 +255,9 @@ def test_undercuts_hold_a_mould_back() -> None:
         undercut(block, Split(2, 1.0))
 
 
-def finished(directory: Path, *, direction: str = "inverse", status: str = "converged", **job: Any) -> Path:
+def finished(
+    directory: Path, *, direction: str = "inverse", status: str = "converged", load: float = 1.0, **job: Any
+) -> Path:
     """A run directory with a shape 1.1 times as large as the mesh that was given."""
     from hpcinv.mesh.mesh_files import save
 
@@ -269,11 +271,11 @@ def finished(directory: Path, *, direction: str = "inverse", status: str = "conv
     }
     (directory.parent / "job.yaml").write_text(json.dumps(content))
     run = RunDirectory(directory)
-    lock = run.create(load(directory.parent / "job.yaml"), overwrite=False)
+    lock = run.create(load_job(directory.parent / "job.yaml"), overwrite=False)
     assert lock is not None
     lock.release()
     if status:
-        summary = {"status": status, "solutions": [{"direction": direction}]}
+        summary = {"status": status, "solutions": [{"direction": direction, "load": load}]}
         (directory / "summary.json").write_text(json.dumps(summary))
         source = meshed("box.py", parameters=BLOCK)
         save(directory / "shape.msh", source, 1.1 * source.points)
@@ -348,9 +350,9 @@ def test_runs_without_a_shape_are_refused(tmp_path: Path, capsys: pytest.Capture
     (tmp_path / "bare").mkdir()
     bare = finished(tmp_path / "bare" / "run")
     (bare / "shape.msh").unlink()
-    for name, run in (("failed", {"status": "the load was not reached"}), ("begun", {"status": ""})):
+    for name, status in (("failed", "the load was not reached"), ("begun", "")):
         (tmp_path / name).mkdir()
-        finished(tmp_path / name / "run", **run)
+        finished(tmp_path / name / "run", status=status, load=0.5)
     for run, message in (
         ("missing", "no such directory"),
         ("empty", "is not the directory of a finished run"),
@@ -361,6 +363,15 @@ def test_runs_without_a_shape_are_refused(tmp_path: Path, capsys: pytest.Capture
         assert main(["export", str(tmp_path / run), "--to", str(tmp_path / "a.stl")]) == 2
         assert message in capsys.readouterr().err
         assert not (tmp_path / "a.stl").exists()
+
+
+def test_a_run_that_was_stopped_in_its_certificate_has_a_shape(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, part = finished(tmp_path / "run", status="stopped by a signal"), tmp_path / "part.stl"
+    assert main(["export", str(run), "--to", str(part)]) == 0
+    assert f"warning: {part}: the certificate is not complete (stopped by a signal)" in capsys.readouterr().err
+    assert read(part).volume == pytest.approx(VOLUME * 1.1**3, rel=1e-6)
 
 
 @pytest.mark.parametrize(("unit", "suffix"), [("mm", ".step"), ("in", ".stp")])
