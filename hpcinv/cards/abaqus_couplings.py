@@ -113,14 +113,14 @@ class Couplings:
 
 
 class _OuterNodes:
-    """Nodes and sets outside of parts and instances; those of a file without parts are all."""
+    """Nodes and sets outside of parts and instances: all, in a file without parts."""
 
     def __init__(self, file: Sequence[Keyword]) -> None:
         self._keywords: list[Keyword] = []
         self._sets: dict[str, list[str]] = {}
         is_inside = False
         self.are_in_mesh = all(keyword.name not in ("PART", "INSTANCE") for keyword in file)
-        """whether numbers are those of the mesh: nodes outside of parts have numbers of their own"""
+        """whether numbers are the mesh's: nodes outside of parts have numbers of their own"""
         for keyword in file:
             if keyword.name in ("PART", "INSTANCE", "END PART", "END INSTANCE"):
                 is_inside = not keyword.name.startswith("END")

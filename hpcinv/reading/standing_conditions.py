@@ -36,7 +36,7 @@ class Standing[Key: Hashable]:
         self.values: dict[Key, Value] = {}
 
     def put(self, key: Key, step: int, raw: float, scaled: float) -> None:
-        """Add a value to those of the same step, or replace an earlier one."""
+        """Add a value to the values of the same step, or replace an earlier one."""
         earlier = self.values.get(key)
         if self._adds and earlier is not None and earlier.step == step:
             raw, scaled = earlier.raw + raw, earlier.scaled + scaled
@@ -132,7 +132,7 @@ def by_axis(held: Standing[tuple[str, int]]) -> dict[str, dict[int, float]]:
 
 
 def vectors(components: Standing[tuple[int, int]], *, is_scaled: bool) -> dict[int, tuple[float, float, float]]:
-    """Return vectors by node; those of amplitudes if ``is_scaled``."""
+    """Return vectors by node; vectors of amplitudes if ``is_scaled``."""
     result: dict[int, list[float]] = {}
     for (node, place), value in components.values.items():
         result.setdefault(node, [0.0, 0.0, 0.0])[place] = value.scaled if is_scaled else value.raw
