@@ -136,8 +136,9 @@ class _KeywordReader:
         section = section_of(keyword)
         self._deck.shells.append(section)
         is_layered = len(section.layers) > 1
-        for place, (name, _) in enumerate(section.layers, 1):
+        for place, ((name, _), axes) in enumerate(zip(section.layers, section.orientations, strict=True), 1):
             region = layer_name(place) if is_layered else section.region
+            self._deck.axes[region] = axes_of(self._orientation(keyword, axes)) if axes else GLOBAL
             self._deck.materials[region] = self._materials.get(name.lower(), name)
 
     def _read_supports(self, keyword: Keyword) -> None:

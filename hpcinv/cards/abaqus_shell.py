@@ -47,20 +47,23 @@ def section_of(keyword: Keyword) -> ShellSection:
     for name, remedy in _NOT_READ.items():
         if name in parameters:
             raise UnknownLaw(f"{title}, {name} has no counterpart; {remedy}")
-    region = parameters.get("ELSET", "")
+    region, axes = (parameters.get(name, "") for name in ("ELSET", "ORIENTATION"))
     offset = parameters.get("OFFSET", "0").upper() or "0"
     place = _OFFSETS[offset] if offset in _OFFSETS else number(offset, f"{title}, OFFSET")
     if "COMPOSITE" in parameters:
         if any(len(line) < 3 for line in keyword.lines) or not keyword.lines:
             raise CardError(f"{title}, COMPOSITE: a layer needs its thickness, integration points and material")
         layers = tuple((line[2], number(line[0], title)) for line in keyword.lines)
+        orientations = tuple((line[3] if len(line) > 3 else "") or axes for line in keyword.lines)
     elif not parameters.get("MATERIAL"):
         raise UnknownLaw(f"{title} of {region} has stiffnesses instead of MATERIAL=; name its material")
     else:
         is_nodal = "NODAL THICKNESS" in parameters
         text = keyword.lines[0][0] if keyword.lines and keyword.lines[0] else ""
         layers = ((parameters["MATERIAL"], 0.0 if is_nodal else number(text, f"{title} of {region}")),)
+        orientations = (axes,)
     if any(thickness < 0 for _, thickness in layers):
         raise CardError(f"{title} of {region}: a thickness is negative")
     is_uniform = all(thickness for _, thickness in layers)
-    return ShellSection(region, layers, place, "" if is_uniform else _NODAL, keyword.name == SECTIONS[-1])
+    is_membrane = keyword.name == SECTIONS[-1]
+    return ShellSection(region, layers, place, "" if is_uniform else _NODAL, is_membrane, orientations)

@@ -67,6 +67,7 @@ class ShellSection:
         offset: distance of the nodes from the middle along the normals, by the thickness.
         array: data array of the mesh with the thickness at nodes, where the layer's is 0.
         is_membrane: whether the elements have no bending stiffness.
+        orientations: names of the axes of the layers; empty for the axes of the coordinates along the surface.
     """
 
     region: str
@@ -74,6 +75,7 @@ class ShellSection:
     offset: float = 0.0
     array: str = ""
     is_membrane: bool = False
+    orientations: tuple[str, ...] = ("",)
 
     @property
     def thickness(self) -> float:

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.cards.card import CardError, UnknownLaw
-from hpcinv.cards.deck import Deck, Measure, NodalForces, ShellSection, layer_name
+from hpcinv.cards.card import Card, CardError, UnknownLaw
+from hpcinv.cards.deck import Axes, Deck, Measure, NodalForces, ShellSection, layer_name
+from hpcinv.cards.orthotropic import FAMILIES
 from hpcinv.cli.file_job import FileJob
 from hpcinv.formats.mesh_format import INNER, OUTER
 from hpcinv.job.sections import Shell
@@ -93,6 +94,20 @@ class ShellJob(FileJob):
 
     def _mesh(self) -> dict[str, Any]:
         return {**super()._mesh(), "shell": self._shell}
+
+    def _with_axes(self, card: Card, region: str) -> Card:
+        """Return a card whose axes 1 and 2 are along a flat shell; others follow the surface, which no job can say."""
+        fibres = card.law.fibres
+        if None not in fibres.values():
+            return card
+        frame = self._deck.axes.get(region, Axes()).frame
+        is_flat = bool(frame) and bool((np.abs(self._normals @ np.array(frame[2])) > 1 - _SAME).all())
+        if is_flat and list(fibres) == list(FAMILIES):
+            return replace(card, law=replace(card.law, fibres=dict(zip(fibres, frame, strict=True))))
+        names = ", ".join(dict.fromkeys(name for section in self._deck.shells for name in section.orientations if name))
+        axes = f"*ORIENTATION {names}" if names else "the axes of the coordinates"
+        text = f"{card.title}: its axes in '{region}' follow the surface ({axes}), which has no counterpart"
+        raise UnknownLaw(f"{text}; give its regions laws and 'fibres' in a job of your own")
 
     def _positions(self, tags: Sequence[int]) -> Floats:
         return np.asarray(self._surface.points[[self._row[tag] for tag in tags]] / (self._surface.unit or 1.0))

@@ -188,3 +188,34 @@ def test_shells_without_a_counterpart_are_refused(
     assert main(["new", "job", "--from", str(tmp_path / "plate.inp"), *options]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "plate.yaml").exists()
+
+
+UD = "*ELASTIC, TYPE=ENGINEERING CONSTANTS\n140., 10., 10., 0.3, 0.3, 0.4, 5., 5.,\n3.5\n"
+AXES = "*ORIENTATION, NAME=O0\n1,0,0,0,1,0\n*ORIENTATION, NAME=O45\n1,0,0,0,1,0\n3, 45.\n"
+
+
+def test_plies_of_a_flat_shell_have_their_axes(tmp_path: Path) -> None:
+    section = "*SHELL SECTION, ELSET=PLATE, COMPOSITE\n0.1,,STEEL,O0\n0.2,,SOFT,O45\n"
+    text = PLATE.replace("*ELASTIC\n200.,0.3\n", UD).replace("*ELASTIC\n100.,0.3\n", UD.replace("140.", "70."))
+    job, _ = job_of(tmp_path, text.replace(SECTION, AXES + section))
+    assert job["material"].keys() == {"layer1", "layer2"}
+    first = [job["fibres"][name]["direction"] for name in job["material"]["layer1"].get("fibres", "abc")]
+    second = [job["fibres"][name]["direction"] for name in ("ax2", "bx2", "cx2")]
+    assert first == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    assert second[0] == pytest.approx([0.5**0.5, 0.5**0.5, 0])
+    assert second[1] == pytest.approx([-(0.5**0.5), 0.5**0.5, 0])
+
+
+@pytest.mark.parametrize(
+    ("axes", "named"), [(",O0|,O45", "*ORIENTATION O0, O45"), ("|", "the axes of the coordinates")]
+)
+def test_plies_of_a_curved_shell_are_refused_by_the_name_of_their_axes(
+    axes: str, named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = axes.split("|")
+    section = f"*SHELL SECTION, ELSET=PLATE, COMPOSITE\n0.1,,STEEL{first}\n0.2,,STEEL{second}\n"
+    text = PLATE.replace("*ELASTIC\n200.,0.3\n", UD).replace("6,2,1,0\n", "6,2,1,0.5\n")
+    (tmp_path / "plate.inp").write_text(text.replace(SECTION, AXES + section))
+    options = ["--unit", "mm", "--stress-unit", "MPa", str(tmp_path / "plate.yaml")]
+    assert main(["new", "job", "--from", str(tmp_path / "plate.inp"), *options]) == 2
+    assert named in capsys.readouterr().err
