@@ -65,7 +65,8 @@ class _KeywordReader:
         places = self._deck, amplitudes, transforms, couplings, nodes_of_sets, single
         self._supports = Supports(*places, has_rotations=is_shell)
         self._loads = DistributedLoads(self._deck, amplitudes, single, is_shell=is_shell)
-        self._forces = PointLoads(*places, is_shell=is_shell)
+        own_sets = {k.options["NSET"].lower() for k in file if k.name in ("NODE", "NSET") and "NSET" in k.options}
+        self._forces = PointLoads(*places, own_sets=own_sets, is_shell=is_shell)
 
     def deck(self) -> Deck:
         """Return what the file says.

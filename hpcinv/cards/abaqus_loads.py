@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 from hpcinv.cards.abaqus_amplitudes import Amplitudes
@@ -166,6 +166,7 @@ class PointLoads:
     Args:
         sets: numbers of nodes by the name of a set.
         single: conditions on single nodes, which supports share.
+        own_sets: names of the sets of the file, in lower case; the others are of the reader of the mesh.
     """
 
     def __init__(
@@ -177,9 +178,11 @@ class PointLoads:
         sets: Mapping[str, frozenset[int]],
         single: SingleConditions,
         *,
+        own_sets: Collection[str],
         is_shell: bool,
     ) -> None:
         self._deck, self._amplitudes, self._transforms, self._couplings = deck, amplitudes, transforms, couplings
+        self._own_sets = own_sets
         self._sets = {name.lower(): (name, nodes) for name, nodes in sets.items()}
         self._single, self._is_shell = single, is_shell
         self._loads = Standing[tuple[str, int]](adds=True)  # by set and component, from 0
@@ -245,10 +248,27 @@ class PointLoads:
                 self._add_set(name, first, added, keyword)
             standing = self._single.moments if first else self._single.forces
             scaled = vectors(standing, is_scaled=True)
-            for name, nodes in force_groups(vectors(standing, is_scaled=False), called):
+            groups = dict(force_groups(vectors(standing, is_scaled=False), called))
+            for region, nodes in self._in_regions(groups):
                 own = {node: scaled[node] for node in nodes if node not in self._couplings.nodes}
-                region = name if self._sets.get(name, ("", None))[1] == nodes else None
                 self._add_nodal(added, region, f"{keyword} on {len(own):,} single nodes", own)
+
+    def _in_regions(self, groups: Mapping[str, frozenset[int]]) -> Iterator[tuple[str | None, frozenset[int]]]:
+        """Yield regions that the reader of the mesh makes of loaded nodes, and the nodes whose forces they bear.
+
+        It adds unloaded vertices of faces, and joins nodes that are vertices of another group's faces.
+        """
+        joined = {
+            name: name
+            for name, nodes in groups.items()
+            if nodes == self._nodes(name) or (nodes < self._nodes(name) and name not in self._own_sets)
+        }
+        for name, nodes in groups.items():
+            if name not in joined and (other := next((o for o in joined if nodes <= self._nodes(o)), None)):
+                joined[name] = other
+        for region in dict.fromkeys(joined.values()):
+            yield region, frozenset().union(*(groups[name] for name, other in joined.items() if other == region))
+        yield from ((None, nodes) for name, nodes in groups.items() if name not in joined)
 
     def _add_set(self, name: str, first: int, added: list[NodalForces], keyword: str) -> None:
         """Add the forces or moments on the nodes of a set."""

@@ -12,7 +12,7 @@ from hpcinv.reading.suffix import suffix_of
 
 SUFFIXES = (".msh", ".py", ".geo", ".vtu", ".vtk", ".inp", ".stl", ".ply", ".obj", ".vtp")
 """suffixes of meshes of shells"""
-SAVED = frozenset({"msh", "vtu"})
+SAVED = frozenset({"inp", "msh", "vtu"})
 _LABELLED = (".vtu", ".vtk")
 _WITH_FACES = (".msh", ".vtu")
 """suffixes of shape files, which have both faces"""
@@ -38,7 +38,7 @@ def unsuited_shell(job: Any) -> Faults:
         for place in _hinged(job):
             yield place, "is not possible where the surface is inside of a layer: let it be between two, or a face"
     if not SAVED.issuperset(job.output.mesh or ()):
-        text = "must be msh or vtu, which hold a shell: 'hpcinv export' writes its thick body in other formats"
+        text = "must be inp, msh or vtu, which hold a shell: 'hpcinv export' writes its thick body in other formats"
         yield ("output", "mesh"), text
     refused = [*_refused(job)]
     if refused:

@@ -58,12 +58,13 @@ def quadrilaterals(surfaces: Sequence[MeshSource]) -> MeshSource:
     if [(s.kind, s.degree) for s in surfaces] == [("quadrilateral", 2)]:
         return surfaces[0]
     parted = _parted(surfaces, split=any(surface.kind == "triangle" for surface in surfaces))
-    return dataclasses.replace(parted, notes=(*parted.notes, _note(surfaces, len(parted.cells))))
+    notes = (*parted.notes, _note(surfaces, len(parted.cells)))
+    return dataclasses.replace(parted, notes=notes, read_as=tuple(surfaces))
 
 
 def halved(surface: MeshSource) -> MeshSource:
     """Return a surface with each quadrilateral of degree 2 cut into four; its first nodes are the given ones."""
-    return _parted([surface], split=True)
+    return dataclasses.replace(_parted([surface], split=True), read_as=())
 
 
 def _parted(surfaces: Sequence[MeshSource], *, split: bool) -> MeshSource:

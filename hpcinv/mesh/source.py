@@ -124,6 +124,7 @@ class MeshSource:
     surface: CadSurface | None = None  # of the CAD model that was meshed, if there is one
     midsurface: MeshSource | None = None  # of a shell, whose groups of cells have ``dim`` 3, and of edges 2
     shell: Shell | None = None  # its section of the job
+    read_as: tuple[MeshSource, ...] = ()  # cells of each kind that a surface had in its file, before they were parted
     slenderness: float = 1.0  # of a shell: mean diameter of its cells by their thickness
     thickness: float = 0.0  # of a shell: mean (m); 0 of other bodies
     is_thin: bool = False  # of a shell: so long that the tangent of its nodes has too large rounding errors

@@ -7,7 +7,7 @@ Sources: *Abaqus Keywords Guide*; Dhondt, *CalculiX CrunchiX User's Manual*, "El
 import contextlib
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -105,7 +105,7 @@ class _Conditions:
                 part.members("faces", region).append((name, face))
         single = self.single
         nodes = {name: nodes for name, _, nodes in held_groups(by_axis(single.held))}
-        nodes |= dict(force_groups(vectors(single.forces, is_scaled=False)))
+        nodes |= _with_vertices(dict(force_groups(vectors(single.forces, is_scaled=False))), part)
         if has_rotations:
             nodes |= dict(force_groups(vectors(single.moments, is_scaled=False), "turned"))
         for name, members in nodes.items():
@@ -117,6 +117,53 @@ class _Conditions:
                     known = sorted(place for place in places if place[0] in part.elements)
                     faces = ((str(element), f"{letter}{face}" if face else "") for element, face in known)
                     part.members("faces", name).extend(faces)
+
+
+_MIDDLES = {
+    10: {(0, 1): 4, (1, 2): 5, (0, 2): 6, (0, 3): 7, (1, 3): 8, (2, 3): 9},
+    20: {
+        (0, 1): 8,
+        (1, 2): 9,
+        (2, 3): 10,
+        (0, 3): 11,
+        (4, 5): 12,
+        (5, 6): 13,
+        (6, 7): 14,
+        (4, 7): 15,
+        (0, 4): 16,
+        (1, 5): 17,
+        (2, 6): 18,
+        (3, 7): 19,
+    },
+}
+"""middle node of an edge by its vertices, by number of nodes of an element"""
+_SQUARE = {10: 4, 20: 8}
+
+
+def _with_vertices(loaded: Mapping[str, frozenset[int]], part: _Part) -> dict[str, frozenset[int]]:
+    """Return sets of loaded nodes with the vertices of the faces all of whose middle nodes they have.
+
+    The load of a uniform traction has no force on the vertices of C3D10, and opposite ones on the vertices of C3D20. A
+    set that has vertices of another set's faces only is left out: its forces belong to that traction.
+    """
+    result = {}
+    for name, nodes in loaded.items():
+        vertices: set[int] = set()
+        for element in part.elements.values():
+            if len(element) in _MIDDLES and len(nodes.intersection(element)) > 2:
+                vertices.update(_vertices_of_faces(element, nodes))
+        result[name] = nodes | vertices
+    merged = {a for a in loaded for b in loaded if a != b and loaded[a] <= result[b] - loaded[b]}
+    return {name: nodes for name, nodes in result.items() if name not in merged}
+
+
+def _vertices_of_faces(element: Sequence[int], nodes: frozenset[int]) -> Iterator[int]:
+    """Yield the vertices of the faces of an element all of whose middle nodes are in a set."""
+    middles = _MIDDLES[len(element)]
+    for face in FACES[_SQUARE[len(element)]]:
+        edges = (tuple(sorted((face[i - 1], face[i]))) for i in range(len(face)))
+        if all(element[middles[edge]] in nodes for edge in edges):
+            yield from (element[corner] for corner in face)
 
 
 def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from hpcinv.cards.abaqus_deck import read_deck
 from hpcinv.cards.deck import Deck, Measure
+from hpcinv.reading.inp_files import read_inp
 
 SETS = {"FOOT": frozenset((1, 2)), "TOP": frozenset((3, 4)), "WIDE": frozenset((4, 5))}
 HEAD = """*MATERIAL, NAME=rubber
@@ -92,6 +95,42 @@ def test_total_time_goes_on_in_later_steps() -> None:
     curve = "*AMPLITUDE, NAME=A, TIME=TOTAL TIME | 0, 0, 4, 1 | "
     text = "*STEP, NLGEOM | *STATIC | 0.1, 1. | *DSLOAD, AMPLITUDE=A | SIDE, P, 8. | *END STEP | "
     assert pressures(deck_of(curve + text + "*STEP, NLGEOM | *STATIC | 0.1, 3. | *END STEP"))["SIDE"] == 8.0
+
+
+def consistent(tmp_path: Path, kind: str) -> tuple[Deck, frozenset[int]]:
+    """Return the deck of the forces of a unit traction along z on the top of one element, and its loaded region."""
+
+    if kind == "C3D10":
+        corners, top = [(0, 0, 1), (0, 1, 1), (1, 0, 1), (0, 0, 0)], (0, 1, 2)
+        edges = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
+        corner, middle = 0.0, 1 / 6
+    else:
+        corners = [(x, y, z) for z in (1, 0) for x, y in ((0, 0), (0, 1), (1, 1), (1, 0))]
+        edges = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
+        top = (0, 1, 2, 3)
+        corner, middle = -1 / 12, 1 / 3
+    nodes = [*corners, *([(a + b) / 2 for a, b in zip(corners[i], corners[j], strict=True)] for i, j in edges)]
+    loads = [f"{i + 1}, 3, {corner}" for i in top if corner]
+    loads += [f"{len(corners) + k + 1}, 3, {middle}" for k, edge in enumerate(edges) if {*edge} <= {*top}]
+    text = "*NODE | " + " | ".join(f"{i}, {x}, {y}, {z}" for i, (x, y, z) in enumerate(nodes, 1))
+    numbers = [*map(str, range(1, len(nodes) + 1))]
+    text += f" | *ELEMENT, TYPE={kind} | 1, {', '.join(numbers[:15])}"
+    text += f", | {', '.join(numbers[15:])} | " if numbers[15:] else " | "
+    text += step("*CLOAD | " + " | ".join(loads))
+    (tmp_path / "a.inp").write_text(text.replace(" | ", "\n"))
+    arrays = read_inp(tmp_path / "a.inp")[1]
+    sets = {k[6:]: frozenset(arrays["node_tags"][v].tolist()) for k, v in arrays.items() if k.startswith("nodes:")}
+    assert sets.keys() == {"loaded" if kind == "C3D10" else "loaded-2"}
+    return read_deck(text.replace(" | ", "\n"), sets), next(iter(sets.values()))
+
+
+@pytest.mark.parametrize(("kind", "area"), [("C3D10", 0.5), ("C3D20", 1.0)])
+def test_forces_on_middle_nodes_are_of_the_whole_face(kind: str, area: float, tmp_path: Path) -> None:
+    deck, region = consistent(tmp_path, kind)
+    (forces,) = deck.forces
+    assert region >= {1, 2, 3}
+    assert forces.region is not None
+    assert sum(z for _, _, z in forces.forces.values()) == pytest.approx(area)
 
 
 def test_small_displacements_of_the_file_are_said() -> None:

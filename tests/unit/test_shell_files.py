@@ -9,11 +9,14 @@ from helpers.sheets import sheet
 
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import load
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.sections import MeshSpec, Shell
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.io.gmsh_model import session
+from hpcinv.mesh.io.isolated import read_isolated
 from hpcinv.mesh.io.vtu import VTK_TYPES
 from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
+from hpcinv.mesh.mesh_files import save_body
+from hpcinv.mesh.midsurface import thicken
 from hpcinv.mesh.readers import read_surface
 from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel.runtime import MPI
@@ -211,3 +214,26 @@ def test_regions_that_a_file_does_not_have_are_named(tmp_path: Path) -> None:
     }
     with pytest.raises(JobError, match=r"no region 'x0' in sheet\.vtu.*give a condition, such as 'regions: \{x0: x <"):
         load(job)
+
+
+@pytest.mark.parametrize("middles", [False, True])
+def test_an_input_file_of_a_shell_comes_back_with_its_numbers(middles: bool, tmp_path: Path) -> None:
+    text = NODES.replace("\n2, 2, 3, 5\n", "\n3, 2, 3, 5\n").replace("\n3, 3, 6, 5", "\n17, 3, 6, 5")
+    text += "*NSET, NSET=x0\n1, 4\n*ELSET, ELSET=some\n1, 3\n"
+    if middles:
+        text = "*NODE\n1,0,0,0\n2,2,0,0\n3,2,2,0\n4,0,2,0\n15,1,0,0\n16,2,1,0\n17,1,2,0\n18,0,1,0\n"
+        text += "*ELEMENT, TYPE=S8R, ELSET=left\n17, 1,2,3,4,15,16,17,18\n*NSET, NSET=x0\n1,4,18\n"
+    given, written = tmp_path / "given.inp", tmp_path / "written.inp"
+    given.write_text(text)
+    source = read_surface(given)
+    body = thicken(source, Shell.model_validate({"thickness": "0.5 m"}))
+    save_body(written, body, body.points * 2)
+    first, second = (read_isolated("inp-shells", path, "", "")[1] for path in (given, written))
+    thickness = second.pop("values:nodal_thickness")
+    np.testing.assert_allclose(thickness, 1.0)
+    np.testing.assert_allclose(second.pop("points"), 2 * first.pop("points"), atol=1e-15)
+    assert first.keys() == second.keys()
+    for name, values in first.items():
+        np.testing.assert_array_equal(values, second[name], err_msg=name)
+    again = read_surface(written)
+    assert {g.name: g.members.tolist() for g in again.groups} == {g.name: g.members.tolist() for g in source.groups}

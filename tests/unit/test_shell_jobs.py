@@ -75,7 +75,7 @@ def test_surfaces_in_other_formats_are_refused_in_one_line(
         ({"discretisation": {"displacement": 3}}, "discretisation.displacement: must be 2 in a shell"),
         ({"discretisation": {"quadrature": 6}}, "discretisation.quadrature: is not valid with a shell"),
         ({"solver": {"linear": "iterative"}}, "together with solver.linear"),
-        ({"output": {"mesh": ["inp"]}}, "output.mesh: must be msh or vtu, which hold a shell: 'hpcinv export'"),
+        ({"output": {"mesh": ["bdf"]}}, "output.mesh: must be inp, msh or vtu, which hold a shell: 'hpcinv export'"),
         ({"supports": [{"region": "x9", "fix": ["x", "y", "z"]}]}, "there is no region 'x9'"),
     ],
 )

@@ -1,11 +1,13 @@
 """Input files of Abaqus and CalculiX, read and written."""
 
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
 from hpcinv.errors import MeshError
+from hpcinv.mesh.cells import vtk_order
 from hpcinv.mesh.io.elements import elements_of, faces_of, read_elements
 from hpcinv.mesh.source import Floats, MeshSource
 
@@ -16,6 +18,7 @@ _NAMES = {
     ("hexahedron", 2): "C3D20",
 }
 _COMPLETE = "C3D27"
+_SHELLS = {("triangle", 1): "S3", ("triangle", 2): "S6", ("quadrilateral", 1): "S4", ("quadrilateral", 2): "S8R"}
 _PER_LINE = 16
 """numbers in a line of a set, the most that Abaqus reads"""
 
@@ -32,14 +35,18 @@ def read_inp(path: Path) -> MeshSource:
 def save_inp(path: Path, source: MeshSource, points: Floats) -> None:
     """Write nodes, elements, sets and surfaces at ``points`` (n, 3); hexahedra of degree 2 as C3D20 (C3D27 if read so).
 
-    A region of facets is a surface, and a node set of the same name.
+    A region of facets is a surface, and a node set of the same name. The surface of a shell has the elements of its
+    file with their numbers (quadrilaterals of degree 2 as S8R), sets of elements, node sets of edges, and the
+    thickness at its nodes.
 
     Raises:
         OSError: it cannot be written.
     """
+    if source.kind in ("triangle", "quadrilateral"):
+        _save_surface(path, source, points)
+        return
     elements = elements_of(source, has_27=True)
-    if bad := [group.name for group in source.groups if set(group.name) & set(',"\n') or not group.name.strip()]:
-        raise MeshError(f"the name '{bad[0]}' is not possible in this format", "Rename the region.")
+    _check_names(source)
     tags, used = source.node_tags, np.unique(elements)
     with path.open("w", encoding="utf-8") as file:
         file.write("*HEADING\nWritten by hpcinv\n*NODE\n")
@@ -61,6 +68,52 @@ def save_inp(path: Path, source: MeshSource, points: Floats) -> None:
                 file.writelines(f"{source.cell_tags[cell]}, S{face + 1}\n" for cell, face in faces)
                 file.write(f"*NSET, NSET={group.name}\n")
                 file.writelines(_rows(tags[np.intersect1d(source.facets[group.members], used)].tolist()))
+
+
+def _check_names(source: MeshSource) -> None:
+    if bad := [group.name for group in source.groups if set(group.name) & set(',"\n') or not group.name.strip()]:
+        raise MeshError(f"the name '{bad[0]}' is not possible in this format", "Rename the region.")
+
+
+def _save_surface(path: Path, source: MeshSource, points: Floats) -> None:
+    """Write the surface of a shell."""
+    parts = source.read_as or (source,)
+    tags = parts[0].node_tags  # of the first nodes of the surface
+    _check_names(parts[0])
+    cells = [part.cells[:, np.argsort(vtk_order(part.kind, part.degree))] for part in parts]
+    cells = [nodes[:, :8] if nodes.shape[1] == 9 else nodes for nodes in cells]  # without the centre
+    used = np.unique(np.concatenate([nodes.ravel() for nodes in cells]))
+    names = {(group.name, group.dim): None for part in parts for group in part.groups}
+    with path.open("w", encoding="utf-8") as file:
+        file.write("*HEADING\nWritten by hpcinv\n*NODE\n")
+        rows = zip(tags[used].tolist(), points[used].tolist(), strict=True)
+        file.writelines(f"{tag}, {x!r}, {y!r}, {z!r}\n" for tag, (x, y, z) in rows)
+        elements = sorted(
+            (tag, _SHELLS[part.kind, part.degree], own)
+            for part, nodes in zip(parts, cells, strict=True)
+            for tag, own in zip(part.cell_tags.tolist(), tags[nodes].tolist(), strict=True)
+        )
+        for kind, rows_of_kind in groupby(elements, lambda element: element[1]):
+            file.write(f"*ELEMENT, TYPE={kind}\n")
+            for tag, _, own in rows_of_kind:
+                file.writelines(_lines([tag, *own]))
+        for name, dim in names:
+            groups = [
+                (part, group) for part in parts for group in part.groups if (group.name, group.dim) == (name, dim)
+            ]
+            if dim == 3:
+                file.write(f"*ELSET, ELSET={name}\n")
+                file.writelines(
+                    _rows([tag for part, group in groups for tag in part.cell_tags[group.members].tolist()])
+                )
+            else:
+                file.write(f"*NSET, NSET={name}\n")
+                part, group = groups[0]  # edges are the same in all parts
+                file.writelines(_rows(tags[np.intersect1d(part.facets[group.members], used)].tolist()))
+        if (thickness := source.data.get("thickness")) is not None:
+            file.write("*NODAL THICKNESS\n")
+            values = thickness.values[used, 0] / (source.unit or 1.0)
+            file.writelines(f"{tag}, {t!r}\n" for tag, t in zip(tags[used].tolist(), values.tolist(), strict=True))
 
 
 def _rows(numbers: list[int]) -> Iterator[str]:
