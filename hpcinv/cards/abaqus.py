@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 from hpcinv.cards.abaqus_elastic import elastic_law, is_isotropic
 from hpcinv.cards.card import (
@@ -100,7 +101,15 @@ def _isotropic(keyword: Keyword) -> tuple[str, Counterpart]:
     if not order.isdecimal() or not 1 <= int(order) <= MOST_TERMS:
         raise CardError(f"{title}: N must be from 1 to {MOST_TERMS}, not {order!r}")
     count, convert = _POTENTIALS[names[0]]
-    return title, convert(_constants(keyword, title, count(int(order))), int(order))
+    return title, _with_note(convert(_constants(keyword, title, count(int(order))), int(order)))
+
+
+def _with_note(law: Counterpart) -> Counterpart:
+    """Return a law with a note on CalculiX, which has no incompressible one."""
+    if law.material.get("kappa") != "incompressible":
+        return law
+    text = "D is 0 or left out: incompressible, as in Abaqus; CalculiX takes D = 0.1/mu, which is kappa = 20 mu"
+    return replace(law, notes=(*law.notes, text))
 
 
 def _constants(keyword: Keyword, title: str, count: int) -> list[float]:

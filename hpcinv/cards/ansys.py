@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from hpcinv.cards.card import (
     MOST_TERMS,
@@ -25,6 +27,7 @@ PROGRAM = "Ansys"
 _UNITS = {"SI": "Pa", "MKS": "Pa", "CGS": "dyn/cm^2", "MPA": "MPa", "BIN": "psi"}
 """Units of stress by the name of a system (``/UNITS``)."""
 _PER_LINE = 6
+_RELEASE = re.compile(r"R\d+(\.\d+)?", re.I)
 _MOST_CONSTANTS = 100
 """Place of a constant; no law has more. Raised, a damaged card can fill more memory."""
 _WITHOUT_EFFECT = ("DENS", "ALPX", "KXX", "C", "REFT", "DAMP")
@@ -93,11 +96,12 @@ def _materials(text: str) -> tuple[dict[str, _Material], str]:
             unit = _UNITS.get(fields[0].upper(), "")
         elif name == "TB":
             label = variables.get(fields[1].upper(), fields[1]) or "1"
-            table, last = _Table(fields[0].upper(), fields[3], fields[4].upper()), 0
+            option = _BY_LETTERS.get(fields[4].upper()[:4], fields[4].upper())
+            table, last = _Table(fields[0].upper(), fields[3], option), 0
             materials.setdefault(label, _Material()).tables.append(table)
-        elif name == "TBTEMP" and table is not None:
+        elif name[:4] == "TBTE" and table is not None:
             table.temperatures += 1
-        elif name == "TBDATA" and table is not None:
+        elif name[:4] == "TBDA" and table is not None:
             place = f"TB,{table.label}: TBDATA"
             first = int(number(fields[0], place)) if fields[0] else last + 1
             entries = [variables.get(entry.upper(), entry) for entry in fields[1:7]]
@@ -106,10 +110,37 @@ def _materials(text: str) -> tuple[dict[str, _Material], str]:
                 raise CardError(f"{place}: the place of a constant must be from 1 to {_MOST_CONSTANTS}, not {first}")
             table.constants |= constants
             last = max(constants, default=last)
-        elif name == "MP" and fields[0].upper() in _WITHOUT_EFFECT:
-            label = variables.get(fields[1].upper(), fields[1]) or "1"
-            materials.setdefault(label, _Material()).properties.append(fields[0].upper())
+        elif (entry := property_of(name, fields)) is not None and entry.name in _WITHOUT_EFFECT:
+            label = variables.get(entry.material.upper(), entry.material) or "1"
+            materials.setdefault(label, _Material()).properties.append(entry.name)
     return materials, unit
+
+
+class Property(NamedTuple):
+    """A linear property: its name, its material, and its values at one or several temperatures."""
+
+    name: str
+    material: str
+    values: list[str]
+
+
+def property_of(command: str, fields: Sequence[str]) -> Property | None:
+    """Return the property that ``MP`` or ``MPDATA`` gives; ``None`` for other commands.
+
+    Archives have a release and a number before the name: ``MPDATA,R5.0, 1,EX, 1, 1, 10.0``.
+    """
+    entries = [field.strip() for field in fields]
+    while entries and not entries[-1]:
+        entries.pop()
+    if command.upper() == "MP":
+        name, material, *values = [*entries, "", ""]
+        return Property(name.upper(), material, [value for value in values if value])
+    if command.upper()[:4] != "MPDA":
+        return None
+    if _RELEASE.fullmatch(entries[0] if entries else ""):
+        entries = entries[2:]
+    name, material, _, *values = [*entries, "", "", ""]
+    return Property(name.upper(), material, [value for value in values if value])
 
 
 def _commands(text: str) -> Iterator[str]:
@@ -185,6 +216,8 @@ _OPTIONS: Mapping[str, tuple[int, Callable[[Sequence[float], int], Counterpart]]
     "BLATZ": (1, _blatz_ko),
 }
 """Default number of terms, and the counterpart from the constants and the number of terms."""
+_BY_LETTERS = {name[:4]: name for name in _OPTIONS}
+"""options by their first letters, which Ansys reads"""
 
 
 def write(values: Values, name: str) -> str:

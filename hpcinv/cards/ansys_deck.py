@@ -4,11 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from hpcinv.cards.ansys import property_of
 from hpcinv.cards.card import number
 from hpcinv.cards.deck import Deck, isotropic
 
 _AXES = {"UX": "x", "UY": "y", "UZ": "z"}
-_LOADS = ("F", "SF", "SFE", "BF", "BFE", "ACEL", "OMEGA", "CE", "CP")
+_READ = frozenset({"D", "ET", "ETBL", "NBLO", "EBLO", "CMBL", "N", "MP", "MPDA", "TB", "TBDA", "TBTE", "*SET"})
+"""commands that are read, by the first four letters, which are those that Ansys reads"""
+_WITHOUT_EFFECT = frozenset(
+    {"/COM", "/PRE", "/NOP", "/GO", "/GOP", "/TIT", "/UNI", "/SOL", "FINI", "/BAT", "/CON", "/WB", "/NOL", "/GOL"}
+    | {"*IF", "*END", "*ELS", "NUMO", "DOF", "EXTO", "MPTE", "TOFF", "TREF", "/EOF", "/EXI", "SAVE", "ESEL", "NSEL"}
+    | {"ALLS", "CMSE", "KEYO", "/POS", "SOLV", "/STA", "ANTY", "OUTR", "OUTP", "R", "RLBL", "SECT", "SECD", "SECO"}
+)
+"""commands on what the job has from elsewhere, on the order of a program, or on its output"""
+
+
+_KNOWN = _READ | _WITHOUT_EFFECT
+
+
+def _is_command(name: str) -> bool:
+    """Return whether the first entry of a line is a command, not a number, a format or a definition."""
+    return name[:1].isalpha() or (name[:1] in "/*" and name[1:2].isalpha())
 
 
 def is_shell(text: str) -> bool:
@@ -26,17 +42,28 @@ def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
     nodes: dict[tuple[str, float], set[int]] = {}
     unused = set[str]()
     moduli: dict[str, dict[str, float]] = {}
+    variables: dict[str, str] = {}
     laws: dict[str, None] = {}
     for line in text.splitlines():
         name, *entries = (word.strip() for word in line.split(","))
         if name.upper() == "D" and len(entries) > 2 and entries[0].isdigit():
             for label in _AXES if entries[1].upper() == "ALL" else (entries[1].upper(),):
                 nodes.setdefault((label, number(entries[2] or "0", "D")), set()).add(int(entries[0]))
-        elif name.upper() == "MP" and len(entries) > 2 and entries[0].upper() in ("EX", "NUXY", "PRXY"):
-            moduli.setdefault(entries[1], {})[entries[0].upper()] = number(entries[2], "MP")
+        elif (entry := property_of(name, entries)) is not None:
+            material = variables.get(entry.material.upper(), entry.material) or "1"
+            if len(entry.values) > 1:
+                unused.add(f"{name.upper()},{entry.name} of material {material} at further temperatures")
+            if entry.name in ("EX", "NUXY", "PRXY") and entry.values:
+                moduli.setdefault(material, {})[entry.name] = number(entry.values[0], name.upper())
+            elif entry.name.startswith(("EX", "EY", "EZ", "PR", "NU", "G")):
+                unused.add(f"{name.upper()},{entry.name} of material {material}")
+        elif name.upper() == "*SET" and len(entries) > 1:
+            variables[entries[0].upper()] = entries[1]
         elif name.upper() == "TB" and len(entries) > 1 and entries[0].upper() == "HYPER":
-            laws.setdefault(entries[1] or "1")
-        elif name.upper() in _LOADS:
+            laws.setdefault(variables.get(entries[1].upper(), entries[1]) or "1")
+        elif name.upper()[:4] == "EBLO" and "SOLID" not in [word.upper() for word in entries]:
+            unused.add("elements of an EBLOCK that are not solids, such as contacts")
+        elif _is_command(name) and "=" not in name and name.upper()[:4] not in _KNOWN:
             unused.add(name.upper())
     for material, values in moduli.items():
         poisson = values.get("PRXY", values.get("NUXY"))

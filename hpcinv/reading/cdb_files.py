@@ -18,9 +18,12 @@ _SOLIDS = {45: 8, 95: 20, 92: 10, 185: 8, 186: 20, 187: 10, 285: 4}
 _KINDS = "SOLID185, SOLID186, SOLID187 and SOLID285, and SOLID45, SOLID92 and SOLID95"
 _TETRAHEDRON = (0, 1, 2, 4, 8, 9, 11, 16, 17, 18)
 """nodes of a brick whose nodes 3, 4 and 5 to 8 coincide that a tetrahedron keeps"""
-_FORMAT = re.compile(r"\(\s*(\d+)\s*i\s*(\d+)\s*(?:,\s*(\d+)\s*[eg]\s*(\d+))?", re.I)
+_INTEGERS = re.compile(r"(\d+)\s*i\s*(\d+)", re.I)
+_FORMAT = re.compile(r"\(((?:\s*\d+\s*i\s*\d+\s*,?)+)\s*(?:(\d+)\s*[eg]\s*(\d+))?", re.I)
 _HEAD = 11  # numbers of an element before its nodes
 _LOADS = ("D", "F", "SF", "SFE", "SFEBLOCK", "BF", "BFE", "BFBLOCK", "ACEL", "OMEGA", "MP", "MPDATA", "TB", "TBDATA")
+_OF_GEOMETRY = {"KP": "keypoints", "LINE": "lines", "AREA": "areas", "VOLU": "volumes"}
+"""components of the geometry, which a mesh has not"""
 
 
 class _Lines:
@@ -53,17 +56,27 @@ def read_cdb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     elements: list[tuple[int, int, int, list[int]]] = []
     sets: dict[str, list[int]] = {}
     ignored = set[str]()
+    others: list[int] = []  # numbers of elements in blocks that are not of solids, such as contacts
+    variables: dict[str, str] = {}
     while lines.more():
-        words = [word.strip() for word in lines.next().split(",")]
-        match words[0].upper():
+        words = [word.strip() for word in lines.next().split("!")[0].split(",")]
+        match _command(words[0]):
             case "NBLOCK":
                 _read_nodes(lines, tags, points)
+            case "EBLOCK" if "SOLID" in [word.upper() for word in words]:
+                elements += _elements(lines)
             case "EBLOCK":
-                elements += _elements(lines, words)
+                others += _other_elements(lines)
             case "CMBLOCK":
-                _read_component(lines, words, sets)
+                ignored.update(_read_component(lines, words, sets))
+            case "*SET" if len(words) > 2:
+                variables[words[1].upper()] = words[2]
             case "ET" if len(words) > 2:
-                kinds[whole_number(words[1], lines.place)] = _kind(words[2], lines.place)
+                number_of, kind = (variables.get(word.upper(), word) for word in words[1:3])
+                if number_of.isdigit():
+                    kinds[int(number_of)] = _kind(kind, lines.place)
+                else:
+                    ignored.add(f"ET,{shown(number_of)}")
             case "ETBLOCK":
                 kinds |= _types(lines)
             case keyword if keyword in _LOADS:
@@ -76,9 +89,24 @@ def read_cdb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             continue
         blocks.add(tag, _shape(tag, nodes))
         materials.setdefault(material, []).append(tag)
+    for tag in others:
+        blocks.add_facet(tag, ())
+    if others:
+        ignored.add(f"{len(others):,} elements that are not solids")
     if len(materials) > 1:
         sets |= {f"cells:material-{material}": members for material, members in materials.items()}
     return {"ignored": sorted(ignored)}, element_arrays(tags, points, blocks, sets, _KINDS)
+
+
+_COMMANDS = {
+    name[:4]: name for name in ("NBLOCK", "EBLOCK", "CMBLOCK", "*SET", "ETBLOCK", "MPDATA", "TBDATA", "SFEBLOCK")
+}
+
+
+def _command(word: str) -> str:
+    """Return the name of a command, of which Ansys reads the first four letters."""
+    name = word.upper()
+    return _COMMANDS.get(name[:4], name) if len(name) > 3 else name
 
 
 def _kind(text: str, place: str) -> int:
@@ -87,15 +115,16 @@ def _kind(text: str, place: str) -> int:
     return whole_number(digits, place) if digits else 0
 
 
-def _format(lines: _Lines) -> tuple[int, int, int]:
-    """Return the number of integers in a line, their width, and the width of the numbers after them."""
+def _format(lines: _Lines) -> tuple[list[int], int]:
+    """Return the widths of the integers in a line, and the width of the numbers after them, 0 if there are none."""
     text = lines.next()
-    if (match := _FORMAT.match(text.strip())) is None:
+    match = _FORMAT.match(text.strip())
+    pairs = [(int(count), int(width)) for count, width in _INTEGERS.findall(match[1])] if match else []
+    real = int(match[3] or 0) if match else 0
+    widths = [width for count, width in pairs for _ in range(min(count, 100))]
+    if not 0 < len(widths) < 100 or not all(0 < width < 100 for width in widths) or real > 100:
         raise Fault(f"{lines.place}: '{shown(text)}' is not a format of a block", "Write it by CDWRITE,DB.")
-    count, width, real = int(match[1]), int(match[2]), int(match[4] or 0)
-    if not 0 < count < 100 or not 0 < width < 100 or real > 100:
-        raise Fault(f"{lines.place}: '{shown(text)}' is not a format of a block", "Write it by CDWRITE,DB.")
-    return count, width, real
+    return widths, real
 
 
 def _fields(line: str, width: int, start: int = 0) -> Iterator[str]:
@@ -108,20 +137,25 @@ def _is_end(line: str) -> bool:
 
 
 def _read_nodes(lines: _Lines, tags: list[int], points: list[list[float]]) -> None:
-    count, width, real = _format(lines)
+    widths, real = _format(lines)
     if not real:
         raise Fault(f"{lines.place}: the format of NBLOCK has no coordinates", "Write it by CDWRITE,DB.")
     while not _is_end(line := lines.next()):
-        tags.append(whole_number(line[:width], lines.place))
-        position = [number(text, lines.place) for text in _fields(line, real, count * width)][:3]
+        tags.append(whole_number(line[: widths[0]], lines.place))
+        position = [number(text, lines.place) for text in _fields(line, real, sum(widths))][:3]
         points.append(position + [0.0] * (3 - len(position)))  # zeros at the end are left out
 
 
-def _elements(lines: _Lines, words: list[str]) -> Iterator[tuple[int, int, int, list[int]]]:
-    """Yield number, material, type and nodes of each element of a block."""
-    if "SOLID" not in [word.upper() for word in words]:
-        raise Fault(f"{lines.place}: the EBLOCK is not of the kind SOLID", "Write it by CDWRITE,DB.")
-    _, width, _ = _format(lines)
+def _other_elements(lines: _Lines) -> Iterator[int]:
+    """Yield the numbers of the elements of a block that are not solids, such as surfaces and contacts."""
+    (width, *_), _ = _format(lines)
+    while not _is_end(line := lines.next()):
+        yield whole_number(line[:width], lines.place)
+
+
+def _elements(lines: _Lines) -> Iterator[tuple[int, int, int, list[int]]]:
+    """Yield number, material, type and nodes of each element of a block of solids."""
+    (width, *_), _ = _format(lines)
     while not _is_end(line := lines.next()):
         place = lines.place
         entries = whole_numbers(_fields(line, width), place)
@@ -151,7 +185,7 @@ def _shape(tag: int, nodes: list[int]) -> list[int]:
 
 
 def _types(lines: _Lines) -> dict[int, int]:
-    _, width, _ = _format(lines)
+    (width, *_), _ = _format(lines)
     kinds = {}
     while not _is_end(line := lines.next()):
         entries = whole_numbers(list(_fields(line, width))[:2], lines.place)
@@ -160,13 +194,13 @@ def _types(lines: _Lines) -> dict[int, int]:
     return kinds
 
 
-def _read_component(lines: _Lines, words: list[str], sets: dict[str, list[int]]) -> None:
-    """Read a component; a negative number ends a range that the number before it begins."""
-    place, kind = lines.place, words[2].upper()[:4] if len(words) > 3 else ""
-    if kind not in ("NODE", "ELEM"):
+def _read_component(lines: _Lines, words: list[str], sets: dict[str, list[int]]) -> list[str]:
+    """Read a component, and return what is not used; a negative number ends a range that the one before it begins."""
+    place, kind = lines.place, words[2].upper()[:4].strip() if len(words) > 3 else ""
+    if kind not in ("NODE", "ELEM", *_OF_GEOMETRY):
         raise Fault(f"{place}: CMBLOCK is not of nodes or elements", "Is the file complete?")
-    count = whole_number(words[3].split("!")[0], place)
-    _, width, _ = _format(lines)
+    count = whole_number(words[3], place)
+    (width, *_), _ = _format(lines)
     entries: list[int] = []
     while len(entries) < count:
         line = lines.next()
@@ -174,6 +208,8 @@ def _read_component(lines: _Lines, words: list[str], sets: dict[str, list[int]])
         if not more:
             raise Fault(f"{place}: component '{shown(words[1])}' has {len(entries)} numbers, not {count}")
         entries += more
+    if kind in _OF_GEOMETRY:
+        return [f"component {shown(words[1])} of {_OF_GEOMETRY[kind]}"]
     members = sets.setdefault(f"{'nodes' if kind == 'NODE' else 'cells'}:{words[1]}", [])
     for entry in entries:
         if entry >= 0:
@@ -182,3 +218,4 @@ def _read_component(lines: _Lines, words: list[str], sets: dict[str, list[int]])
             raise Fault(f"{place}: component '{shown(words[1])}' has the range {entry} without a beginning")
         else:
             members += range(members[-1] + 1, -entry + 1)
+    return []

@@ -461,7 +461,7 @@ FAULTS = [
     (".bdf", "MAT1    ", "INCLUDE 'a.bdf' $", "'a.bdf' includes itself"),
     (".bdf", "1    THRU       3", "9    THRU       3", "the range to 3 is not valid"),
     (".cdb", "(19i9)", "(nineteen)", "'(nineteen)' is not a format of a block"),
-    (".cdb", "EBLOCK,19,SOLID", "EBLOCK,10,", "the EBLOCK is not of the kind SOLID"),
+    (".cdb", "EBLOCK,19,SOLID", "EBLOCK,10,", "has no solid elements"),
     (".cdb", "        4        4        4        4\n", "        4        4\n", "element 5 has 6 nodes, not 8"),
     (".cdb", "1.0000000000000E+000", "1.0000000000000E+0x0", "is not a number"),
     (".cdb", "1.0000000000000E+000", "                 NAN", "node 2 has a coordinate that is not finite"),
