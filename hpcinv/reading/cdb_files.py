@@ -72,9 +72,9 @@ def read_cdb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             case "*SET" if len(words) > 2:
                 variables[words[1].upper()] = words[2]
             case "ET" if len(words) > 2:
-                number_of, kind = (variables.get(word.upper(), word) for word in words[1:3])
+                number_of, type_name = (variables.get(word.upper(), word) for word in words[1:3])
                 if number_of.isdigit():
-                    kinds[int(number_of)] = _kind(kind, lines.place)
+                    kinds[int(number_of)] = _kind(type_name, lines.place)
                 else:
                     ignored.add(f"ET,{shown(number_of)}")
             case "ETBLOCK":
