@@ -93,7 +93,7 @@ def loose_nodes(source: MeshSource) -> Iterator[str]:
     """Yield a sentence on nodes that belong to no element, as in a file that was cut."""
     loose = len(source.points) - len(np.unique(source.cells))
     if loose:
-        yield f"{loose:,} of {len(source.points):,} nodes belong to no element: reference points, or the file is cut"
+        yield f"{loose:,} of its nodes belong to no element: reference points, or the file is cut"
 
 
 def elements_of(source: MeshSource, *, has_27: bool = False) -> Ints:
