@@ -104,7 +104,7 @@ _COMMANDS = {
 
 
 def _command(word: str) -> str:
-    """Return the name of a command, of which Ansys reads the first four letters."""
+    """Return the name of a command; Ansys reads its first four letters."""
     name = word.upper()
     return _COMMANDS.get(name[:4], name) if len(name) > 3 else name
 
