@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import ipaddress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +36,7 @@ def _serve(options: argparse.Namespace) -> int:
     with launched(options.ranks) as (comm, stop):
         from hpcinv.job.job import load
         from hpcinv.parallel.runtime import on_root
-        from hpcinv.serving.http_server import new_token
+        from hpcinv.serving.http_server import is_loopback, new_token
         from hpcinv.serving.service import serve
 
         def ready(address: str, model: JobModel, first: Linearisation) -> None:
@@ -49,14 +48,6 @@ def _serve(options: argparse.Namespace) -> int:
         if comm.rank == 0:
             print(f"stopped after {solves} requests", flush=True)
     return 0
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether only programs on this machine reach an address."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 def describe(address: str, model: JobModel, first: Linearisation) -> str:

@@ -5,6 +5,7 @@ The dimensions of a model's fields (`quantities_of`) define their scaling in the
 """
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -57,6 +58,8 @@ class Quantity:
             number = as_float(value)
         if not math.isfinite(number) and not (self.infinite and number == math.inf):
             raise ValueError(f"must be finite, not {value!r}")
+        if 0 < abs(number) < sys.float_info.min:
+            raise ValueError(f"must be 0 or at least {sys.float_info.min:.2g} (SI): smaller numbers lose digits")
         if not self.admits(number):
             raise ValueError(f"must be {self.bounds}, not {value}" + (f"; {self.remedy}" if self.remedy else ""))
         return number

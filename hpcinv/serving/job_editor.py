@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +45,7 @@ class JobEditor:
         """Stop listening."""
         self._server.close()
 
-    def _respond(self, method: str, path: str, body: bytes | None) -> Reply:
+    def _respond(self, method: str, path: str, body: bytes | None, _is_there: Callable[[], bool]) -> Reply:
         if (method, path) == ("GET", f"/{self._token}/"):
             return Reply(200, self._page, "text/html; charset=utf-8")
         if (method, path) != ("POST", f"/{self._token}/{SAVE}"):

@@ -1,9 +1,11 @@
 """The loop of a served job: rank 0 takes a request, all ranks solve, rank 0 answers."""
 
+import traceback
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any
 
-from hpcinv.errors import HpcinvError, Interrupted, JobError
+from hpcinv.errors import HpcinvError, Interrupted, JobError, described
 from hpcinv.job.job import Job
 from hpcinv.parallel.ranks import MPI, on_root
 from hpcinv.serving.job_model import JobModel, Linearisation
@@ -36,8 +38,13 @@ def serve(
     server: Server | None = None
     request: Request | None = None  # on rank 0
     solves = 0
-    with Workspace(comm) as workspace:
-        model = JobModel(job, workspace, stop)
+    with ExitStack() as own:
+
+        def new_model() -> JobModel:
+            own.close()
+            return JobModel(job, own.enter_context(Workspace(comm)), stop)
+
+        model = new_model()
         first = model.evaluate(model.start)
 
         def listen() -> None:
@@ -69,6 +76,12 @@ def serve(
                 except HpcinvError as exc:
                     kind = "InvalidInput" if isinstance(exc, JobError) else "ModelError"
                     reply(error(kind, str(exc)))
+                except Exception as exc:
+                    if comm.size > 1:  # other ranks may wait for this one
+                        raise
+                    traceback.print_exception(exc)
+                    model = new_model()  # the error may have left anything in the earlier one
+                    reply(error("ModelError", f"an error of this program, {described(exc)}"))
         finally:
             if server is not None:
                 server.close()

@@ -4,7 +4,10 @@ Source: Seelinger et al., "UM-Bridge: Uncertainty quantification and modeling br
 """
 
 import json
+import math
 import queue
+import secrets
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,11 +15,16 @@ from typing import Any
 import numpy as np
 
 from hpcinv.job.settings import LEVELS
+from hpcinv.quantity.units import as_float
 from hpcinv.serving.http_server import LONGEST, HttpServer, Reply
 from hpcinv.serving.job_model import Linearisation
 
 _FEATURES = {"Evaluate": True, "Gradient": True, "ApplyJacobian": True, "ApplyHessian": False}
 _ANSWERED = {"Evaluate": "", "Gradient": "sens", "ApplyJacobian": "vec"}  # requests that need a solve, and their vector
+
+
+_MOST_WAITING = 1000
+"""requests that wait for a solve; raised, a client that sends many without waiting takes more memory"""
 
 
 class Refusal(Exception):
@@ -36,6 +44,7 @@ class Request:
         inputs: (n,) in SI.
         level: of the certificate.
         vector: weights of the outputs (m,) of a gradient, or direction of the inputs (n,) of ``ApplyJacobian``.
+        is_wanted: whether the client is still there.
         answers: where the answer goes.
     """
 
@@ -43,6 +52,7 @@ class Request:
     inputs: list[float]
     level: str
     vector: list[float]
+    is_wanted: Callable[[], bool]
     answers: "queue.Queue[dict[str, Any]]" = field(default_factory=lambda: queue.Queue(1))
 
     def answer(self, evaluation: Linearisation) -> dict[str, Any]:
@@ -89,7 +99,8 @@ class Server:
 
     def __init__(self, name: str, inputs: int, outputs: int, host: str, port: int, token: str) -> None:
         self.name, self.inputs, self.outputs, self.token = name, inputs, outputs, token
-        self._requests: queue.Queue[Request] = queue.Queue()
+        self._requests: queue.Queue[Request] = queue.Queue(_MOST_WAITING)
+        self._lock, self._is_closed = threading.Lock(), False
         self._server = HttpServer(host, port, self._reply)
 
     @property
@@ -98,41 +109,46 @@ class Server:
         return f"{self._server.address}/{self.token}".rstrip("/")
 
     def next(self, stop: Callable[[], bool]) -> Request | None:
-        """Return the next request that needs a solve; ``None`` when the process is asked to stop."""
+        """Return the next request whose client waits for a solve; ``None`` when the process is asked to stop."""
         while not stop():
             try:
-                return self._requests.get(timeout=0.1)
+                request = self._requests.get(timeout=0.1)
             except queue.Empty:
                 continue
+            if request.is_wanted():
+                return request
+            request.answers.put(error("ModelError", "the client has left"))
         return None
 
     def close(self) -> None:
-        """Stop listening, and answer the requests that wait."""
-        self._server.close()
+        """Answer the requests that wait, and stop listening."""
+        with self._lock:
+            self._is_closed = True
         while not self._requests.empty():
             self._requests.get().answers.put(error("ModelError", "the server was stopped"))
+        self._server.close()
 
-    def _reply(self, method: str, path: str, body: bytes | None) -> Reply:
+    def _reply(self, method: str, path: str, body: bytes | None, is_wanted: Callable[[], bool]) -> Reply:
         """Return the answer to a request over HTTP."""
         code = 200
         try:
             if body is None:
                 raise Refusal("InvalidInput", f"a request may have {LONGEST} bytes")
-            content = self.respond(path, _mapping(body) if method == "POST" else {})
+            content = self.respond(path, _mapping(body) if method == "POST" else {}, is_wanted)
         except Refusal as refusal:
             content, code = error(refusal.kind, str(refusal)), 404 if refusal.kind == "NotFound" else 400
         else:
             code = 500 if "error" in content else 200
         return Reply(code, json.dumps(content).encode())
 
-    def respond(self, path: str, body: Mapping[str, Any]) -> dict[str, Any]:
+    def respond(self, path: str, body: Mapping[str, Any], is_wanted: Callable[[], bool]) -> dict[str, Any]:
         """Return the answer to a request; one for a solve waits for it.
 
         Raises:
             Refusal: the request is not valid.
         """
         start, _, kind = path.strip("/").rpartition("/")
-        if start != self.token:
+        if not secrets.compare_digest(start.encode(errors="replace"), self.token.encode()):
             raise Refusal("NotFound", "the address lacks the token that 'hpcinv serve' printed")
         if kind == "Info":
             return {"protocolVersion": 1.0, "models": [self.name]}
@@ -144,11 +160,17 @@ class Server:
             return {"support": _FEATURES}
         if kind.endswith("Sizes"):
             return {"inputSizes": [self.inputs]} if kind == "InputSizes" else {"outputSizes": [self.outputs]}
-        request = self._request(kind, body)
-        self._requests.put(request)
+        request = self._request(kind, body, is_wanted)
+        with self._lock:
+            if self._is_closed:
+                return error("ModelError", "the server was stopped")
+            try:
+                self._requests.put_nowait(request)
+            except queue.Full:
+                return error("ModelError", f"{_MOST_WAITING:,} requests wait for an answer: ask again later")
         return request.answers.get()
 
-    def _request(self, kind: str, body: Mapping[str, Any]) -> Request:
+    def _request(self, kind: str, body: Mapping[str, Any], is_wanted: Callable[[], bool]) -> Request:
         given = body.get("input")
         if not isinstance(given, list) or len(given) != 1:
             raise Refusal("InvalidInput", f"'input' must be one list of {self.inputs} numbers")
@@ -164,7 +186,7 @@ class Server:
         key = _ANSWERED[kind]
         size = self.outputs if key == "sens" else self.inputs
         vector = _numbers(body.get(key), key, size) if key else []
-        return Request(kind, _numbers(given[0], "input", self.inputs), level, vector)
+        return Request(kind, _numbers(given[0], "input", self.inputs), level, vector, is_wanted)
 
 
 def _mapping(body: bytes) -> Mapping[str, Any]:
@@ -181,6 +203,7 @@ def _numbers(given: object, key: str, size: int) -> list[float]:
     """Return ``size`` finite numbers."""
     if not isinstance(given, list) or len(given) != size:
         raise Refusal("InvalidInput", f"'{key}' must have {size} numbers")
-    if not all(isinstance(x, int | float) and not isinstance(x, bool) and np.isfinite(x) for x in given):
+    numbers = [as_float(x) if isinstance(x, int | float) and not isinstance(x, bool) else math.nan for x in given]
+    if not all(map(math.isfinite, numbers)):
         raise Refusal("InvalidInput", f"'{key}' must have finite numbers")
-    return [float(x) for x in given]
+    return numbers

@@ -172,6 +172,8 @@ class LinearSolver:
 
     def back_substitute(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """Solve with the present factors or preconditioner; return whether that succeeded."""
+        if not np.isfinite(norm(b)) or self._has_failed_factors:  # an error of PETSc would leave b locked
+            return False
         with self.options.blamed():
             self.ksp.solve(b, x)
         self.count_iterations(self.ksp.getIterationNumber())
@@ -180,6 +182,11 @@ class LinearSolver:
             return self.back_substitute(b, x)
         reason: Any = self.ksp.getConvergedReason()  # an int, whatever its stub says
         return reason >= 0 and bool(np.isfinite(norm(x)))
+
+    @property
+    def _has_failed_factors(self) -> bool:
+        """True if MUMPS has not factorized the tangent, which PETSc forgets when it is asked a second time."""
+        return is_mumps(self.ksp.pc) and self.ksp.pc.getFactorMatrix().getMumpsInfog(1) < 0
 
     @property
     def has_factors(self) -> bool:

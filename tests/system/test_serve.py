@@ -67,6 +67,10 @@ def test_a_client_gets_values_and_derivatives(tmp_path: Path, ranks: int) -> Non
             model.apply_jacobian(0, 0, [point], [1.0, 0.0])
         with pytest.raises(Exception, match=r"InvalidInput: .*column\.yaml: material: the shear modulus"):
             model([[DENSITY, -1.0]])
+        with pytest.raises(Exception, match=r"InvalidInput: .*material\.mu: must be 0 or at least 2\.2e-308"):
+            model([[DENSITY, 1e-320]])
+        with pytest.raises(Exception, match=r"ModelError: stopped at load factor 0"):
+            model([[DENSITY, 3e-308]])
         assert model([point])[0][0] == pytest.approx(values[0], rel=1e-9)  # it goes on
         server.send(signal.SIGTERM, [server.mpirun.pid, *server.ranks()])
         assert server.exit_code() == 0, server.text

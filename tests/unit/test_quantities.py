@@ -97,6 +97,8 @@ def test_a_plain_number_is_si() -> None:
         (Length, math.inf, "must be finite"),
         (Length, "1e999 m", "must be finite"),
         (Length, 10**400, "must be finite"),
+        (Length, 1e-320, "must be 0 or at least 2.2e-308"),
+        (Length, "-1e-310 m", "must be 0 or at least 2.2e-308"),
         (Stress, "incompressible", "is not a number"),
         (Dimensionless, "1 m", "must be a pure number, but '1 m' is a length"),
     ],
