@@ -38,7 +38,7 @@ class RemoteReport:
     @property
     def moved(self) -> str:
         """Displacement of the reference point as text."""
-        return f"({', '.join(f'{c:.4g}' for c in self.motion.move)}) m"
+        return f"({', '.join(f'{c + 0.0:.4g}' for c in self.motion.move)}) m"
 
     def as_data(self) -> dict[str, Any]:
         motion = self.motion.model_dump(mode="json")
@@ -91,7 +91,7 @@ class RemoteFace:
 
     def displacement(self, points: Floats, sign: int) -> Floats:
         """Return ``x - X`` (n, 3) of points of the mesh."""
-        moved = (points - self._centre) @ self.turn.T + self._centre + self.move - points
+        moved = (points - self._centre) @ (self.turn - np.eye(3)).T + self.move  # exactly 0 without a motion
         return np.asarray(sign * moved)
 
     def rate(self, points: Floats, sign: int, change: Floats) -> Floats:

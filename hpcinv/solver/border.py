@@ -16,9 +16,11 @@ class Border(ABC):
 
     Attributes:
         count: number of unknowns, and of equations.
+        least: displacement (scaled) that rounding errors of C let count as none.
     """
 
     count: int
+    least: float = 0.0
 
     @abstractmethod
     def put(self, load: float) -> None:

@@ -64,7 +64,7 @@ class BorderedNewton:
             self.equilibrium.limit,
             self.equilibrium.reuse,
             inexact=linear.configuration.error,
-            floor=self.equilibrium.floor(),
+            floor=self.equilibrium.floor(least=max(border.least for border in self.borders)),
         )
         with system.timings("newton"):
             outcome, factorizations, load = self._iterate(start, load, monitor, shortened)

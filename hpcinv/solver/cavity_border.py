@@ -15,6 +15,8 @@ from hpcinv.solver.border import Border
 class CavityBorder(Border):
     """The pressures of all cavities of unknown pressure, with their equations."""
 
+    least = 1e-15  # volumes are known to some units of the last digit; raised, smaller changes of volumes are ignored
+
     def __init__(self, system: System, cavities: Sequence[CavityEquation]) -> None:
         self._system, self._cavities, self.count = system, cavities, len(cavities)
         self._rows = [system.position() for _ in cavities]

@@ -230,10 +230,13 @@ class Equilibrium:
         if prescribed_motion:
             self.system.compile_lifting()
 
-    def floor(self, load: float | None = None) -> Floor:
+    def floor(self, load: float | None = None, least: float = 0.0) -> Floor:
         """Return the floor of the norm of states, at the present load factor or at another one; collective when used.
 
         It is the norm of a state with the nominal displacement, and pressures of the nominal strain, at each node.
+
+        Args:
+            least: displacement (scaled) up to which corrections are rounding errors, whatever the nominal one is.
         """
         unknowns, system = self.system.weak_form.unknowns, self.system
         nodes = math.sqrt(unknowns.size)
@@ -244,7 +247,7 @@ class Equilibrium:
             with system.timings("compile"):
                 nominal = system.weak_form.nominal_displacement
             with system.timings("residual"):
-                return nodes * nominal()[0]
+                return nodes * max(nominal()[0], least / NewtonMonitor.rounding)
 
         return Floor(norm_of_nominal_state, nodes * _LARGEST_SIZE)
 
