@@ -1,7 +1,7 @@
 """Fuzzer of what `hpcinv` reads: mutated job files through ``hpcinv validate``, mutated meshes, images and surfaces
-through its readers.
+through its readers, and mutated files of other programs through ``hpcinv new job --from``.
 
-    python tests/system/fuzz/fuzz.py --seconds 600 --seed 1 [--only jobs|meshes|scans] [--count 500]
+    python tests/system/fuzz/fuzz.py --seconds 600 --seed 1 [--only jobs|meshes|scans|decks] [--count 500]
 
 Whatever comes, the answer must be an ``HpcinvError`` that names the file, or none; no other exception, no end of the
 process, nothing that takes long. What breaks this is kept in a directory, and reported with its seed.
@@ -214,12 +214,26 @@ def run_scans(directory: Path, source: random.Random, count: int | None, until: 
     print(", ".join(f"{number} {answer}" for answer, number in scans.answers.items()))
 
 
-TRIED = {"jobs": 0, "meshes": 0, "scans": 0}
+def run_decks(directory: Path, source: random.Random, count: int | None, until: float) -> Iterator[tuple[bytes, str]]:
+    """Mutated files of other programs with a wrong answer."""
+    from decks import Decks
+
+    decks = Decks(directory)
+    while (count is None or count > 0) and time.monotonic() < until:
+        TRIED["decks"] += 1
+        if (wrong := decks.fault_of_next(source)) is not None:
+            yield wrong
+        count = None if count is None else count - 1
+    print(", ".join(f"{number} {answer}" for answer, number in decks.answers.items()))
+
+
+TRIED = {"jobs": 0, "meshes": 0, "scans": 0, "decks": 0}
 """how many mutants have been tried"""
 KINDS: dict[str, Callable[[Path, random.Random, int | None, float], Iterator[tuple[bytes, str]]]] = {
     "jobs": run_jobs,
     "meshes": run_meshes,
     "scans": run_scans,
+    "decks": run_decks,
 }
 
 

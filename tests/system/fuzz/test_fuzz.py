@@ -14,10 +14,19 @@ import pytest
 FUZZER = Path(__file__).with_name("fuzz.py")
 
 
-@pytest.mark.everyday("jobs-100", "meshes-8", "scans-40")
+@pytest.mark.everyday("jobs-100", "meshes-8", "scans-40", "decks-100")
 @pytest.mark.parametrize(
     ("kind", "count"),
-    [("jobs", 100), ("jobs", 300), ("meshes", 8), ("meshes", 24), ("scans", 40), ("scans", 120)],
+    [
+        ("jobs", 100),
+        ("jobs", 300),
+        ("meshes", 8),
+        ("meshes", 24),
+        ("scans", 40),
+        ("scans", 120),
+        ("decks", 100),
+        ("decks", 500),
+    ],
 )
 def test_mutations_end_in_a_message_or_in_a_valid_file(kind: str, count: int, tmp_path: Path) -> None:
     options = ["--only", kind, "--count", str(count), "--seed", "1", "--seconds", "800", "--keep", str(tmp_path)]
