@@ -112,6 +112,8 @@ _READABLE = {
     "N": ((1e-9, "nN"), (1e-6, "µN"), (1e-3, "mN"), (1.0, "N"), (1e3, "kN"), (1e6, "MN")),
     "Pa": ((1e-3, "mPa"), (1.0, "Pa"), (1e3, "kPa"), (1e6, "MPa"), (1e9, "GPa")),
 }
+_FROM = {"mm^3": 1e-4}
+"""least number in a unit, by default 1: µm^3 is nine powers of ten below mm^3"""
 LENGTH_UNITS = ("m", "mm", "um", "nm", "cm", "dm", "km", "in", "ft", "µm")
 
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,3})?"
@@ -204,7 +206,7 @@ def prefixed_unit(value: float, unit: str) -> tuple[float, str]:
     units = _READABLE.get(unit, ((1.0, unit),))
     if not value:
         return 1.0, unit
-    return next(((size, name) for size, name in reversed(units) if abs(value) >= size), units[0])
+    return next(((size, name) for size, name in reversed(units) if abs(value) >= size * _FROM.get(name, 1.0)), units[0])
 
 
 def length_symbol(unit: float) -> str:

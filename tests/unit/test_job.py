@@ -473,6 +473,24 @@ def test_the_jobs_studies_and_sweeps_that_come_with_the_project_are_valid_and_sa
     assert path.read_text().startswith("# ")
 
 
+ROOMS: dict[str, Callable[[Job], object]] = {
+    "shell": lambda job: job.mesh.shell,
+    "CAD file": lambda job: "cad" in job.data["mesh"],
+    "image": lambda job: "image" in job.data["mesh"],
+    "vessel": lambda job: "lumen" in job.data["mesh"],
+    "cavity": lambda job: job.cavities,
+    "states": lambda job: job.states,
+    "remote load": lambda job: any(support.remote for support in job.supports),
+    "sliding": lambda job: any(support.surface for support in job.supports),
+    "hidden forces": lambda job: job.identify is not None and "strength: evidence" in str(yaml.safe_dump(job.data)),
+}
+
+
+def test_each_room_has_a_job_that_comes_with_the_project() -> None:
+    jobs = [hpcinv.load(path) for path in JOBS if not is_study(path) and not is_sweep(path)]
+    assert not [room for room, has_it in ROOMS.items() if not any(map(has_it, jobs))]
+
+
 def with_few_draws(path: Path, directory: Path) -> Path:
     """A sweep with at most 50 draws of each axis: ten thousand are as valid, and take ten seconds."""
     content = copy.deepcopy(read_yaml(path))
