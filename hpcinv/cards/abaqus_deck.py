@@ -59,6 +59,7 @@ class _KeywordReader:
         self._materials = {name.lower(): name for name in names}  # case does not count
         self._axes = {k.options.get("NAME", "").lower(): k for k in file if k.name == "ORIENTATION"}
         self._material, self._step = "", 0
+        _refuse_turned_axes(file)
         unused, is_shell = self._deck.unused, self._is_shell
         amplitudes, transforms = Amplitudes(file), Transforms(file, nodes_of_sets)
         couplings, single = Couplings(file, unused), SingleConditions(has_rotations=is_shell)
@@ -164,6 +165,18 @@ class _KeywordReader:
         "DSLOAD": _read_loads,
         "CLOAD": _read_forces,
     }
+
+
+def _refuse_turned_axes(file: Sequence[Keyword]) -> None:
+    """Raise ``CardError`` for axes within a part that an instance turns."""
+    turned = next((k for k in file if k.name == "INSTANCE" and len(k.rows) > 1), None)
+    is_inside = False
+    for keyword in file if turned else ():
+        if keyword.name in ("PART", "END PART"):
+            is_inside = keyword.name == "PART"
+        elif is_inside and keyword.name in ("ORIENTATION", "TRANSFORM"):
+            text = f"*{keyword.name} in a part that *INSTANCE turns"
+            raise CardError(f"{text}: its axes turn too; save the mesh and its axes in global coordinates")
 
 
 def _linear(keyword: Keyword, material: str) -> Counterpart:

@@ -101,8 +101,17 @@ class DistributedLoads:
         for acceleration, names in weights.items():
             components = [Measure(component + 0.0, length=1, time=-2) for component in acceleration]
             self._add_mass_load({"effect": "gravity", "acceleration": components}, "GRAV", names)
+        self._note_order()
         self._add_single(self._single.pressed, "pressed")
         self._add_single(self._single.edges, "edge-loaded")
+
+    def _note_order(self) -> None:
+        """List loads of several steps on faces by several names, which may share faces."""
+        faces = {(name, load.step) for (_, name, kind, _), load in self._loads.values.items() if kind.startswith("P")}
+        names = sorted({name for name, _ in faces})
+        if len({step for _, step in faces}) > 1 and len(names) > 1:
+            text = f"the order of the pressures on {', '.join(names)}, which several steps have"
+            self._deck.unused.append(f"{text}: where they share faces, the file has the later one, and the job all")
 
     def _pressure(self, keyword: str, name: str, kind: str, size: float) -> dict[str, Any] | None:
         """Return the section of a pressure, or of a force by length of an edge; ``None`` if it is something else."""

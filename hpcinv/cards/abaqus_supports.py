@@ -15,6 +15,7 @@ from hpcinv.reading.single_conditions import held_axes, held_groups
 from hpcinv.reading.standing_conditions import NewConditions, SingleConditions, Standing, by_axis
 
 _SPECIAL = ("FIXED", "USER", "SUBMODEL")
+_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 _LARGEST_TURN = 90.0
 """degrees of a rigid motion that a job may have"""
 
@@ -68,6 +69,8 @@ class Supports:
                         self._moved.put(
                             (reference[0], f"r{axis}" if reference[1] else axis), step, value, amplitude.of(value)
                         )
+                if entries[0].isdigit() and int(entries[0]) > len(_COMPONENTS):
+                    self._deck.unused.append(f"*BOUNDARY of component {entries[0]}, such as a temperature, on '{name}'")
                 if self._single.read("BOUNDARY", [name, *entries], step, amplitude.of) or reference is not None:
                     continue
                 name = self._spelled.setdefault(name.lower(), name)
@@ -171,7 +174,7 @@ def motion_of(position: Collection[float], held: Mapping[str, float], coupling: 
     Args:
         held: displacements and rotations (radians) by axis, ``x`` to ``rz``.
     """
-    if coupling.kind == SPREAD or held.keys() != {"x", "y", "z", "rx", "ry", "rz"}:
+    if coupling.kind == SPREAD or held.keys() != {*_COMPONENTS}:
         return None
     move, turn = [held[axis] for axis in "xyz"], [held[f"r{axis}"] for axis in "xyz"]
     angle = hypot(*turn)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -327,9 +327,17 @@ class FileJob:
         materials = self._deck.materials or {"": ""}
         sections = {name: self._material(material, name) for name, material in materials.items()}
         if all(section == next(iter(sections.values())) for section in sections.values()):
+            self._note_cells_without_material(materials)
             return next(iter(sections.values()))
         regions = [(self._region(name), section) for name, section in sections.items()]
         return merged([(region, section) for region, section in regions if region])
+
+    def _note_cells_without_material(self, names: Iterable[str]) -> None:
+        """Say how many cells have no section in the file, and the only material in this job."""
+        if all(name and 3 in self._dims(self._region(name)) for name in names):
+            without = len(self._source.cells) - len({cell for name in names for cell in self._cells(name)})
+            if without:
+                self._comments.append(f"{without:,} elements have no material in the file; this job has one for all.")
 
     def _material(self, name: str, region: str) -> dict[str, Any]:
         """Return the sections of the material of a set; a linear isotropic one is neo-Hooke with the same moduli."""

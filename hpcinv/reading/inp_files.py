@@ -535,6 +535,8 @@ def _read_elements(part: _Part, card: Keyword, kinds: re.Pattern[str]) -> list[s
             continue
         if len(pending) > count + 1:
             raise Fault(f"{place}: an element {shown(kind)} has {count} nodes, not {len(pending) - 1}")
+        if pending[0] in part.elements:
+            raise Fault(f"{place}: element {pending[0]} is defined twice", "Number the elements again.")
         part.elements[pending[0]] = pending[1:]
         group.append((str(pending[0]), ""))
         pending = []

@@ -186,3 +186,8 @@ def test_shells_have_the_same_grammar(tmp_path: Path) -> None:
     _, arrays = read_inp_shells(tmp_path / "a.inp")
     np.testing.assert_allclose(arrays["points"][2], [0, 1, 0], atol=1e-15)
     assert arrays["nodes:a"].tolist() == [0, 1]
+
+
+def test_an_element_that_is_defined_twice_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(Fault, match="line 9: element 1 is defined twice"):
+        arrays_of(tmp_path, f"{TET}*ELEMENT, TYPE=C3D4\n1, 2, 1, 3, 4\n")

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hpcinv.cards.abaqus_deck import read_deck
+from hpcinv.cards.card import CardError
 from hpcinv.cards.deck import Deck, Measure
 from hpcinv.reading.inp_files import read_inp
 
@@ -174,3 +175,23 @@ def test_reference_points_have_loads_and_motions(node: str, held: str, section: 
         assert float(motion["rotate"].split()[0]) == pytest.approx(28.6478897565412)
     elif "displacement" in section:
         assert [part.value for part in rigid.section["displacement"]] == section["displacement"]
+
+
+def test_components_of_other_fields_are_said() -> None:
+    deck = deck_of(step("*BOUNDARY | FOOT, 11, 11, 300. | 7, 8"))
+    assert [text[:25] for text in deck.unused] == ["*BOUNDARY of component 11", "*BOUNDARY of component 8,"]
+    assert not deck.supports
+
+
+def test_pressures_of_several_steps_on_several_names_are_said() -> None:
+    deck = deck_of(step("*DSLOAD | A, P, 1.") + step("*DSLOAD | B, P, 2."))
+    assert pressures(deck) == {"A": 1.0, "B": 2.0}
+    assert any("order of the pressures on A, B" in text for text in deck.unused)
+
+
+def test_axes_of_a_part_that_is_turned_are_refused() -> None:
+    axes = "*ORIENTATION, NAME=o | 1, 0, 0, 0, 1, 0 | "
+    turned = "*INSTANCE, NAME=i, PART=p | 0, 0, 0 | 0, 0, 0, 0, 0, 1, 90 | *END INSTANCE | "
+    deck_of(f"*PART, NAME=p | *END PART | {axes}{turned}")
+    with pytest.raises(CardError, match=r"\*ORIENTATION in a part that \*INSTANCE turns"):
+        deck_of(f"*PART, NAME=p | {axes}*END PART | {turned}")
