@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from math import degrees, hypot
 
-from hpcinv.cards.abaqus_amplitudes import Amplitudes
+from hpcinv.cards.abaqus_amplitudes import Amplitude, Amplitudes
 from hpcinv.cards.abaqus_couplings import SPREAD, Coupling, Couplings
 from hpcinv.cards.abaqus_transform import TransformAxes, Transforms
 from hpcinv.cards.card import CardError
@@ -62,22 +62,25 @@ class Supports:
             return
         amplitude = self._amplitudes.at_end(keyword, step, self._deck.unused)
         for line in keyword.lines:
-            name, *entries = [*line, ""][: max(2, len(line))]
             try:
-                if (reference := self._couplings.reference(name)) is not None:
-                    for axis, value in held_axes(entries, has_rotations=True).items():
-                        self._moved.put(
-                            (reference[0], f"r{axis}" if reference[1] else axis), step, value, amplitude.of(value)
-                        )
-                if entries[0].isdigit() and int(entries[0]) > len(_COMPONENTS):
-                    self._deck.unused.append(f"*BOUNDARY of component {entries[0]}, such as a temperature, on '{name}'")
-                if self._single.read("BOUNDARY", [name, *entries], step, amplitude.of) or reference is not None:
-                    continue
-                name = self._spelled.setdefault(name.lower(), name)
-                for axis, value in held_axes(entries, has_rotations=self._has_rotations).items():
-                    self._held.put((name, axis), step, value, amplitude.of(value))
+                self._read_line([*line, ""][: max(2, len(line))], step, amplitude)
             except ValueError:
                 raise CardError(f"*BOUNDARY: {', '.join(line)!r} names no components") from None
+
+    def _read_line(self, line: list[str], step: int, amplitude: Amplitude) -> None:
+        """Read a line of data; ``ValueError`` if it is damaged."""
+        name, *entries = line
+        if entries[0].isdigit() and int(entries[0]) > len(_COMPONENTS):
+            self._deck.unused.append(f"*BOUNDARY of component {entries[0]}, such as a temperature, on '{name}'")
+        if (reference := self._couplings.reference(name)) is not None:
+            node, is_turned = reference
+            for axis, value in held_axes(entries, has_rotations=not is_turned).items():
+                self._moved.put((node, f"r{axis}" if is_turned else axis), step, value, amplitude.of(value))
+        if self._single.read("BOUNDARY", [name, *entries], step, amplitude.of) or reference is not None:
+            return
+        name = self._spelled.setdefault(name.lower(), name)
+        for axis, value in held_axes(entries, has_rotations=self._has_rotations).items():
+            self._held.put((name, axis), step, value, amplitude.of(value))
 
     def moved(self) -> dict[int, dict[str, float]]:
         """Return the displacements and rotations by reference node and axis, ``x`` to ``rz``."""

@@ -39,6 +39,8 @@ _SHELL = re.compile(r"(?:S|STRI|M3D)(3|4|6|8|9)[A-Z0-9]*", re.ASCII)
 _NOT_SOLID = re.compile(
     r"(?:CPS|CPE|CAX|S|STRI|M3D|SFM3D|R3D|DS|T[23]D|B3|C1D|MASS|ROTARYI|DASHPOT|GAP|DCOUP|CONN)\w*|D", re.ASCII
 )
+_STIFF = re.compile(r"(?:S|STRI|M3D|B3|SPRING|DASHPOT|MASS|ROTARYI|GAP|CONN|DCOUP)\w*", re.ASCII)
+"""those that bear loads or have mass, unlike the surface elements of mesh programs"""
 _DATA = re.compile(r"[-+.,\s\deEdD]+")
 """a line of numbers, whose keyword is lost if it is the first one"""
 _FACE = re.compile(r"S([1-6])", re.IGNORECASE)
@@ -521,7 +523,7 @@ def _read_elements(part: _Part, card: Keyword, kinds: re.Pattern[str]) -> list[s
             part.others.update(tags)
             if card.options.get("ELSET"):
                 part.members("cells", card.options["ELSET"]).extend((str(tag), "") for tag in tags)
-            return []
+            return [f"elements {shown(kind)}"] if _STIFF.fullmatch(kind) else []
         text = f"{card.place}: elements {shown(kind)} are not supported"
         raise Fault(text, "Use C3D4, C3D10, C3D8, C3D20 or C3D27, also with H, R, I or M.")
     count = int(match[1])

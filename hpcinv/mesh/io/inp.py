@@ -1,6 +1,6 @@
 """Input files of Abaqus and CalculiX, read and written."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import numpy as np
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import vtk_order
 from hpcinv.mesh.io.elements import elements_of, faces_of, read_elements
-from hpcinv.mesh.source import Floats, MeshSource
+from hpcinv.mesh.source import Floats, Ints, MeshSource
 
 _NAMES = {
     ("tetrahedron", 1): "C3D4",
@@ -83,7 +83,6 @@ def _save_surface(path: Path, source: MeshSource, points: Floats) -> None:
     cells = [part.cells[:, np.argsort(vtk_order(part.kind, part.degree))] for part in parts]
     cells = [nodes[:, :8] if nodes.shape[1] == 9 else nodes for nodes in cells]  # without the centre
     used = np.unique(np.concatenate([nodes.ravel() for nodes in cells]))
-    names = {(group.name, group.dim): None for part in parts for group in part.groups}
     with path.open("w", encoding="utf-8") as file:
         file.write("*HEADING\nWritten by hpcinv\n*NODE\n")
         rows = zip(tags[used].tolist(), points[used].tolist(), strict=True)
@@ -97,23 +96,24 @@ def _save_surface(path: Path, source: MeshSource, points: Floats) -> None:
             file.write(f"*ELEMENT, TYPE={kind}\n")
             for tag, _, own in rows_of_kind:
                 file.writelines(_lines([tag, *own]))
-        for name, dim in names:
-            groups = [
-                (part, group) for part in parts for group in part.groups if (group.name, group.dim) == (name, dim)
-            ]
-            if dim == 3:
-                file.write(f"*ELSET, ELSET={name}\n")
-                file.writelines(
-                    _rows([tag for part, group in groups for tag in part.cell_tags[group.members].tolist()])
-                )
-            else:
-                file.write(f"*NSET, NSET={name}\n")
-                part, group = groups[0]  # edges are the same in all parts
-                file.writelines(_rows(tags[np.intersect1d(part.facets[group.members], used)].tolist()))
+        file.writelines(_sets_of_surface(parts, used))
         if (thickness := source.data.get("thickness")) is not None:
             file.write("*NODAL THICKNESS\n")
             values = thickness.values[used, 0] / (source.unit or 1.0)
             file.writelines(f"{tag}, {t!r}\n" for tag, t in zip(tags[used].tolist(), values.tolist(), strict=True))
+
+
+def _sets_of_surface(parts: Sequence[MeshSource], used: Ints) -> Iterator[str]:
+    """Yield the lines of the sets of a shell: of elements, and of the nodes of edges, which all parts have."""
+    for name, dim in dict.fromkeys((group.name, group.dim) for part in parts for group in part.groups):
+        groups = [(part, group) for part in parts for group in part.groups if (group.name, group.dim) == (name, dim)]
+        if dim == 3:
+            yield f"*ELSET, ELSET={name}\n"
+            yield from _rows(np.concatenate([part.cell_tags[group.members] for part, group in groups]).tolist())
+        else:
+            part, group = groups[0]
+            yield f"*NSET, NSET={name}\n"
+            yield from _rows(part.node_tags[np.intersect1d(part.facets[group.members], used)].tolist())
 
 
 def _rows(numbers: list[int]) -> Iterator[str]:
