@@ -29,7 +29,7 @@ NOT_BODY: dict[str, str] = _NEITHER | dict.fromkeys(
     (
         *("directions", "analysis", "material", "fibres", "load_cases", "states", "effects", "supports", "cavities"),
         *("solver", "method", "fixed_point", "certificate", "quantities", "sensitivities", "accuracy"),
-        *("expected_shape", "plugins", "inputs_of_plugins", "files"),
+        *("expected_shape", "plugins", "inputs_of_plugins"),
         *(f"discretisation.{key}" for key in ("formulation", "pressure", "quadrature", "layers", "recovered_geometry")),
     ),
     "is not given to `build_body`; files that a generator reads are compared by `changed_inputs`",
