@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NoReturn
 
 from hpcinv.certificate import Certificate, Estimate, certify_all
 from hpcinv.files.untrusted import applied_to
@@ -20,7 +21,7 @@ from hpcinv.output.run_report import RunReport
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.snapshot_writer import SnapshotWriter
 from hpcinv.parallel.runtime import MPI, compilation_explained
-from hpcinv.parallel.signals import signals_recorded
+from hpcinv.parallel.signals import ended_late, signals_recorded
 from hpcinv.parallel.timings import Timings
 from hpcinv.preparation import Prepared, prepare
 from hpcinv.results.quantities_of_interest import carried, evaluate
@@ -47,6 +48,7 @@ def run(
     workspace: Workspace | None = None,
     guesses: Sequence[Guess] = (),
     compiles_ahead: bool = False,
+    end_late: Callable[[], NoReturn] | None = None,
 ) -> Result:
     """Solve a job on all ranks of ``comm``; collective.
 
@@ -60,6 +62,7 @@ def run(
         guesses: initial guesses of the first solves at full load; without one, or if it fails, the unloaded body.
         compiles_ahead: whether a second process compiles kernels of the certificate, if kernels are missing. It costs
             2 s of a processor: too much where many runs share the processors.
+        end_late: ends all ranks, if a signal asks to stop and a check of the certificate takes too long to do so.
 
     Raises:
         MeshError, OutputError, CheckpointError, SystemPartMissing: the same on every rank.
@@ -83,7 +86,7 @@ def run(
         outputs = _Outputs(prepared, store, progress, stop, guesses, overwrite=overwrite, resume=resume)
         solved = own.enter_context(outputs.keeping())
         _solve(prepared, outputs, solved)
-        certificate, estimate, spread = _check(prepared, outputs, solved)
+        certificate, estimate, spread = _check(prepared, outputs, solved, end_late)
         return outputs.report.conclude(
             Result(
                 prepared.job,
@@ -182,13 +185,16 @@ def _solve(prepared: Prepared, outputs: _Outputs, solved: _Solved) -> None:
 
 
 def _check(
-    prepared: Prepared, outputs: _Outputs, solved: _Solved
+    prepared: Prepared, outputs: _Outputs, solved: _Solved, end_late: Callable[[], NoReturn] | None
 ) -> tuple[Certificate, Estimate | None, SurfaceSpread | None]:
     """Check the solutions; return the certificate, the estimated error, and the spread by the given surface."""
     progress, spread = outputs.progress, solved.spreads.spread_of(solved.quantities)
     observer = Observers(progress, outputs.stop) if outputs.checkpoints.can_save else progress
+    late = None
+    if end_late is not None and outputs.checkpoints.can_save and outputs.checkpoints.has_saved_finished:
+        late = outputs.report.late_end(solved.solutions, end_late)
     try:
-        with progress.phase("checking"):
+        with progress.phase("checking"), ended_late(late):
             certificate, estimate = certify_all(
                 prepared.equations,
                 solved.solutions,

@@ -13,6 +13,7 @@ from petsc4py import PETSc
 from hpcinv.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.parallel.unlocked_petsc import set_up
 from hpcinv.solver.linear.factorization import WORKSPACE, larger_workspace
 from hpcinv.solver.linear.ordering import order_by_nodes
 from hpcinv.solver.petsc_options import OptionValue
@@ -185,7 +186,7 @@ def _factorized(matrix: PETSc.Mat, options: Mapping[str, OptionValue], unknowns:
         if unknowns is not None:
             pc.setFactorSetUpSolverType()
             order_by_nodes(pc.getFactorMatrix(), unknowns)
-        pc.setUp()
+        set_up(pc)
         pc.setReusePreconditioner(True)  # the matrix may be assembled again
         reason: Any = pc.getFailedReason()
     finally:

@@ -10,6 +10,7 @@ from petsc4py import PETSc
 from hpcinv.certificate.inertia import asymmetry_of, symmetric_part
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.parallel.unlocked_petsc import set_up, solve
 from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.petsc_options import SolverOptions
 
@@ -42,7 +43,7 @@ class MultigridSolver:
         self.matrix: PETSc.Mat = self._ksp.getOperators()[0]  # stays if its other owners destroy it
         self._ksp.setFromOptions()
         self._configuration.prepare(self._ksp, self.matrix)
-        self._ksp.setUp()
+        set_up(self._ksp)
         self._ksp.setUpOnBlocks()
         self.pressure_mass = self._configuration.pressure_scale()
         self._options.remove()
@@ -64,7 +65,7 @@ class MultigridSolver:
         self._configuration.set_rough(rough=not precise)
         self._ksp.setTolerances(atol=0.0 if precise else residual)
         self._ksp.setInitialGuessNonzero(not start_from_zero)
-        self._ksp.solve(b, x)
+        solve(self._ksp, b, x)
         reason: Any = self._ksp.getConvergedReason()
         return reason >= 0 and bool(np.isfinite(norm(x)))
 

@@ -4,6 +4,7 @@ import argparse
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -15,7 +16,7 @@ from hpcinv.job.job import Job, load
 from hpcinv.job.settings import LEVELS
 from hpcinv.output.run_directory import RunDirectory, choose
 from hpcinv.parallel.imports import paused_collection
-from hpcinv.parallel.signals import end_on_interrupt
+from hpcinv.parallel.signals import STOPPED, end_on_interrupt
 
 
 def add_run(commands: Any) -> None:
@@ -151,6 +152,7 @@ def _run_in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, 
                 progress=progress,
                 stop_asked=stop,
                 compiles_ahead=True,
+                end_late=partial(abort, comm, STOPPED),
             )
     missing = OutputError.exit_code if result.statistics["unwritten"] else 0
     return result.certificate.verdict.exit_code(strict=options.strict) or missing

@@ -39,6 +39,13 @@ class CheckpointWriter(Observer):
         """True if the run has checkpoints: without them, what a stopped run has solved would be lost."""
         return self._checkpoints is not None
 
+    @property
+    def has_saved_finished(self) -> bool:
+        """True if the last checkpoint has the solutions of all finished directions."""
+        *earlier, last = self._finished
+        solves = (*(solution.solves for solution in earlier), tuple(last.solves))
+        return self._saved == Position(len(earlier), last.load, solves)
+
     def save_finished(self) -> None:
         """Save the solutions of all finished directions, unless that is the last checkpoint; collective."""
         *earlier, last = self._finished

@@ -1,7 +1,9 @@
 """Report of a run: its summary, and the error of a run that does not reach its end."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +19,7 @@ from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.shape_files import lines_of
-from hpcinv.output.summary import statistics, write_summary
+from hpcinv.output.summary import statistics, write_on_this_rank, write_summary
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.boundary_surface import NAME as BOUNDARY
 from hpcinv.pictures.boundary_surface import write_boundary
@@ -146,10 +148,33 @@ class RunReport(Observer):
     def end_stopped(self, solutions: Sequence[Solution]) -> NoReturn:
         """Raise ``Interrupted`` for a run that a request to stop ended after its last solve, whose state is saved."""
         assert self.store.path is not None
-        why = "stopped by a signal"
-        line = Line("certificate", None, "", "must be complete", Verdict.UNDECIDED, why)
-        self._write(self._unfinished(solutions, line), why)
-        raise Interrupted(f"{why} in the certificate; the solution is saved", self._go_on(self.store.path))
+        self._write(self._unfinished(solutions, _INCOMPLETE), _STOPPED)
+        raise Interrupted(_STOPPED_THERE, self._go_on(self.store.path))
+
+    def late_end(self, solutions: Sequence[Solution], end: Callable[[], NoReturn]) -> Callable[[], None]:
+        """Return a function that ends a run within a check, as `end_stopped` does, but on one rank; collective.
+
+        Args:
+            end: ends all ranks.
+        """
+        path = self.store.path
+        assert path is not None
+        result = replace(self._unfinished(solutions, _INCOMPLETE), directory=path, totals=self.totals)
+        equations, store, is_first = self.equations, self.store, self.store.comm.rank == 0
+        size = equations.unknowns.size
+        content = statistics(result, _STOPPED, size, self.unused_options, equations.timings, store.comm)
+        content["unwritten"] = [error.message for error in store.unwritten]
+        content["shape_files"] = {file.name: file.left_out for file in store.shape_files.values()}
+
+        def end_with_summary() -> None:
+            if not is_first:
+                time.sleep(1.0)  # the first rank, if it has the signal too, ends all
+            with suppress(OutputError):
+                write_on_this_rank(path, content, ["json"])
+            print(f"{_STOPPED_THERE}\n  {self._go_on(path)}", file=sys.stderr)
+            end()
+
+        return end_with_summary
 
     def _go_on(self, path: Path, verb: str = "Go on with") -> str:
         return f"{verb}: mpirun -n {self.store.comm.size} python -m hpcinv resume {os.path.relpath(path)}"
@@ -190,6 +215,11 @@ class RunReport(Observer):
             finally:  # the results are kept if there is an error in the report, which 'report' writes again
                 write_summary(path, content, store.comm, formats=["json"])
         return replace(result, statistics=content)
+
+
+_STOPPED = "stopped by a signal"
+_STOPPED_THERE = f"{_STOPPED} in the certificate; the solution is saved"
+_INCOMPLETE = Line("certificate", None, "", "must be complete", Verdict.UNDECIDED, _STOPPED)
 
 
 def _not_finite(result: Result) -> Iterator[Line]:

@@ -180,12 +180,13 @@ def write_summary(
         OutputError: on every rank, if it cannot be written.
     """
 
-    def write_on_root() -> None:
-        for form in formats:
-            content = CONTENTS[form](statistics)
-            write_output(directory / f"summary.{form}", content, "Is the directory there, and space?")
+    on_root(comm, lambda: write_on_this_rank(directory, statistics, formats))
 
-    on_root(comm, write_on_root)
+
+def write_on_this_rank(directory: Path, statistics: Mapping[str, Any], formats: Sequence[str]) -> None:
+    """Write a summary as `write_summary`; not collective."""
+    for form in formats:
+        write_output(directory / f"summary.{form}", CONTENTS[form](statistics), "Is the directory there, and space?")
 
 
 def _as_json(statistics: Mapping[str, Any]) -> bytes:

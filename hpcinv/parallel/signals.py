@@ -5,6 +5,7 @@ mesh. So a thread also waits for signals: it ends runs that have nothing to save
 """
 
 import os
+import select
 import signal
 import sys
 import threading
@@ -89,6 +90,26 @@ def signals_recorded() -> Iterator[None]:
         _end = kept_end
 
 
+PATIENCE = 8.0
+"""seconds that a check has to stop by itself after a signal; raised, a process may be killed that has 10 s to end"""
+_late_end: Callable[[], None] | None = None
+
+
+@contextmanager
+def ended_late(end: Callable[[], None] | None) -> Iterator[None]:
+    """Context in which ``end`` is called some seconds after SIGTERM or SIGUSR1, by the thread that waits for signals.
+
+    Args:
+        end: must end the process, while the main thread is in a library; ``None`` never ends it.
+    """
+    global _late_end
+    kept_end, _late_end = _late_end, end
+    try:
+        yield
+    finally:
+        _late_end = kept_end
+
+
 def _watch() -> None:
     """Start the thread that waits for signals, if it is not running."""
     global _watcher
@@ -102,8 +123,19 @@ def _watch() -> None:
 
 def _wait_for_signals(read_end: int) -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())  # signals go to the main thread
-    while received := os.read(read_end, 1):
+    due: float | None = None
+    while True:
+        left = None if due is None else max(0.0, due - time.monotonic())
+        if not select.select([read_end], [], [], left)[0]:
+            due = None
+            if _late_end is not None:
+                _late_end()
+            continue
+        if not (received := os.read(read_end, 1)):
+            return
         time.sleep(_GRACE)
+        if received[0] in ASK_TO_STOP:
+            due = due or time.monotonic() + PATIENCE
         if received[0] == signal.SIGINT:
             if _interrupt is not None:
                 _interrupt()

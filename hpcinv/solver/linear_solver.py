@@ -10,6 +10,7 @@ from hpcinv.assembly.system import System
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.malloc import release_freed_memory
 from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.parallel.unlocked_petsc import set_up, solve
 from hpcinv.solver.linear.configuration import LinearConfiguration
 from hpcinv.solver.linear.factorization import Direct, is_mumps
 from hpcinv.solver.linear.iterative import Iterative
@@ -120,9 +121,9 @@ class LinearSolver:
         self.ksp.pc.setReusePreconditioner(False)
         self.ksp.setOperators(self.system.matrix)
         self.configuration.prepare(self.ksp, self.system.matrix)
-        self.ksp.setUp()
+        set_up(self.ksp)
         if self.configuration.must_refactorize(self.ksp):
-            self.ksp.pc.setUp()  # the KSP takes itself for set up
+            set_up(self.ksp.pc)  # the KSP takes itself for set up
         self.factorizations += 1
 
     def factorize_if_needed(self) -> None:
@@ -175,7 +176,7 @@ class LinearSolver:
         if not np.isfinite(norm(b)) or self._has_failed_factors:  # an error of PETSc would leave b locked
             return False
         with self.options.blamed():
-            self.ksp.solve(b, x)
+            solve(self.ksp, b, x)
         self.count_iterations(self.ksp.getIterationNumber())
         if self.must_renew:
             self.renew()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,23 @@ def reach(*_, load, **__):
     return []
 
 hpcinv.methods.direct_method.reach = reach
+runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
+"""
+# A check sends a signal to its own process, and goes on for minutes.
+BUSY = """
+import os, runpy, signal, sys, time
+import hpcinv.parallel.runtime
+import hpcinv.certificate.certify
+import hpcinv.parallel.signals
+
+def busy(*_):
+    os.kill(os.getpid(), signal.SIGTERM)
+    begun = time.monotonic()
+    while time.monotonic() - begun < 300:
+        time.sleep(100)
+
+hpcinv.parallel.signals.PATIENCE = 1.0
+sys.modules["hpcinv.certificate.certify"].self_overlap = busy
 runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 """
 CERTIFIED: dict[str, Any] = {"certificate": {}, "checkpoint": {"every": 100}}
@@ -132,6 +150,22 @@ def test_a_signal_in_the_certificate_keeps_both_directions(tmp_path: Path) -> No
     content = summary(tmp_path / "run")
     assert [solution["direction"] for solution in content["solutions"]] == ["inverse", "forward"]
     assert content["job"]["certificate"]["level"] == "quick"
+
+
+def test_a_check_that_goes_on_after_a_signal_is_ended(tmp_path: Path) -> None:
+    """Such as a long factorization: the run ends after some seconds, and goes on as after any other stop."""
+    script = tmp_path / "busy.py"
+    script.write_text(BUSY)
+    job = write_job(tmp_path / "job.yaml", BLOCK, certificate={}, checkpoint={})
+    begun = time.monotonic()
+    stopped = hpcinv(1, "run", job, "--output", "run", cwd=tmp_path, script=script)
+    assert time.monotonic() - begun < 60
+    assert stopped.returncode == 75, stopped.stderr
+    assert stopped.stderr.count("stopped by a signal in the certificate; the solution is saved") == 1
+    assert summary(tmp_path / "run")["status"] == "stopped by a signal"
+    done = hpcinv(1, "resume", "run", "--certificate", "quick", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("  load ") == 0
 
 
 def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_again(tmp_path: Path) -> None:

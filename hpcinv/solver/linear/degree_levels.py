@@ -23,6 +23,7 @@ from petsc4py import PETSc
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Floats
 from hpcinv.model.weak_form import WeakForm
+from hpcinv.parallel.unlocked_petsc import set_up
 from hpcinv.quantity.arrays import Booleans
 from hpcinv.solver.linear.cost_model import Forecast, shape_of
 from hpcinv.solver.linear.near_null_space import near_null_space
@@ -114,7 +115,7 @@ class DegreeLevels:
         pc.setFromOptions()
         pc.getMGCoarseSolve().setOperators(coarse)
         pc.getMGSmoother(1).setOperators(operator, blocks)
-        pc.setUp()
+        set_up(pc)
 
     def interpolation(self, matrix: PETSc.Mat) -> PETSc.Mat:
         """Return the interpolation of displacements of degree 1 in the rows of a tangent.

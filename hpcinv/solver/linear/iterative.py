@@ -28,6 +28,7 @@ from petsc4py import PETSc
 
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.unlocked_petsc import set_up
 from hpcinv.solver.linear.block_triangular import BlockTriangular
 from hpcinv.solver.linear.configuration import LinearConfiguration
 from hpcinv.solver.linear.convergence_test import Settling
@@ -98,7 +99,7 @@ class Iterative(LinearConfiguration):
             self._levels.set_up(pc, matrix, matrix)
         elif pc.getType() == PETSc.PC.Type.GAMG:
             matrix.setNearNullSpace(self._rigid_motions())
-            ksp.setUp()
+            set_up(ksp)
             self._update_smoother_blocks(pc, matrix)
 
     def _update_smoother_blocks(self, pc: PETSc.PC, matrix: PETSc.Mat) -> None:
