@@ -1,5 +1,6 @@
 """Command line: ``python -m hpcinv run | resume | study | sweep | mesh | …``; ``--help`` lists them all."""
 
+from hpcinv.parallel.explained_output import explain_output
 from hpcinv.parallel.signals import end_if_noted, note_while_starting
 
 if __name__ == "__main__":
@@ -15,7 +16,7 @@ import time
 from hpcinv.errors import HpcinvError, OutOfMemory, OutputError
 from hpcinv.parallel.early_exit import refuse_exit_without_end
 from hpcinv.parallel.home import require_working_directory
-from hpcinv.parallel.imports import imports_at_start, imports_explained, is_other_rank
+from hpcinv.parallel.imports import imports_at_start, imports_explained, is_other_rank, is_text
 from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
 from hpcinv.version import __version__
 
@@ -64,21 +65,30 @@ not decided (--strict), 75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; without arguments, this process's, which ends with it."""
     sys.stdout = sys.stdout or io.StringIO()  # it may be closed
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
+    explain_output()
     typed = sys.argv[1:] if arguments is None else arguments
     with imports_at_start():
         parser = _parser(*typed[:1])
         if not typed:
             parser.print_help(sys.stderr)
             return 2
-        options = parser.parse_args(complete_action(typed))
+        try:
+            options = parser.parse_args(complete_action(typed))
+        except SystemExit:  # after --help, whose text may wait to be written
+            if not _is_written():
+                return OutputError.exit_code
+            raise
+        except OutputError as error:
+            print(error, file=sys.stderr)
+            return error.exit_code
         from hpcinv.files.untrusted import asked_for
     if arguments is None:
         refuse_exit_without_end()
     end_if_noted()
     try:
         require_working_directory()
+        if typed[0] != "validate":  # which reports each of its files
+            _require_text(typed)
         with imports_explained(), asked_for(options):
             code: int = options.command(options)
         if sys.stdout:  # code of the job may have removed it
@@ -96,11 +106,31 @@ def main(arguments: list[str] | None = None) -> int:
         discard_output()
         return CLOSED_OUTPUT
     except OSError as error:
-        print(f"{error.filename or 'standard output'}: cannot be written or read: {error.strerror}", file=sys.stderr)
+        print(f"{error.filename or 'a file'}: cannot be written or read: {error.strerror}", file=sys.stderr)
         return OutputError.exit_code
     except KeyboardInterrupt:
         return 130
     return code
+
+
+def _is_written() -> bool:
+    """Return whether all output is written; print why it is not."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        discard_output()
+    except OutputError as error:
+        print(error, file=sys.stderr)
+        return False
+    return True
+
+
+def _require_text(arguments: list[str]) -> None:
+    """Raise ``OutputError`` for an argument that is not UTF-8, such as a name of a file from an old system."""
+    for argument in arguments:
+        if not is_text(argument):
+            name = argument.encode(errors="backslashreplace").decode()
+            raise OutputError(f"{name}: the name of the file is not UTF-8; rename it")
 
 
 def complete_action(arguments: list[str]) -> list[str]:

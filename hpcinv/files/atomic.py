@@ -9,9 +9,10 @@ import contextlib
 import errno
 import os
 import secrets
+import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Literal
+from typing import IO
 
 from hpcinv.errors import OutputError
 
@@ -51,8 +52,9 @@ def publish(path: Path, content: bytes) -> bool:
 def replace(path: Path, content: bytes, *, shared: bool = False) -> None:
     """Write a file, replacing an existing one; durable.
 
-    After a kill the file has its old or its new content, and a hidden ``.NAME.partial`` may be left, which the next
-    call replaces. Only one process may write the file, unless it is shared. A device or a pipe is written to.
+    The mode of an existing file stays. After a kill the file has its old or its new content, and a hidden
+    ``.NAME.partial`` may be left, which the next call replaces. Only one process may write the file, unless it is
+    shared. A device or a pipe is written to.
 
     Args:
         shared: several processes may write the file at the same time, through partial files of different names.
@@ -67,7 +69,8 @@ def replace(path: Path, content: bytes, *, shared: bool = False) -> None:
     own = f".{secrets.token_hex(8)}" if shared else ""
     partial = path.with_name(f".{path.name}{own}.partial")
     try:
-        _write(partial, "wb", content)
+        with _opened(partial, path) as file:
+            _flushed(file, content)
         partial.replace(path)
     except OSError:
         with contextlib.suppress(OSError):
@@ -89,11 +92,28 @@ def make_directory(path: Path) -> None:
         _flush_directory(path.parent)
 
 
-def _write(path: Path, mode: Literal["wb", "xb"], content: bytes) -> None:
-    with path.open(mode) as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
+def take_permissions(file: int | Path, path: Path) -> None:
+    """Give a file, by its path or descriptor, the mode and the owner of the one that it replaces, if there is one."""
+    with contextlib.suppress(OSError):  # none to replace, or a file system without them
+        status = path.stat()
+        if (status.st_uid, status.st_gid) != (os.geteuid(), os.getegid()):
+            with contextlib.suppress(OSError):  # only root may
+                os.chown(file, status.st_uid, status.st_gid)
+        os.chmod(file, stat.S_IMODE(status.st_mode))  # noqa: PTH101  (of a descriptor)
+
+
+def _opened(partial: Path, path: Path) -> IO[bytes]:
+    """Open a file for writing that will replace another one, and that nobody else may read before that."""
+    mode = 0o600 if path.exists() else 0o666
+    file = os.fdopen(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode), "wb")
+    take_permissions(file.fileno(), path)
+    return file
+
+
+def _flushed(file: IO[bytes], content: bytes) -> None:
+    file.write(content)
+    file.flush()
+    os.fsync(file.fileno())
 
 
 def _flush_directory(path: Path) -> None:
@@ -110,7 +130,8 @@ def _flush_directory(path: Path) -> None:
 def _create(path: Path, content: bytes, fallback: Callable[[Path, Path], None]) -> bool:
     partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}.partial")
     try:
-        _write(partial, "xb", content)
+        with partial.open("xb") as file:
+            _flushed(file, content)
         return _link(partial, path, fallback)
     finally:
         partial.unlink(missing_ok=True)
@@ -138,9 +159,7 @@ def _write_in_place(partial: Path, path: Path) -> None:
     content = partial.read_bytes()
     with path.open("xb") as file:
         try:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+            _flushed(file, content)
         except OSError:
             path.unlink(missing_ok=True)
             raise

@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from hpcinv.errors import OutputError
+from hpcinv.files.atomic import take_permissions
 from hpcinv.formats import FORMATS
 from hpcinv.formats.mesh_format import loaded
 from hpcinv.mesh.body import Body, reorder_to_source, source_node_values, values_on_cells
@@ -114,6 +115,7 @@ def save(path: Path, source: MeshSource, points: Floats) -> None:
     unfinished = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
         SAVERS[suffix_of(path)](unfinished, source, points / (source.unit or 1.0))
+        take_permissions(unfinished, path)
         unfinished.replace(path)
     except OSError as exc:
         unfinished.unlink(missing_ok=True)

@@ -2,6 +2,7 @@
 
 import os
 import stat
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TextIO
@@ -9,6 +10,7 @@ from typing import Any, TextIO
 import rich.console
 from rich.table import Table
 
+from hpcinv.errors import OutputError
 from hpcinv.parallel.signals import discard_output
 
 
@@ -36,11 +38,18 @@ def table_of_numbers(*titles: str, texts: int = 1, header_style: str = "") -> Ta
 
 
 class RunConsole(rich.console.Console):
-    """Console of a run, which continues when the pipe is closed, since its results are files."""
+    """Console of a run, which continues when its output cannot be written, since its results are files."""
 
     def on_broken_pipe(self) -> None:
         self.quiet = True
         discard_output()
+
+    def _check_buffer(self) -> None:
+        try:
+            super()._check_buffer()
+        except OutputError as error:  # such as a full disk
+            print(f"warning: {error.message}; the run goes on", file=sys.stderr)
+            self.on_broken_pipe()
 
 
 class ForwardedConsole(RunConsole):

@@ -70,3 +70,12 @@ def _package(error: ImportError) -> str:
 
 def _top(name: str) -> str:
     return name.partition(".")[0]
+
+
+def is_text(argument: str) -> bool:
+    """Return whether an argument is UTF-8. Other bytes are surrogates; libraries fail with them."""
+    try:
+        argument.encode()
+    except UnicodeEncodeError:
+        return False
+    return True

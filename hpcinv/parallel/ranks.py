@@ -9,7 +9,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import NoReturn
 
 from hpcinv.errors import HpcinvError, OutOfMemory, OutputError
@@ -156,7 +156,8 @@ def _print_traceback(comm: MPI.Intracomm, exc: BaseException) -> None:
 
 def abort(comm: MPI.Intracomm, code: int) -> NoReturn:
     """End all ranks of a run with an exit code."""
-    sys.stdout.flush()
+    with suppress(OutputError):
+        sys.stdout.flush()
     sys.stderr.flush()
     if comm.size > 1:
         time.sleep(0.2)  # a launcher may drop output that it has not forwarded yet

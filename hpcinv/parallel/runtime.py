@@ -9,12 +9,14 @@ import os
 import re
 import shlex
 import shutil
+import sys
 import sysconfig
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from hpcinv.errors import SystemPartMissing
+from hpcinv.parallel.imports import is_text
 from hpcinv.parallel.ranks import MPI, agree, on_root
 from hpcinv.parallel.signals import handlers_kept
 
@@ -52,7 +54,18 @@ def _load_stack() -> None:
             raise SystemPartMissing(mismatch, INSTALLING)
 
 
-with handlers_kept():  # PETSc installs a handler of SIGTERM that ends the process
+@contextmanager
+def _readable_arguments() -> Iterator[None]:
+    """Context without arguments that are not UTF-8: DOLFINx, which looks for options of its own, fails with them."""
+    typed = sys.argv
+    sys.argv = [argument for argument in typed if is_text(argument)]
+    try:
+        yield
+    finally:
+        sys.argv = typed
+
+
+with handlers_kept(), _readable_arguments():  # PETSc installs a handler of SIGTERM that ends the process
     _load_stack()
 
 

@@ -21,6 +21,8 @@ _UNPACKED = 10
 _MOST_ROWS = 1_000_000
 """Rows of a sheet, which is what spreadsheets allow; raised, reading takes minutes."""
 _MOST_COLUMNS = 1000
+_MOST_CELLS = 20_000_000
+"""Cells of a sheet, with the empty ones up to the last of each row; raised, reading takes minutes."""
 _DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 
 
@@ -79,8 +81,8 @@ def _workbook(content: bytes, most: int, sheet: str | None) -> TableReading:
         name = sheet if sheet is not None else names[0]
         if name not in names:
             raise ValueError(f"has no sheet '{name}'.{did_you_mean(name, names)}")
-        values = book[name].iter_rows(max_row=_MOST_ROWS, max_col=_MOST_COLUMNS, values_only=True)
-        rows = list(_rows(islice(values, _MOST_ROWS)))
+        book[name].reset_dimensions()  # else each row has as many cells as the file says
+        rows = list(_rows(islice(book[name].iter_rows(values_only=True), _MOST_ROWS)))
     except ValueError:
         raise
     except Exception as error:  # openpyxl raises whatever damaged files cause
@@ -90,8 +92,14 @@ def _workbook(content: bytes, most: int, sheet: str | None) -> TableReading:
 
 
 def _rows(rows: Iterator[tuple[Any, ...]]) -> Iterator[Row | tuple[int, str]]:
+    count = 0
     for line, cells in enumerate(rows, start=1):
-        entries = [_text(cell) for cell in cells]
+        if not cells:  # one of the empty rows before a formatted cell
+            continue
+        count += len(cells)
+        if count > _MOST_CELLS:
+            raise ValueError(f"has more than {_MOST_CELLS:,} cells, many of them empty; save it as .csv")
+        entries = [_text(cell) for cell in cells[:_MOST_COLUMNS]]
         while entries and not entries[-1]:
             entries.pop()
         if entries and entries[0].startswith("#"):

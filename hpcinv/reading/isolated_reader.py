@@ -186,6 +186,8 @@ def main(action: str, name: str, memory: str, seconds: str) -> None:
         head = {"fault": [f"{name}{refused.text}", "", False]}
     except Fault as fault:
         head = {"fault": [shown(fault.text, _LONGEST), fault.advice, isinstance(fault, PackageMissing)]}
+    except OverflowError:
+        head = {"fault": ["has a number of a node or element beyond 64 bits", "Is the file complete?", False]}
     except MemoryError:
         text = f"reading it takes more than the {int(memory) / 1e9:.1f} GB of memory that are available"
         head = {"fault": [text, "Is the file damaged?", False]}

@@ -138,11 +138,14 @@ def number(text: str, place: str) -> float:
 
 
 def whole_number(text: str, place: str) -> int:
-    """Return a whole number."""
+    """Return a whole number of at most `LARGEST`."""
     try:
-        return int(text)
+        value = int(text)
     except ValueError:
         raise Fault(f"{place}: '{shown(text.strip())}' is not a whole number", "Is the file complete?") from None
+    if abs(value) > LARGEST:
+        raise Fault(f"{place}: '{shown(text.strip())}' is beyond {LARGEST:.0e}", "Is the file complete?")
+    return value
 
 
 def whole_numbers(texts: Iterable[str], place: str) -> list[int]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.command_line import ROOT, environment
+from helpers.command_line import CUBE, ROOT, environment, write_job
 
 import hpcinv
 from hpcinv.errors import HpcinvError, JobError, OutputError
@@ -117,11 +117,28 @@ def test_a_reader_that_goes_away_ends_the_command_quietly(command: str) -> None:
     assert (process.returncode, errors) == (141, b"")
 
 
-def test_unwritable_or_closed_output_causes_no_traceback() -> None:
-    with Path("/dev/full").open("wb") as full, start("schema", stdout=full) as process:
-        _, errors = process.communicate(timeout=60)
+@pytest.mark.parametrize("arguments", [("schema",), ("--help",), ("explain", "JOB")])
+def test_output_to_a_full_disk_causes_no_traceback(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    job = write_job(tmp_path / "job.yaml", CUBE)
+    words = [str(job) if word == "JOB" else word for word in arguments]
+    with Path("/dev/full").open("wb") as full, start(*words, stdout=full) as process:
+        _, errors = process.communicate(timeout=120)
     assert process.returncode == 2
-    assert errors == b"standard output: cannot be written or read: No space left on device\n"
+    assert errors.endswith(b"standard output: cannot be written: No space left on device\n")
+    assert b"Traceback" not in errors
+
+
+def test_a_run_goes_on_without_its_output(tmp_path: Path) -> None:
+    job = write_job(tmp_path / "job.yaml", CUBE, discretisation={"displacement": 1})
+    with Path("/dev/full").open("wb") as full, start("run", job, "--output", tmp_path / "out", stdout=full) as process:
+        _, errors = process.communicate(timeout=120)
+    assert process.returncode == 0
+    assert b"standard output: cannot be written: No space left on device; the run goes on" in errors
+    assert b"Traceback" not in errors
+    assert (tmp_path / "out" / "summary.json").is_file()
+
+
+def test_closed_output_causes_no_traceback() -> None:
     with start("schema", preexec_fn=lambda: os.close(1)) as process:
         _, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (0, b"")
@@ -137,6 +154,13 @@ def test_names_that_are_not_text_are_reported(tmp_path: Path) -> None:
     assert b"\\udcff.yaml: the name of the file is not UTF-8; rename it" in errors
     assert b"/dev/zero: cannot be read: it is a device or a pipe" in errors
     assert b"Traceback" not in errors
+
+
+def test_an_argument_that_is_not_text_is_refused_before_libraries_fail(tmp_path: Path) -> None:
+    with start("compare", b"\xff.stl", "x.stl", stdout=subprocess.PIPE) as process:
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert errors == b"\\udcff.stl: the name of the file is not UTF-8; rename it\n"
 
 
 def energy(formula: str) -> dict[str, Any]:

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from hpcinv.errors import MeshError
 from hpcinv.formats import FORMATS
 from hpcinv.job.resolved_job import file_digest
+from hpcinv.mesh.io.isolated import read_isolated
 from hpcinv.reading import bdf_files
 from hpcinv.reading.fault import Fault
 from hpcinv.reading.included_files import Inclusions, lines_of
@@ -57,6 +59,35 @@ def test_a_file_that_includes_many_others_once_is_read(tmp_path: Path) -> None:
         (tmp_path / name).write_text("*NODE\n1, 0, 0, 0\n")
     (tmp_path / "body.inp").write_text("".join(f"*INCLUDE, INPUT={name}\n" for name in names))
     assert len(list(lines_of(tmp_path / "body.inp"))) == 600
+
+
+LONG = "123456789012345678901"
+NUMBERED = {
+    "node.inp": f"*NODE\n{LONG}, 0, 0, 0\n*ELEMENT, TYPE=C3D4\n1, {LONG}, 2, 3, 4\n",
+    "element.inp": f"*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 0, 1, 0\n4, 0, 0, 1\n*ELEMENT, TYPE=C3D4\n{LONG}, 1, 2, 3, 4\n",
+    "set.inp": (
+        "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 0, 1, 0\n4, 0, 0, 1\n*ELEMENT, TYPE=C3D4, ELSET=a\n1, 1, 2, 3, 4\n"
+        f"*NSET, NSET=b\n{LONG}\n"
+    ),
+    "element.bdf": f"BEGIN BULK\nGRID,1,,0.,0.,0.\nCTETRA,{LONG},1,1,2,3,4\nENDDATA\n",
+    "node.unv": f"    -1\n  2411\n{LONG} 1 1 1\n 0. 0. 0.\n    -1\n",
+    "element.feb": (
+        '<?xml version="1.0"?><febio_spec version="4.0"><Mesh><Nodes><node id="1">0,0,0</node><node id="2">1,0,0</node>'
+        '<node id="3">0,1,0</node><node id="4">0,0,1</node></Nodes><Elements type="tet4" name="a">'
+        f'<elem id="{LONG}">1,2,3,4</elem></Elements></Mesh></febio_spec>'
+    ),
+}
+
+
+@pytest.mark.parametrize("name", NUMBERED)
+def test_numbers_beyond_64_bits_get_a_message(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text(NUMBERED[name])
+    with pytest.raises(MeshError) as refused:
+        read_isolated(path.suffix[1:], path, "cannot be read", "")
+    assert any(text in refused.value.message for text in ("beyond", "is not defined", "whole number"))
+    assert "C long" not in refused.value.message
+    assert "Error" not in refused.value.message
 
 
 HOSTILE = {

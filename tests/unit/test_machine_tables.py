@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,36 @@ def test_titles_of_a_workbook_may_have_two_lines(tmp_path: Path) -> None:
     path = tmp_path / "uniaxial.xlsx"
     book.save(path)
     assert read_file(path, FileOptions("uniaxial")).tests[0].stress == pytest.approx([1e5, 2e5])
+
+
+def test_a_formatted_cell_far_below_takes_no_time(tmp_path: Path) -> None:
+    import openpyxl
+    from openpyxl.styles import Font
+
+    book = openpyxl.Workbook()
+    assert book.active is not None
+    for row in (["stretch [-]", "nominal stress [MPa]"], [1.1, 0.1], [1.2, 0.2]):
+        book.active.append(row)
+    book.active.cell(100_000, 1).font = Font(bold=True)
+    book.active.cell(100_001, 16_000).font = Font(bold=True)
+    path = tmp_path / "uniaxial.xlsx"
+    book.save(path)
+    began = time.process_time()
+    assert read_file(path, FileOptions("uniaxial")).tests[0].stress == pytest.approx([1e5, 2e5])
+    assert time.process_time() - began < 4  # 9 s where each row had 1,000 entries
+
+
+def test_workbooks_of_too_many_empty_cells_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    assert book.active is not None
+    book.active.cell(5, 100, "far")
+    path = tmp_path / "uniaxial.xlsx"
+    book.save(path)
+    monkeypatch.setattr("hpcinv.quantity.table_files._MOST_CELLS", 99)
+    with pytest.raises(JobError, match=r"has more than 99 cells, many of them empty; save it as \.csv"):
+        read_file(path, FileOptions("uniaxial"))
 
 
 def test_workbooks_need_a_package_and_whole_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
