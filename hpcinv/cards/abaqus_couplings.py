@@ -127,9 +127,9 @@ class _OuterNodes:
             elif keyword.name == "NODE" and not is_inside:
                 self._keywords.append(keyword)
                 if name := keyword.options.get("NSET"):
-                    self._sets.setdefault(name.lower(), []).extend(line[0] for line in keyword.lines[:2])
+                    self._sets.setdefault(name.lower(), []).extend(entries[0] for _, entries in keyword.rows[:2])
             elif keyword.name == "NSET" and not is_inside and not {"INSTANCE", "ELSET"} & keyword.options.keys():
-                members = [entry for line in keyword.lines[:2] for entry in line if entry]
+                members = [entry for _, entries in keyword.rows[:2] for entry in entries if entry]
                 if "GENERATE" in keyword.options and len(set(members[:2])) == 1:
                     members = members[:1]
                 self._sets.setdefault(keyword.options.get("NSET", "").lower(), []).extend(members)
@@ -146,8 +146,8 @@ class _OuterNodes:
 
     def position(self, node: int) -> tuple[float, float, float]:
         for keyword in reversed(self._keywords):
-            for line in keyword.lines:
-                if line[0] == str(node):
-                    coordinates = [number(entry or "0", "*NODE") for entry in line[1:4]]
+            for _, entries in keyword.rows:
+                if entries[0] == str(node):
+                    coordinates = [number(entry or "0", "*NODE") for entry in entries[1:4]]
                     return position_of(coordinates, keyword.options.get("SYSTEM", ""), "*NODE")
         raise CardError(f"the reference node {node} of a coupling is not defined")

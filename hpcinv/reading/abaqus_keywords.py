@@ -6,7 +6,7 @@ from math import cos, radians, sin
 
 from hpcinv.reading.abaqus_options import spelled
 from hpcinv.reading.fault import Fault, shown
-from hpcinv.reading.included_files import FileLine, joined_lines
+from hpcinv.reading.included_files import joined_lines
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class Keyword:
         return [entries for _, entries in self.rows]
 
 
-def keywords(lines: Iterable[FileLine]) -> Iterator[Keyword]:
-    """Yield the keywords; lines before the first one have a keyword of no name."""
+def keywords(lines: Iterable[tuple[str, str]]) -> Iterator[Keyword]:
+    """Yield the keywords of lines with their places; lines before the first one have a keyword of no name."""
     keyword: Keyword | None = None
     for place, line in lines:
         if line.startswith("*"):
@@ -47,8 +47,8 @@ def keywords(lines: Iterable[FileLine]) -> Iterator[Keyword]:
 
 
 def keywords_of_text(text: str) -> list[Keyword]:
-    """Return the keywords of a text, which has the files that it includes."""
-    lines = (FileLine(f"line {number}", line) for number, line in joined_lines(text.splitlines()))
+    """Return the keywords of a text, which has the files that it includes, without their places."""
+    lines = (("", line) for _, line in joined_lines(text.splitlines()))
     return [keyword for keyword in keywords(lines) if keyword.name]
 
 
@@ -75,7 +75,9 @@ def position_of(coordinates: Sequence[float], system: str, place: str) -> tuple[
 
 def _entries(line: str) -> list[str]:
     """Return the entries of a line of data."""
-    entries = [entry.strip().strip('"') for entry in line.split(",")]
+    entries = [entry.strip() for entry in line.split(",")]
+    if '"' in line:
+        entries = [entry.strip('"') for entry in entries]
     while len(entries) > 1 and not entries[-1]:
         entries.pop()
     return entries

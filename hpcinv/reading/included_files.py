@@ -133,20 +133,21 @@ def joined_lines(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
     A keyword that ends with a comma is continued by a line that begins with an option of it, as Abaqus does. CalculiX
     continues none: a line of data after such a keyword is data in both programs.
     """
-    head, place = "", 0
+    head, place = "", 0  # a keyword that ends with a comma
     for number, line in enumerate(lines, 1):
         stripped = line.strip()
         if not stripped or stripped.startswith("**"):
             continue
-        if head and not stripped.startswith("*") and _continues(head, stripped):
-            head, place = head + stripped, number
-        else:
-            if head:
+        if head:
+            if not stripped.startswith("*") and _continues(head, stripped):
+                stripped = head + stripped
+            else:
                 yield place, head.rstrip(", ")
-            head, place = stripped, number
-        if not (head.startswith("*") and head.endswith(",")):
-            yield place, head
             head = ""
+        if stripped[0] == "*" and stripped[-1] == ",":
+            head, place = stripped, number
+        else:
+            yield number, stripped
     if head:
         yield place, head.rstrip(", ")
 
