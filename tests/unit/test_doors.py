@@ -80,6 +80,7 @@ OWN = {
     "parallel/processes.py: Path('/proc/sys/kernel/random/boot_id')": "of the system",
     "parallel/processes.py: Path(f'/proc/{pid}/stat')": "of the system",
     "parallel/signals.py: os.devnull": "nothing",
+    "parallel/unlocked_petsc.py: PETSc.__file__": "of the installation",
     "quantity/table_files.py: io.BytesIO(content)": "content that was admitted",
     "reading/isolated_reader.py: 'hpcinv'": "code of the package",
     "reading/isolated_reader.py: Path('/proc/self/statm')": "of the system",
