@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hpcinv.cards.abaqus_deck import read_deck
@@ -195,3 +198,56 @@ def test_axes_of_a_part_that_is_turned_are_refused() -> None:
     deck_of(f"*PART, NAME=p | *END PART | {axes}{turned}")
     with pytest.raises(CardError, match=r"\*ORIENTATION in a part that \*INSTANCE turns"):
         deck_of(f"*PART, NAME=p | {axes}*END PART | {turned}")
+
+
+CUBE = """*NODE
+1,0,0,0 | 2,1,0,0 | 3,1,1,0 | 4,0,1,0 | 5,0,0,1 | 6,1,0,1 | 7,1,1,1 | 8,0,1,1
+*ELEMENT, TYPE=C3D8, ELSET=EALL
+1, 1,2,3,4,5,6,7,8
+*NSET, NSET=FOOT | 1,2,3,4 | *NSET, NSET=TOP | 5,6,7,8 | *NSET, NSET=WIDE | 7,8
+*ELSET, ELSET=ONE | 1 | *SURFACE, NAME=ROOF | ONE, S2
+*MATERIAL, NAME=rubber | *ELASTIC | 1e4, 0.3 | *DENSITY | 0.01
+*SOLID SECTION, ELSET=EALL, MATERIAL=rubber
+*AMPLITUDE, NAME=HALF | 0,0, 1,0.5
+*BOUNDARY | FOOT, 1, 3
+"""
+STEPS = [
+    step("*CLOAD | TOP, 1, 1. | *CLOAD | TOP, 1, 2. | WIDE, 1, 4."),
+    step("*CLOAD | TOP, 1, 1.") + step("*CLOAD | WIDE, 1, 5. | *DSLOAD | ROOF, P, 2."),
+    step("*CLOAD | TOP, 1, 1.") + step("*CLOAD, OP=NEW | WIDE, 2, 5. | *CLOAD, OP=NEW | WIDE, 2, 1. | 5, 3, 2."),
+    step("*DLOAD | EALL, P2, 3. | 1, P2, 1. | *DLOAD, AMPLITUDE=HALF | EALL, P3, 4."),
+    step("*DLOAD | EALL, GRAV, 100., 0,0,-2. | EALL, GRAV, 30., 3.,0,0 | EALL, GRAV, 20., 0,0,-1."),
+    step("*DLOAD | EALL, GRAV, 100., 0,0,-2. | ONE, GRAV, 30., 3.,0,0")
+    + step("*DLOAD | EALL, GRAV, 50., 0,0,-7. | ONE, GRAV, 10., 1.,0,0"),
+    step("*DLOAD | EALL, P2, 3. | 1, P4, 1.") + step("*DLOAD, OP=NEW | 1, P2, 1."),
+    step("*CLOAD, AMPLITUDE=HALF | TOP, 3, 8.") + step("*BOUNDARY | FOOT, 1, 3"),
+]
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+@pytest.mark.parametrize("steps", STEPS)
+def test_calculix_finds_the_same_force_on_the_foot(steps: str, tmp_path: Path) -> None:
+    text = (CUBE + steps.replace(", NLGEOM", "")).replace(" | ", "\n")
+    (tmp_path / "a.inp").write_text(text)
+    arrays = read_inp(tmp_path / "a.inp")[1]
+    sets = {k[6:]: frozenset(arrays["node_tags"][v].tolist()) for k, v in arrays.items() if k.startswith("nodes:")}
+    deck = read_deck(text, sets)
+    normals = {"1": (0, 0, -1), "2": (0, 0, 1), "3": (0, -1, 0), "4": (1, 0, 0)}
+    faces = {key[6:]: str(rows[0, 1] + 1) for key, rows in arrays.items() if key.startswith("faces:")}
+    total = np.zeros(3)
+    for forces in deck.forces:
+        total += np.sum(list(forces.forces.values()), axis=0)
+    on_foot = np.zeros(3)  # half of what acts on the whole body or on a side of it
+    for effect in deck.effects:
+        if effect["effect"] == "gravity":
+            on_foot += [0.01 * part.value / 2 for part in effect["acceleration"]]
+        else:
+            push = -effect["pressure"].value * np.array(normals[faces[effect["region"]]])
+            on_foot += push if push[2] else push / 2
+    output = "*NODE PRINT, NSET=FOOT, TOTALS=ONLY\nRF\n*END STEP"
+    (tmp_path / "ref.inp").write_text(text.replace("*END STEP", output))
+    subprocess.run(["ccx", "-i", "ref"], cwd=tmp_path, capture_output=True, check=True, timeout=60)
+    rows = [line.split() for line in (tmp_path / "ref.dat").read_text().splitlines()]
+    reaction = np.array([float(x) for x in [row for row in rows if len(row) == 3][-1]])
+    np.testing.assert_allclose(total + on_foot, -reaction, atol=2e-5)
+    assert [text for text in deck.unused if "Abaqus" not in text] == []
