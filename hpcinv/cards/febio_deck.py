@@ -17,6 +17,12 @@ _READ = ("Module", "Control", "Globals", "Material", "Mesh", "Geometry", "MeshDo
 _WITHOUT_EFFECT = ("Output", "Import", "Step")  # the last step is read
 _AS_NODES = re.compile(r"^@(\w+):")  # a surface or an element set as a node set
 _KINDS = {"surface": "surface", "elem_set": "part", "part": "part"}  # of regions, by these prefixes
+_OPTIONS = frozenset(
+    {"x_dof", "y_dof", "z_dof", "dofs", "dof", "value", "scale", "relative", "pressure", "traction", "force"}
+    | {"x", "y", "z", "linear", "shell_bottom", "symmetric_stiffness"}
+)
+"""elements within conditions and loads that are read, or that do not change the load"""
+_ATTRIBUTES = frozenset({"name", "type", "node_set", "surface", "elem_set", "bc", "lc", "id"})
 _SHELLS = ("tri", "quad", "q4")  # beginnings of types of elements
 _AT_REST = ("", "STATIC", "STEADY-STATE")
 
@@ -53,6 +59,8 @@ class _DeckReader:
             self._deck.support(name, values, of=of)
         for load in self._entries("Loads"):
             self._read_load(load)
+        for entry in (*self._entries("Boundary"), *self._entries("Loads")):
+            self._list_options(entry)
         self._list_the_rest()
         return self._deck
 
@@ -95,6 +103,15 @@ class _DeckReader:
                 kind = (analysis.text or analysis.get("type") or "").strip()
                 if kind.upper() not in _AT_REST:
                     unused.append(f"inertia (analysis {kind})")
+
+    def _list_options(self, entry: ET.Element) -> None:
+        """List what a condition or a load says and this reader does not know."""
+        place = entry.get("type", entry.tag)
+        for option in entry:
+            if option.tag not in _OPTIONS and (option.text or "").strip() not in ("0", "false"):
+                self._deck.unused.append(f"<{option.tag}> of <{entry.tag} type='{place}'>")
+        attributes = [name for name in entry.attrib if name not in _ATTRIBUTES]
+        self._deck.unused += [f"{name}= of <{entry.tag} type='{place}'>" for name in attributes]
 
     def _read_condition(self, condition: ET.Element, held: dict[tuple[str, str], dict[str, float]]) -> None:
         region, of = _region_of(condition)

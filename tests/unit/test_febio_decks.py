@@ -1,0 +1,68 @@
+"""Supports and loads of FEBio's models: on whole parts, and with options that are not read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from hpcinv.__main__ import main
+from hpcinv.cards.febio_deck import read_deck
+from hpcinv.job.job import load
+
+MODEL = """<febio_spec version="4.0"><Module type="solid"/>
+<Material><material id="1" name="soft" type="neo-Hookean"><E>2</E><v>0.3</v></material></Material>
+<Mesh><Nodes>
+<node id="1">0,0,0</node><node id="2">1,0,0</node><node id="3">0,1,0</node><node id="4">0,0,1</node>
+<node id="5">1,1,1</node></Nodes>
+<Elements type="tet4" name="a"><elem id="1">1,2,3,4</elem></Elements>{more}
+<Surface name="side"><tri3 id="1">1,3,4</tri3></Surface><NodeSet name="side">1,2,3</NodeSet></Mesh>
+<MeshDomains><SolidDomain name="a" mat="soft"/>{domain}</MeshDomains>
+<Boundary><bc node_set="{region}" type="zero displacement"><x_dof>1</x_dof><y_dof>1</y_dof><z_dof>1</z_dof></bc>
+</Boundary>
+</febio_spec>
+"""
+SECOND = '<Elements type="tet4" name="b"><elem id="2">2,3,4,5</elem></Elements>', '<SolidDomain name="b" mat="soft"/>'
+
+
+def job_of(tmp_path: Path, text: str) -> tuple[dict[str, Any], str]:
+    (tmp_path / "a.feb").write_text(text)
+    options = ["--unit", "mm", "--stress-unit", "MPa", str(tmp_path / "a.yaml"), "--force"]
+    assert main(["new", "job", "--from", str(tmp_path / "a.feb"), *options]) == 0
+    written = (tmp_path / "a.yaml").read_text()
+    return yaml.safe_load(written), written
+
+
+def test_a_support_on_a_whole_part_is_a_job_that_can_run(tmp_path: Path) -> None:
+    job, text = job_of(tmp_path, MODEL.format(more="", domain="", region="@elem_set:a"))
+    assert job["supports"] == [{"region": "boundary", "fix": ["x", "y", "z"]}]
+    assert "the whole body, holds its boundary" in text
+    load(tmp_path / "a.yaml")
+    more, domain = SECOND
+    job, _ = job_of(tmp_path, MODEL.format(more=more, domain=domain, region="@elem_set:a"))
+    assert job["supports"] == [{"region": "a_vertices", "fix": ["x", "y", "z"]}]
+    assert len(job["regions"]["a_vertices"]["vertices"]) == 4
+    load(tmp_path / "a.yaml")
+
+
+def test_a_node_set_and_a_surface_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    job, _ = job_of(tmp_path, MODEL.format(more="", domain="", region="side"))
+    assert job["supports"][0]["region"] == "side-nodes"
+    job, _ = job_of(tmp_path, MODEL.format(more="", domain="", region="@surface:side"))
+    assert job["supports"][0]["region"] == "side"
+
+
+@pytest.mark.parametrize(
+    ("entry", "word"),
+    [
+        ('<bc node_set="side" type="zero displacement"><x_dof>1</x_dof><sx_dof>1</sx_dof></bc>', "<sx_dof>"),
+        ('<bc node_set="side" type="zero displacement" active="0"><x_dof>1</x_dof></bc>', "active="),
+        ('<bc node_set="side" type="zero displacement"><x_dof>1</x_dof><sx_dof>0</sx_dof></bc>', ""),
+    ],
+)
+def test_options_that_are_not_read_are_listed(entry: str, word: str) -> None:
+    text = f"<febio_spec version='4.0'><Boundary>{entry}</Boundary></febio_spec>"
+    unused = read_deck(text, {}).unused
+    assert any(word in line for line in unused) if word else not unused
