@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +11,7 @@ import h5py
 import numpy as np
 
 from hpcinv.job.job import Job
-from hpcinv.quantity.units import parse_unit
+from hpcinv.quantity.units import is_prefixed, parse_unit, prefixed_unit
 
 type Columns = dict[str, list[Any]]
 
@@ -31,16 +32,27 @@ def as_csv(columns: Columns, units: Mapping[str, str]) -> str:
 def in_written_units(
     columns: Columns, units: Mapping[str, str], symbols: Mapping[str, str]
 ) -> tuple[Columns, dict[str, str]]:
-    """Return columns in the units in which a job is written, and the units.
+    """Return columns in the units of the screen, and the units: the job's, or one with a prefix for all columns.
 
     Args:
-        symbols: of these units by SI unit.
+        symbols: of the units in which the job is written, by SI unit.
     """
+    symbols = _prefixed(columns, units) | dict(symbols)
     written = {column: symbols.get(unit, unit) for column, unit in units.items()}
     return {
         column: [as_written(value, units.get(column, ""), symbols) for value in values]
         for column, values in columns.items()
     }, written
+
+
+def _prefixed(columns: Columns, units: Mapping[str, str]) -> dict[str, str]:
+    """Return the units with prefixes that suit the largest numbers, by SI unit."""
+    largest = dict[str, float]()
+    for column, values in columns.items():
+        numbers = [abs(v) for v in values if isinstance(v, int | float) and math.isfinite(v)]
+        if unit := units.get(column, ""):
+            largest[unit] = max([largest.get(unit, 0.0), *numbers])
+    return {unit: prefixed_unit(value, unit)[1] for unit, value in largest.items() if is_prefixed(unit)}
 
 
 def as_written(value: Any, unit: str, symbols: Mapping[str, str]) -> Any:

@@ -409,7 +409,7 @@ class MeshSpec(MeshFile):
     """partitioner of the cells; a partitioned mesh (.bp) keeps its partition, unless scotch partitions it again"""
     labels: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image (written as 'image' instead of 'file'): the numbers of the voxels of each region,
-    or names of segments of a DICOM segmentation"""
+    or names of segments of a DICOM segmentation or of a .seg.nrrd of 3D Slicer"""
     array_labels: Annotated[ArrayLabels | None, Field(exclude_if=lambda labels: labels is None)] = None
     """of a mesh file (written as 'labels'): an array of integers whose values are regions, such as
     {array: material, names: {plaque: 2}}"""

@@ -1,7 +1,7 @@
 """Rendering of triangles without a display (pyvista), and figures of such renderings with text (matplotlib)."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -18,6 +18,7 @@ from matplotlib.patches import Patch
 
 from hpcinv.errors import OutputError, SystemPartMissing
 from hpcinv.files.atomic import write_output
+from hpcinv.pictures.scale_bar import draw_bar
 from hpcinv.quantity.arrays import Floats, Ints
 
 COLOUR_MAP = "viridis"
@@ -115,6 +116,7 @@ def figure(
     legend: Sequence[tuple[str, str]] = (),
     notes: str = "",
     colours: tuple[str, float, float] | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> Picture:
     """Return a figure with views side by side, and below each other if there are more than four.
 
@@ -122,6 +124,7 @@ def figure(
         legend: texts and their colours.
         notes: lines below the title.
         colours: name of the values on the colour map, and their smallest and largest.
+        units: symbols of the units of a scale bar in each view, by SI unit; left out, there is no bar.
 
     Raises:
         SystemPartMissing: there is no OpenGL on this machine, not even in software.
@@ -138,6 +141,8 @@ def figure(
     for axis, image, view in zip(axes, images, views, strict=False):
         axis.imshow(image)
         axis.set_title(view.title, fontsize=11 * larger)
+        if units is not None:
+            draw_bar(axis, pixel_size(view), _PIXELS, units)
     sheet.suptitle(title + (f"\n{notes}" if notes else ""), fontsize=12 * larger, x=0.01, ha="left")
     if colours is not None:
         mapped = ScalarMappable(Normalize(*colours[1:]), COLOUR_MAP)
@@ -202,22 +207,37 @@ def _rendered_parts(view: View, limits: tuple[float, float] | None, *, transpare
     return np.asarray(image)
 
 
-def _aim(plotter: Any, view: View) -> None:
-    """Let the frame fill the picture, in parallel projection."""
+def _placed(view: View) -> tuple[Floats, Floats]:
+    """Return the points of the frame to the right, upwards and away, and these directions as rows."""
     direction = view.direction / np.linalg.norm(view.direction)
     right = np.cross(direction, view.up)
     right /= np.linalg.norm(right)
-    up = np.cross(right, direction)
-    axes = np.array([right, up, direction])
-    placed = view.frame @ axes.T
+    axes = np.array([right, np.cross(right, direction), direction])
+    return view.frame @ axes.T, axes
+
+
+def pixel_size(view: View) -> float:
+    """Return the length (m) of a pixel in the rendering of a view."""
+    return _height(_placed(view)[0]) / _PIXELS[1]
+
+
+def _height(placed: Floats) -> float:
+    """Return the height (m) of a picture that a frame fills."""
+    wide, high, _ = np.ptp(placed, axis=0)
+    return _MARGIN * float(max(high, wide * _PIXELS[1] / _PIXELS[0]))
+
+
+def _aim(plotter: Any, view: View) -> None:
+    """Let the frame fill the picture, in parallel projection."""
+    placed, axes = _placed(view)
     middle = (placed.min(axis=0) + placed.max(axis=0)) / 2
     wide, high, deep = np.ptp(placed, axis=0)
     camera = plotter.camera
     camera.focal_point = middle @ axes
     camera.position = (middle - [0.0, 0.0, 2.0 * (wide + high + deep)]) @ axes
-    camera.up = up
+    camera.up = axes[1]
     plotter.enable_parallel_projection()
-    camera.parallel_scale = _MARGIN / 2 * max(high, wide * _PIXELS[1] / _PIXELS[0])
+    camera.parallel_scale = _height(placed) / 2
     plotter.renderer.ResetCameraClippingRange()
 
 

@@ -14,7 +14,7 @@ from hpcinv.pictures.colours import REGIONS, Colour
 from hpcinv.pictures.drawing import DrawnBody, Picture, View, directions, figure
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
-from hpcinv.quantity.written_units import unit_of
+from hpcinv.quantity.written_units import as_shown, unit_of
 
 
 def measure(name: str, result: BoundaryResult) -> Floats:
@@ -69,7 +69,8 @@ def draw_result(
     everything = [*known, *(colouring for colouring in inner if colouring is not None)]
     lowest = min(float(part.min(initial=np.inf)) for part in everything)
     highest = max(float(part.max(initial=-np.inf)) for part in everything)
-    size, symbol = unit_of([lowest, highest], unit, summary.get("units") or {})
+    units: Mapping[str, str] = summary.get("units") or {}
+    size, symbol = unit_of([lowest, highest], unit, units)
     frame = np.concatenate(points)
     front, back, up = directions(frame, upwards(job))
     views = []
@@ -86,19 +87,23 @@ def draw_result(
                         section.points, section.triangles, values=section.spread(inner[i]) / size, is_section=True
                     )
                 )
-        views.append(View([*parts, *([] if cut else [shadow])], frame, front, up, shape.title))
+        title = shape.title if section is None else f"{shape.title}, {_plane_text(section, units)}"
+        views.append(View([*parts, *([] if cut else [shadow])], frame, front, up, title))
         if boundary.is_shell and label.endswith(_PLACE) and not cut:
             views.append(View(parts, frame, back, up, f"{shape.title}, from behind"))
     status, verdict = summary["status"], summary["certificate"]["verdict"]
     notes = f"certificate: {verdict}" if status == "converged" else f"the full load was not reached: {status}"
-    if cut:
-        notes += f"; section across {cut.axis}"
     if colour == "regions":
-        return figure(views, job["job"], notes=notes, legend=list(_palette(boundary, cut).items()))
+        return figure(views, job["job"], notes=notes, legend=list(_palette(boundary, cut).items()), units=units)
     if boundary.is_shell:
         label = label.replace(_PLACE, " at the faces" + (" and within" if cut else ""))
     text = f"{label} ({symbol})" if symbol else label
-    return figure(views, job["job"], notes=notes, colours=(text, lowest / size, highest / size))
+    return figure(views, job["job"], notes=notes, colours=(text, lowest / size, highest / size), units=units)
+
+
+def _plane_text(section: BodySection, units: Mapping[str, str]) -> str:
+    """Return the plane of a section, such as ``z = 30 mm``."""
+    return f"{'xyz'[int(np.argmax(section.normal))]} = {as_shown(section.place, 'm', units, 3)}"
 
 
 def _palette(boundary: Boundary, cut: Cut | None) -> dict[str, str]:

@@ -201,6 +201,11 @@ def readable(value: float, unit: str, digits: int = 3) -> str:
     return f"{value / size:.{digits}g} {name}"
 
 
+def is_prefixed(unit: str) -> bool:
+    """Return whether values in an SI unit are shown with prefixes."""
+    return unit in _READABLE
+
+
 def prefixed_unit(value: float, unit: str) -> tuple[float, str]:
     """Return size and symbol of the unit with a prefix that suits a value; of another unit itself."""
     units = _READABLE.get(unit, ((1.0, unit),))

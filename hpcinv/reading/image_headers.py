@@ -9,7 +9,7 @@ import os
 import re
 import stat
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Literal, cast
 
@@ -50,6 +50,7 @@ class ImageHeader:
         origin: middle of the first voxel in LPS.
         skip: bytes before the voxels; -1 if these end with the file.
         skipped_lines: lines before the voxels.
+        names: numbers of the segments by their names, if the format has them.
     """
 
     shape: tuple[int, ...]
@@ -61,6 +62,7 @@ class ImageHeader:
     source: Source
     skip: int = 0
     skipped_lines: int = 0
+    names: Mapping[str, int] = field(default_factory=dict)
 
 
 def check_regular(path: Path) -> None:
@@ -282,13 +284,36 @@ _FLIPS = {  # of x and y to LPS
 }
 
 
+_OF_PROGRAM = ":="
+"""prefix of keys that programs have added to a header"""
+_SEGMENT = re.compile(re.escape(_OF_PROGRAM) + r"(Segment\d+)_Name")
+
+
+def _segment_names(fields: Mapping[str, str]) -> dict[str, int]:
+    """Numbers of the segments that 3D Slicer names, without names of several segments.
+
+    Raises:
+        Fault: the number of a segment is missing, or is not a whole number.
+    """
+    numbers = dict[str, list[int]]()
+    for key, name in fields.items():
+        if match := _SEGMENT.fullmatch(key):
+            value = _needed(fields, f"{_OF_PROGRAM}{match[1]}_LabelValue")
+            numbers.setdefault(name.strip(), []).append(_whole_numbers(fields, value, 1)[0])
+    return {name: of_name[0] for name, of_name in numbers.items() if len(of_name) == 1}
+
+
 def _nrrd_fields(file: IO[bytes]) -> tuple[dict[str, str], list[str]]:
     """Fields of the header, without blanks in their names, and the lines of a list of files."""
     fields, read = dict[str, str](), [0, 0]
     if not re.fullmatch(r"NRRD000[1-5]\s*", _line(file, read) or ""):
         raise Fault("its first line is not one of NRRD")
     while line := _line(file, read):
-        if line.startswith("#") or ":=" in line:  # comments, and data of programs
+        if line.startswith("#"):
+            continue
+        if ":=" in line:  # data of programs
+            key, _, value = line.partition(":=")
+            fields[_OF_PROGRAM + key] = value
             continue
         key, separator, value = (part.strip() for part in line.partition(":"))
         if not separator:
@@ -330,6 +355,8 @@ def read_nrrd(file: IO[bytes]) -> ImageHeader:
         code = (">" if endian == "big" else "<") + code
     if count != 3:
         advice = "Give one number in each voxel, in three dimensions, such as one time of a series."
+        if any(map(_SEGMENT.fullmatch, fields)):
+            advice = "Segments overlap: export them from 3D Slicer as a label map, or remove the overlap."
         raise Fault(f"has {count} dimensions, or several numbers in each voxel", advice)
     flip = _FLIPS.get(fields.get("space", "").lower(), (1.0, 1.0, 1.0))
     if "spacedirections" in fields:
@@ -353,10 +380,11 @@ def read_nrrd(file: IO[bytes]) -> ImageHeader:
     if "spaceorigin" in fields:
         position = _vector(fields, "spaceorigin", fields["spaceorigin"])
         origin = (flip[0] * position[0], flip[1] * position[1], flip[2] * position[2])
-    skips = [_whole_numbers(fields, key, 1)[0] if key in fields else 0 for key in ("byteskip", "lineskip")]
-    return ImageHeader(
-        shape, code, spacing, axes, origin, _NRRD_ENCODINGS[encoding], _nrrd_source(fields, more), *skips
+    bytes_skipped, lines_skipped = (
+        _whole_numbers(fields, key, 1)[0] if key in fields else 0 for key in ("byteskip", "lineskip")
     )
+    source, names, form = _nrrd_source(fields, more), _segment_names(fields), _NRRD_ENCODINGS[encoding]
+    return ImageHeader(shape, code, spacing, axes, origin, form, source, bytes_skipped, lines_skipped, names)
 
 
 def _vectors(text: str) -> list[str]:

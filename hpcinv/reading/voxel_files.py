@@ -39,7 +39,7 @@ def read_voxel_file(path: Path, memory: float) -> VoxelGrid:
                 raise Fault(f"names {len(names)} files for {header.shape[-1]} slices")
             each = math.prod(header.shape) // len(names)
             numbers = np.concatenate([_voxels_in(path, name, header, each) for name in names])
-    return VoxelGrid(numbers.reshape(header.shape, order="F"), *frame)
+    return VoxelGrid(numbers.reshape(header.shape, order="F"), *frame, names=header.names)
 
 
 def check_memory(voxels: int, size: int, memory: float) -> None:

@@ -92,7 +92,8 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
     certificate = summary["certificate"]
     if summary["status"] != "converged":
         return _unfinished(summary, strained)
-    verdict = certificate["verdict"]
+    warnings = (summary.get("body") or {}).get("warnings") or []
+    verdict = "warning" if certificate["verdict"] == "pass" and warnings else certificate["verdict"]
     lines = certificate["lines"]
     checked = [line for line in lines if line["verdict"] != "not checked"]
     passed = [line for line in checked if line["verdict"] == "pass"]
@@ -117,7 +118,6 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
         advice.append(REMEDIES[error.cause])
     if overlapping:
         advice.append("The facets where the body passes through itself are red in the picture.")
-    warnings = (summary.get("body") or {}).get("warnings") or []
     advice += [_sentence(text) for text in warnings]
     finding = _found(summary)
     if verdict == "fail":

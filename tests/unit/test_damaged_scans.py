@@ -22,7 +22,7 @@ from helpers.forked_reader import load_libraries, run_forked
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import load
 from hpcinv.mesh.imaging.closed_surface import read_closed, signed_volume
-from hpcinv.mesh.imaging.label_image import read_labels
+from hpcinv.mesh.imaging.label_image import labels_in, read_labels
 from hpcinv.mesh.io import isolated
 from hpcinv.mesh.io.surface_files import read_triangles
 from hpcinv.reading import isolated_reader
@@ -426,3 +426,33 @@ def test_a_reader_with_little_memory_leaves_no_partial_bytecode(tmp_path: Path) 
         [sys.executable, program, "image", image, "1000", "60"], env=environment, capture_output=True, check=True
     )
     assert not list((tmp_path / "bytecode").rglob("voxel_files*"))
+
+
+def with_segments(content: bytes, *segments: tuple[str, str]) -> bytes:
+    """An NRRD file with names and numbers of segments, as 3D Slicer adds them to the header."""
+    lines = "".join(
+        f"Segment{i}_Name:={name}\nSegment{i}_LabelValue:={number}\nSegment{i}_Layer:=0\n"
+        for i, (name, number) in enumerate(segments)
+    )
+    head, voxels = content.split(b"\n\n", 1)
+    return head + b"\n" + lines.encode() + b"\n" + voxels
+
+
+def test_segments_of_slicer_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "scan.seg.nrrd"
+    path.write_bytes(with_segments(nrrd(raw()), ("Left kidney", "300"), ("twice", "1"), ("twice", "2")))
+    assert read_labels(path, {"kidney": ["Left kidney"]}, 1e-3).volume(1) == read_labels(
+        path, {"kidney": [300]}, 1e-3
+    ).volume(1)
+    assert "300 'Left kidney'" in labels_in(path, 1e-3)
+    for name in ("left kidney", "twice"):
+        with pytest.raises(MeshError, match=f"has no segment '{name}'"):
+            read_labels(path, {"kidney": [name]}, 1e-3)
+    path.write_bytes(with_segments(nrrd(raw()), ("liver", "one")))
+    with pytest.raises(MeshError, match=r"'.*Segment0_LabelValue' in its header is 'one', not 1 numbers"):
+        read_labels(path, {"liver": ["liver"]}, 1e-3)
+    overlapping = nrrd(raw(), dimension="4", sizes="2 9 8 7")
+    path.write_bytes(with_segments(overlapping, ("liver", "1")))
+    with pytest.raises(MeshError) as refused:
+        read_labels(path, {"liver": ["liver"]}, 1e-3)
+    assert "Segments overlap" in refused.value.advice

@@ -211,6 +211,16 @@ def test_each_verdict_has_words(verdict: str) -> None:
     assert said.finding.startswith("The certificate fails") == (verdict == "fail")
 
 
+def test_a_passing_run_with_a_warning_in_its_log_asks_to_read_it() -> None:
+    content = summary()
+    content["certificate"]["verdict"] = content["certificate"]["lines"][0]["verdict"] = "pass"
+    content["body"] = {"warnings": ["the body is 2 km long"]}
+    said = words(content, overlapping=False)
+    assert said.verdict == "warning"
+    assert said.next[0].startswith("Read the warnings")
+    assert said.next[-1] == "The body is 2 km long."
+
+
 @pytest.mark.parametrize(("estimate", "is_said"), [({"shape": 1e-5}, True), ({"shape": 1e-2}, False), (None, False)])
 def test_mesh_and_surface_are_compared_where_both_errors_are_known(estimate: Any, is_said: bool) -> None:
     content = summary() | {"surface_errors": {"shape": {"sd": 1e-3}}}

@@ -12,7 +12,8 @@ from helpers.verification import box, job
 
 from hpcinv.pictures import job_picture
 from hpcinv.pictures.boundary_surface import Boundary
-from hpcinv.pictures.drawing import DrawnBody, Glyphs, View
+from hpcinv.pictures.drawing import DrawnBody, Glyphs, View, pixel_size
+from hpcinv.pictures.scale_bar import draw_bar, round_length
 
 OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
 FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
@@ -47,3 +48,22 @@ def test_the_pressure_of_a_closed_cavity_is_drawn_in_a_body_cut_open(monkeypatch
 
 def test_a_surface_outside_of_another_is_not_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(drawn(monkeypatch, OCTAHEDRON + np.array([3.0, 0, 0]))) == 2
+
+
+def test_scale_bars_have_round_lengths_and_the_scale_of_the_rendering(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cube of 2 units of 10 mm that fills the rendering: the bar is a fifth of the width at most."""
+    assert [round_length(most) for most in (0.0049, 0.005, 0.3, 9.99)] == pytest.approx([0.002, 0.005, 0.2, 5.0])
+    texts, lines = list[str](), list[Any]()
+
+    class Axis:
+        def plot(self, ends: Sequence[float], *_: Any, **__: Any) -> None:
+            lines.append(ends)
+
+        def text(self, _x: float, _y: float, text: str, **_: Any) -> None:
+            texts.append(text)
+
+    view = View([], 0.02 * np.array([[0, 0, 0], [1, 1, 1.0]]), np.array([0, 1.0, 0]), np.array([0, 0, 1.0]))
+    draw_bar(Axis(), pixel_size(view), (1000, 800), {"m": "mm"})
+    assert texts == ["5 mm"]
+    (left, right), side = lines[0], 800 / 1.2  # the frame has a margin of a fifth
+    assert (right - left) / side == pytest.approx(5 / 20)

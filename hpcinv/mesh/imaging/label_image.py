@@ -64,7 +64,7 @@ def read_labels(
     """Read a segmented image on this process.
 
     Args:
-        labels: numbers of voxels, or names of DICOM segments, by the name of their region; by default all but 0 as
+        labels: numbers of voxels, or names of segments, by the name of their region; by default all but 0 as
             the region "body".
         unit: length unit (m) of spacing and origin in the file.
         orientation: of the positions' x, y and z, in letters of left or right, posterior or anterior, superior or
@@ -144,7 +144,10 @@ def _numbered(
     """The labels with numbers instead of names of segments."""
     for name in (name for members in labels.values() for name in members if isinstance(name, str)):
         if not names:
-            raise MeshError(f"{path}: has numbers and no names as '{name}'", "DICOM segmentations have names.")
+            raise MeshError(
+                f"{path}: has numbers and no names as '{name}'",
+                "DICOM segmentations and 3D Slicer's .seg.nrrd have names.",
+            )
         if name not in names:
             raise MeshError(f"{path}: has no segment '{name}'.{did_you_mean(name, names)}")
     return {

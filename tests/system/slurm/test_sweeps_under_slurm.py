@@ -49,7 +49,7 @@ def assert_collected(batch: Batch, collect: str) -> None:
     with (batch.place / "results" / "stiffness" / "table.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["status"] for row in rows] == ["converged"] * CASES
-    tops = [float(row["top [m]"]) for row in rows]
+    tops = [float(row["top [mm]"]) for row in rows]
     assert tops == sorted(tops)  # the stiffer the block, the less is it pressed down
     assert max(tops) < 0.0
     assert sorted(case for log in logs(batch) for case in solved(log)) == list(range(CASES)), batch.outputs()

@@ -23,7 +23,7 @@ from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.status import Status, follow, lines
-from hpcinv.batch.tables import as_csv
+from hpcinv.batch.tables import as_csv, in_written_units
 from hpcinv.errors import JobError, OutputError
 from hpcinv.sweep.outlook import outlook
 from hpcinv.sweep.results import provenance, results, status_of
@@ -430,6 +430,21 @@ def test_without_results_there_is_not_a_diagram(tmp_path: Path) -> None:
         plot(sweep_plan, {sweep_plan.cases[0].key: bad()}, "unknowns", [MU])
 
 
+def test_tables_have_the_units_of_the_screen() -> None:
+    """One unit for all columns of a kind: of the job, or with the prefix of the largest number."""
+    columns = {
+        "V": [1e-6, None, 2e-6],
+        "V estimated error": [3e-12, 0.0, math.nan],
+        "p": [2e3, 1.0, 0.0],
+        "n": [1, 2, 3],
+    }
+    units = {"V": "m^3", "V estimated error": "m^3", "p": "Pa"}
+    table, written = in_written_units(columns, units, {"Pa": "MPa"})
+    assert written == {"V": "ml", "V estimated error": "ml", "p": "MPa"}
+    assert (table["V"], table["p"], table["n"]) == ([1.0, None, 2.0], [2e-3, 1e-6, 0.0], [1, 2, 3])
+    assert table["V estimated error"][:2] == [3e-6, 0.0]
+
+
 # Commands
 
 
@@ -445,7 +460,7 @@ def test_the_commands_write_what_they_are_asked_for(
     assert "2 of 2 cases finished" in capsys.readouterr().out
     assert main(["sweep", "table", sweep]) == 0
     rows = [*csv.DictReader(io.StringIO(capsys.readouterr().out))]
-    assert [row["top [m]"] for row in rows] == ["0.5", "0.75"]
+    assert [row["top [mm]"] for row in rows] == ["500.0", "750.0"]  # as a run prints it
     assert [row[f"{MU} [kPa]"] for row in rows] == ["10.1", "20.0"]  # as the job writes it
     for name in ("deep/table.csv", "deep/table.h5"):
         assert main(["sweep", "table", sweep, "--output", str(tmp_path / name)]) == 0
