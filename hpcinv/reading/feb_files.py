@@ -3,6 +3,7 @@
 import contextlib
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.inp_files import FACES
 from hpcinv.reading.local_fibres import local_name, local_nodes
+from hpcinv.reading.numbered_elements import integers
 
 _SOLID = {"tet4": 4, "tet10": 10, "hex8": 8, "hex20": 20}
 _KIND = re.compile(r"(tet4|tet10|hex8|hex20)(g\d+|gl11|ri)?")
@@ -24,6 +26,39 @@ _FACETS = {"tri3": 3, "tri6": 3, "quad4": 4, "quad8": 4, "quad9": 4}  # with the
 
 def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return arrays of nodes, elements and sets as `hpcinv.reading.inp_files` does; surfaces are ``facets:NAME``."""
+    root, mesh = _model(path)
+    nodes, sets = _nodes(mesh)
+    cells, cell_tags, blocks = _elements(mesh)
+    if not cells:
+        has_shells = any(part.get("type", "").lower().startswith(_FLAT) for part in mesh.iter("Elements"))
+        remedy = " Save shells as .vtu or .inp, with 'mesh: {shell: …}'." if has_shells else ""
+        raise Fault("has no solid elements", f"Elements are {', '.join(_SOLID)}.{remedy}")
+    for part in mesh.iter("NodeSet"):
+        sets.setdefault(f"nodes:{_name(part)}", []).extend(_members(part))
+    for part in mesh.iter("ElementSet"):
+        blocks.setdefault(_name(part), []).extend(_members(part))
+    row = {tag: i for i, tag in enumerate(nodes)}
+    arrays: dict[str, Any] = {
+        "points": np.array(list(nodes.values())),
+        "node_tags": integers(list(nodes), "numbers of nodes"),
+        "cells": _rows(row, cells, "an element"),
+        "cell_tags": integers(cell_tags, "numbers of elements"),
+    }
+    cell_row = {tag: i for i, tag in enumerate(cell_tags)}
+    for name, tags in blocks.items():
+        if members := [cell_row[tag] for tag in tags if tag in cell_row]:  # others are shells
+            arrays[f"cells:{name}"] = np.unique(members)
+    arrays |= {key: np.unique([_row(row, tag, "a node set") for tag in tags]) for key, tags in sets.items() if tags}
+    arrays |= {key: _rows(row, facets, "a surface") for key, facets in _surfaces(mesh, cells).items() if facets}
+    for nodes_of_fibre in _local_fibres(root):
+        first, second = (arrays["points"][_local(arrays["cells"], number)] for number in nodes_of_fibre)
+        arrays[f"values:{local_name(nodes_of_fibre)}"] = second - first
+    ignored = [part.tag for part in root if part is not mesh and part.tag not in _GENERAL and len(part)]
+    return {"ignored": ignored}, arrays
+
+
+def _model(path: Path) -> tuple[ET.Element, ET.Element]:
+    """Return the elements of the model and of its mesh."""
     content = admitted(path).read_bytes()
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise Fault("has definitions of entities, which could fill the memory", "Save the model again.")
@@ -34,59 +69,44 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     mesh = root.find("Mesh") if root.find("Mesh") is not None else root.find("Geometry")
     if root.tag != "febio_spec" or mesh is None:
         raise Fault("is not a model of FEBio with a mesh", "Save the model with FEBio Studio.")
+    return root, mesh
+
+
+def _nodes(mesh: ET.Element) -> tuple[dict[int, list[float]], dict[str, list[int]]]:
+    """Return places by the numbers of nodes, and these numbers by ``nodes:`` and the name of their section."""
     nodes: dict[int, list[float]] = {}
-    sets: dict[str, list[Any]] = {}
+    sets: dict[str, list[int]] = {}
     for part in mesh.iter("Nodes"):
         tags = [_tag(node) for node in part.iter("node")]
+        if twice := next((tag for tag in tags if tag in nodes), None):
+            raise Fault(f"node {twice} is defined twice", "Number the nodes again.")
         nodes |= {tag: _position(node) for tag, node in zip(tags, part.iter("node"), strict=True)}
         if name := part.get("name"):
             sets.setdefault(f"nodes:{name}", []).extend(tags)
-    cells, cell_tags, blocks = _elements(mesh)
-    if not cells:
-        has_shells = any(part.get("type", "").lower().startswith(_FLAT) for part in mesh.iter("Elements"))
-        remedy = " Save shells as .vtu or .inp, with 'mesh: {shell: …}'." if has_shells else ""
-        raise Fault("has no solid elements", f"Elements are {', '.join(_SOLID)}.{remedy}")
-    row, cell_row = ({tag: i for i, tag in enumerate(numbers)} for numbers in (nodes, cell_tags))
-    for part in mesh.iter("NodeSet"):
-        sets.setdefault(f"nodes:{_name(part)}", []).extend(_members(part))
-    for part in mesh.iter("ElementSet"):
-        blocks.setdefault(_name(part), []).extend(_members(part))
-    shells = _shells(mesh, cells)
-    corners = 3 if len(cells[0]) in (4, 10) else 4
+    return nodes, sets
+
+
+def _surfaces(mesh: ET.Element, cells: list[list[int]]) -> dict[str, list[list[int]]]:
+    """Return the vertices of the facets of each surface by ``facets:`` and its name, without those of shells alone."""
+    shells, corners = _shells(mesh, cells), 3 if len(cells[0]) in (4, 10) else 4
+    surfaces: dict[str, list[list[int]]] = {}
     for part in mesh.iter("Surface"):
-        facets = [_integers(facet)[: _FACETS[facet.tag]] for facet in part if facet.tag in _FACETS]
+        name = _name(part)
         if unknown := next((facet.tag for facet in part if facet.tag not in _FACETS), None):
-            raise Fault(
-                f"surface '{shown(_name(part))}' has facets '{shown(unknown)}'", f"Facets are {', '.join(_FACETS)}."
-            )
+            text = f"surface '{shown(name)}' has facets '{shown(unknown)}'"
+            raise Fault(text, f"Facets are {', '.join(_FACETS)}.")
+        facets = [_integers(facet)[: _FACETS[facet.tag]] for facet in part]
         solid = [facet for facet in facets if frozenset(facet) not in shells]
         if any(len(facet) != corners for facet in solid):
-            name = shown(_name(part))
-            raise Fault(f"surface '{name}' has facets that no solid element has", "Save the surface of the solids.")
-        sets.setdefault(f"facets:{_name(part)}", []).extend(solid)
-    arrays: dict[str, Any] = {
-        "points": np.array(list(nodes.values())),
-        "node_tags": np.array(list(nodes), dtype=np.int64),
-        "cells": np.array([[_row(row, node, "an element") for node in cell] for cell in cells], dtype=np.int64),
-        "cell_tags": np.array(cell_tags, dtype=np.int64),
-    }
-    for name, tags in blocks.items():
-        members = [cell_row[tag] for tag in tags if tag in cell_row]  # others are shells
-        if members:
-            arrays[f"cells:{name}"] = np.unique(members)
-    for key, rows in sets.items():
-        if not rows:
-            continue
-        if key.startswith("nodes:"):
-            arrays[key] = np.unique([_row(row, tag, "a node set") for tag in rows])
-        else:
-            arrays[key] = np.array([[_row(row, node, "a surface") for node in facet] for facet in rows], dtype=np.int64)
-    for nodes_of_fibre in _local_fibres(root):
-        first, second = (arrays["points"][_local(arrays["cells"], number)] for number in nodes_of_fibre)
-        arrays[f"values:{local_name(nodes_of_fibre)}"] = second - first
-    return {
-        "ignored": [part.tag for part in root if part is not mesh and part.tag not in _GENERAL and len(part)]
-    }, arrays
+            text = f"surface '{shown(name)}' has facets that no solid element has"
+            raise Fault(text, "Save the surface of the solids.")
+        surfaces.setdefault(f"facets:{name}", []).extend(solid)
+    return surfaces
+
+
+def _rows(row: dict[int, int], tags: list[list[int]], owner: str) -> Any:
+    """Return the rows of nodes by their numbers."""
+    return np.array([[_row(row, tag, owner) for tag in own] for own in tags], dtype=np.int64)
 
 
 def _local_fibres(root: ET.Element) -> Iterator[tuple[int, int]]:
@@ -142,6 +162,9 @@ def _elements(mesh: ET.Element) -> tuple[list[list[int]], list[int], dict[str, l
             blocks.setdefault(name, []).append(tags[-1])
     if len(kinds) > 1:
         raise Fault(f"has elements {' and '.join(sorted(kinds))}", "Use one kind of solid elements.")
+    if len(set(tags)) < len(tags):
+        twice = next(tag for tag, count in Counter(tags).items() if count > 1)
+        raise Fault(f"element {twice} is defined twice", "Number the elements again.")
     return cells, tags, blocks
 
 

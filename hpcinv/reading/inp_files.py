@@ -19,6 +19,7 @@ from hpcinv.reading.abaqus_options import USED, not_used, remedy
 from hpcinv.reading.coordinate_frames import rotation
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.included_files import lines_of
+from hpcinv.reading.numbered_elements import integers
 from hpcinv.reading.single_conditions import force_groups, held_groups, pressed_groups
 from hpcinv.reading.standing_conditions import (
     EDGE_LOAD,
@@ -163,7 +164,7 @@ def _vertices_of_faces(element: Sequence[int], nodes: frozenset[int]) -> Iterato
     """Yield the vertices of the faces of an element all of whose middle nodes are in a set."""
     middles = _MIDDLES[len(element)]
     for face in FACES[_SQUARE[len(element)]]:
-        edges = (tuple(sorted((face[i - 1], face[i]))) for i in range(len(face)))
+        edges = ((min(pair), max(pair)) for pair in ((face[i - 1], face[i]) for i in range(len(face))))
         if all(element[middles[edge]] in nodes for edge in edges):
             yield from (element[corner] for corner in face)
 
@@ -238,8 +239,8 @@ def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[s
         tags, cell_tags = list(range(1, len(tags) + 1)), list(range(1, len(cell_tags) + 1))
     arrays: dict[str, Any] = {
         "points": np.array(points),
-        "node_tags": np.array(tags, dtype=np.int64),
-        "cell_tags": np.array(cell_tags, dtype=np.int64),
+        "node_tags": integers(tags, "numbers of nodes"),
+        "cell_tags": integers(cell_tags, "numbers of elements"),
     }
     for name, rows in sets.items():
         arrays[name] = np.unique(np.array(rows, dtype=np.int64), axis=0)
