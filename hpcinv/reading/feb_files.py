@@ -87,7 +87,7 @@ def _nodes(mesh: ET.Element) -> tuple[dict[int, list[float]], dict[str, list[int
 
 
 def _surfaces(mesh: ET.Element, cells: list[list[int]]) -> dict[str, list[list[int]]]:
-    """Return the vertices of the facets of each surface by ``facets:`` and its name, without those of shells alone."""
+    """Return the vertices of the facets of each surface by ``facets:`` and its name, without facets of shells alone."""
     shells, corners = _shells(mesh, cells), 3 if len(cells[0]) in (4, 10) else 4
     surfaces: dict[str, list[list[int]]] = {}
     for part in mesh.iter("Surface"):
