@@ -16,7 +16,23 @@ import numpy as np
 
 from hpcinv.reading.abaqus_keywords import Keyword, keywords, position_of
 from hpcinv.reading.abaqus_options import USED, not_used, remedy
-from hpcinv.reading.coordinate_frames import rotation
+from hpcinv.reading.abaqus_parts import (
+    GENERATED,
+    INSTANCE,
+    NODE_SURFACE,
+    OF_CELLS,
+    OWN_MESH,
+    Part,
+    at_place,
+    floats,
+    needed,
+    nodes_of,
+    placed_parts,
+    rows_of_set,
+    shell_edge,
+    solid_face,
+    whole_tags,
+)
 from hpcinv.reading.fault import Fault, shown
 from hpcinv.reading.included_files import lines_of
 from hpcinv.reading.numbered_elements import integers
@@ -44,38 +60,10 @@ _STIFF = re.compile(r"(?:S|STRI|M3D|B3|SPRING|DASHPOT|MASS|ROTARYI|GAP|CONN|DCOU
 """those that bear loads or have mass, unlike the surface elements of mesh programs"""
 _DATA = re.compile(r"[-+.,\s\deEdD]+")
 """a line of numbers, whose keyword is lost if it is the first one"""
-_FACE = re.compile(r"S([1-6])", re.IGNORECASE)
-_EDGE = re.compile(r"(?:E|EDGE)([1-4])|S([3-6])", re.IGNORECASE)
-"""edge of a shell: Abaqus' E1, E2, …, CalculiX' S3, S4, …"""
-_WHOLE = {"": -1, "SNEG": -1, "S1": -1, "SPOS": -2, "S2": -2}
-"""a whole shell element, whose side along its normal is SPOS"""
 _THICKNESS = "values:nodal_thickness"
 _WITH_END = ("PART", "INSTANCE", "ASSEMBLY", "STEP")
 _OF_JOBS = {*USED}  # keywords that a job may have, and a mesh has not
-_OF_CELLS = "nodes of elements"  # marks a member of a node set that is a set of elements
-_NODE_SURFACE = "node surface"  # kind of surfaces by nodes, whose names are apart from names of node sets
-_INSTANCE = "instance "  # begins the name of a part that holds the sets of an instance
-_OWN_MESH = "mesh of instance "  # begins the name of a part that holds what is within an instance
-_GENERATED = "generated"  # marks members of a generated set, whose range may have numbers that are not defined
 _MOST_GENERATED = 10_000_000  # members of a generated set; more are a damaged line
-
-
-@dataclass
-class _Part:
-    """Nodes, elements and sets of a part, or of a file without parts; sets by their names in lower case."""
-
-    nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
-    elements: dict[int, list[int]] = field(default_factory=dict)
-    others: set[int] = field(default_factory=set)  # elements that are not solids
-    names: dict[tuple[str, str], str] = field(default_factory=dict)
-    sets: dict[tuple[str, str], list[tuple[str, str]]] = field(default_factory=dict)
-    shared: set[tuple[str, str]] = field(default_factory=set)  # of the assembly, which other instances may have too
-    thickness: list[tuple[list[str], str]] = field(default_factory=list)  # rows of *NODAL THICKNESS, and their places
-
-    def members(self, kind: str, name: str) -> list[tuple[str, str]]:
-        key = kind, name.lower()
-        self.names.setdefault(key, name)
-        return self.sets.setdefault(key, [])
 
 
 @dataclass
@@ -101,7 +89,7 @@ class _Conditions:
             elif match := EDGE_LOAD.fullmatch(row[1]):
                 self.pressed[f"{row[0]}-EDNOR{match[1]}", row[0], f"E{match[1]}"] = None
 
-    def add_sets(self, part: _Part, *, has_rotations: bool) -> None:
+    def add_sets(self, part: Part, *, has_rotations: bool) -> None:
         """Add a set for each of their regions, of what is defined, if the file has no set of its name."""
         for region, name, face in self.pressed:
             if ("cells", name.lower()) in part.sets:  # not of other elements
@@ -143,7 +131,7 @@ _MIDDLES = {
 _SQUARE = {10: 4, 20: 8}
 
 
-def _with_vertices(loaded: Mapping[str, frozenset[int]], part: _Part) -> dict[str, frozenset[int]]:
+def _with_vertices(loaded: Mapping[str, frozenset[int]], part: Part) -> dict[str, frozenset[int]]:
     """Return sets of loaded nodes with the vertices of the faces all of whose middle nodes they have.
 
     The load of a uniform traction has no force on the vertices of C3D10, and opposite ones on the vertices of C3D20. A
@@ -202,7 +190,7 @@ def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[s
     """Return what `read_inp` does, and the nodes of the elements of some kinds apart."""
     file = _FileReader(path, kinds)
     file.read()
-    placed = _placed(file.parts, file.instances) or [(file.parts[""], _at_place, "")]
+    placed = placed_parts(file.parts, file.instances) or [(file.parts[""], at_place, "")]
     points: list[Any] = []
     tags: list[int] = []
     cells: list[list[int]] = []
@@ -221,20 +209,16 @@ def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[s
             if missing := [node for node in nodes if node not in node_row]:
                 raise Fault(f"element {tag} has node {missing[0]}, which is not defined")
             cells.append([node_row[node] for node in nodes])
-        thickness += [math.nan] * len(part.nodes)
-        for row, place in part.thickness:
-            for tag in _nodes_of(part, row[0]):
-                if tag in node_row:
-                    thickness[node_row[tag]] = _numbers(row[1:2], place)[0]
-        face = _solid_face if kinds is _SOLID else _shell_edge
+        thickness += _thickness(part)
+        face = solid_face if kinds is _SOLID else shell_edge
         for (kind, key), spelled in part.names.items():
-            rows = _rows(part, kind, key, node_row, cell_row, cells, face)
+            rows = rows_of_set(part, kind, key, node_row, cell_row, cells, face)
             if len(rows):
                 prefix = f"{name}." if len(placed) > 1 and (kind, key) not in part.shared else ""
                 called = f"{prefix}{spelled}"
-                if kind == _NODE_SURFACE:  # which may have the name of a node set
+                if kind == NODE_SURFACE:  # which may have the name of a node set
                     called += "" if ("nodes", key) not in part.names else "-surface"
-                sets.setdefault(f"{'nodes' if kind == _NODE_SURFACE else kind}:{called}", []).extend(rows)
+                sets.setdefault(f"{'nodes' if kind == NODE_SURFACE else kind}:{called}", []).extend(rows)
     if len(placed) > 1:  # numbers of several instances repeat
         tags, cell_tags = list(range(1, len(tags) + 1)), list(range(1, len(cell_tags) + 1))
     arrays: dict[str, Any] = {
@@ -249,7 +233,16 @@ def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[s
     return {"ignored": sorted(file.ignored)}, arrays, cells
 
 
-def _without_elements(part: _Part, kinds: re.Pattern[str]) -> Fault:
+def _thickness(part: Part) -> list[float]:
+    """Return the thickness at the nodes of a part; not a number where it has none."""
+    values = dict.fromkeys(part.nodes, math.nan)
+    for row, place in part.thickness:
+        (value,) = floats([*row[1:2], ""][:1], place)
+        values |= {tag: value for tag in nodes_of(part, row[0]) if tag in values}
+    return list(values.values())
+
+
+def _without_elements(part: Part, kinds: re.Pattern[str]) -> Fault:
     """Return the fault of a part without elements of the kinds that are read."""
     if kinds is _SHELL:
         text = "Elements of shells are S3, S4, S6, S8 and S9, also with R. Leave 'shell' out for a solid."
@@ -269,7 +262,7 @@ class _FileReader:
     """
 
     def __init__(self, path: Path, kinds: re.Pattern[str]) -> None:
-        self.parts: dict[str, _Part] = {"": _Part()}
+        self.parts: dict[str, Part] = {"": Part()}
         self.instances: list[Keyword] = []
         self.ignored: set[str] = set()
         self._path, self._kinds = path, kinds
@@ -318,12 +311,12 @@ class _FileReader:
             raise Fault(f"has {len(named)} parts and no assembly", "Save one part, or the assembly with its instances.")
 
     def _begin_part(self, card: Keyword) -> None:
-        self._current = self.parts.setdefault(_needed(card, "NAME").lower(), _Part())
+        self._current = self.parts.setdefault(needed(card, "NAME").lower(), Part())
 
     def _begin_instance(self, card: Keyword) -> None:
         self.instances.append(card)
-        name = card.options.get("NAME", _needed(card, "PART"))
-        self._current = self.parts.setdefault(f"{_OWN_MESH}{name.lower()}", _Part())
+        name = card.options.get("NAME", needed(card, "PART"))
+        self._current = self.parts.setdefault(f"{OWN_MESH}{name.lower()}", Part())
 
     def _leave(self, card: Keyword) -> None:
         self._current = self.parts[""]
@@ -335,29 +328,29 @@ class _FileReader:
     def _read_elements(self, card: Keyword) -> None:
         self.ignored.update(_read_elements(self._current, card, self._kinds))
 
-    def _owner(self, card: Keyword) -> _Part:
+    def _owner(self, card: Keyword) -> Part:
         """Return the part that a set is of."""
         instance = card.options.get("INSTANCE")
         if not instance:
             return self._current
         if instance.lower() not in {known.options.get("NAME", "").lower() for known in self.instances}:
             raise Fault(f"{card.place}: there is no instance '{shown(instance)}'")
-        return self.parts.setdefault(f"{_INSTANCE}{instance.lower()}", _Part())
+        return self.parts.setdefault(f"{INSTANCE}{instance.lower()}", Part())
 
     def _read_set(self, card: Keyword) -> None:
         kind = "nodes" if card.name == "NSET" else "cells"
-        name = _needed(card, card.name)
+        name = needed(card, card.name)
         if kind == "nodes" and "ELSET" in card.options:  # the nodes of its elements
-            self._owner(card).members(kind, name).append((_needed(card, "ELSET"), _OF_CELLS))
+            self._owner(card).members(kind, name).append((needed(card, "ELSET"), OF_CELLS))
         else:
             _read_set(self._owner(card), kind, name, card)
 
     def _read_surface(self, card: Keyword) -> None:
-        kind = {"ELEMENT": "faces", "NODE": _NODE_SURFACE}.get(card.options.get("TYPE", "ELEMENT").upper(), "")
+        kind = {"ELEMENT": "faces", "NODE": NODE_SURFACE}.get(card.options.get("TYPE", "ELEMENT").upper(), "")
         if not kind:
             self.ignored.add(f"SURFACE, TYPE={shown(card.options['TYPE'])}")
             return
-        members = self._current.members(kind, _needed(card, "NAME"))
+        members = self._current.members(kind, needed(card, "NAME"))
         members += [(row[0], row[1] if len(row) > 1 and kind == "faces" else "") for row in card.lines if row[0]]
 
     def _read_conditions(self, card: Keyword) -> None:
@@ -395,67 +388,6 @@ class _FileReader:
     }
 
 
-def _placed(parts: Mapping[str, _Part], instances: list[Keyword]) -> list[tuple[_Part, Callable[[Any], Any], str]]:
-    """Return the part of each instance with the sets of the assembly in it, its motion, and its name."""
-    outside = parts[""]
-    placed = []
-    for card in instances:
-        name = _needed(card, "PART")
-        part = parts.get(name.lower())
-        if part is None:
-            raise Fault(f"{card.place}: there is no part '{shown(name)}'")
-        instance = card.options.get("NAME", name)
-        content = parts.get(f"{_OWN_MESH}{instance.lower()}", _Part())
-        if content.nodes:  # of Abaqus/CAE's independent instances
-            part, content = content, _Part()
-        sets = {k: [*v] for k, v in part.sets.items()}
-        own = _Part(part.nodes, part.elements, part.others, dict(part.names), sets, thickness=part.thickness)
-        for more in (content, parts.get(f"{_INSTANCE}{instance.lower()}", _Part()), outside):
-            for key, spelled in more.names.items():
-                members = more.sets[key]
-                if more is outside and key[0] in ("nodes", _NODE_SURFACE):  # its own nodes are reference points
-                    members = [m for m in members if not (m[0].isdigit() and int(m[0]) in outside.nodes)]
-                own.members(key[0], spelled).extend(members)
-                own.shared.add(key)
-        placed.append((own, _motion(card), instance))
-    for key, spelled in outside.names.items() if instances else ():
-        names = {member.lower(): face for member, face in outside.sets[key] if not member.isdigit()}
-        numbers = {int(member) for member, _ in outside.sets[key] if member.isdigit()}
-        if len(instances) > 1 and numbers - (outside.nodes.keys() if key[0] != "cells" else set()):
-            raise Fault(f"set '{shown(spelled)}' of the assembly has numbers without instance=", "Name the instance.")
-        for name, face in names.items():
-            has_set = [(_inner_kind(key[0], face), name) in own.sets for own, _, _ in placed]
-            if not any(has_set):
-                raise Fault(f"set '{shown(spelled)}' has '{shown(name)}', which is not defined")
-            for (own, _, _), has in zip(placed, has_set, strict=True):
-                if not has:
-                    own.sets[key] = [entry for entry in own.sets[key] if entry[0].lower() != name]
-    return placed
-
-
-def _at_place(position: Any) -> Any:
-    return np.array(position)
-
-
-def _motion(card: Keyword) -> Callable[[Any], Any]:
-    """Return the motion of an instance: it is moved, then turned about the axis between two points, by degrees."""
-    shift, turn = ([_numbers(row, place) for place, row in card.rows] + [[], []])[:2]
-    move = np.array([*shift, 0.0, 0.0, 0.0][:3])
-    if not turn:
-        return lambda position: np.add(position, move)
-    if len(turn) != 7 or len(card.rows) > 2 or turn[:3] == turn[3:6]:
-        text = f"{card.place}: the instance is turned by other than two points of an axis and an angle"
-        raise Fault(text, "Save the mesh in global coordinates.")
-    start, axis = np.array(turn[:3]), np.subtract(turn[3:6], turn[:3])
-    matrix = rotation(axis / np.linalg.norm(axis), math.radians(turn[6]))
-    return lambda position: start + matrix @ (np.add(position, move) - start)
-
-
-def _inner_kind(kind: str, face: str) -> str:
-    """Return the kind of sets that a set or surface may have as a member."""
-    return "cells" if kind == "faces" or face == _OF_CELLS else "nodes" if kind == _NODE_SURFACE else kind
-
-
 def _cards(path: Path) -> Iterator[Keyword]:
     """Yield the keywords; text before the first one, which CalculiX leaves out, has none."""
     is_empty = True
@@ -469,58 +401,34 @@ def _cards(path: Path) -> Iterator[Keyword]:
         raise Fault("has no keywords", "Is it an input file of Abaqus or CalculiX?")
 
 
-def _needed(card: Keyword, option: str) -> str:
-    if not (value := card.options.get(option, "")):
-        raise Fault(f"{card.place}: *{card.name} needs {option}=")
-    return value
-
-
-def _numbers(row: list[str], place: str) -> list[float]:
-    """Return numbers; entries that are left out are 0."""
-    try:
-        values = [float((entry or "0").lower().replace("d", "e")) for entry in row]
-    except ValueError:
-        raise Fault(f"{place}: '{shown(', '.join(row))}' are not numbers") from None
-    if not np.isfinite(values).all():
-        raise Fault(f"{place}: has a number that is not finite")
-    return values
-
-
-def _tags(row: list[str], place: str) -> list[int]:
-    try:
-        return [int(entry) for entry in row]
-    except ValueError:
-        raise Fault(f"{place}: '{shown(', '.join(row))}' are not whole numbers") from None
-
-
-def _read_nodes(part: _Part, card: Keyword) -> bool:
+def _read_nodes(part: Part, card: Keyword) -> bool:
     """Read nodes, in the coordinates of the keyword; return whether they have normals."""
     group = part.members("nodes", card.options["NSET"]) if card.options.get("NSET") else []
     has_normals = False
     for place, row in card.rows:
-        (tag,) = _tags(row[:1], place)
+        (tag,) = whole_tags(row[:1], place)
         if len(row) < 2:
             raise Fault(f"{place}: a node has no coordinates")
-        part.nodes[tag] = position_of(_numbers(row[1:4], place), card.options.get("SYSTEM", ""), place)
+        part.nodes[tag] = position_of(floats(row[1:4], place), card.options.get("SYSTEM", ""), place)
         has_normals = has_normals or len(row) > 4
         group.append((str(tag), ""))
     return has_normals
 
 
-def _read_elements(part: _Part, card: Keyword, kinds: re.Pattern[str]) -> list[str]:
+def _read_elements(part: Part, card: Keyword, kinds: re.Pattern[str]) -> list[str]:
     """Read the elements of a keyword; return what is ignored.
 
     As CalculiX does, entries after the last node of an element are ignored. They are faults if lines differ in length:
     then they may be nodes of another type of elements.
     """
-    kind = _needed(card, "TYPE").upper()
+    kind = needed(card, "TYPE").upper()
     match = kinds.fullmatch(kind)
     if match is None and kinds is _SHELL and _SOLID.fullmatch(kind):
         text = f"{card.place}: a shell cannot be tied to solid elements, such as {shown(kind)}"
         raise Fault(text, "Save the surface alone, or mesh all of it as a solid.")
     if match is None:
         if _NOT_SOLID.fullmatch(kind):  # such as the surface elements of mesh programs, springs and masses
-            tags = [_tags(row[:1], place)[0] for place, row in card.rows if row[0]]
+            tags = [whole_tags(row[:1], place)[0] for place, row in card.rows if row[0]]
             part.others.update(tags)
             if card.options.get("ELSET"):
                 part.members("cells", card.options["ELSET"]).extend((str(tag), "") for tag in tags)
@@ -533,7 +441,7 @@ def _read_elements(part: _Part, card: Keyword, kinds: re.Pattern[str]) -> list[s
     length = len(card.rows[0][1]) if len({len(row) for _, row in card.rows}) == 1 else 0
     is_longer = length > count + 1
     for place, row in card.rows:
-        pending += _tags(row, place)[: count + 1 if is_longer else None]
+        pending += whole_tags(row, place)[: count + 1 if is_longer else None]
         if len(pending) < count + 1:
             continue
         if len(pending) > count + 1:
@@ -548,100 +456,14 @@ def _read_elements(part: _Part, card: Keyword, kinds: re.Pattern[str]) -> list[s
     return [f"entries after the {count} nodes of elements {shown(kind)}"] if is_longer else []
 
 
-def _read_set(part: _Part, kind: str, name: str, card: Keyword) -> None:
+def _read_set(part: Part, kind: str, name: str, card: Keyword) -> None:
     members = part.members(kind, name)
     for place, row in card.rows:
         if "GENERATE" not in card.options:
             members += [(entry, "") for entry in row if entry]
             continue
-        numbers = _tags([entry for entry in row if entry], place)
+        numbers = whole_tags([entry for entry in row if entry], place)
         first, last, step = (*numbers, 1)[:3] if len(numbers) in (2, 3) else (1, 0, 1)
         if not step or not 0 < (last - first) // step + 1 <= _MOST_GENERATED:
             raise Fault(f"{place}: the generated set has no valid range")
-        members += [(str(tag), _GENERATED) for tag in range(first, last + (1 if step > 0 else -1), step)]
-
-
-def _rows(
-    part: _Part,
-    kind: str,
-    key: str,
-    node_row: Mapping[int, int],
-    cell_row: Mapping[int, int],
-    cells: list[list[int]],
-    number_of_face: Callable[[str, int], int],
-) -> list[Any]:
-    """Return rows of the members of a set; pairs of a cell and a face for a surface."""
-    rows: list[Any] = []
-    is_of_nodes = kind in ("nodes", _NODE_SURFACE)
-    numbers = node_row if is_of_nodes else cell_row
-    for member, face in _flattened(part, kind, key, frozenset()):
-        tag = int(member)
-        if not is_of_nodes and tag in part.others:
-            continue
-        if tag not in numbers and face == _GENERATED:
-            continue
-        if tag not in numbers:
-            raise Fault(f"set '{shown(part.names[kind, key])}' has {tag}, which is not defined")
-        if kind != "faces":
-            rows.append(numbers[tag])
-            continue
-        try:
-            rows.append((numbers[tag], number_of_face(face, len(cells[cell_row[tag]]))))
-        except IndexError:
-            text = f"element {tag} has no face {shown(face.upper())}"
-            raise Fault(f"surface '{shown(part.names[kind, key])}': {text}") from None
-        except ValueError as error:
-            text = f"surface '{shown(part.names[kind, key])}': '{shown(face)}' is not a face of a"
-            raise Fault(f"{text} {error.args[0]}", error.args[1]) from None
-    return rows
-
-
-def _nodes_of(part: _Part, name: str) -> list[int]:
-    """Return the numbers of a node or of the nodes of a set."""
-    if name.isdigit():
-        return [int(name)]
-    key = name.rpartition(".")[2].lower()
-    if ("nodes", key) not in part.sets:
-        raise Fault(f"*NODAL THICKNESS of '{shown(name)}', which is not defined")
-    return [int(member) for member, _ in _flattened(part, "nodes", key, frozenset())]
-
-
-def _solid_face(face: str, nodes: int) -> int:
-    """Return the number from 0 of a face of a solid element; ``IndexError`` if it has fewer."""
-    if (match := _FACE.fullmatch(face)) is None:
-        raise ValueError("solid element", "Give faces as S1 to S6.")
-    if int(match[1]) > (6 if nodes in (8, 20, 27) else 4):
-        raise IndexError
-    return int(match[1]) - 1
-
-
-def _shell_edge(face: str, nodes: int) -> int:
-    """Return the number from 0 of an edge of a shell element, below 0 for all of it; ``IndexError`` if it has fewer."""
-    if face.upper() in _WHOLE:
-        return _WHOLE[face.upper()]
-    if (match := _EDGE.fullmatch(face)) is None:
-        raise ValueError("shell element", "Give SPOS or SNEG, or edges as E1 to E4.")
-    number = int(match[1]) - 1 if match[1] else int(match[2]) - 3
-    if number >= (3 if nodes in (3, 6) else 4):
-        raise IndexError
-    return number
-
-
-def _flattened(part: _Part, kind: str, key: str, above: frozenset[str]) -> Iterator[tuple[str, str]]:
-    """Yield the members of a set, also of sets in it."""
-    if key in above:
-        raise Fault(f"set '{shown(part.names[kind, key])}' contains itself")
-    for member, face in part.sets.get((kind, key), ()):
-        if member.lstrip("+-").isdigit() and face != _OF_CELLS:
-            yield member, face
-            continue
-        inner = _inner_kind(kind, face)
-        name = member.rpartition(".")[2].lower()
-        if (inner, name) not in part.sets:
-            raise Fault(f"set '{shown(part.names[kind, key])}' has '{shown(member)}', which is not defined")
-        above_here = above | {key} if inner == kind else above
-        tags = (tag for tag, _ in _flattened(part, inner, name, above_here))
-        if face == _OF_CELLS:
-            yield from ((str(node), "") for tag in tags for node in part.elements.get(int(tag), ()))
-        else:
-            yield from ((tag, face) for tag in tags)
+        members += [(str(tag), GENERATED) for tag in range(first, last + (1 if step > 0 else -1), step)]

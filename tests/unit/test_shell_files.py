@@ -237,3 +237,8 @@ def test_an_input_file_of_a_shell_comes_back_with_its_numbers(middles: bool, tmp
         np.testing.assert_array_equal(values, second[name], err_msg=name)
     again = read_surface(written)
     assert {g.name: g.members.tolist() for g in again.groups} == {g.name: g.members.tolist() for g in source.groups}
+
+
+def test_loose_nodes_of_a_shell_are_counted(tmp_path: Path) -> None:
+    (tmp_path / "a.inp").write_text(NODES.replace("3, 3, 6, 5\n", ""))
+    assert any("1 of its nodes belong to no element" in note for note in read_surface(tmp_path / "a.inp").notes)

@@ -89,10 +89,14 @@ def _source_of_elements(path: Path, arrays: Mapping[str, npt.NDArray[Any]], igno
     return _with_sets(source, arrays, cells)
 
 
-def loose_nodes(source: MeshSource) -> Iterator[str]:
-    """Yield a sentence on nodes that belong to no element, as in a file that was cut."""
-    loose = len(source.points) - len(np.unique(source.cells))
-    if loose:
+def loose_nodes(*sources: MeshSource) -> Iterator[str]:
+    """Yield a sentence on nodes that belong to no element, as in a file that was cut.
+
+    Args:
+        sources: cells of each kind, with the same nodes.
+    """
+    used = np.unique(np.concatenate([source.cells.ravel() for source in sources]))
+    if loose := len(sources[0].points) - len(used):
         yield f"{loose:,} of its nodes belong to no element: reference points, or the file is cut"
 
 

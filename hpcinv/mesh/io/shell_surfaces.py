@@ -12,6 +12,7 @@ from hpcinv.formats.vtu import REGION
 from hpcinv.job.sections import SURFACES, ArrayLabels
 from hpcinv.mesh.cells import degree_of, no_cells, scalar_element, sub_entities, vertex_count, vtk_order
 from hpcinv.mesh.checks import check_nodes
+from hpcinv.mesh.io.elements import loose_nodes
 from hpcinv.mesh.io.isolated import Arrays, read_isolated
 from hpcinv.mesh.io.vtu import CELL_TAG, NODE_TAG, VTK_TYPES, read_arrays, tags_of, unit_of, whole_numbers, without_tags
 from hpcinv.mesh.source import Group, Ints, MeshSource, data_arrays, distinct_tags
@@ -54,6 +55,7 @@ def read_shell_surface(path: Path, labels: ArrayLabels | None = None) -> list[Me
         names, arrays = read_arrays(path, suffix.removeprefix("."))
         _check_types(path, names)
     parts, arrays, rows = _cells(path, arrays)
+    notes += tuple(loose_nodes(*parts)) if suffix == ".inp" else ()
     on_cells, on_nodes = _regions(path, arrays, labels)
     return [dataclasses.replace(part, notes=notes) for part in _with_groups(parts, rows, arrays, (on_cells, on_nodes))]
 
