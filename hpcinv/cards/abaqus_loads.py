@@ -231,8 +231,14 @@ class PointLoads:
             self._ended.pop((name, place), None)
             self._loads.put((name, place), step, size, scaled(size))
 
+    def _set_of(self, name: str) -> tuple[str, frozenset[int]] | None:
+        """Return name and nodes of a set, which may be named with its instance."""
+        short = name.lower()
+        return self._sets.get(short) or self._sets.get(short.rpartition(".")[2])
+
     def _nodes(self, name: str) -> frozenset[int]:
-        return self._sets.get(name.lower(), ("", frozenset[int]()))[1]
+        found = self._set_of(name)
+        return found[1] if found else frozenset()
 
     def _end_others(self, nodes: frozenset[int] | set[int], place: int, step: int, name: str) -> None:
         """End what earlier steps have on nodes by other sets, and by their numbers."""
@@ -281,10 +287,11 @@ class PointLoads:
 
     def _add_set(self, name: str, first: int, added: list[NodalForces], keyword: str) -> None:
         """Add the forces or moments on the nodes of a set."""
-        if name.lower() not in self._sets:
+        found = self._set_of(name)
+        if found is None:
             self._deck.unused.append(f"{keyword} on {name}, which has no node of the mesh")
             return
-        region, nodes = self._sets[name.lower()]
+        region, nodes = found
         components = [self._loads.values.get((name, first + i)) for i in range(3)]
         sizes = [0.0 if load is None else load.scaled for load in components]
         ended = [self._ended.get((name, first + i), set()) for i in range(3)]

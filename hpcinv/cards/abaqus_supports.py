@@ -111,8 +111,9 @@ class Supports:
         self._add_single()
 
     def _nodes(self, name: str) -> frozenset[int]:
-        short = name.lower()
-        return next((nodes for own, nodes in self._sets.items() if own.lower() == short), frozenset())
+        """Return the nodes of a set, which may be named with its instance."""
+        names = {name.lower(), name.lower().rpartition(".")[2]}
+        return next((nodes for own, nodes in self._sets.items() if own.lower() in names), frozenset())
 
     def _note_conflicts(self) -> None:
         """List a node that is held by different displacements: the file has the later one, the job both."""

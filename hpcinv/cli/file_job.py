@@ -222,7 +222,8 @@ class FileJob:
     def _members(self, name: str) -> frozenset[int]:
         """Return the numbers of the nodes of a set."""
         spelled = {own.lower(): own for own in self._sets}
-        return self._sets.get(spelled.get(name.lower(), ""), frozenset())
+        own = spelled.get(name.lower()) or spelled.get(name.lower().rpartition(".")[2], "")
+        return self._sets.get(own, frozenset())
 
     def _with_neighbours(self, name: str, lost: list[int]) -> list[int]:
         """Return vertices on no facet of a set, and those that an edge joins to them whose nodes are all in the set.

@@ -4,7 +4,7 @@ import re
 from html import unescape
 from pathlib import Path
 
-from hpcinv.formats.mesh_format import Groups, MeshFormat
+from hpcinv.formats.mesh_format import OF_NODES, Groups, MeshFormat
 from hpcinv.reading.door import admitted
 
 _NAMED = re.compile(r"<(?:Nodes|Elements|NodeSet|ElementSet|Surface)\b[^<>]*?\bname\s*=\s*\"([^\"]*)\"")
@@ -25,4 +25,4 @@ class Feb(MeshFormat):
         if path.stat().st_size > _LARGEST:
             return None
         text = admitted(path).read_text(encoding="utf-8", errors="replace")
-        return Groups(frozenset(map(unescape, _NAMED.findall(text))), patterns=(_UNNAMED,))
+        return Groups(frozenset(map(unescape, _NAMED.findall(text))), patterns=(_UNNAMED, f".+{OF_NODES}"))

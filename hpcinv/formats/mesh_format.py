@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 OUTER, INNER = "outer", "inner"
 """regions of the faces of a shell: the outer one is on the side of its normal"""
+OF_NODES = "-nodes"
+"""ends the name of the region of a node set, if the surface of its name has other nodes"""
 
 
 @dataclass(frozen=True)

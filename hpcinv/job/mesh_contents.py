@@ -14,7 +14,7 @@ from pathlib import Path
 
 from hpcinv import reading
 from hpcinv.formats import FORMATS, action_of
-from hpcinv.formats.mesh_format import Groups
+from hpcinv.formats.mesh_format import OF_NODES, Groups
 from hpcinv.job.sections import IMAGES, SURFACES, MeshFile, MeshSpec
 from hpcinv.reading.reader_outcome import fault_found
 from hpcinv.reading.suffix import suffix_of
@@ -27,6 +27,7 @@ _MEMORY = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 """bytes for a file: a run does not have more"""
 _PROGRAM = Path(reading.__file__).with_name("isolated_reader.py")
 _SETS = ("cells", "faces", "facets", "skin", "nodes")
+_SURFACES = ("faces:", "facets:", "skin:")
 _REGION = "region:"
 
 
@@ -92,6 +93,8 @@ def _read(action: str, path: Path) -> Contents:
         kept = tuple(name for name in whole if name not in ("node_tag", "cell_tag") and not name.startswith(_REGION))
         return Contents(fault_of_grid, Groups(frozenset(sets), arrays=kept))
     sets = [name for place, separator, name in (key.partition(":") for key in names) if separator and place in _SETS]
+    surfaces = {key.partition(":")[2] for key in names if key.startswith(_SURFACES)}
+    sets += [f"{name}{OF_NODES}" for name in surfaces if f"nodes:{name}" in names]
     return Contents(groups=Groups(frozenset(sets)) if action in _COMPLETE else None)
 
 

@@ -192,6 +192,13 @@ def test_pressures_of_several_steps_on_several_names_are_said() -> None:
     assert any("order of the pressures on A, B" in text for text in deck.unused)
 
 
+def test_sets_may_be_named_with_their_instance() -> None:
+    deck = deck_of(step("*CLOAD | Part-1.TOP, 1, 2. | *BOUNDARY | Part-1.FOOT, 3"))
+    assert deck.forces[0].forces == dict.fromkeys((3, 4), (2.0, 0.0, 0.0))
+    assert deck.supports == [{"region": "Part-1.FOOT", "fix": ["z"]}]
+    assert not deck.unused
+
+
 def test_axes_of_a_part_that_is_turned_are_refused() -> None:
     axes = "*ORIENTATION, NAME=o | 1, 0, 0, 0, 1, 0 | "
     turned = "*INSTANCE, NAME=i, PART=p | 0, 0, 0 | 0, 0, 0, 0, 0, 1, 90 | *END INSTANCE | "

@@ -50,6 +50,7 @@ def test_a_support_on_a_whole_part_is_a_job_that_can_run(tmp_path: Path) -> None
 def test_a_node_set_and_a_surface_of_one_name_are_told_apart(tmp_path: Path) -> None:
     job, _ = job_of(tmp_path, MODEL.format(more="", domain="", region="side"))
     assert job["supports"][0]["region"] == "side-nodes"
+    assert main(["validate", str(tmp_path / "a.yaml")]) == 0
     job, _ = job_of(tmp_path, MODEL.format(more="", domain="", region="@surface:side"))
     assert job["supports"][0]["region"] == "side"
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import MeshError
+from hpcinv.formats.mesh_format import OF_NODES
 from hpcinv.mesh.cells import node_order, scalar_element, vertex_count
 from hpcinv.mesh.facet_groups import add_facets, facets_and_cells_inside
 from hpcinv.mesh.io.isolated import read_isolated
@@ -35,10 +36,6 @@ _EDGES = {
     ),
 }
 """vertices of the edges whose middle nodes follow the vertices"""
-
-
-OF_NODES = "-nodes"
-"""ends the name of the region of a node set, if the surface of its name has other nodes"""
 
 
 def read_elements(path: Path, action: str, failure: str) -> MeshSource:
