@@ -49,7 +49,7 @@ def build_python(
     file = str(path.absolute())
     with session(path.stem, size_factor) as gmsh, recorded_inputs(path, reimported=True) as inputs, noted_files(gmsh):
         try:
-            build = runpy.run_path(str(trusted(path.absolute()))).get("build")
+            build = runpy.run_path(str(trusted(Path(file)))).get("build")
             if not callable(build):
                 raise MeshError(
                     f"{path}: no function 'build'",
