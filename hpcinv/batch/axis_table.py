@@ -9,6 +9,7 @@ from typing import Any
 
 from hpcinv.job.job import Job
 from hpcinv.quantity.csv_rows import Row
+from hpcinv.quantity.decimal_marks import AmbiguousNumber
 from hpcinv.quantity.keys import parse_key
 from hpcinv.quantity.schema import shown
 from hpcinv.quantity.suggestions import did_you_mean
@@ -142,6 +143,8 @@ def _value(row: Row, i: int, unit: str) -> Any:
         raise ValueError(f"line {row.line}: a value is missing in column {i + 1}")
     try:
         number = row.number(i)
+    except AmbiguousNumber as error:
+        raise ValueError(f"line {row.line}: {error}") from None
     except ValueError:
         return text  # with a unit of its own, or a name
     if unit not in ("", "-"):

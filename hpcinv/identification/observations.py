@@ -6,7 +6,7 @@ from the computed surface along the normal there. Its derivative is the nearest 
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import dropwhile
 from pathlib import Path
 from typing import Any
@@ -330,7 +330,4 @@ def read_table(path: Path, columns: int) -> Floats:
 def _points(rows: Iterable[Row | tuple[int, str]], columns: int) -> list[Row]:
     """Return the rows below the titles, without labels ahead of their numbers."""
     points = list(dropwhile(lambda row: not row.has_numbers, (row for row in rows if isinstance(row, Row))))
-    return [
-        replace(row, entries=row.entries[1:]) if len(row.entries) == columns + 1 and not row.is_number(0) else row
-        for row in points
-    ]
+    return [row.without_first() if len(row.entries) == columns + 1 and not row.is_number(0) else row for row in points]

@@ -2,16 +2,13 @@
 
 import csv
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
-from hpcinv.quantity.units import NUMBER
+from hpcinv.quantity.decimal_marks import COMMA, OPEN, POINT, decimal_marks, number_of
 from hpcinv.reading.decoding import decoded
 from hpcinv.reading.door import admitted
-
-_NUMBER = re.compile(NUMBER)
-_WITH_COMMA = re.compile(r"([+-]?\d*),(\d+(?:[eE][+-]?\d{1,3})?)")
 
 
 @dataclass(frozen=True)
@@ -21,24 +18,20 @@ class Row:
     Attributes:
         line: number of the line, from 1.
         entries: texts between the delimiters.
-        has_decimal_commas: whether a comma in an entry can only be a decimal one, since others delimit entries.
+        marks: decimal mark of each entry, by its column (`hpcinv.quantity.decimal_marks`).
     """
 
     line: int
     entries: tuple[str, ...]
-    has_decimal_commas: bool
+    marks: tuple[str, ...]
 
     def number(self, column: int) -> float:
         """Return the number in a column; ``ValueError`` with the reason if it is none."""
-        text = self.entries[column]
-        if self.has_decimal_commas:
-            text = _WITH_COMMA.sub(r"\1.\2", text) if _WITH_COMMA.fullmatch(text) else text
-        if not text:
-            raise ValueError("is empty")
-        if _NUMBER.fullmatch(text) is None:
-            comma = "; a decimal comma is written as a point" if _WITH_COMMA.fullmatch(text) else ""
-            raise ValueError(f"{shortened(text)} is not a number{comma}")
-        return float(text)
+        return number_of(self.entries[column], self.marks[column])
+
+    def without_first(self) -> Self:
+        """Return the row without its first entry, such as a label."""
+        return replace(self, entries=self.entries[1:], marks=self.marks[1:])
 
     def is_number(self, column: int) -> bool:
         """Return whether the entry in a column is a number."""
@@ -58,30 +51,36 @@ class Row:
         return any(re.match(r"[+-]?[.,]?\d", entry) for entry in self.entries)
 
 
-def shortened(text: str) -> str:
-    return repr(text) if len(text) <= 60 else f"{text[:57]!r}..."
-
-
-def rows_of(text: str, delimiter: str = "", *, decimal_comma: bool = False) -> Iterator[Row | tuple[int, str]]:
-    """Yield the rows of a table that are not empty, and comments (``#``) as their line and text.
+def rows_of(text: str, delimiter: str = "", *, decimal_comma: bool = False) -> list[Row | tuple[int, str]]:
+    """Return the rows of a table that are not empty, and comments (``#``) as their line and text.
 
     Args:
         delimiter: of entries; left out, the first row decides: tabs, else semicolons, else commas.
-        decimal_comma: whether commas in entries between quotation marks are decimal ones, though others delimit.
+        decimal_comma: whether commas in entries are decimal, also where commas delimit entries.
 
     Raises:
         ValueError: a row cannot be read; with the line and the reason.
     """
+    lines: list[tuple[int, list[str] | str]] = []
     for number, line in enumerate(text.removeprefix("\ufeff").splitlines(), start=1):
         if line.lstrip().startswith("#"):
-            yield number, line.lstrip("# \t")
+            lines.append((number, line.lstrip("# \t")))
         elif line.strip(" \t,;"):
             delimiter = delimiter or next((d for d in "\t;" if d in line), ",")
             try:
                 entries = next(csv.reader([line], delimiter=delimiter))
             except csv.Error as error:  # an entry of more than 131,072 characters
                 raise ValueError(f"line {number}: cannot be read: {error}") from None
-            yield Row(number, tuple(entry.strip() for entry in entries), decimal_comma or delimiter != ",")
+            lines.append((number, [entry.strip() for entry in entries]))
+    rows = [entries for _, entries in lines if not isinstance(entries, str)]
+    unknown = COMMA if delimiter == ";" else OPEN  # American programs write no semicolons
+    marks = decimal_marks(rows, unknown, COMMA if decimal_comma else OPEN)
+    if delimiter == "," and not decimal_comma:  # commas that delimit are not decimal
+        marks = [mark if mark == POINT else OPEN for mark in marks]
+    return [
+        (number, entries) if isinstance(entries, str) else Row(number, tuple(entries), tuple(marks[: len(entries)]))
+        for number, entries in lines
+    ]
 
 
 def text_of(path: Path, most: int) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import io
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 
 from hpcinv.errors import SystemPartMissing
 from hpcinv.quantity.csv_rows import Row, content_of, rows_of
+from hpcinv.quantity.decimal_marks import COMMA, EXACT, OPEN, POINT, decimal_marks, is_grouped
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.reading.decoding import decoded
 
@@ -62,8 +63,8 @@ def readings_of(
         raise ValueError(f"is not a workbook; it has no sheet '{sheet}'")
     text, encoding = decoded(content)
     for delimiter in [d for d in _DELIMITERS if d in text] or [","]:
-        rows = list(rows_of(text, delimiter, decimal_comma=decimal_comma))
-        yield TableReading(rows, f"{encoding}, columns between {_DELIMITERS[delimiter]}")
+        rows = rows_of(text, delimiter, decimal_comma=decimal_comma)
+        yield TableReading(rows, f"{encoding}, columns between {_DELIMITERS[delimiter]}{_said_of_marks(rows)}")
 
 
 def _workbook(content: bytes, most: int, sheet: str | None) -> TableReading:
@@ -82,7 +83,7 @@ def _workbook(content: bytes, most: int, sheet: str | None) -> TableReading:
         if name not in names:
             raise ValueError(f"has no sheet '{name}'.{did_you_mean(name, names)}")
         book[name].reset_dimensions()  # else each row has as many cells as the file says
-        rows = list(_rows(islice(book[name].iter_rows(values_only=True), _MOST_ROWS)))
+        rows = _rows(islice(book[name].iter_rows(values_only=True), _MOST_ROWS))
     except ValueError:
         raise
     except Exception as error:  # openpyxl raises whatever damaged files cause
@@ -91,9 +92,40 @@ def _workbook(content: bytes, most: int, sheet: str | None) -> TableReading:
     return TableReading(rows, f"workbook, sheet '{name}'{others}")
 
 
-def _rows(rows: Iterator[tuple[Any, ...]]) -> Iterator[Row | tuple[int, str]]:
+def _said_of_marks(rows: Sequence[Row | tuple[int, str]]) -> str:
+    """Return what is understood of points and commas in numbers, if there is something to say."""
+    pairs = {
+        (mark, is_grouped(text, mark))
+        for row in rows
+        if isinstance(row, Row)
+        for text, mark in zip(row.entries, row.marks, strict=True)
+        if "," in text or mark == COMMA
+    }
+    said = ["decimal commas"] if any(mark == COMMA for mark, _ in pairs) else []
+    said += ["commas between thousands"] if (POINT, True) in pairs else []
+    said += ["points between thousands"] if (COMMA, True) in pairs else []
+    return "".join(f", {text}" for text in said)
+
+
+def _rows(cells_by_row: Iterator[tuple[Any, ...]]) -> list[Row | tuple[int, str]]:
+    lines = list(_lines(cells_by_row))
+    marks = decimal_marks([[text for text, _ in entries] for _, entries in lines if not isinstance(entries, str)], OPEN)
+    return [
+        (line, entries)
+        if isinstance(entries, str)
+        else Row(
+            line,
+            tuple(text or exact for text, exact in entries),
+            tuple(EXACT if exact else mark for (_, exact), mark in zip(entries, marks, strict=False)),
+        )
+        for line, entries in lines
+    ]
+
+
+def _lines(cells_by_row: Iterator[tuple[Any, ...]]) -> Iterator[tuple[int, list[tuple[str, str]] | str]]:
+    """Yield the number of a line and its entries, each as a text or as an exact number; or a comment."""
     count = 0
-    for line, cells in enumerate(rows, start=1):
+    for line, cells in enumerate(cells_by_row, start=1):
         if not cells:  # one of the empty rows before a formatted cell
             continue
         count += len(cells)
@@ -105,7 +137,8 @@ def _rows(rows: Iterator[tuple[Any, ...]]) -> Iterator[Row | tuple[int, str]]:
         if entries and entries[0].startswith("#"):
             yield line, " ".join(entries).lstrip("# \t")
         elif any(entries):
-            yield Row(line, tuple(entries), has_decimal_commas=True)
+            numbers = [isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells]
+            yield line, [("", text) if exact else (text, "") for text, exact in zip(entries, numbers, strict=False)]
 
 
 def _text(cell: Any) -> str:
