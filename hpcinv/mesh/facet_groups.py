@@ -32,12 +32,17 @@ def add_facets(source: MeshSource, sides: Mapping[str, Ints]) -> MeshSource:
         sides: by the name of a group: rows (n, 2) of a cell and the local number of a facet of it, as DOLFINx counts.
     """
     groups, facets, count = list(source.groups), [source.facets], len(source.facets)
-    nodes = np.array(scalar_element(source.kind, source.degree).entity_closure_dofs[2], dtype=np.int64)
     for name, rows in sides.items():
-        facets.append(source.cells[rows[:, 0, None], nodes[rows[:, 1]]])
+        facets.append(facets_of_cells(source, rows))
         groups.append(Group(name, 2, 0, np.arange(count, count + len(rows))))
         count += len(rows)
     return join_facets(dataclasses.replace(source, facets=np.concatenate(facets), groups=distinct_tags(groups)))
+
+
+def facets_of_cells(source: MeshSource, sides: Ints) -> Ints:
+    """Return the nodes (n, l) of facets: rows (n, 2) of a cell and the local number of a facet, as DOLFINx counts."""
+    nodes = np.array(scalar_element(source.kind, source.degree).entity_closure_dofs[2], dtype=np.int64)
+    return source.cells[sides[:, 0, None], nodes[sides[:, 1]]]
 
 
 def facets_and_cells_inside(table: FacetTable, vertices: Ints, is_inside: npt.NDArray[np.bool_]) -> tuple[Ints, Ints]:

@@ -29,11 +29,11 @@ def node_numbers(body: Body, space: fem.FunctionSpace) -> Ints:
     if source.midsurface is not None:
         numbers = np.resize(source.midsurface.node_tags, len(source.points))
     rows = Rows.distributed(body.mesh.comm, len(source.points))
-    of_nodes = rows.fetch(numbers[:, None], geometry.input_global_indices)[:, 0]
+    source_numbers = rows.fetch(numbers[:, None], geometry.input_global_indices)[:, 0]
     places, own = space.element.basix_element.points, scalar_element(source.kind, source.degree).points
     distances = np.abs(places[:, None] - own).max(axis=2)
     node, point = np.nonzero(distances < 1e-9)
     dofs = space.dofmap.list
     result: Ints = np.zeros(space.dofmap.index_map.size_local + space.dofmap.index_map.num_ghosts, dtype=np.int64)
-    result[dofs[:, node]] = of_nodes[geometry.dofmaps[0][:, point]]
+    result[dofs[:, node]] = source_numbers[geometry.dofmaps[0][:, point]]
     return result

@@ -78,15 +78,10 @@ def _without_repeated(source: MeshSource, earlier: int, where: str) -> MeshSourc
     Raises:
         MeshError: a group of the file has the same name and other members.
     """
-    own = {group.name: list[Group]() for group in source.groups[:earlier]}
-    for group in source.groups[:earlier]:
-        own[group.name].append(group)
-    repeated = dict[str, list[Group]]()
-    for group in source.groups[earlier:]:
-        if group.name in own:
-            repeated.setdefault(group.name, []).append(group)
-    for name, groups in repeated.items():
-        if not _are_equal(own[name], groups):
+    own, labelled = _members(source.groups[:earlier]), _members(source.groups[earlier:])
+    repeated = own.keys() & labelled.keys()
+    for name in sorted(repeated):
+        if own[name] != labelled[name]:
             raise MeshError(
                 f"{where}: the mesh has a group '{name}' already, with other members",
                 f"Choose another name for its values in mesh.labels.names, or remove '{name}' from the file.",
@@ -95,10 +90,12 @@ def _without_repeated(source: MeshSource, earlier: int, where: str) -> MeshSourc
     return dataclasses.replace(source, groups=(*source.groups[:earlier], *new))
 
 
-def _are_equal(groups: Sequence[Group], others: Sequence[Group]) -> bool:
-    members = ({group.dim: set(group.members.tolist()) for group in some} for some in (groups, others))
-    first, second = members
-    return first == second
+def _members(groups: Sequence[Group]) -> dict[str, dict[int, set[int]]]:
+    """Return the members of groups by name and dimension."""
+    members = dict[str, dict[int, set[int]]]()
+    for group in groups:
+        members.setdefault(group.name, {})[group.dim] = set(group.members.tolist())
+    return members
 
 
 def _with_groups(source: MeshSource, dim: int, values: Ints, numbers: Mapping[str, Sequence[int]]) -> MeshSource:

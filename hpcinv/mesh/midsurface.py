@@ -274,7 +274,7 @@ def surface_source(
         INNER: levels[0] - middle,
     }
     arrays |= {"thickness": thickness, "director": through / np.maximum(thickness, 1e-300)}
-    on_faces = {
+    face_data = {
         name: array
         for name, array in more.items()
         if array.place == "nodes" and (name not in body.data or f"{name}_{OUTER}" in surface.data)
@@ -284,9 +284,9 @@ def surface_source(
             array, values=at_surface(array.values) if array.place == "nodes" else array.values[: len(surface.cells)]
         )
         for name, array in {**body.data, **more}.items()
-        if name not in on_faces
+        if name not in face_data
     }
-    for name, array in on_faces.items():
+    for name, array in face_data.items():
         columns = array.values.reshape(len(shell.levels), count, -1)
         arrays |= {f"{name}_{OUTER}": columns[-1], f"{name}_{INNER}": columns[0]}
     data |= {name: DataArray(name, "nodes", values) for name, values in arrays.items()}

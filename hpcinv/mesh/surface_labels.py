@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hpcinv.mesh.cells import scalar_element, vertex_count
+from hpcinv.mesh.cells import vertex_count
+from hpcinv.mesh.facet_groups import facets_of_cells
 from hpcinv.mesh.source import Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable, find_rows
 
@@ -24,13 +25,11 @@ def labelled_facets(source: MeshSource) -> tuple[Ints, Mapping[str, Ints]]:
     row_of_label = table.find(corners.reshape(labelled.vertex_tags.shape))
     row_of_facet = table.find(source.facets[:, : labelled.vertex_tags.shape[1]])
     more = np.setdiff1d(row_of_label[row_of_label >= 0], row_of_facet)
-    owners = table.owners(more)
-    nodes = np.array(scalar_element(source.kind, source.degree).entity_closure_dofs[2], dtype=np.int64)
-    facets = np.concatenate([source.facets, source.cells[owners[:, 0, None], nodes[owners[:, 1]]]])
+    facets = np.concatenate([source.facets, facets_of_cells(source, table.owners(more))])
     rows, is_known = np.concatenate([row_of_facet, more]), row_of_label >= 0
     labels = dict[str, Ints]()
     for name, values in labelled.values.items():
-        by_row = np.full(len(table.vertices), min(-1, int(values.min()) - 1))
-        by_row[row_of_label[is_known]] = values[is_known]
-        labels[name] = by_row[rows]
+        row_labels = np.full(len(table.vertices), min(-1, int(values.min()) - 1))
+        row_labels[row_of_label[is_known]] = values[is_known]
+        labels[name] = row_labels[rows]
     return facets, labels

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from hpcinv.accuracy import AccuracyRecord
 from hpcinv.certificate import Certificate, Line, Verdict
@@ -160,11 +160,7 @@ class RunReport(Observer):
         path = self.store.path
         assert path is not None
         result = replace(self._unfinished(solutions, _INCOMPLETE), directory=path, totals=self.totals)
-        equations, store, is_first = self.equations, self.store, self.store.comm.rank == 0
-        size = equations.unknowns.size
-        content = statistics(result, _STOPPED, size, self.unused_options, equations.timings, store.comm)
-        content["unwritten"] = [error.message for error in store.unwritten]
-        content["shape_files"] = {file.name: file.left_out for file in store.shape_files.values()}
+        content, is_first = self._content(result, _STOPPED), self.store.comm.rank == 0
 
         def end_with_summary() -> None:
             if not is_first:
@@ -182,13 +178,18 @@ class RunReport(Observer):
     def _unfinished(self, solutions: Sequence[Solution], line: Line) -> Result:
         return Result(self.job, self.equations.body, tuple(solutions), Certificate((line,)))
 
-    def _write(self, result: Result, status: str, advice: str = "") -> Result:
-        equations, store = self.equations, self.store
-        result = replace(result, directory=store.path, accuracy=self.record, totals=self.totals)
-        size = equations.unknowns.size
+    def _content(self, result: Result, status: str, advice: str = "") -> dict[str, Any]:
+        """Return the content of ``summary.json``; collective."""
+        equations, store, size = self.equations, self.store, self.equations.unknowns.size
         content = statistics(result, status, size, self.unused_options, equations.timings, store.comm, advice=advice)
         content["unwritten"] = [error.message for error in store.unwritten]
         content["shape_files"] = {file.name: file.left_out for file in store.shape_files.values()}
+        return content
+
+    def _write(self, result: Result, status: str, advice: str = "") -> Result:
+        equations, store = self.equations, self.store
+        result = replace(result, directory=store.path, accuracy=self.record, totals=self.totals)
+        content = self._content(result, status, advice)
         if (path := store.path) is not None:
             store.check_in_place()
             if status == "converged" and self.job.output.fields:

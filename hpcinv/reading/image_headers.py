@@ -300,7 +300,7 @@ def _segment_names(fields: Mapping[str, str]) -> dict[str, int]:
         if match := _SEGMENT.fullmatch(key):
             value = _needed(fields, f"{_OF_PROGRAM}{match[1]}_LabelValue")
             numbers.setdefault(name.strip(), []).append(_whole_numbers(fields, value, 1)[0])
-    return {name: of_name[0] for name, of_name in numbers.items() if len(of_name) == 1}
+    return {name: values[0] for name, values in numbers.items() if len(values) == 1}
 
 
 def _nrrd_fields(file: IO[bytes]) -> tuple[dict[str, str], list[str]]:

@@ -36,12 +36,12 @@ def shape_directions(body: Body, families: Mapping[str, FibreFamily], solution: 
             arrays[array.name] = DataArray(array.name, "nodes", unit_vectors(values))
         else:
             given = given_in_middles(body, name, family, solution, owned)[:, None]
-            in_cells: Floats = np.zeros((count, 3))
+            cell_values: Floats = np.zeros((count, 3))
             middle = corners.mean(axis=0)[None]
-            in_cells[owned] = unit_vectors(_on_shape(body, family, solution, given, owned, middle)[:, 0])
+            cell_values[owned] = unit_vectors(_on_shape(body, family, solution, given, owned, middle)[:, 0])
             own_name = f"fibres.{name}" if name in body.source.data else name
             key = own_name if array is None else array.name
-            arrays[key] = DataArray(key, "cells", in_cells)
+            arrays[key] = DataArray(key, "cells", cell_values)
     return arrays
 
 
