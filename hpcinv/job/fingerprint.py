@@ -8,7 +8,7 @@ from typing import Any
 
 from hpcinv.errors import CheckpointError
 from hpcinv.job.job import Job
-from hpcinv.job.resolved_job import file_digest, resolved, without
+from hpcinv.job.resolved_job import file_digest, resolved
 from hpcinv.quantity.schema import KeyPath, dotted_key
 
 _FORMAT = 2
@@ -42,7 +42,7 @@ NOT_PHYSICS: dict[str, str] = NOT_CONTENT | {
 
 def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[str, Any]:
     """The physics of a job as JSON data, with automatic choices resolved and files by their SHA-256 (``digest``)."""
-    return {"format": _FORMAT} | without(resolved(job, digest), NOT_PHYSICS)
+    return {"format": _FORMAT} | resolved(job, NOT_PHYSICS, digest)
 
 
 def content_key(job: Job, digest: Callable[[Path], str] = file_digest, **circumstances: Any) -> str:
@@ -54,7 +54,7 @@ def content_key(job: Job, digest: Callable[[Path], str] = file_digest, **circums
         digest: SHA-256 of a file; callers with many jobs on the same files can cache it.
         circumstances: further data that distinguish runs, as JSON data, such as ``ranks``.
     """
-    return hash_of([without(resolved(job, digest), NOT_CONTENT), circumstances])
+    return hash_of([resolved(job, NOT_CONTENT, digest), circumstances])
 
 
 def hash_of(content: Any) -> str:

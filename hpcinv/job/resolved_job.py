@@ -53,6 +53,8 @@ def file_digest(path: Path) -> str:
                     digest.update(hashlib.file_digest(voxels, "sha256").digest())
     except (OSError, ValueError) as error:
         missing = getattr(error, "filename", None) or path
+        if isinstance(error, FileNotFoundError) and str(missing) == str(path):
+            raise MeshError(f"{path}: no such file", "Paths of a job start from its directory.") from None
         advice = "Keep the .h5 file next to the .xdmf file." if mesh_format else "Is the file readable?"
         raise MeshError(f"{path}: {missing} cannot be read: {getattr(error, 'strerror', error)}", advice) from None
     return digest.hexdigest()
@@ -77,10 +79,11 @@ def _voxel_files(path: Path, header: bytes) -> list[Path]:
     return []
 
 
-def resolved(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[str, Any]:
-    """Return all sections of a job as JSON data, with automatic choices made, and files by their content.
+def resolved(job: Job, left_out: Mapping[str, str], digest: Callable[[Path], str] = file_digest) -> dict[str, Any]:
+    """Return the sections of a job as JSON data, with automatic choices made, and files by their content.
 
     Args:
+        left_out: reasons by section, or key of a section such as ``mesh.partition``; their files are not read.
         digest: SHA-256 of a file; callers with many jobs on the same files can cache it.
 
     Raises:
@@ -91,16 +94,16 @@ def resolved(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[str,
         path = job.resolve(file)
         return f"{digest(path)} {suffix_of(path)}".rstrip()
 
-    data = job.model_dump(mode="json", exclude_none=True, context=WITH_DEFINITIONS)
+    data = _without(job.model_dump(mode="json", exclude_none=True, context=WITH_DEFINITIONS), left_out)
     _replace_files(job, data, content_of)
     data["directions"] = list(job.directions)
     data["mesh"]["unit"] = job.mesh.metres  # of an image by default mm
-    if job.expected_shape is not None:
+    if job.expected_shape is not None and "expected_shape" in data:
         data["expected_shape"]["unit"] = job.expected_shape.metres
     data["discretisation"] |= _spaces(job)
-    if job.plugins and any(inputs := [inputs_of(job.resolve(plugin)) for plugin in job.plugins]):
+    if "plugins" in data and any(inputs := [inputs_of(job.resolve(plugin)) for plugin in job.plugins]):
         data["inputs_of_plugins"] = inputs
-    return data
+    return _without(data, left_out)
 
 
 def _spaces(job: Job) -> dict[str, Any]:
@@ -153,12 +156,7 @@ def _is_file(kind: type[Spec], name: str) -> bool:
     return metadata_in(NamesFile, field.annotation, *field.metadata) is not None
 
 
-def without(data: Mapping[str, Any], left_out: Mapping[str, str]) -> dict[str, Any]:
-    """Return data of a job without some sections, or keys of sections such as ``mesh.partition``.
-
-    Args:
-        left_out: reasons by dotted key.
-    """
+def _without(data: Mapping[str, Any], left_out: Mapping[str, str]) -> dict[str, Any]:
     return {
         section: {key: value for key, value in content.items() if f"{section}.{key}" not in left_out}
         if isinstance(content, dict)

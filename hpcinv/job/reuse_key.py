@@ -12,7 +12,7 @@ from typing import Any
 from hpcinv.job.cavities import CONTROLS, Cavity
 from hpcinv.job.fingerprint import NOT_CONTENT, NOT_PHYSICS, fingerprint, hash_of
 from hpcinv.job.job import Job
-from hpcinv.job.resolved_job import file_digest, resolved, without
+from hpcinv.job.resolved_job import file_digest, resolved
 from hpcinv.job.sections import Support
 from hpcinv.job.states import StateSpec
 from hpcinv.quantity.component import Ingredient
@@ -39,7 +39,7 @@ NOT_BODY: dict[str, str] = _NEITHER | dict.fromkeys(
 
 def body_key(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
     """Hash (20 hex digits) of all that the body of a job depends on: everything except `NOT_BODY`."""
-    return hash_of(without(resolved(job, digest), NOT_BODY))
+    return hash_of(resolved(job, NOT_BODY, digest))
 
 
 def kernel_key(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
@@ -47,7 +47,7 @@ def kernel_key(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
 
     It is the reuse group, and what the content key has in addition, without the numbers of ways to a state.
     """
-    content = without(resolved(job, digest), NOT_CONTENT)
+    content = resolved(job, NOT_CONTENT, digest)
     further = {name: part for name, part in content.items() if name in NOT_PHYSICS}
     for section in ("solver", "fixed_point"):
         further[section] = {name: _marked_setting(value) for name, value in further[section].items()}

@@ -251,7 +251,9 @@ def python(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def test_every_shipped_job_is_valid_and_checking_it_loads_neither_mpi_nor_the_solver() -> None:
     # Without the one of ten thousand cases, each of which is checked: tests/unit/test_job.py does so for some of them.
-    jobs = [str(p) for p in sorted((ROOT / "jobs").glob("*.yaml")) if p.name != "paper-monte-carlo.yaml"]
+    # A CAD file, whose faces are listed, needs what reads meshes.
+    left_out = ("paper-monte-carlo.yaml", "mount.yaml")
+    jobs = [str(p) for p in sorted((ROOT / "jobs").glob("*.yaml")) if p.name not in left_out]
     code = (
         f"import sys; from hpcinv.__main__ import main; c = main(['validate', *{jobs}]); print(*sys.modules); exit(c)"
     )
