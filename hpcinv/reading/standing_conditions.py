@@ -7,7 +7,7 @@ and Abaqus wants it in all of them. Source: Dhondt, *CalculiX CrunchiX User's Ma
 
 import re
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from hpcinv.reading.single_conditions import fortran_number, held_axes
 
@@ -90,7 +90,11 @@ class SingleConditions:
 
     def end_earlier(self, keyword: str, step: int) -> None:
         """End the conditions of earlier steps of the kind of a keyword."""
-        kinds = {"BOUNDARY": (self.held,), "CLOAD": (self.forces, self.moments), "DLOAD": (self.pressed, self.edges)}
+        kinds: dict[str, tuple[Standing[Any], ...]] = {
+            "BOUNDARY": (self.held,),
+            "CLOAD": (self.forces, self.moments),
+            "DLOAD": (self.pressed, self.edges),
+        }
         for kind in kinds.get(keyword, ()):
             kind.end_earlier(step)
 
