@@ -10,6 +10,7 @@ from hpcinv.cards.abaqus_amplitudes import Amplitudes
 from hpcinv.cards.abaqus_axes import GLOBAL, axes_of
 from hpcinv.cards.abaqus_couplings import Couplings
 from hpcinv.cards.abaqus_elastic import elastic_law, is_isotropic
+from hpcinv.cards.abaqus_file import InputFile, NodeSets
 from hpcinv.cards.abaqus_loads import DistributedLoads, PointLoads
 from hpcinv.cards.abaqus_shell import SECTIONS, has_shells, section_of
 from hpcinv.cards.abaqus_supports import Supports
@@ -61,13 +62,13 @@ class _KeywordReader:
         self._material, self._step = "", 0
         _refuse_turned_axes(file)
         unused, is_shell = self._deck.unused, self._is_shell
-        amplitudes, transforms = Amplitudes(file), Transforms(file, nodes_of_sets)
+        sets = NodeSets(nodes_of_sets)
+        amplitudes, transforms = Amplitudes(file), Transforms(file, sets.nodes)
         couplings, single = Couplings(file, unused), SingleConditions(has_rotations=is_shell)
-        places = self._deck, amplitudes, transforms, couplings, nodes_of_sets, single
-        self._supports = Supports(*places, has_rotations=is_shell)
-        self._loads = DistributedLoads(self._deck, amplitudes, single, is_shell=is_shell)
+        named = InputFile(self._deck, amplitudes, transforms, couplings, sets, single, is_shell)
+        self._supports, self._loads = Supports(named), DistributedLoads(named)
         own_sets = {k.options["NSET"].lower() for k in file if k.name in ("NODE", "NSET") and "NSET" in k.options}
-        self._forces = PointLoads(*places, own_sets=own_sets, is_shell=is_shell)
+        self._forces = PointLoads(named, own_sets)
 
     def deck(self) -> Deck:
         """Return what the file says.

@@ -10,15 +10,14 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any
 
-from hpcinv.cards.abaqus_amplitudes import Amplitudes
-from hpcinv.cards.abaqus_couplings import SPREAD, Couplings
+from hpcinv.cards.abaqus_couplings import SPREAD
+from hpcinv.cards.abaqus_file import InputFile
 from hpcinv.cards.abaqus_supports import Supports, motion_of
-from hpcinv.cards.abaqus_transform import Transforms
 from hpcinv.cards.card import CardError, number
-from hpcinv.cards.deck import Deck, Measure, NodalForces, RigidRegion
+from hpcinv.cards.deck import Measure, NodalForces, RigidRegion
 from hpcinv.reading.abaqus_keywords import Keyword
 from hpcinv.reading.single_conditions import force_groups, pressed_groups
-from hpcinv.reading.standing_conditions import NewConditions, SingleConditions, Standing, vectors
+from hpcinv.reading.standing_conditions import NewConditions, Standing, vectors
 
 _PRESSED = re.compile(r"P[1-6]")
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -30,14 +29,10 @@ type _Vector = tuple[float, float, float]
 
 
 class DistributedLoads:
-    """Pressures on faces and edges, gravity and centrifugal forces.
+    """Pressures on faces and edges, gravity and centrifugal forces."""
 
-    Args:
-        single: conditions on single elements, which supports share.
-    """
-
-    def __init__(self, deck: Deck, amplitudes: Amplitudes, single: SingleConditions, *, is_shell: bool) -> None:
-        self._deck, self._amplitudes, self._single, self._is_shell = deck, amplitudes, single, is_shell
+    def __init__(self, file: InputFile) -> None:
+        self._file, self._deck = file, file.deck
         self._loads = Standing[_Load](adds=True)
         self._spelled: dict[str, str] = {}
         self._new = NewConditions()
@@ -49,12 +44,12 @@ class DistributedLoads:
         """Read the loads of a keyword."""
         name, options = keyword.name, keyword.options
         if self._new.ends_earlier(name, options, step):
-            self._single.end_earlier(name, step)
+            self._file.single.end_earlier(name, step)
             kept = {key: load for key, load in self._loads.values.items() if key[0] != name or load.step == step}
             self._loads.values = kept
         elif self._new.is_late(name, options, step):
             self._deck.unused.append(f"OP=NEW of a *{name} that is not the first of its step")
-        amplitude = self._amplitudes.at_end(keyword, step, self._deck.unused)
+        amplitude = self._file.amplitudes.at_end(keyword, step, self._deck.unused)
         for line in keyword.lines:
             if line[0].isdigit():
                 self._read_single(name, line, step, amplitude.of)
@@ -65,12 +60,12 @@ class DistributedLoads:
 
     def _read_single(self, name: str, line: list[str], step: int, scaled: Callable[[float], float]) -> None:
         kind = line[1].upper() if len(line) > 1 else ""
-        is_read = _PRESSED.fullmatch(kind) or (self._is_shell and (kind == "P" or kind.startswith("EDNOR")))
+        is_read = _PRESSED.fullmatch(kind) or (self._file.is_shell and (kind == "P" or kind.startswith("EDNOR")))
         if not is_read:
             self._not_read[f"*{name}"] += 1
             return
         try:
-            self._single.read("DLOAD", line, step, scaled)
+            self._file.single.read("DLOAD", line, step, scaled)
         except ValueError:
             raise CardError(f"*{name}: {', '.join(line)!r} is not a load") from None
 
@@ -102,8 +97,8 @@ class DistributedLoads:
             components = [Measure(component + 0.0, length=1, time=-2) for component in acceleration]
             self._add_mass_load({"effect": "gravity", "acceleration": components}, "GRAV", names)
         self._note_order()
-        self._add_single(self._single.pressed, "pressed")
-        self._add_single(self._single.edges, "edge-loaded")
+        self._add_single(self._file.single.pressed, "pressed")
+        self._add_single(self._file.single.edges, "edge-loaded")
 
     def _note_order(self) -> None:
         """List loads of several steps on faces by several names, which may share faces."""
@@ -117,10 +112,10 @@ class DistributedLoads:
         """Return the section of a pressure, or of a force by length of an edge; ``None`` if it is something else."""
         pressure = {"effect": "pressure", "region": name, "pressure": Measure(size, stress=1)}
         if keyword == "DSLOAD" and kind == "P":
-            return pressure | ({"face": "surface"} if self._is_shell else {})
-        if self._is_shell and (keyword, kind) == ("DLOAD", "P"):
+            return pressure | ({"face": "surface"} if self._file.is_shell else {})
+        if self._file.is_shell and (keyword, kind) == ("DLOAD", "P"):
             return pressure | {"face": "back"}
-        if self._is_shell and kind.startswith("EDNOR"):
+        if self._file.is_shell and kind.startswith("EDNOR"):
             edge = f"{name}-{kind}" if keyword == "DLOAD" else name
             return pressure | {"region": edge, "pressure": Measure(size, length=1, stress=1), "face": "edge"}
         if keyword == "DLOAD" and _PRESSED.fullmatch(kind):
@@ -130,7 +125,7 @@ class DistributedLoads:
     def _add_single(self, standing: Standing[tuple[int, int]], called: str) -> None:
         """Add the loads on single elements by the sets that the reader of the mesh makes of them."""
         added, is_edge = 0, called != "pressed"
-        face = {"face": "edge" if is_edge else "back"} if self._is_shell else {}
+        face = {"face": "edge" if is_edge else "back"} if self._file.is_shell else {}
         raw = {place: value.raw for place, value in standing.values.items()}
         for name, _, places in pressed_groups(raw, called):
             sizes = {standing.values[place].scaled for place in places}
@@ -173,27 +168,11 @@ class PointLoads:
     """Forces and moments on nodes, sets and reference nodes.
 
     Args:
-        sets: numbers of nodes by the name of a set.
-        single: conditions on single nodes, which supports share.
         own_sets: names of the sets of the file, in lower case; the others are of the reader of the mesh.
     """
 
-    def __init__(
-        self,
-        deck: Deck,
-        amplitudes: Amplitudes,
-        transforms: Transforms,
-        couplings: Couplings,
-        sets: Mapping[str, frozenset[int]],
-        single: SingleConditions,
-        *,
-        own_sets: Collection[str],
-        is_shell: bool,
-    ) -> None:
-        self._deck, self._amplitudes, self._transforms, self._couplings = deck, amplitudes, transforms, couplings
-        self._own_sets = own_sets
-        self._sets = {name.lower(): (name, nodes) for name, nodes in sets.items()}
-        self._single, self._is_shell = single, is_shell
+    def __init__(self, file: InputFile, own_sets: Collection[str]) -> None:
+        self._file, self._deck, self._own_sets = file, file.deck, own_sets
         self._loads = Standing[tuple[str, int]](adds=True)  # by set and component, from 0
         self._on_references = Standing[tuple[int, int]](adds=True)
         self._ended: dict[tuple[str, int], set[int]] = {}  # nodes of sets whose component a later step replaces
@@ -205,17 +184,17 @@ class PointLoads:
         if self._new.ends_earlier("CLOAD", keyword.options, step):
             for standing in (self._loads, self._on_references):
                 standing.end_earlier(step)
-            self._single.end_earlier("CLOAD", step)
+            self._file.single.end_earlier("CLOAD", step)
         elif self._new.is_late("CLOAD", keyword.options, step):
             self._deck.unused.append("OP=NEW of a *CLOAD that is not the first of its step")
-        amplitude = self._amplitudes.at_end(keyword, step, self._deck.unused)
+        amplitude = self._file.amplitudes.at_end(keyword, step, self._deck.unused)
         for line in keyword.lines:
             self._read_line(line, step, amplitude.of)
 
     def _read_line(self, line: list[str], step: int, scaled: Callable[[float], float]) -> None:
         component = line[1] if len(line) > 1 else ""
-        reference = self._couplings.reference(line[0])
-        if component not in _COMPONENTS or (component > "3" and not self._is_shell and reference is None):
+        reference = self._file.couplings.reference(line[0])
+        if component not in _COMPONENTS or (component > "3" and not self._file.is_shell and reference is None):
             self._deck.unused.append(f"*CLOAD, {', '.join(line)}")
             return
         size = number(line[2] or "0", "*CLOAD") if len(line) > 2 else 0.0
@@ -223,29 +202,20 @@ class PointLoads:
         if reference is not None:
             self._on_references.put((reference[0], place + 3 * reference[1]), step, size, scaled(size))
         if line[0].isdigit():
-            self._single.read("CLOAD", line, step, scaled)
+            self._file.single.read("CLOAD", line, step, scaled)
             self._end_others({int(line[0])}, place, step, "")
         elif reference is None:
             name = self._spelled.setdefault(line[0].lower(), line[0])
-            self._end_others(self._nodes(name), place, step, name)
+            self._end_others(self._file.nodes(name), place, step, name)
             self._ended.pop((name, place), None)
             self._loads.put((name, place), step, size, scaled(size))
-
-    def _set_of(self, name: str) -> tuple[str, frozenset[int]] | None:
-        """Return name and nodes of a set, which may be named with its instance."""
-        short = name.lower()
-        return self._sets.get(short) or self._sets.get(short.rpartition(".")[2])
-
-    def _nodes(self, name: str) -> frozenset[int]:
-        found = self._set_of(name)
-        return found[1] if found else frozenset()
 
     def _end_others(self, nodes: frozenset[int] | set[int], place: int, step: int, name: str) -> None:
         """End what earlier steps have on nodes by other sets, and by their numbers."""
         for (other, component), load in self._loads.values.items():
             if component == place and other != name and load.step < step:
-                self._ended.setdefault((other, place), set()).update(nodes & self._nodes(other))
-        standing = (self._single.moments if place > 2 else self._single.forces).values
+                self._ended.setdefault((other, place), set()).update(nodes & self._file.nodes(other))
+        standing = (self._file.single.moments if place > 2 else self._file.single.forces).values
         for node in nodes if name else ():
             if (old := standing.get((node, place % 3))) is not None and old.step < step:
                 text = f"*CLOAD on {name}: it replaces the force on node {node} of an earlier step, which the job keeps"
@@ -261,11 +231,11 @@ class PointLoads:
         ):
             for name in dict.fromkeys(name for name, place in self._loads.values if first <= place < first + 3):
                 self._add_set(name, first, added, keyword)
-            standing = self._single.moments if first else self._single.forces
+            standing = self._file.single.moments if first else self._file.single.forces
             scaled = vectors(standing, is_scaled=True)
             groups = dict(force_groups(vectors(standing, is_scaled=False), called))
             for region, nodes in self._in_regions(groups):
-                own = {node: scaled[node] for node in nodes if node not in self._couplings.nodes}
+                own = {node: scaled[node] for node in nodes if node not in self._file.couplings.nodes}
                 self._add_nodal(added, region, f"{keyword} on {len(own):,} single nodes", own)
 
     def _in_regions(self, groups: Mapping[str, frozenset[int]]) -> Iterator[tuple[str | None, frozenset[int]]]:
@@ -276,10 +246,10 @@ class PointLoads:
         joined = {
             name: name
             for name, nodes in groups.items()
-            if nodes == self._nodes(name) or (nodes < self._nodes(name) and name not in self._own_sets)
+            if nodes == self._file.nodes(name) or (nodes < self._file.nodes(name) and name not in self._own_sets)
         }
         for name, nodes in groups.items():
-            if name not in joined and (other := next((o for o in joined if nodes <= self._nodes(o)), None)):
+            if name not in joined and (other := next((o for o in joined if nodes <= self._file.nodes(o)), None)):
                 joined[name] = other
         for region in dict.fromkeys(joined.values()):
             yield region, frozenset().union(*(groups[name] for name, other in joined.items() if other == region))
@@ -287,7 +257,7 @@ class PointLoads:
 
     def _add_set(self, name: str, first: int, added: list[NodalForces], keyword: str) -> None:
         """Add the forces or moments on the nodes of a set."""
-        found = self._set_of(name)
+        found = self._file.sets.find(name)
         if found is None:
             self._deck.unused.append(f"{keyword} on {name}, which has no node of the mesh")
             return
@@ -307,7 +277,7 @@ class PointLoads:
         """Add forces at nodes by their components along the axes of the nodes."""
         turned: dict[int, _Vector] = {}
         for node, force in forces.items():
-            (frame,) = self._transforms.frames_of([node])
+            (frame,) = self._file.transforms.frames_of([node])
             in_space = frame.force(force) if frame else force
             if in_space is None:
                 self._deck.unused.append(f"{title}, along the radial axes of *TRANSFORM")
@@ -322,10 +292,10 @@ class PointLoads:
         for (node, place), load in self._on_references.values.items():
             loads.setdefault(node, [0.0] * 6)[place] = load.scaled
         for node in dict.fromkeys([*loads, *moved]):
-            self._couplings.used.add(node)
-            coupling = self._couplings.of(node)
+            self._file.couplings.used.add(node)
+            coupling = self._file.couplings.of(node)
             force, moment = loads.get(node, [0.0] * 6)[:3], loads.get(node, [0.0] * 6)[3:]
-            if self._transforms.frames_of({node} & self._couplings.nodes) != {None}:
+            if self._file.transforms.frames_of({node} & self._file.couplings.nodes) != {None}:
                 self._deck.unused.append(f"*CLOAD on node {node}, along the axes of *TRANSFORM")
             elif node in moved:
                 self._add_motion(node, moved[node], [*force, *moment])
@@ -333,7 +303,7 @@ class PointLoads:
                 remote = {
                     "force": [Measure(part, length=2, stress=1) for part in force],
                     "moment": [Measure(part, length=3, stress=1) for part in moment],
-                    "about": [Measure(part, length=1) for part in self._couplings.position(node)],
+                    "about": [Measure(part, length=1) for part in self._file.couplings.position(node)],
                 }
                 of = "nodes" if coupling.is_set else "surface"
                 self._deck.remotes.append(RigidRegion(coupling.region, of, {"remote": remote}))
@@ -345,13 +315,14 @@ class PointLoads:
                 x, y, z = force
                 self._deck.forces.append(NodalForces(coupling.region, title, {node: (x, y, z)}, "surface"))
         self._deck.unused += [
-            f"{coupling.kind} of {coupling.region} to a node without a force" for coupling in self._couplings.idle()
+            f"{coupling.kind} of {coupling.region} to a node without a force"
+            for coupling in self._file.couplings.idle()
         ]
 
     def _add_motion(self, node: int, held: Mapping[str, float], loads: Sequence[float]) -> None:
         """Add the motion of a reference node that is held."""
-        coupling = self._couplings.of(node)
-        section = motion_of(self._couplings.position(node), held, coupling)
+        coupling = self._file.couplings.of(node)
+        section = motion_of(self._file.couplings.position(node), held, coupling)
         free = [
             axis for place, axis in enumerate(("x", "y", "z", "rx", "ry", "rz")) if loads[place] and axis not in held
         ]

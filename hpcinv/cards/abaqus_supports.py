@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from math import degrees, hypot
 
-from hpcinv.cards.abaqus_amplitudes import Amplitude, Amplitudes
-from hpcinv.cards.abaqus_couplings import SPREAD, Coupling, Couplings
-from hpcinv.cards.abaqus_transform import TransformAxes, Transforms
+from hpcinv.cards.abaqus_amplitudes import Amplitude
+from hpcinv.cards.abaqus_couplings import SPREAD, Coupling
+from hpcinv.cards.abaqus_file import InputFile
+from hpcinv.cards.abaqus_transform import TransformAxes
 from hpcinv.cards.card import CardError
-from hpcinv.cards.deck import Deck, Measure
+from hpcinv.cards.deck import Measure
 from hpcinv.reading.abaqus_keywords import Keyword
 from hpcinv.reading.single_conditions import held_axes, held_groups
-from hpcinv.reading.standing_conditions import NewConditions, SingleConditions, Standing, by_axis
+from hpcinv.reading.standing_conditions import NewConditions, Standing, by_axis
 
 _SPECIAL = ("FIXED", "USER", "SUBMODEL")
 _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
@@ -21,26 +22,10 @@ _LARGEST_TURN = 90.0
 
 
 class Supports:
-    """Supports of sets and of single nodes.
+    """Supports of sets and of single nodes."""
 
-    Args:
-        sets: numbers of nodes by the name of a set.
-        single: conditions on single nodes, which loads share.
-    """
-
-    def __init__(
-        self,
-        deck: Deck,
-        amplitudes: Amplitudes,
-        transforms: Transforms,
-        couplings: Couplings,
-        sets: Mapping[str, frozenset[int]],
-        single: SingleConditions,
-        *,
-        has_rotations: bool,
-    ) -> None:
-        self._deck, self._amplitudes, self._transforms, self._couplings = deck, amplitudes, transforms, couplings
-        self._sets, self._single, self._has_rotations = sets, single, has_rotations
+    def __init__(self, file: InputFile) -> None:
+        self._file, self._deck = file, file.deck
         self._held = Standing[tuple[str, str]](adds=False)  # by set and axis
         self._moved = Standing[tuple[int, str]](adds=False)  # by reference node and axis
         self._spelled: dict[str, str] = {}  # sets as they are first named: case does not count
@@ -52,7 +37,7 @@ class Supports:
         if self._new.ends_earlier("BOUNDARY", options, step):
             self._held.end_earlier(step)
             self._moved.end_earlier(step)
-            self._single.end_earlier("BOUNDARY", step)
+            self._file.single.end_earlier("BOUNDARY", step)
         elif self._new.is_late("BOUNDARY", options, step):
             self._deck.unused.append("OP=NEW of a *BOUNDARY that is not the first of its step")
         kind = options.get("TYPE", "DISPLACEMENT").upper()
@@ -60,7 +45,7 @@ class Supports:
         if special or kind != "DISPLACEMENT":
             self._deck.unused.append(f"*BOUNDARY, {special[0] if special else f'TYPE={kind}'}")
             return
-        amplitude = self._amplitudes.at_end(keyword, step, self._deck.unused)
+        amplitude = self._file.amplitudes.at_end(keyword, step, self._deck.unused)
         for line in keyword.lines:
             try:
                 self._read_line([*line, ""][: max(2, len(line))], step, amplitude)
@@ -72,14 +57,14 @@ class Supports:
         name, *entries = line
         if entries[0].isdigit() and int(entries[0]) > len(_COMPONENTS):
             self._deck.unused.append(f"*BOUNDARY of component {entries[0]}, such as a temperature, on '{name}'")
-        if (reference := self._couplings.reference(name)) is not None:
+        if (reference := self._file.couplings.reference(name)) is not None:
             node, is_turned = reference
             for axis, value in held_axes(entries, has_rotations=not is_turned).items():
                 self._moved.put((node, f"r{axis}" if is_turned else axis), step, value, amplitude.of(value))
-        if self._single.read("BOUNDARY", [name, *entries], step, amplitude.of) or reference is not None:
+        if self._file.single.read("BOUNDARY", [name, *entries], step, amplitude.of) or reference is not None:
             return
         name = self._spelled.setdefault(name.lower(), name)
-        for axis, value in held_axes(entries, has_rotations=self._has_rotations).items():
+        for axis, value in held_axes(entries, has_rotations=self._file.is_shell).items():
             self._held.put((name, axis), step, value, amplitude.of(value))
 
     def moved(self) -> dict[int, dict[str, float]]:
@@ -87,12 +72,12 @@ class Supports:
         result: dict[int, dict[str, float]] = {}
         for (node, axis), value in self._moved.values.items():
             result.setdefault(node, {})[axis] = value.scaled
-        held = {axis: set(nodes) for axis, nodes in by_axis(self._single.held).items()}
+        held = {axis: set(nodes) for axis, nodes in by_axis(self._file.single.held).items()}
         for name, axis in self._held.values:
-            held.setdefault(axis, set()).update(self._nodes(name))
+            held.setdefault(axis, set()).update(self._file.nodes(name))
         for axis, nodes in held.items():  # also of sets with other nodes
-            for number in nodes & self._couplings.nodes:
-                if (reference := self._couplings.reference(str(number))) is not None:
+            for number in nodes & self._file.couplings.nodes:
+                if (reference := self._file.couplings.reference(str(number))) is not None:
                     node, is_turned = reference
                     result.setdefault(node, {}).setdefault(f"r{axis}" if is_turned else axis, 0.0)
         return result
@@ -104,25 +89,20 @@ class Supports:
             by_set.setdefault(name, {})[axis] = value.scaled
         self._note_conflicts()
         for name, values in by_set.items():
-            self._add_support(name, values, self._transforms.frames(name))
-        for name in self._transforms.unknown:
+            self._add_support(name, values, self._file.transforms.frames(name))
+        for name in self._file.transforms.unknown:
             text = f"*TRANSFORM of '{name}': other sets with its nodes have other axes than in the file"
             self._deck.unused.append(text)
         self._add_single()
 
-    def _nodes(self, name: str) -> frozenset[int]:
-        """Return the nodes of a set, which may be named with its instance."""
-        names = {name.lower(), name.lower().rpartition(".")[2]}
-        return next((nodes for own, nodes in self._sets.items() if own.lower() in names), frozenset())
-
     def _note_conflicts(self) -> None:
         """List a node that is held by different displacements: the file has the later one, the job both."""
         seen: dict[tuple[str, int], tuple[float, str]] = {}
-        for (axis, node), value in self._single.held.values.items():
+        for (axis, node), value in self._file.single.held.values.items():
             seen[axis, node] = value.scaled, "single nodes"
         names = {name for name, _ in self._held.values}
         for (name, axis), value in self._held.values.items():
-            for node in self._nodes(name) if len(names) > 1 or seen else ():
+            for node in self._file.nodes(name) if len(names) > 1 or seen else ():
                 other = seen.setdefault((axis, node), (value.scaled, name))
                 if other[0] != value.scaled:
                     text = f"supports of '{other[1]}' and '{name}' have other displacements {axis} of node {node}"
@@ -154,18 +134,18 @@ class Supports:
 
     def _add_single(self) -> None:
         """Add the supports of single nodes by the sets that the reader of the mesh makes of them."""
-        raw, scaled = by_axis(self._single.held), self._single.held.values
+        raw, scaled = by_axis(self._file.single.held), self._file.single.held.values
         added = dict.fromkeys(raw, 0)
-        references = self._couplings.nodes
+        references = self._file.couplings.nodes
         for name, values, nodes in held_groups(raw):
             if nodes <= references:
                 for axis in values:
                     added[axis] += len(nodes)
                 continue
             sizes = [{scaled[axis, node].scaled for node in nodes - references} for axis in values]
-            if self._sets.get(name) == nodes and all(len(size) == 1 for size in sizes):
+            if self._file.nodes(name) == nodes and all(len(size) == 1 for size in sizes):
                 turned = dict(zip(values, (next(iter(size)) for size in sizes), strict=True))
-                self._add_support(name, turned, self._transforms.frames_of(nodes))
+                self._add_support(name, turned, self._file.transforms.frames_of(nodes))
                 for axis in values:
                     added[axis] += len(nodes)
         if missing := sum(len(nodes) - added[axis] for axis, nodes in raw.items()):

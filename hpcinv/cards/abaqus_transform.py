@@ -5,7 +5,7 @@ Source: *Abaqus Keywords Guide*, ``*TRANSFORM``; Dhondt, *CalculiX CrunchiX User
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,10 +68,14 @@ class TransformAxes:
 
 
 class Transforms:
-    """Frames of the nodes of an input file."""
+    """Frames of the nodes of an input file.
 
-    def __init__(self, file: Iterable[Keyword], nodes_of_sets: Mapping[str, frozenset[int]]) -> None:
-        self._sets = {name.lower(): nodes for name, nodes in nodes_of_sets.items()}
+    Args:
+        nodes_of: nodes of a set by its name; ``None`` if it is unknown.
+    """
+
+    def __init__(self, file: Iterable[Keyword], nodes_of: Callable[[str], frozenset[int] | None]) -> None:
+        self._nodes = nodes_of
         self._by_name: dict[str, TransformAxes] = {}
         self._by_node: dict[int, TransformAxes] = {}
         self.unknown: list[str] = []
@@ -89,11 +93,6 @@ class Transforms:
             self.unknown.append(name)
         else:
             self._by_node.update(dict.fromkeys(nodes, frame))
-
-    def _nodes(self, name: str) -> frozenset[int] | None:
-        """Return the nodes of a set, which may be named with its instance."""
-        short = name.strip().lower()
-        return self._sets.get(short, self._sets.get(short.rpartition(".")[2]))
 
     def frames(self, name: str) -> set[TransformAxes | None]:
         """Return the frames of the nodes of a set; ``None`` stands for the axes of the coordinates."""

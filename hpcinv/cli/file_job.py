@@ -353,6 +353,8 @@ class FileJob:
                 raise
             kind = "an energy of Green's strains" if linear.fibres else "neo-hookean"
             self._comments.append(f"Linear elasticity {name} became {kind}, which agrees at small strain.")
+            if self._program == "abaqus" and not (linear.fibres or self._deck.is_linear):
+                self._comments.append("  CalculiX with NLGEOM takes 'law: st-venant-kirchhoff' there.")
             card = Card(name, f"linear elasticity {name}", linear)
         self._comments += [f"{card.title}: {note}" for note in card.law.notes]
         return checked_sections(self._with_axes(card, region), self._options.stress_unit)
