@@ -68,7 +68,9 @@ SLABS = {
     "comb": SlabProblem(
         "comb", MU, LAM, {"bottom": (0, 1)}, {"ux": (1.5, 0.75)}, ((0, 0), (1.5, 0)), {"right": (-300.0, 0.0)}
     ),
-    "block": SlabProblem("block", MU, LAM, {"bottom": (0, 1)}, {"uy": (0, 1)}, ((0, 0), (1, 0)), {"top": (800.0, 0.0)}),
+    "block": SlabProblem(
+        "block", MU, LAM, {"bottom": (0, 1)}, {"uy": (0, 1)}, ((0, 0), (1, 0)), {"top": (0.0, 1500.0)}
+    ),
 }
 # Name, whether incompressible, whether of hexahedra, and the largest error (m) that is demanded.
 DEMANDS = (
@@ -94,7 +96,7 @@ DEMANDS = (
     ("block", True, True, 2e-3),
     ("block", True, False, 2e-3),
 )
-SPHERES = {0.5: 4e3, 0.8: 1e3}  # pressure (Pa) by inner radius (m)
+SPHERES = {0.5: 5.5e3, 0.7: 2e3}  # pressure (Pa) by inner radius (m)
 INNER, INTERFACE, OUTER, PRESSURE, STIFF, SOFT = 0.5, 0.75, 1.0, 10e3, 100e3, 10e3  # m, Pa: of the layered tube
 
 
@@ -175,9 +177,9 @@ def tube(*, hexahedra: bool) -> dict[str, Any]:
     }
 
 
-def sphere(inner: float, *, hexahedra: bool) -> dict[str, Any]:
+def sphere(inner: float, *, hexahedra: bool, radial: int = 2) -> dict[str, Any]:
     """A compressible octant under pressure."""
-    size = {"inner": inner, "outer": OUTER, "radial": 2, "along": 2, "hexahedra": hexahedra}
+    size = {"inner": inner, "outer": OUTER, "radial": radial, "along": 2, "hexahedra": hexahedra}
     return {
         "analysis": "forward",
         "mesh": {"file": "../meshes/thick_sphere.py", "parameters": size, "geometry_degree": 2},
