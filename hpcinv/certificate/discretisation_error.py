@@ -1,9 +1,10 @@
 """Estimate of the discretisation error: the correction of a solution in spaces of one degree more.
 
 A two-level estimate: ``u_h`` is put in the spaces of degree ``k + 1`` on the same mesh, and one Newton correction
-``K δ = -R(u_h)`` there gives ``u_h + δ``, whose own error is of higher order. Then ``Q(u_h + δ) - Q(u_h)`` estimates
-the error of any quantity ``Q``, with its error of quadrature. In small bodies K is factorized; in large ones the
-factors of the solve precondition Krylov iterations (`hpcinv.certificate.two_level`).
+``K δ = -R(u_h)`` there gives ``u_h + δ``, whose own error is of higher order. A second correction, with the same
+factors, adds what is of second order in δ. Then ``Q(u_h + δ) - Q(u_h)`` estimates the error of any quantity ``Q``, with
+its error of quadrature. In small bodies K is factorized; in large ones the factors of the solve precondition Krylov
+iterations (`hpcinv.certificate.two_level`).
 
 Where more is known of the body's geometry than the mesh has (`Body.true_geometry_body`), the finer problem is posed on
 the same cells with a geometry of a higher degree. ``u_h`` is taken there by reference coordinates, and so the residual,

@@ -22,6 +22,7 @@ from hpcinv.solver.predictor import Increment, Prediction, Predictor
 _GIVEN_UP = -7  # SNES_DIVERGED_INNER, returned to PETSc when NewtonMonitor ends a solve without convergence
 _DONE = 4  # SNES_CONVERGED_SNORM_RELATIVE
 
+CONTRACTING = 0.8  # ratio of a second correction to the first; raised, corrections may lead away from the solution
 _LARGEST_SIZE = 2.0  # above the size of any body, in scaled lengths
 
 _OUTCOMES_BY_REASON: dict[int, Outcome] = {
@@ -213,15 +214,25 @@ class Equilibrium:
             self.reuse = reuse
 
     def correct(self, load: float) -> None:
-        """Add one full Newton correction to the present state, without a check of the elements."""
+        """Add a full Newton correction to the present state, without a check of the elements, and one by its factors.
+
+        The error that the first one leaves is of second order in it, and of third order after the second. A second one
+        that does not contract is left out.
+        """
         system = self.system
-        start, step = system.position(), system.rhs.duplicate()
+        state, step = system.position(), system.rhs.duplicate()
         system.linearise(load)
         system.residual(system.rhs)
         self.linear.solve(system.rhs, step)
-        step.aypx(-1.0, start)
-        system.set_state(step)
-        start.destroy()
+        state.axpy(-1.0, step)
+        system.set_state(state)
+        length = step.norm()
+        system.residual(system.rhs)
+        self.linear.limit_iterations()
+        if self.linear.back_substitute(system.rhs, step) and step.norm() < CONTRACTING * length:
+            state.axpy(-1.0, step)
+            system.set_state(state)
+        state.destroy()
         step.destroy()
 
     def compile(self, *, prescribed_motion: bool) -> None:

@@ -1,4 +1,5 @@
-"""Errors of bodies with singular edges: the estimate, and promises of accuracy, against values on graded meshes.
+"""Errors of bodies with singular edges: the estimate, and promises of accuracy, against values on graded meshes; and
+the estimate of a body whose error in one Newton step is as large as the error of the mesh.
 
 The values are of `benchmarks/slabs/plane_strain.py`, a program of its own: cubic triangles that shrink towards each
 singular point, down to 2 mm; quartic ones down to 1 mm differ by at most 2e-6 m.
@@ -15,12 +16,12 @@ from helpers.command_line import ROOT
 from helpers.verification import box, job
 
 import hpcinv as package
-from hpcinv.certificate import Verdict
+from hpcinv.certificate import Verdict, two_level
 from hpcinv.parallel.runtime import MPI
 
 sys.path.append(str(ROOT / "benchmarks"))
 
-from promises import SLABS, slab
+from promises import SLABS, inner_radius_under_pressure, slab, sphere
 
 # Displacement (m) of compressible and of incompressible slabs.
 EXACT = {
@@ -69,6 +70,20 @@ def test_estimates_are_right_by_a_factor_of_2_or_say_that_they_are_not_reliable(
         assert hexahedra or name == "slot"  # and tetrahedra are mostly good
         assert "not reliable here" in line.note
         assert line.verdict is not Verdict.PASS or 10 * (line.value or 0) <= 0.05
+
+
+@pytest.mark.parametrize("operations", [0.0, float("inf")])
+def test_second_order_errors_of_the_correction_are_corrected(
+    operations: float, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Near the largest pressure of a sphere one correction has an effectivity of 1.3, by iterations and by factors."""
+    monkeypatch.setattr(two_level, "MANY", operations)
+    data = sphere(0.5, hexahedra=True, radial=1) | {"certificate": {"level": "off", "estimate": True}}
+    result = package.run(job(**data), comm)
+    assert result.estimate is not None
+    true = inner_radius_under_pressure(0.5) - result.quantities["q"]
+    print(f"true error {true:.2e} m, effectivity {result.estimate.quantities['q'] / true:.3f}")
+    assert result.estimate.quantities["q"] == pytest.approx(true, rel=0.1)
 
 
 def test_a_promise_at_a_reentrant_corner_is_kept(comm: MPI.Intracomm) -> None:
