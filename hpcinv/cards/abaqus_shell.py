@@ -50,20 +50,24 @@ def section_of(keyword: Keyword) -> ShellSection:
     region, axes = (parameters.get(name, "") for name in ("ELSET", "ORIENTATION"))
     offset = parameters.get("OFFSET", "0").upper() or "0"
     place = _OFFSETS[offset] if offset in _OFFSETS else number(offset, f"{title}, OFFSET")
-    if "COMPOSITE" in parameters:
-        if any(len(line) < 3 for line in keyword.lines) or not keyword.lines:
-            raise CardError(f"{title}, COMPOSITE: a layer needs its thickness, integration points and material")
-        layers = tuple((line[2], number(line[0], title)) for line in keyword.lines)
-        orientations = tuple((line[3] if len(line) > 3 else "") or axes for line in keyword.lines)
-    elif not parameters.get("MATERIAL"):
-        raise UnknownLaw(f"{title} of {region} has stiffnesses instead of MATERIAL=; name its material")
-    else:
-        is_nodal = "NODAL THICKNESS" in parameters
-        text = keyword.lines[0][0] if keyword.lines and keyword.lines[0] else ""
-        layers = ((parameters["MATERIAL"], 0.0 if is_nodal else number(text, f"{title} of {region}")),)
-        orientations = (axes,)
+    layers, orientations = _layers(keyword, region, axes)
     if any(thickness < 0 for _, thickness in layers):
         raise CardError(f"{title} of {region}: a thickness is negative")
     is_uniform = all(thickness for _, thickness in layers)
     is_membrane = keyword.name == SECTIONS[-1]
     return ShellSection(region, layers, place, "" if is_uniform else _NODAL, is_membrane, orientations)
+
+
+def _layers(keyword: Keyword, region: str, axes: str) -> tuple[tuple[tuple[str, float], ...], tuple[str, ...]]:
+    """Return materials and thicknesses of the layers, 0 where nodes have them, and the names of their axes."""
+    options, title = keyword.options, f"*{keyword.name}"
+    if "COMPOSITE" in options:
+        if any(len(line) < 3 for line in keyword.lines) or not keyword.lines:
+            raise CardError(f"{title}, COMPOSITE: a layer needs its thickness, integration points and material")
+        layers = tuple((line[2], number(line[0], title)) for line in keyword.lines)
+        return layers, tuple((line[3] if len(line) > 3 else "") or axes for line in keyword.lines)
+    if not options.get("MATERIAL"):
+        raise UnknownLaw(f"{title} of {region} has stiffnesses instead of MATERIAL=; name its material")
+    text = keyword.lines[0][0] if keyword.lines and keyword.lines[0] else ""
+    thickness = 0.0 if "NODAL THICKNESS" in options else number(text, f"{title} of {region}")
+    return ((options["MATERIAL"], thickness),), (axes,)

@@ -6,10 +6,10 @@ Source: *MSC Nastran Quick Reference Guide*, "Bulk Data Entries".
 
 import contextlib
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from hpcinv.reading.bdf_frames import BY_NODES, KINDS, CoordinateCard, Frames
 from hpcinv.reading.fault import Fault
@@ -59,58 +59,105 @@ class _Deck:
 def read_bdf(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return arrays of grid points, elements, properties and sets; ``ignored`` are other cards."""
     deck = _deck(path)
-    tags: list[int] = []
-    points: list[list[float]] = []
-    systems: dict[int, CoordinateCard] = {}
-    own_systems: list[tuple[str, str]] = []  # of the grid points, with their places
-    default = ""
-    blocks = Blocks()
-    properties: dict[int, list[int]] = {}
-    listed: dict[int, tuple[str, list[int]]] = {}
-    ignored = set[str]()
+    body = _Body(deck)
     for card in deck.cards:
-        if card.name == "GRID":
-            own_systems.append((card.place, [*card.fields, "", ""][1]))
-            tags.append(whole_number((card.fields or [""])[0], card.place))
-            points.append([number(text, card.place) for text in (card.fields + ["0"] * 5)[2:5]])
-        elif card.name in (*KINDS, *BY_NODES):
-            systems[whole_number((card.fields or [""])[0], card.place)] = CoordinateCard(
-                card.place, card.name, card.fields
-            )
-        elif card.name == "GRDSET":
-            default = [*card.fields, "", ""][1]
-        elif card.name in _SOLIDS:
-            tag, owner, *nodes = _element(card, 22)
-            nodes = [node for node in nodes if node]
-            if len(nodes) not in _SOLIDS[card.name]:
-                raise Fault(f"{card.place}: element {tag} has {len(nodes)} nodes", f"Elements are {_KINDS}.")
-            blocks.add(tag, [nodes[i] for i in _BRICK] if len(nodes) == 20 else nodes)
-            properties.setdefault(owner, []).append(tag)
-        elif card.name in _FLAT:
-            tag, owner, *nodes = _element(card, 2 + _FLAT[card.name])
-            blocks.add_facet(tag, vertices_of(nodes), _name(deck, "property", owner))
-        elif card.name in ("CPENTA", "CPYRAM"):
-            raise Fault(f"{card.place}: elements {card.name} are not supported", f"Elements are {_KINDS}.")
-        elif card.name in ("SET1", "SET3", "SET"):
-            _read_set(card, listed)
+        body.read(card)
+    arrays = element_arrays(body.tags, body.points(), body.blocks, body.sets(), _KINDS)
+    return {"ignored": sorted(body.ignored)}, arrays
+
+
+class _Body:
+    """Grid points, elements and sets of the cards that are read."""
+
+    def __init__(self, deck: _Deck) -> None:
+        self._deck = deck
+        self.tags: list[int] = []
+        self.blocks = Blocks()
+        self.ignored = set[str]()
+        self._given: list[list[float]] = []
+        self._systems: dict[int, CoordinateCard] = {}
+        self._own_systems: list[tuple[str, str]] = []  # of the grid points, with their places
+        self._default = ""
+        self._properties: dict[int, list[int]] = {}
+        self._listed: dict[int, tuple[str, list[int]]] = {}
+
+    def read(self, card: _Card) -> None:
+        """Read a card; raise ``Fault`` if it is damaged or of an element that is not read."""
+        if reader := self._READERS.get(card.name):
+            reader(self, card)
         elif card.name not in _GENERAL:
-            ignored.add(card.name)
-    frames = Frames(systems)
-    for row, (place, system) in enumerate(own_systems):
-        points[row] = frames.position(points[row], system if system.strip() else default, place)
-    sets = {f"cells:{_name(deck, 'property', owner)}": members for owner, members in properties.items()}
-    elements = {tag for numbers, _ in blocks.solids.values() for tag in numbers} | blocks.others.keys()
-    nodes_known = set(tags)
-    for tag, text in deck.case_sets.items():  # requests of output, which may be ALL or other numbers
-        with contextlib.suppress(Fault):
-            members = _members(re.split(r"[,\s]+", text), f"SET {tag}")
-            if all_in(members, nodes_known) or all_in(members, elements):
-                listed.setdefault(tag, ("", members))
-    for tag, (kind, members) in listed.items():
-        kind = kind or deck.kinds.get(tag, "") or ("nodes" if all_in(members, nodes_known) else "")
-        kind = kind or ("cells" if all_in(members, elements) else "nodes")
-        sets[f"{kind}:{_name(deck, 'set', tag)}"] = members
-    return {"ignored": sorted(ignored)}, element_arrays(tags, points, blocks, sets, _KINDS)
+            self.ignored.add(card.name)
+
+    def _read_point(self, card: _Card) -> None:
+        self._own_systems.append((card.place, [*card.fields, "", ""][1]))
+        self.tags.append(whole_number((card.fields or [""])[0], card.place))
+        self._given.append([number(text, card.place) for text in (card.fields + ["0"] * 5)[2:5]])
+
+    def _read_system(self, card: _Card) -> None:
+        tag = whole_number((card.fields or [""])[0], card.place)
+        self._systems[tag] = CoordinateCard(card.place, card.name, card.fields)
+
+    def _read_defaults(self, card: _Card) -> None:
+        self._default = [*card.fields, "", ""][1]
+
+    def _read_solid(self, card: _Card) -> None:
+        tag, owner, *nodes = _element(card, 22)
+        nodes = [node for node in nodes if node]
+        if len(nodes) not in _SOLIDS[card.name]:
+            raise Fault(f"{card.place}: element {tag} has {len(nodes)} nodes", f"Elements are {_KINDS}.")
+        self.blocks.add(tag, [nodes[i] for i in _BRICK] if len(nodes) == 20 else nodes)
+        self._properties.setdefault(owner, []).append(tag)
+
+    def _read_facet(self, card: _Card) -> None:
+        tag, owner, *nodes = _element(card, 2 + _FLAT[card.name])
+        self.blocks.add_facet(tag, vertices_of(nodes), _name(self._deck, "property", owner))
+
+    def _refuse(self, card: _Card) -> None:
+        raise Fault(f"{card.place}: elements {card.name} are not supported", f"Elements are {_KINDS}.")
+
+    def _read_set(self, card: _Card) -> None:
+        kind, first = "", 1
+        if card.name != "SET1":
+            given = card.fields[1].strip().upper() if len(card.fields) > 1 else ""
+            kind, first = {"GRID": "nodes", "POINT": "nodes", "ELEM": "cells"}.get(given, "other"), 2
+        tag = whole_number(card.fields[0] if card.fields else "", card.place)
+        if kind != "other":
+            members = _members([text for text in card.fields[first:] if text.strip() != "LIST"], card.place)
+            self._listed.setdefault(tag, (kind, []))[1].extend(members)
+
+    def points(self) -> list[list[float]]:
+        """Return the positions of the grid points in space; raise ``Fault`` if a system is missing."""
+        frames = Frames(self._systems)
+        return [
+            frames.position(point, system if system.strip() else self._default, place)
+            for point, (place, system) in zip(self._given, self._own_systems, strict=True)
+        ]
+
+    def sets(self) -> dict[str, list[int]]:
+        """Return properties and sets by kind and name."""
+        named = {f"cells:{_name(self._deck, 'property', tag)}": members for tag, members in self._properties.items()}
+        nodes = set(self.tags)
+        elements = {tag for numbers, _ in self.blocks.solids.values() for tag in numbers} | self.blocks.others.keys()
+        for tag, text in self._deck.case_sets.items():  # requests of output, which may be ALL or other numbers
+            with contextlib.suppress(Fault):
+                members = _members(re.split(r"[,\s]+", text), f"SET {tag}")
+                if all_in(members, nodes) or all_in(members, elements):
+                    self._listed.setdefault(tag, ("", members))
+        for tag, (kind, members) in self._listed.items():
+            kind = kind or self._deck.kinds.get(tag, "") or ("nodes" if all_in(members, nodes) else "")
+            kind = kind or ("cells" if all_in(members, elements) else "nodes")
+            named[f"{kind}:{_name(self._deck, 'set', tag)}"] = members
+        return named
+
+    _READERS: ClassVar[dict[str, Callable[["_Body", _Card], None]]] = {
+        "GRID": _read_point,
+        "GRDSET": _read_defaults,
+        **dict.fromkeys((*KINDS, *BY_NODES), _read_system),
+        **dict.fromkeys(_SOLIDS, _read_solid),
+        **dict.fromkeys(_FLAT, _read_facet),
+        **dict.fromkeys(("CPENTA", "CPYRAM"), _refuse),
+        **dict.fromkeys(("SET1", "SET3", "SET"), _read_set),
+    }
 
 
 def _element(card: _Card, most: int) -> list[int]:
@@ -205,17 +252,6 @@ def _add_line(deck: _Deck, line: str, place: str) -> None:
         last.fields += fields
         return
     deck.cards.append(_Card(place, name.split()[0], fields))
-
-
-def _read_set(card: _Card, listed: dict[int, tuple[str, list[int]]]) -> None:
-    kind, first = "", 1
-    if card.name != "SET1":
-        given = card.fields[1].strip().upper() if len(card.fields) > 1 else ""
-        kind, first = {"GRID": "nodes", "POINT": "nodes", "ELEM": "cells"}.get(given, "other"), 2
-    tag = whole_number(card.fields[0] if card.fields else "", card.place)
-    if kind != "other":
-        members = _members([text for text in card.fields[first:] if text.strip() != "LIST"], card.place)
-        listed.setdefault(tag, (kind, []))[1].extend(members)
 
 
 def _members(texts: list[str], place: str) -> list[int]:

@@ -37,14 +37,28 @@ def read_medit(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     if content[:4] in (b"\1\0\0\0", b"\0\0\0\1"):
         raise Fault("is a binary file of Medit", "Save it as text (.mesh).")
     words = [word for line in text_of(path).splitlines() for word in line.split("#")[0].split()]
+    sections = _sections(words)
+    if "vertices" not in sections:
+        raise Fault("has no section Vertices", "Is it a file of Medit?")
+    vertices = sections["vertices"]
+    blocks, sets = _elements(sections)
+    tags = np.arange(1, len(vertices) + 1)
+    return {"ignored": []}, element_arrays(tags, vertices[:, :3], blocks, sets, _KINDS)
+
+
+def _sections(words: list[str]) -> dict[str, Any]:
+    """Return the tables of a file, by the names of their sections; sections of one name are joined.
+
+    Raises:
+        Fault: the file is cut, or has what is not read.
+    """
     sections: dict[str, Any] = {}
-    at, is_complete = 0, False
+    at = 0
     while at < len(words):
         name = words[at].lower()
         at += 1
         if name == "end":
-            is_complete = True
-            break
+            return sections
         if name in ("meshversionformatted", "dimension"):
             if name == "dimension" and words[at : at + 1] != ["3"]:
                 raise Fault("is not a mesh in three dimensions")
@@ -57,17 +71,26 @@ def read_medit(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             table = _table(words[at + 1 : end], name)
             sections[name] = np.concatenate([sections[name], table]) if name in sections else table
             at = end
-        elif name.startswith(("tetrahedrap", "hexahedraq", "trianglesp", "quadrilateralsq")):
-            raise Fault("has curved cells", "Save a mesh of straight cells, or use another format.")
-        elif name.startswith(("prisms", "pyramids")):
-            raise Fault(f"has {name}", f"Cells are {_KINDS}.")
-        elif not name[0].isalpha():
-            raise Fault(f"'{shown(words[at - 1])}' is not the name of a section", "Is the file complete?")
-    if not is_complete and sections:
+        else:
+            _refuse(name, words[at - 1])
+    if sections:
         raise Fault("has no End", "Is the file complete?")
-    if "vertices" not in sections:
-        raise Fault("has no section Vertices", "Is it a file of Medit?")
-    vertices, blocks, sets = sections["vertices"], Blocks(), dict[str, list[int]]()
+    return sections
+
+
+def _refuse(name: str, word: str) -> None:
+    """Raise ``Fault`` for a section that counts and is not read, or for what is not the name of a section."""
+    if name.startswith(("tetrahedrap", "hexahedraq", "trianglesp", "quadrilateralsq")):
+        raise Fault("has curved cells", "Save a mesh of straight cells, or use another format.")
+    if name.startswith(("prisms", "pyramids")):
+        raise Fault(f"has {name}", f"Cells are {_KINDS}.")
+    if not name[0].isalpha():
+        raise Fault(f"'{shown(word)}' is not the name of a section", "Is the file complete?")
+
+
+def _elements(sections: dict[str, Any]) -> tuple[Blocks, dict[str, list[int]]]:
+    """Return cells and facets, and the cells of each reference."""
+    blocks, sets = Blocks(), dict[str, list[int]]()
     first = 1
     for name in ("tetrahedra", "hexahedra"):
         for tag, (*nodes, reference) in enumerate(_whole(sections, name), first):
@@ -79,8 +102,7 @@ def read_medit(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         for tag, (*nodes, reference) in enumerate(_whole(sections, name), first):
             blocks.add_facet(tag, nodes, f"surface-{reference}" if reference else "")
         first += len(sections.get(name, ()))
-    tags = np.arange(1, len(vertices) + 1)
-    return {"ignored": []}, element_arrays(tags, vertices[:, :3], blocks, sets, _KINDS)
+    return blocks, sets
 
 
 def _count(word: str, name: str) -> int:
