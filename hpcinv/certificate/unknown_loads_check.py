@@ -18,7 +18,7 @@ from hpcinv.solver.equations import Equations
 from hpcinv.solver.remote_border import RemoteBorder
 
 _WARN, _FAIL = 1e-8, 1e-5
-"""Residual of an equation, relative to the volume of the mesh's body or to the forces on a region; larger ones accept
+"""Residual of an equation, relative to the larger volume or to the forces on a region; larger ones accept
 wrong volumes and loads."""
 _POTENTIAL = 1e-8
 """Asymmetry of a stiffness that rounding errors leave; raised, moments count as loads with a potential."""

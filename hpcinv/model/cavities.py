@@ -14,6 +14,7 @@ from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
+from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.enclosed_volume import EnclosedVolume
 from hpcinv.mesh.source import Floats, Ints
@@ -22,6 +23,8 @@ from hpcinv.quantity.nondimensional import Scales
 
 _UNEVEN = 0.1
 """Height of a rim over its plane, relative to √area, that is warned of; a larger one passes rims of symmetric parts."""
+_EMPTY = 1e-9
+"""Volume of a cavity, relative to its body's length cubed, that counts as 0; raised, thin gaps hold no gas."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class CavityReport:
     Attributes:
         pressure: that the solve found.
         volume: in the loaded body; unloaded_volume: in the unloaded body.
-        residual: of its equation, relative to the volume of the body of the mesh.
+        residual: of its equation, relative to the larger volume.
     """
 
     name: str
@@ -75,6 +78,12 @@ def check_cavities(job: Job, body: Body) -> list[str]:
                 "Name the region that closes an opening of the surface, or leave out 'lid' for a planar one.",
             )
         enclosed = enclosed_volume(job, body, name)
+        empty = _EMPTY * diagonal(body.mesh.comm, body.given_nodes) ** 3
+        if cavity.gas is not None and abs(enclosed.volume(body.given_nodes)) < empty:
+            raise MeshError(
+                f"{body.source.path}: cavities.{name}.gas: its surface encloses no volume, so that there is no gas",
+                "Give the loaded 'volume' of the cavity, or its pressure.",
+            )
         if cavity.apex is None and enclosed.unevenness(body.given_nodes) > _UNEVEN:
             warnings.append(
                 f"cavities.{name}: the rim of an opening is far from a plane, and its lid is a cone:"
@@ -159,7 +168,7 @@ class CavityEquation:
             self.pressure * self._scales.stress,
             loaded,
             unloaded,
-            abs(value) * self._scales.length**3 / self._mesh_volume,
+            abs(value) * self._scales.length**3 / max(abs(loaded), abs(unloaded)),
         )
 
     def evaluate(self, load: float) -> tuple[float, float, float]:

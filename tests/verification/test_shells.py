@@ -565,6 +565,27 @@ def test_balloon_by_volume_past_its_largest_pressure(
     assert pressures[1] < pressures[0]
 
 
+def test_a_flat_pouch_is_filled(tmp_path: Path) -> None:
+    """A sheet between two edges encloses nothing at first: its equation is relative to the volume that it reaches."""
+    path = save_sheet(tmp_path / "sheet.msh", 2, 1, flat(0.05, 0.02))
+    pouch: dict[str, Any] = {
+        "material": {"law": "neo-hookean", "mu": 1e6, "lam": 2e6},
+        "supports": [{"region": name, "fix": ["x", "y", "z"]} for name in ("x0", "x1")],
+    }
+    result = solve(path, 1e-3, analysis="forward", cavities={"c": {"surface": "inner", "volume": 5e-7}}, **pouch)
+    (cavity,) = result.solutions[-1].cavities
+    assert cavity.volume == pytest.approx(5e-7, rel=1e-9)
+    assert cavity.residual < 1e-9
+    with pytest.raises(MeshError, match=r"cavities\.c\.gas: its surface encloses no volume"):
+        solve(
+            path,
+            1e-3,
+            analysis="forward",
+            cavities={"c": {"surface": "inner", "gas": {"ambient": 1e5, "amount": 1.2}}},
+            **pouch,
+        )
+
+
 def test_hemisphere_hangs_from_its_rim_as_a_membrane(tmp_path: Path) -> None:
     """Under its weight w per area: ``N_φ = w R/(1 + cos φ)``, ``N_θ = w R cos φ - N_φ``, and back.
 
