@@ -317,7 +317,8 @@ class _OneContact:
             size = present_value(radius)
         if surface is not None:
             bounds = surface.bounds[0] / length, surface.bounds[1] / length
-            size = float((bounds[1] - bounds[0]).min()) / 2
+            thickness = surface.half_thickness
+            size = None if thickness is None else thickness / length
 
         def surface_distance(points: Floats) -> tuple[Floats, Floats]:
             assert surface is not None
@@ -444,10 +445,11 @@ class _OneContact:
                     "Check place, travel and unit of the obstacle, or give a stand_off or a pressure.",
                 )
         elif self.effect.is_augmented and (depth := self._largest(-gap)) > _OVERLAP * self._body.length:
+            turn = "turn its normal" if self._surface is None else "turn its normals with 'flip'"
             raise MeshError(
                 f"{self.where}: the obstacle overlaps '{self.effect.region}' of the unloaded body by"
                 f" {depth * self._body.length_scale:.3g} m",
-                "Move it back and let it 'travel' into place, or turn its normal; check its unit.",
+                f"Move it back and let it 'travel' into place, or {turn}; check its unit.",
             )
 
     @property

@@ -40,8 +40,8 @@ _MOST = 128
 """Steps along one way; the shortest one doubles after each 8. If it is lowered, ways along a surface are not
 followed to their end."""
 _DIVISIONS = 8
-"""Parts of an edge of a facet, between points that are followed, for an obstacle without a known size; at least 2 are
-taken for others. If it is raised, thinner obstacles are seen, and each iteration takes longer."""
+"""Parts of an edge of a facet, between points that are followed, for an obstacle without a known thickness; at least 2
+are taken for others. If it is raised, thinner obstacles are seen, and each iteration takes longer."""
 _POINTS = 50_000
 """Largest number of points of a rank, about 0.01 s for each time that they are moved. If it is lowered, thin obstacles
 are passed unnoticed by large facets."""

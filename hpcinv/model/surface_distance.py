@@ -4,10 +4,16 @@ from pathlib import Path
 
 import numpy as np
 
+from hpcinv.errors import MeshError
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.parallel.runtime import MPI, on_root
 
 _SMOOTH = 30.0  # degrees between triangles, below which their normals are averaged
+_FLAT = 1e-6
+"""Thickness by the largest extent up to which a surface is flat, as files round. If it is raised, thin closed surfaces
+are taken for sheets, and points may pass through them."""
+_ROUNDING = 1e-9
+"""Height of a triangle by its longest side below which it has no normal. If it is raised, slivers are left out."""
 
 
 class SurfaceDistance:
@@ -18,7 +24,7 @@ class SurfaceDistance:
         flip: whether the normals of the file are reversed.
 
     Raises:
-        MeshError: on all ranks, if the file cannot be read or has no triangles.
+        MeshError: on all ranks, if the file cannot be read, or has no triangle with an area.
     """
 
     def __init__(self, path: Path, unit: float, flip: bool, comm: MPI.Intracomm) -> None:
@@ -28,7 +34,7 @@ class SurfaceDistance:
             from hpcinv.mesh.io.surface_files import read_triangles  # loads VTK
 
             polygons = read_triangles(path)
-            return np.asarray(polygons.points, dtype=np.float64), np.asarray(polygons.regular_faces)
+            return with_area(path, np.asarray(polygons.points, dtype=np.float64), np.asarray(polygons.regular_faces))
 
         points, triangles = on_root(comm, read_on_root)
         surface = pyvista.PolyData.from_regular_faces(points * unit, triangles[:, ::-1] if flip else triangles)
@@ -48,6 +54,15 @@ class SurfaceDistance:
         points = np.asarray(self._surface.points, dtype=np.float64)
         return points.min(axis=0), points.max(axis=0)
 
+    @property
+    def half_thickness(self) -> float | None:
+        """Half of the least extent along an axis or a principal axis (m), ``None`` of a flat surface."""
+        points = np.asarray(self._surface.points, dtype=np.float64)
+        arms = points - points.mean(axis=0)
+        axes = np.vstack([np.eye(3), np.linalg.eigh(arms.T @ arms)[1].T])
+        extents = np.ptp(arms @ axes.T, axis=0)
+        return None if extents.min() <= _FLAT * extents.max() else float(extents.min()) / 2
+
     def __call__(self, points: Floats) -> tuple[Floats, Floats]:
         """Return signed distances (n,) m and normals (n, 3) of the surface at the nearest points; not collective."""
         import pyvista
@@ -62,6 +77,21 @@ class SurfaceDistance:
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         signed = pyvista.PolyData(points).compute_implicit_distance(self._surface)["implicit_distance"]
         return np.asarray(signed, dtype=np.float64), normals
+
+
+def with_area(path: Path, points: Floats, triangles: Ints) -> tuple[Floats, Ints]:
+    """Return points (n, 3) and those triangles (m, 3) that have an area, and so a normal.
+
+    Raises:
+        MeshError: no triangle has an area.
+    """
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    longest = np.max([np.linalg.norm(side, axis=1) for side in (b - a, c - b, a - c)], axis=0)
+    heights = np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.where(longest > 0, longest, 1.0)
+    kept = triangles[heights > _ROUNDING * longest]
+    if not len(kept):
+        raise MeshError(f"{path}: its triangles have no area", "Name a file whose triangles are a surface.")
+    return points, kept
 
 
 def barycentric(corners: Floats, points: Floats) -> Floats:

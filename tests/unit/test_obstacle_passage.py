@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hpcinv.effects.obstacles import Cylinder, LevelSet, Obstacle, Plane, Sphere
+from hpcinv.errors import MeshError
 from hpcinv.model.obstacle_passage import DistanceFunction, passages
 from hpcinv.model.surface_distance import SurfaceDistance
 from hpcinv.parallel.runtime import MPI
@@ -95,3 +96,46 @@ def test_way_through_a_plate_of_triangles(tmp_path: Path) -> None:
     assert through == pytest.approx(0.495, abs=1e-3)
     assert pressed == np.inf
     assert past == np.inf
+
+
+def saved(path: Path, points: Any, triangles: Any) -> Path:
+    """Write triangles as OBJ; pyvista's writers turn some of them."""
+    lines = [f"v {x} {y} {z}" for x, y, z in points] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in triangles]
+    path.write_text("\n".join(lines))
+    return path
+
+
+TRIANGLE = [[0, 0, 1], [2, 0, 1], [0, 3, 1]]
+TILTED = [[0, 0, 1], [2, 0, 3], [0, 3, -2]]
+
+
+@pytest.mark.parametrize("corners", [TRIANGLE, TILTED])
+def test_flat_surface_has_no_thickness(corners: Any, tmp_path: Path) -> None:
+    sheet = SurfaceDistance(saved(tmp_path / "one.obj", corners, [[0, 1, 2]]), 1e-3, False, MPI.COMM_SELF)
+    assert sheet.half_thickness is None
+    normal = np.cross(np.subtract(corners[1], corners[0]), np.subtract(corners[2], corners[0]))
+    normal = normal / np.linalg.norm(normal)
+    middle = np.mean(corners, axis=0)
+    distances, normals = sheet(1e-3 * np.array([middle + 0.2 * normal, middle - 0.1 * normal]))
+    np.testing.assert_allclose(distances, [0.2e-3, -0.1e-3], rtol=1e-5)
+    np.testing.assert_allclose(normals, [normal, normal], atol=1e-6)
+
+
+def test_thickness_of_a_tilted_plate_is_not_its_bounding_boxs(tmp_path: Path) -> None:
+    import pyvista
+
+    plate = pyvista.Cube(x_length=2.0, y_length=3.0, z_length=0.02).triangulate().rotate_x(45).rotate_y(30)
+    plate.save(tmp_path / "plate.ply")
+    surface = SurfaceDistance(tmp_path / "plate.ply", 1.0, False, MPI.COMM_SELF)
+    assert surface.half_thickness == pytest.approx(0.01, rel=1e-4)
+
+
+def test_triangles_without_an_area_are_left_out(tmp_path: Path) -> None:
+    corners = [*TRIANGLE, [1, 0, 1], [0.5, 0, 1]]
+    file = saved(tmp_path / "slivers.obj", corners, [[0, 3, 4], [0, 1, 2], [0, 3, 1]])
+    distances, normals = SurfaceDistance(file, 1.0, False, MPI.COMM_SELF)(np.array([[0.7, -0.1, 1.5]]))
+    assert distances == pytest.approx(np.hypot(0.1, 0.5), rel=1e-5)
+    np.testing.assert_allclose(normals, [[0, 0, 1]], atol=1e-6)
+    line = saved(tmp_path / "line.obj", corners, [[0, 3, 4], [0, 3, 1]])
+    with pytest.raises(MeshError, match=r"line.obj: its triangles have no area"):
+        SurfaceDistance(line, 1.0, False, MPI.COMM_SELF)

@@ -377,6 +377,36 @@ def test_triangles_of_a_sphere_press_as_the_sphere(
     assert pressed == pytest.approx(exact.force[2], rel=0.03)
 
 
+@pytest.mark.parametrize("normals", ["up", "down"])
+def test_flat_triangle_presses_as_the_plane(normals: str, comm: MPI.Intracomm, run_directory: Path) -> None:
+    """Uniaxial compression by 10 %; the force is the plane's, -1087.2 N for 10 kPa and 1 m²."""
+    import pyvista
+
+    corners, file = np.array([[-5.0, -5, 1], [8, -5, 1], [-5, 8, 1]]), run_directory / "sheet.stl"
+    pyvista.PolyData.from_regular_faces(corners, [[0, 1, 2] if normals == "up" else [0, 2, 1]]).save(file)
+    sheet = {"shape": "surface", "file": str(file), "unit": "m", "flip": normals == "up"}
+    plane = {"shape": "plane", "point": [0, 0, 1], "normal": [0, 0, -1]}
+
+    def pressed(obstacle: dict[str, Any], region: str = "z1") -> float:
+        contact = {"region": region, "obstacle": obstacle, "travel": [0, 0, -0.1]}
+        holds = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
+        soft: dict[str, Any] = {"material": MATERIAL | {"young": "10 kPa"}}
+        return (
+            standing(
+                comm, **soft, effects=[{"effect": "contact"} | contact], supports=holds, certificate=NO_CERTIFICATE
+            )
+            .solutions[0]
+            .contacts[0]
+            .force[2]
+        )
+
+    force = pressed(sheet)
+    assert force == pytest.approx(-1087.2, rel=1e-4)
+    assert force == pytest.approx(pressed(plane), rel=1e-9)
+    with pytest.raises(MeshError, match="turn its normals with 'flip'"):
+        pressed(sheet | {"flip": normals != "up"}, "z0")
+
+
 def test_obstacle_in_the_body_is_refused(comm: MPI.Intracomm) -> None:
     wrong_side = {"obstacle": FLOOR | {"point": [0, 0, 0.2]}}
     with pytest.raises(MeshError, match=r"effects\[0\]: the obstacle overlaps 'z0' of the unloaded body by 0.2 m"):
