@@ -173,7 +173,7 @@ class _Checks:
 
     def _stability_line(self) -> Iterable[Line]:
         checked = stability(self.equations, self.forward, self.observer)
-        return judged_with_given_numbers(checked) if self.has_unknown_loads else checked
+        return judged_with_given_numbers(checked) if self.solution.remote_loads else checked
 
     def limit_point_lines(self) -> Iterable[Line]:
         """Return the lines on limit points of the path."""

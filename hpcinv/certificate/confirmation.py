@@ -138,6 +138,15 @@ def confirm(equations: Equations, solution: Solution) -> Confirmed | None:
     return Confirmed(max(counts.negative - pressures, 0), counts.asymmetry)
 
 
+def potential_note(asymmetry: float) -> str:
+    """Return text for a note on an asymmetry of the tangent (as in `Inertia`); empty where loads have a potential."""
+    return (
+        ""
+        if asymmetry < 1e-8
+        else f"loads without a potential (asymmetry {asymmetry:.1g}): only the symmetric part was checked"
+    )
+
+
 def _added(weak_form: WeakForm, part: Part, trial: Any) -> Any:
     """Return the terms that `second_variation` adds to the tangent, per reference volume."""
     kin, unknowns = weak_form.kinematics, weak_form.unknowns

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+from hpcinv.certificate.cavity_stability import with_cavities
 from hpcinv.certificate.check import Line, Verdict, skipped
-from hpcinv.certificate.confirmation import MARGIN, Confirmed, assembled, confirm, given_u_of
+from hpcinv.certificate.confirmation import MARGIN, Confirmed, assembled, confirm, given_u_of, potential_note
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.lowest_eigenvalue import lowest_eigenvalue
 from hpcinv.certificate.multigrid_solver import MultigridSolver
@@ -36,6 +37,8 @@ def stability(equations: Equations, forward: ForwardFactors, observer: Observer 
         yield skipped(STABILITY, "switched off: certificate.stability")
         return
     line = _factors_line(equations, forward) if forward.affordable else _iteration_line(equations, forward, observer)
+    if forward.solution.cavities:
+        line = with_cavities(equations, forward, line)
     held = _barely_held(line, equations, forward.solution)
     yield replace(line, note="; ".join([line.note, *_left_out(equations, forward), *held]))
 
@@ -98,7 +101,7 @@ def _stable(asymmetry: float, how: str = "") -> Line:
         "",
         _RULE,
         Verdict.PASS,
-        "; ".join(filter(None, [note, how, _potential_note(asymmetry)])),
+        "; ".join(filter(None, [note, how, potential_note(asymmetry)])),
     )
 
 
@@ -107,7 +110,7 @@ def _unstable(count: int, confirmed: Confirmed | None, *, is_mixed: bool) -> Lin
     if confirmed is not None and confirmed.directions:
         # For a tangent that is not symmetric, the symmetric part can prove stability but not instability. The
         # asymmetry is the confirmation's, since the solve's quadrature can make follower loads asymmetric.
-        kind = _potential_note(confirmed.asymmetry)
+        kind = potential_note(confirmed.asymmetry)
         does = "might buckle, snap away or flutter" if kind else "would buckle or snap away"
         note = f"confirmed negative eigenvalues: the loaded body {does}"
         if confirmed.directions < count:
@@ -123,11 +126,3 @@ def _unstable(count: int, confirmed: Confirmed | None, *, is_mixed: bool) -> Lin
         why = f"none is left with a margin of {MARGIN:.0%} of the elastic energy: the body is at a critical load"
     note = f"negative eigenvalues of the forward tangent, but {why}"
     return Line(STABILITY, float(count), "", _RULE, Verdict.UNDECIDED, note)
-
-
-def _potential_note(asymmetry: float) -> str:
-    return (
-        ""
-        if asymmetry < 1e-8
-        else f"loads without a potential (asymmetry {asymmetry:.1g}): only the symmetric part was checked"
-    )

@@ -35,6 +35,7 @@ class CavityReport:
         pressure: that the solve found.
         volume: in the loaded body; unloaded_volume: in the unloaded body.
         residual: of its equation, relative to the larger volume.
+        compliance: fall of the volume with the pressure of its gas or windkessel (m³/Pa), 0 with a given volume.
     """
 
     name: str
@@ -42,6 +43,7 @@ class CavityReport:
     volume: float
     unloaded_volume: float
     residual: float
+    compliance: float = 0.0
 
     def as_data(self) -> dict[str, Any]:
         return asdict(self)
@@ -169,7 +171,15 @@ class CavityEquation:
             loaded,
             unloaded,
             abs(value) * self._scales.length**3 / max(abs(loaded), abs(unloaded)),
+            self._compliance(loaded),
         )
+
+    def _compliance(self, loaded: float) -> float:
+        """Return ``-dV/dq`` (m³/Pa) of what holds the pressure at a volume of the loaded body (m³)."""
+        if (windkessel := self._cavity.windkessel) is not None:
+            return windkessel.compliance
+        gas = self._cavity.gas
+        return 0.0 if gas is None else loaded / (self.pressure * self._scales.stress + gas.ambient)
 
     def evaluate(self, load: float) -> tuple[float, float, float]:
         """Return C and its derivatives by the volume of the unknown body and by the pressure; collective."""

@@ -15,6 +15,7 @@ from helpers.thick_sphere import INNER, OUTER, PRESSURE, sphere
 from helpers.verification import box, deform, job
 
 import hpcinv
+from hpcinv.certificate import Line, Verdict
 from hpcinv.errors import JobError, MeshError
 from hpcinv.mesh import build_body
 from hpcinv.mesh.enclosed_volume import EnclosedVolume
@@ -104,6 +105,61 @@ def test_pressure_falls_while_a_balloon_is_filled(comm: MPI.Intracomm) -> None:
         assert pressures[-1] == pytest.approx(pressure_of(stretch), rel=3e-4)
         assert result.quantities["current"] == pytest.approx(OCTANT * stretch**3, rel=1e-10)
     assert pressures[1] < pressures[0]
+
+
+CHECKED = NO_CERTIFICATE | {"stability": True}
+THIN = 1.05  # m: outer radius of a loaded balloon with the inner radius `INNER`
+
+
+def stability_line(result: hpcinv.Result) -> Line:
+    lines: list[Line] = [line for line in result.certificate.lines if line.name.startswith("stability")]
+    assert len(lines) == 1
+    return lines[0]
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.everyday("gas")
+@pytest.mark.parametrize("held", ["volume", "gas"])
+def test_balloons_beyond_their_largest_pressure_are_stable_with_given_volume_or_gas(
+    held: str, comm: MPI.Intracomm
+) -> None:
+    ambient, stretch = 1.0, 2.2
+    pressure = pressure_of(stretch)
+    gas = {"ambient": ambient, "amount": (pressure + ambient) / ambient * stretch**3}
+    hole = {"gas": gas} if held == "gas" else {"volume": OCTANT * stretch**3}
+    result = controlled(hole, comm, analysis="forward", certificate=CHECKED)
+    (cavity,) = result.solutions[0].cavities
+    assert cavity.volume == pytest.approx(OCTANT * stretch**3, rel=1e-2)
+    line = stability_line(result)
+    assert line.verdict is Verdict.PASS
+    assert "unstable at given pressures, but the volume, gas or windkessel of 'hole' holds the body" in line.note
+    assert "motions that are not symmetric about 'x0', 'y0', 'z0' are left out" in line.note
+
+
+@pytest.mark.everyday("1.1")
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_windkessel_holds_a_balloon_up_to_a_compliance(share: float, comm: MPI.Intracomm) -> None:
+    """``-dV/dp`` of the loaded balloon by its closed form; a softer chamber lets it snap."""
+    rest, step = INNER / 1.8, 1e-5
+
+    def pressure(inner: float) -> float:
+        wall = THIN**3 - INNER**3
+        stretches = ((wall + inner**3) / (wall + rest**3)) ** (1 / 3), inner / rest
+        g = [0.5 * (4 / s + s**-4) for s in stretches]
+        return g[0] - g[1]
+
+    slope = (pressure(INNER + step) - pressure(INNER - step)) / (2 * step)
+    critical = -math.pi / 2 * INNER**2 / slope
+    windkessel = {"compliance": share * critical, "volume": OCTANT, "pressure": pressure(INNER)}
+    wall = {"inner": INNER, "outer": THIN, "radial": 1, "along": 1, "hexahedra": True}
+    mesh = {"file": "../meshes/thick_sphere.py", "parameters": wall, "geometry_degree": 2}
+    result = controlled({"windkessel": windkessel}, comm, mesh=mesh, certificate=CHECKED)
+    line = stability_line(result)
+    print(line)
+    assert line.verdict is (Verdict.PASS if share < 1 else Verdict.FAIL)
+    assert line.value == (0 if share < 1 else 1)
+    (cavity,) = result.solutions[0].cavities
+    assert cavity.compliance == pytest.approx(share * critical)
 
 
 @pytest.mark.everyday("3.0-30")

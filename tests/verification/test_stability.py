@@ -232,6 +232,7 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
         reference_nodes=nodes,
         moved_to=lambda _: model.state(),
         solves=(),
+        cavities=(),
         linear=None,
     )
     (line,) = stability(model, ForwardFactors(model, solution))
