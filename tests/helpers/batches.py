@@ -1,13 +1,14 @@
 """One start of mpiexec for several tests on the same number of ranks.
 
 mpi-pytest starts mpiexec for each test on more than one rank, and each rank loads DOLFINx: two to three seconds of
-processor time before the test begins. Here the first test of a batch runs the whole batch in one start, and the
-others of the batch have passed if all of it has. If not, each is run alone, as mpi-pytest does, and shows its failure.
+processor time before the test begins. Here the first test of a batch runs the whole batch in one start. A test that
+fails ends the ranks: it is run alone, as mpi-pytest does, and shows its failure, and what came after it is a new batch.
 """
 
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import subprocess
 import sys
@@ -21,9 +22,9 @@ from hpcinv.parallel.runtime import MPI
 
 SYSTEM = Path(__file__).parents[1] / "system"
 LARGEST = 80
-"""Tests in a batch. More of them save starts (3 s of processor time a rank); after a failure, each is run alone."""
+"""Tests in a batch. More of them save starts (3 s of processor time a rank); a failure costs one more start."""
 IN_BATCH = "HPCINV_TESTS_IN_BATCH"
-"""Environment variable that the ranks of a batch have."""
+"""Environment variable that the ranks of a batch have: files ``VALUE.RANK`` list the tests that a rank has ended."""
 QUIET = ("--tb=no", "--no-summary", "--no-header", "--disable-warnings", "--show-capture=no")
 
 
@@ -38,24 +39,47 @@ class Batch:
     def __init__(self, name: str, ranks: int, tests: list[str], root: Path) -> None:
         self.name, self.ranks, self.tests, self.root = name, ranks, tests, root
 
-    def has_passed(self, directory: Path) -> bool:
-        """Run the batch, unless another worker of pytest-xdist did; ``directory`` is the one that all workers share."""
+    def has_passed(self, test: str, directory: Path) -> bool:
+        """Return whether a test has passed, after a run of its batch unless another worker of pytest-xdist did that.
+
+        Args:
+            directory: the one that all workers share
+        """
         with (directory / f"{self.name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
-            result = directory / self.name
-            if not result.exists():
-                result.write_text("passed" if self._run() == 0 else "failed")
-            return result.read_text() == "passed"
+            results = directory / self.name
+            passed = json.loads(results.read_text()) if results.exists() else {}
+            if test not in passed:
+                passed = self._results(directory)
+                results.write_text(json.dumps(passed))
+            return bool(passed[test])
 
-    def _run(self) -> int:
+    def _results(self, directory: Path) -> dict[str, bool]:
+        """Run the tests up to the first that fails, what is left after it, and so on; return which have passed."""
+        tests, passed = self.tests, dict[str, bool]()
+        while tests:
+            prefix = directory / f"{self.name}-{len(tests)}"
+            if self._run(tests, prefix) == 0:
+                return passed | dict.fromkeys(tests, True)
+            ended = set.intersection(*(_lines(Path(f"{prefix}.{rank}")) for rank in range(self.ranks)))
+            failed = next((test for test in tests if test not in ended), tests[-1])
+            passed |= dict.fromkeys(ended, True) | {failed: False}
+            tests = [test for test in tests if test not in passed]
+        return passed
+
+    def _run(self, tests: list[str], prefix: Path) -> int:
         common = [sys.executable, "-m", "pytest", "--runxfail", "-s", "-q"]
-        command = ["mpiexec", "-n", "1", *common, *self.tests, ":"]
-        command += ["-n", str(self.ranks - 1), *common, *QUIET, *self.tests]
-        limit = str(300 + 10 * len(self.tests))  # s, below the 30 min of the whole suite
-        environment = os.environ | {CHILD_PROCESS_FLAG: "1", IN_BATCH: "1", "MPIEXEC_TIMEOUT": limit}
+        command = ["mpiexec", "-n", "1", *common, *tests, ":"]
+        command += ["-n", str(self.ranks - 1), *common, *QUIET, *tests]
+        limit = str(300 + 10 * len(tests))  # s, below the 30 min of the whole suite
+        environment = os.environ | {CHILD_PROCESS_FLAG: "1", IN_BATCH: str(prefix), "MPIEXEC_TIMEOUT": limit}
         # There are more processes than processors: a rank that waits for a message sleeps in between.
         environment["MPIR_CVAR_ENABLE_HEAVY_YIELD"] = "1"
         return subprocess.run(command, cwd=self.root, env=environment, check=False).returncode
+
+
+def _lines(path: Path) -> set[str]:
+    return set(path.read_text().splitlines()) if path.exists() else set()
 
 
 class RankOfBatch:
@@ -65,6 +89,11 @@ class RankOfBatch:
         """End the batch."""
         if report.failed:
             MPI.COMM_WORLD.Abort(1)
+
+    def pytest_runtest_logfinish(self, nodeid: str) -> None:
+        """Note a test that has not failed."""
+        with Path(f"{os.environ[IN_BATCH]}.{MPI.COMM_WORLD.rank}").open("a") as file:
+            print(nodeid, file=file)
 
 
 def _order(item: pytest.Item) -> tuple[int, int]:
@@ -102,4 +131,4 @@ class Batches:
         if batch is None or len(batch.tests) == 1:
             return None
         directory: Path = pyfuncitem.funcargs["shared_by_workers"]
-        return batch.has_passed(directory) or None
+        return batch.has_passed(pyfuncitem.nodeid, directory) or None
