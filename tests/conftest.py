@@ -29,10 +29,17 @@ def pytest_configure(config: pytest.Config) -> None:
     """Start mpiexec once for several tests on the same number of ranks."""
     if "_PYTEST_MPI_CHILD_PROCESS" in os.environ:
         config.option.markexpr = ""  # the process that starts the ranks has chosen the test
+    batches = Batches()
     if IN_BATCH in os.environ:
         config.pluginmanager.register(RankOfBatch())
     elif MPI.COMM_WORLD.size == 1:
-        config.pluginmanager.register(Batches())
+        config.pluginmanager.register(batches)
+    # The process that starts one test under mpiexec records the ranks as its children.
+    records = os.environ.get("HPCINV_TEST_DURATIONS")
+    if records and (IN_BATCH in os.environ or "_PYTEST_MPI_CHILD_PROCESS" not in os.environ):
+        from helpers.recorder import Recorder  # it imports DOLFINx
+
+        config.pluginmanager.register(Recorder(Path(records), batches.batch_of))
 
 
 def pytest_xdist_auto_num_workers() -> int:
