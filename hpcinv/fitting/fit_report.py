@@ -12,6 +12,7 @@ from hpcinv.fitting.candidate import quantity, short
 from hpcinv.fitting.least_squares import Fit
 from hpcinv.fitting.linearised import correlations
 from hpcinv.fitting.material_stability import Range, stability
+from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.units import Dimension, readable
 
 _POOR = 2.0  # scatter in standard deviations above which the law does not describe the tests
@@ -66,6 +67,8 @@ class CheckedFit:
                     f" {r.not_elliptic_at:.4g} (checked from {r.low:.4g} to {r.high:.4g}): results depend on the mesh"
                 )
         fit = self.fit
+        if fit.disagreements:
+            messages.append(f"{self.label}: {_indeterminacy(fit)}")
         if fit.deviations_known and fit.scatter > _POOR:
             messages.append(
                 f"{self.label} misses the tests by {fit.scatter:.3g} of their standard deviations, so that the"
@@ -91,6 +94,12 @@ class CheckedFit:
             ],
             "covariance": fit.covariance,
             "correlation": fit.correlation,
+            "equally_good": [dict(zip((p.key for p in fit.candidate.parameters), v, strict=True)) for v in fit.rivals],
+            "disagreements": [
+                {"test": d.probe.name, d.probe.mode.measure: d.measure, "share": d.share}
+                | {"stress": d.stress[0], "stress_of_equally_good": d.stress[1:]}
+                for d in fit.disagreements
+            ],
             "points": fit.count,
             "r_squared": fit.r_squared,
             "aicc": fit.aicc,
@@ -139,6 +148,8 @@ def describe(outcome: CheckedFit) -> list[str]:
         lines.append(f"  {p.name} = {short(value, p.dimension)} ± {short(deviation, p.dimension, 2)}{share}")
     if len(fit.values) > 1:
         lines.append(f"  correlation: {_correlations(fit)}")
+    for values in fit.rivals:
+        lines.append(f"  equally good: {_assignments(fit, values)}")
     for i, test in enumerate(fit.tests):
         rms, largest, r_squared = fit.quality(i)
         lines.append(
@@ -152,6 +163,24 @@ def describe(outcome: CheckedFit) -> list[str]:
         if texts:
             lines.append(f"  {name}: {', '.join(texts)}")
     return lines
+
+
+def _assignments(fit: Fit, values: Floats) -> str:
+    parameters = fit.candidate.parameters
+    return ", ".join(f"{p.name} = {short(v, p.dimension)}" for p, v in zip(parameters, values, strict=True))
+
+
+def _indeterminacy(fit: Fit) -> str:
+    """Return what equally good parameters leave open, the rule that chose one, and the test that decides."""
+    first = fit.disagreements[0]
+    at = f"{first.probe.name} at {first.probe.mode.measure} {first.measure:.4g}"
+    stresses = [readable(float(s), "Pa") if np.isfinite(s) else "no stress" for s in first.stress]
+    others = f"{len(fit.rivals)} other sets of parameters fit" if len(fit.rivals) > 1 else "another set fits"
+    return (
+        f"{others} these tests equally well: {at} would have {stresses[0]} by this one, {' or '.join(stresses[1:])} by "
+        f"{'others' if len(fit.rivals) > 1 else 'the other'}. This one is stable in more modes, or else closer to the "
+        f"neo-Hookean law; a test in {first.probe.name} decides"
+    )
 
 
 def _place(checked: Range) -> str:

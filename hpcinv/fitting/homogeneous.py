@@ -138,13 +138,27 @@ class Response:
         It is the nominal stress along the first direction (dead load per undeformed area), or Cauchy's; in simple shear
         the shear stress, which is both; in volumetric tests the pressure.
         """
-        stretches = self.state(mode, measure, parameters)
-        W = self.energy(stretches, parameters)
+        return self.stresses([(mode, measure, cauchy)], parameters)[0]
+
+    def stresses(self, tests: Sequence[tuple[Mode, Floats, bool]], parameters: Floats) -> list[tuple[Floats, Floats]]:
+        """Return stress and slopes as ``stress`` does, of several tests (mode, measure, whether Cauchy's) at once."""
+        stretches = [self.state(mode, measure, parameters) for mode, measure, _ in tests]
+        W = self.energy(np.concatenate(stretches), parameters)
+        ends = np.cumsum([len(part) for part in stretches])
+        parts = [slice(end - len(part), end) for end, part in zip(ends, stretches, strict=True)]
+        return [
+            self._stress(mode, of_test, W.gradient[part], W.hessian[part], cauchy=cauchy)
+            for (mode, _, cauchy), of_test, part in zip(tests, stretches, parts, strict=True)
+        ]
+
+    def _stress(
+        self, mode: Mode, stretches: Floats, gradient: Floats, hessian: Floats, *, cauchy: bool
+    ) -> tuple[Floats, Floats]:
         weights = _stress_weights(mode, stretches, incompressible=self.is_incompressible)
-        stretch_slopes, parameter_slopes = W.hessian[:, :3, :3], W.hessian[:, :3, 3:]
-        stress = np.einsum("ni,ni->n", weights, W.gradient[:, :3])
+        stretch_slopes, parameter_slopes = hessian[:, :3, :3], hessian[:, :3, 3:]
+        stress = np.einsum("ni,ni->n", weights, gradient[:, :3])
         slopes = np.einsum("ni,nik->nk", weights, parameter_slopes)
-        factor = 1 / (stretches[:, 1] * stretches[:, 2]) if cauchy and mode.free else np.ones(len(measure))
+        factor = 1 / (stretches[:, 1] * stretches[:, 2]) if cauchy and mode.free else np.ones(len(stretches))
         if self.is_incompressible or not mode.free:
             return factor * stress, factor[:, None] * slopes
         free = list(mode.free)
