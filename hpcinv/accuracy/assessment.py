@@ -4,8 +4,9 @@ The error estimate compares one degree with the next on the same mesh. It does n
 alone reveals, such as the geometry of a curved body or a maximum between nodes; these are estimated by the difference
 of the corrected values on two meshes. The estimate itself is tested: the one of a discretisation is compared with the
 values of the next one, and no error is promised that is smaller than the last change of the value allows. With a ratio
-r of successive errors, a change Δ leaves ``Δ r/(1 - r)``; r is not less than the ratio of the estimates, than singular
-edges allow, and than the last two changes show.
+r of successive errors, a change Δ leaves ``Δ r/(1 - r)``; r is not less than the ratio of the estimates, and than
+singular edges allow. Where the next mesh does not confirm an estimate, or one mesh proves nothing, r is not less than
+the last two changes show.
 
 Where singular edges have a share of the error, or volumes are not explained by the pressure, one mesh proves nothing,
 and no error is promised that is smaller than the last change between two meshes.
@@ -26,6 +27,9 @@ LOWEST = 0.5  # least order of errors that changes of a value are taken for; the
 SLOWEST = 0.75  # largest presumed ratio of these errors on a finer mesh to those on a coarser one
 NEARLY_EQUAL = 0.9
 """Largest presumed ratio of successive errors whose values changed; raised, small steps promise less."""
+CONFIRMED = 1.5
+"""Factor within which the next mesh must confirm an error that was estimated; raised, the rate at which estimates fall
+is trusted more often, and the rate of the changes counts less often."""
 DOUBTED = 1.5
 """Safety factor of what a change of the value leaves, where one mesh proves nothing; raised, searches take longer."""
 
@@ -139,9 +143,12 @@ def _least(findings: Sequence[Finding], name: str, previous: Assessment | None) 
     if previous is None or len(findings) < 2:
         return 0.0 if last.is_proof else math.inf
     earlier, later = (distance(f.corrected[name], f.values[name]) for f in findings[-2:])
-    ratio = max(later / earlier if earlier > 0 else 0.0, last.ratio, _ratio_of_changes(findings, name))
+    before = findings[-2].values[name]
+    ratio = max(later / earlier if earlier > 0 else 0.0, last.ratio)
+    if last.needs_test or not earlier / CONFIRMED <= distance(last.corrected[name], before) <= CONFIRMED * earlier:
+        ratio = max(ratio, _ratio_of_changes(findings, name))
     ratio = min(ratio, NEARLY_EQUAL)
-    least = distance(last.values[name], findings[-2].values[name]) * ratio / (1 - ratio)
+    least = distance(last.values[name], before) * ratio / (1 - ratio)
     if last.needs_test:
         other = next((f for f in reversed(findings) if f.mesh != last.mesh), None)
         if other is None:

@@ -299,6 +299,18 @@ def test_the_rate_of_the_last_changes_counts(order: float) -> None:
     assert error * (1 - 1e-6) <= last.bounds["q"] <= 2 * error
 
 
+@pytest.mark.parametrize("is_confirmed", [True, False])
+def test_irregular_changes_count_less_where_estimates_are_confirmed(*, is_confirmed: bool) -> None:
+    """Contact within a sphere (true value 0.694497): changes grow, and estimates are the errors, or miss their size."""
+    values, corrected = [0.694266, 0.693698, 0.694513], [0.694446, 0.694435, 0.694496]
+    if not is_confirmed:
+        corrected = [v + 0.2 * (c - v) for v, c in zip(values, corrected, strict=True)]
+    trials = [Finding(i, 0.5**i, 2, {"q": q}, {"q": c}) for i, (q, c) in enumerate(zip(values, corrected, strict=True))]
+    bound, error = judged(trials, None)[-1].bounds["q"], abs(values[-1] - 0.694497)
+    assert bound >= error
+    assert (bound <= 10 * error) is is_confirmed
+
+
 @pytest.mark.parametrize("name", JUDGES_OF_MESHES)
 def test_a_certificate_that_doubts_the_mesh_leaves_a_promise_undecided(name: str) -> None:
     step = AccuracyStep("as it is", 48, 2, 375, {}, {}, {}, None, "", 3, 1.0)
