@@ -14,7 +14,7 @@ from hpcinv.quantity.keys import parse_key
 from hpcinv.quantity.schema import shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.table_files import readings_of
-from hpcinv.quantity.units import parse_unit
+from hpcinv.quantity.units import is_unit
 
 _LARGEST = 50_000_000
 """Bytes of a table; raised, a wrong file takes minutes to be refused."""
@@ -86,6 +86,8 @@ def _split(title: str) -> tuple[str, str]:
     """Return name and unit in a title such as ``material.c1 [kPa]``."""
     match = _TITLE.fullmatch(title)
     assert match is not None
+    if match[3] and not is_unit(match[3]):  # a remark
+        return title.strip(), ""
     return match[1], match[2] or match[3] or ""
 
 
@@ -129,12 +131,7 @@ def _bare(units: Sequence[str], i: int) -> str:
 
 def _are_units(row: Row, keys: Mapping[int, tuple[str, str]]) -> bool:
     texts = [_bare(row.entries, i) for i in keys]
-    try:
-        for text in texts:
-            parse_unit("" if text == "-" else text)
-    except ValueError:
-        return False
-    return any(texts)
+    return any(texts) and all(map(is_unit, texts))
 
 
 def _value(row: Row, i: int, unit: str) -> Any:

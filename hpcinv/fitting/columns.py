@@ -3,13 +3,14 @@
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.csv_rows import Row
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import Dimension, as_float, parse_unit
+from hpcinv.quantity.units import Dimension, as_float, is_unit, parse_unit
 
 _PURE, _STRESS = Dimension(), parse_unit("Pa")[1]
 IGNORE = "ignore"
@@ -59,6 +60,8 @@ _ALIASES = {
     "extension": "elongation",
     "crosshead": "elongation",
     "traverse": "elongation",
+    "traversenweg": "elongation",
+    "crosshead displacement": "elongation",
     "verlängerung": "elongation",
     "standardweg": "elongation",
     "weg": "elongation",
@@ -82,11 +85,21 @@ _AMBIGUOUS = ("stress", "tensile stress", "compressive stress", "spannung")
 _TITLE = re.compile(r"\s*(.*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*", re.DOTALL)
 
 
+_REMARK = re.compile(r"\s*\([^()]*\)$")
+"""A remark in round brackets at the end of a name, such as ``Tensile strain (Extension)``."""
+
+
 def _plain(title: str) -> tuple[str, str]:
     """Return the name in a title, in a plain form, and the text of its unit."""
     match = _TITLE.fullmatch(title)
     assert match is not None
-    return " ".join(match[1].lower().replace("_", " ").rstrip(".").split()), match[2] or ""
+    if match[2] and title.rstrip().endswith(")") and not is_unit(match[2]):
+        return _spaced(title), ""
+    return _spaced(match[1]), match[2] or ""
+
+
+def _spaced(name: str) -> str:
+    return " ".join(name.lower().replace("_", " ").rstrip(".").split())
 
 
 @dataclass(frozen=True)
@@ -95,12 +108,21 @@ class Names:
 
     names: Mapping[str, str]
 
+    @cached_property
+    def _plain_names(self) -> dict[str, str]:
+        whole = {_spaced(title): column for title, column in self.names.items()}
+        return {_plain(title)[0]: column for title, column in self.names.items()} | whole
+
     def lookup(self, title: str) -> tuple[str, str]:
         """Return the name of the column with a title, which may be unknown, and the text of its unit."""
         name, unit = _plain(title)
-        if name in self.names:
-            name, own = _plain(self.names[name])
+        without_remark = _REMARK.sub("", name)
+        given = next((n for n in (_spaced(title), name, without_remark) if n in self._plain_names), None)
+        if given is not None:
+            name, own = _plain(self._plain_names[given])
             unit = own or unit
+        elif without_remark in {*COLUMNS, *_ALIASES, *_AMBIGUOUS}:
+            name = without_remark
         return _ALIASES.get(name, name), unit
 
     def column(self, title: str, unit_below: str) -> tuple[str, float]:
@@ -136,6 +158,10 @@ class Names:
             )
         return name, as_float(factor)
 
+    def known(self, row: Row) -> int:
+        """Return how many entries of a row name a column."""
+        return sum(name in COLUMNS or name in _AMBIGUOUS for name, _ in map(self.lookup, row.entries))
+
     def score(self, row: Row) -> int:
         """Return how many entries of a row name a column, 0 if it names no strain or no stress."""
         roles = [
@@ -151,9 +177,14 @@ def _bare(unit: str) -> str:
 
 
 def header_of(rows: Sequence[Row], names: Names) -> tuple[int, int]:
-    """Return the index of the row that names the columns, and its score; the first row if none does."""
-    scores = [names.score(row) for row in rows[:_SEARCHED]]
-    best = max(range(len(scores)), key=lambda i: (scores[i], -i))
+    """Return the index of the row that names the columns, and its score.
+
+    If no row names a strain and a stress, it is the one with the most known names, and at best no numbers.
+    """
+    searched = rows[:_SEARCHED]
+    scores = [names.score(row) for row in searched]
+    known = [names.known(row) for row in searched]
+    best = max(range(len(scores)), key=lambda i: (scores[i], known[i], known[i] > 0 and not rows[i].has_numbers, -i))
     return best, scores[best]
 
 
@@ -164,12 +195,4 @@ def is_row_of_units(row: Row, titles: Row, names: Names) -> bool:
         for title, unit in zip(titles.entries, row.entries, strict=False)
         if (name := names.lookup(title)[0]) != IGNORE and (name in COLUMNS or name in _AMBIGUOUS)
     ]
-    return not row.has_numbers and any(used) and all(map(_is_unit, used))
-
-
-def _is_unit(text: str) -> bool:
-    try:
-        parse_unit("" if text == "-" else text)
-    except ValueError:
-        return False
-    return True
+    return not row.has_numbers and any(used) and all(map(is_unit, used))

@@ -134,7 +134,7 @@ class _TableReader:
 
     def __init__(self, path: Path, options: FileOptions) -> None:
         self._path, self._options = path, options
-        self._names = Names({name.lower(): column for name, column in options.columns.items()})
+        self._names = Names(options.columns)
         self._statements: dict[str, float | Mode] = {}
         self._problems: list[str] = []
         self._notes: list[str] = []

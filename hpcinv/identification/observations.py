@@ -7,7 +7,6 @@ from the computed surface along the normal there. Its derivative is the nearest 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import dropwhile
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from hpcinv.model.surface_distance import barycentric
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import on_root
 from hpcinv.quantity.arrays import LocalIndices
-from hpcinv.quantity.csv_rows import Row
+from hpcinv.quantity.csv_rows import Row, below_titles
 from hpcinv.quantity.quantity import Measured
 from hpcinv.quantity.table_files import readings_of
 from hpcinv.reading.suffix import suffix_of
@@ -329,5 +328,5 @@ def read_table(path: Path, columns: int) -> Floats:
 
 def _points(rows: Iterable[Row | tuple[int, str]], columns: int) -> list[Row]:
     """Return the rows below the titles, without labels ahead of their numbers."""
-    points = list(dropwhile(lambda row: not row.has_numbers, (row for row in rows if isinstance(row, Row))))
+    points = below_titles([row for row in rows if isinstance(row, Row)], (columns, columns + 1))
     return [row.without_first() if len(row.entries) == columns + 1 and not row.is_number(0) else row for row in points]

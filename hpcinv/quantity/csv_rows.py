@@ -2,13 +2,18 @@
 
 import csv
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import dropwhile
 from pathlib import Path
 from typing import Self
 
 from hpcinv.quantity.decimal_marks import COMMA, OPEN, POINT, decimal_marks, number_of
 from hpcinv.reading.decoding import decoded
 from hpcinv.reading.door import admitted
+
+_SEARCHED = 200
+"""Rows ahead of the titles; raised, a wrong file takes longer to be refused."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,21 @@ class Row:
     def has_numbers(self) -> bool:
         """True if some entry begins as a number does: a row of titles has none."""
         return any(re.match(r"[+-]?[.,]?\d", entry) for entry in self.entries)
+
+
+def below_titles(rows: Sequence[Row], columns: Sequence[int]) -> Sequence[Row]:
+    """Return the rows below the titles of a table of numbers, and below what a program wrote ahead of them.
+
+    Args:
+        columns: numbers of entries that a row of titles may have.
+    """
+    for i, row in enumerate(rows[:_SEARCHED]):
+        if len(row.entries) in columns and not row.has_numbers:
+            titled = next((k for k, below in enumerate(rows[i:], start=i) if below.has_numbers), len(rows))
+            return rows[titled:]
+        if len(row.entries) in columns and sum(map(row.is_number, range(len(row.entries)))) >= min(columns) - 1:
+            break  # a row of the table
+    return list(dropwhile(lambda row: not row.has_numbers, rows))
 
 
 def rows_of(text: str, delimiter: str = "", *, decimal_comma: bool = False) -> list[Row | tuple[int, str]]:

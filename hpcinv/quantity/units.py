@@ -194,6 +194,15 @@ def parse_unit(text: str) -> tuple[Fraction, Dimension]:
     return total, exponents
 
 
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit; ``-`` and no text are the dimensionless one."""
+    try:
+        parse_unit("" if text == "-" else text)
+    except ValueError:
+        return False
+    return True
+
+
 def readable(value: float, unit: str, digits: int = 3) -> str:
     """A value (in m, m^3, kg, N or Pa) with a suitable prefix, such as ``182 mm``."""
     value = float(f"{value:.{digits}g}")

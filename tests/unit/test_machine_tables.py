@@ -194,3 +194,30 @@ def test_decimal_commas_between_quotation_marks_are_never_guessed(tmp_path: Path
     (test,) = read_file(path, FileOptions("uniaxial", decimal_comma=True)).tests
     assert list(test.measure) == [1.1, 1.2]
     assert list(test.stress) == [2500, 5000]
+
+
+REMARKS = "Specimen 1;;\n;;\nTime;Tensile strain (Extension);Tensile stress (machine)\n(s);(%);(MPa)\n" + "".join(
+    f"{i};{100 * (x - 1):.4g};{f / 25:.4g}\n" for i, (x, f) in enumerate(POINTS)
+)
+
+
+@pytest.mark.parametrize("title", ["Tensile stress (machine)", "tensile  stress (Machine)", "Tensile stress"])
+def test_titles_with_remarks_in_brackets_are_named(title: str, tmp_path: Path) -> None:
+    path = tmp_path / "machine.csv"
+    path.write_text(REMARKS)
+    (test,) = read_file(path, FileOptions("uniaxial", columns={title: "nominal stress"})).tests
+    assert test.measure == pytest.approx(STRETCH)
+    assert test.stress == pytest.approx(np.array(FORCE) / 25e-6)
+    path.write_text(REMARKS.replace("Tensile strain (Extension)", "Gauge (top)"))
+    columns = {title: "nominal stress", "Gauge (top)": "strain"}
+    assert read_file(path, FileOptions("uniaxial", columns=columns)).tests[0].measure == pytest.approx(STRETCH)
+
+
+def test_the_row_with_most_known_names_is_blamed(tmp_path: Path) -> None:
+    path = tmp_path / "machine.csv"
+    path.write_text(ZWICK.replace("Standardweg", "Traversenweg"), "latin-1")
+    assert len(read_file(path, SPECIMEN).tests[0]) == len(POINTS)
+    path.write_text("Temperatur;23;°C\n" + ZWICK.replace("Standardweg", "Aufnehmer 7"), "latin-1")
+    with pytest.raises(JobError, match="line 6: unknown column 'Aufnehmer 7'") as caught:
+        read_file(path, SPECIMEN)
+    assert len(caught.value.problems) == 1

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hpcinv.batch.axis_table import axis_of
 from hpcinv.errors import MeshError
 from hpcinv.identification.observations import read_table
+from hpcinv.mesh.vessels.centrelines import read_centrelines
 
 ROWS = ["0.1,0.2,0.3", "0.4,0.5,0.6", "0.7,0.8,0.9"]
 POINTS = np.arange(1, 10).reshape(3, 3) / 10
@@ -71,3 +73,24 @@ def test_binary_files_are_refused(content: bytes, tmp_path: Path) -> None:
     path.write_bytes(content)
     with pytest.raises(MeshError, match="is not a text file"):
         read_table(path, 3)
+
+
+def test_numbers_ahead_of_the_titles_are_not_rows(tmp_path: Path) -> None:
+    """Of landmarks, and of centrelines; a faulty first row is not taken for a title."""
+    rows = "\n".join(",".join(map(str, point)) for point in POINTS.tolist())
+    path = tmp_path / "points.csv"
+    path.write_text(f"Version,4.2\nCount,{len(POINTS)},points\nx,y,z\n(mm),(mm),(mm)\n{rows}\n")
+    np.testing.assert_array_equal(read_table(path, 3), POINTS)
+    path.write_text(f"1,2\nx,y,z\n{rows}\n".replace("x,y,z\n", ""))
+    with pytest.raises(MeshError, match="line 1: has 2 entries, not 3"):
+        read_table(path, 3)
+    path.write_text("Program,5\nx,y,z,radius\n0,0,0,1\n0,0,9,1\n")
+    np.testing.assert_array_equal(read_centrelines(path, 1.0)[0], [[0, 0, 0, 1], [0, 0, 9, 1]])
+
+
+def test_titles_of_batches_may_have_remarks_in_brackets(tmp_path: Path) -> None:
+    path = tmp_path / "batches.csv"
+    path.write_text("Modulus (machine 2);Density (g/cm^3)\n(kPa);\n3;1\n4;2\n")
+    columns = {"material.mu": "Modulus (machine 2)", "density": "Density"}
+    axis = axis_of(path, "batch", columns)
+    assert axis == {"zip": {"material.mu": ["3 kPa", "4 kPa"], "density": ["1 g/cm^3", "2 g/cm^3"]}}

@@ -10,7 +10,7 @@ import pyvista
 from hpcinv.errors import MeshError
 from hpcinv.mesh.imaging.specks import check_extent
 from hpcinv.mesh.source import Floats
-from hpcinv.quantity.csv_rows import Row, rows_of, text_of
+from hpcinv.quantity.csv_rows import Row, below_titles, rows_of, text_of
 from hpcinv.quantity.units import readable
 
 _ADVICE = "Each line has x, y, z, radius, and with several branches the name of the branch."
@@ -34,7 +34,7 @@ def read_centrelines(path: Path, unit: float) -> list[Floats]:
         rows = [row for row in rows_of(text_of(path, _LARGEST)) if isinstance(row, Row)]
     except ValueError as error:
         raise MeshError(f"{path}: {error}", _ADVICE) from None
-    for row in rows[0 if rows and rows[0].has_numbers else 1 :]:
+    for row in below_titles(rows, (4, 5)):
         if len(row.entries) not in (4, 5):
             raise MeshError(f"{path}: line {row.line}: has {len(row.entries)} entries, not 4 or 5", _ADVICE)
         try:
