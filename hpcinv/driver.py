@@ -10,6 +10,7 @@ from hpcinv.certificate import Certificate, Estimate, certify_all
 from hpcinv.files.untrusted import applied_to
 from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.sections import QuantityValue
+from hpcinv.job.state_differences import with_differences
 from hpcinv.kernels_ahead import certificate_kernels_ahead
 from hpcinv.methods.method import Guess, Start
 from hpcinv.output.checkpoint_writer import CheckpointWriter
@@ -96,7 +97,7 @@ def run(
                 solved.quantities,
                 differences(prepared.body, solved.solutions, prepared.expected),
                 estimate,
-                joined_sensitivities(solved.slopes, solved.quantities),
+                joined_sensitivities(solved.slopes, prepared.job.quantities),
                 spread,
             )
         )
@@ -104,10 +105,16 @@ def run(
 
 @dataclass
 class _Solved:
-    """Solutions of a run so far, with their quantities and derivatives; ``slopes`` by the computed shape."""
+    """Solutions of a run so far, with their quantities and derivatives.
+
+    Attributes:
+        values: of what was evaluated in each state; ``quantities`` are made of them.
+        slopes: by the computed shape.
+    """
 
     spreads: SurfaceSpreads
     solutions: list[Solution] = field(default_factory=list)
+    values: dict[str, QuantityValue] = field(default_factory=dict)
     quantities: dict[str, QuantityValue] = field(default_factory=dict)
     slopes: dict[str, Sensitivities] = field(default_factory=dict)
 
@@ -173,7 +180,8 @@ def _solve(prepared: Prepared, outputs: _Outputs, solved: _Solved) -> None:
             quantities = step.job.quantities
             if step.mesh is not None:
                 quantities = carried(quantities, body, solution.mesh_nodes)
-            solved.quantities |= evaluate(quantities, body, solution, equations)
+            solved.values |= evaluate(quantities, body, solution, equations)
+            solved.quantities |= with_differences(job.quantities, solved.values)
             if parameters := job.differentiated:
                 first = None if step.mesh is None else (solved.solutions[0], next(iter(solved.slopes.values())))
                 solved.slopes[step.shape] = sensitivities(equations, solution, parameters, first)
@@ -188,7 +196,7 @@ def _check(
     prepared: Prepared, outputs: _Outputs, solved: _Solved, end_late: Callable[[], NoReturn] | None
 ) -> tuple[Certificate, Estimate | None, SurfaceSpread | None]:
     """Check the solutions; return the certificate, the estimated error, and the spread by the given surface."""
-    progress, spread = outputs.progress, solved.spreads.spread_of(solved.quantities)
+    progress, spread = outputs.progress, solved.spreads.spread_of(outputs.job.quantities)
     observer = Observers(progress, outputs.stop) if outputs.checkpoints.can_save else progress
     late = None
     if end_late is not None and outputs.checkpoints.can_save and outputs.checkpoints.has_saved_finished:
@@ -198,7 +206,8 @@ def _check(
             certificate, estimate = certify_all(
                 prepared.equations,
                 solved.solutions,
-                solved.quantities,
+                outputs.job.quantities,
+                solved.values,
                 prepared.estimate,
                 spread.deviations() if spread else {},
                 progress.detail,

@@ -46,6 +46,7 @@ from hpcinv.certificate.singular_limit import SingularLimit, singular_limit
 from hpcinv.effects import Direction
 from hpcinv.job.job import Job
 from hpcinv.job.sections import QuantityOfInterest, QuantityValue
+from hpcinv.job.state_differences import parts, with_differences
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.interpolation import interpolate
@@ -141,6 +142,15 @@ class Estimate:
         quantities, corrected = {**self.quantities, **other.quantities}, {**self.corrected, **other.corrected}
         unreliable = (*self.unreliable, *other.unreliable)
         return replace(self, quantities=quantities, corrected=corrected, unreliable=unreliable)
+
+    def of_quantities(self, quantities: Sequence[QuantityOfInterest]) -> Estimate:
+        """Return the estimate with the quantities between two states; their parts in each state are left out."""
+        return replace(
+            self,
+            quantities=with_differences(quantities, self.quantities),
+            corrected=with_differences(quantities, self.corrected),
+            unreliable=tuple(q.name for q in quantities if not {p.name for p in parts(q)}.isdisjoint(self.unreliable)),
+        )
 
     def as_data(self) -> dict[str, Any]:
         """The estimate as JSON data, without the cells."""

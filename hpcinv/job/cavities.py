@@ -9,6 +9,7 @@ from hpcinv.effects.effect import Effect
 from hpcinv.effects.pressure import Pressure
 from hpcinv.job.remote_load import unsuited_to_unknown_loads
 from hpcinv.job.sections import STRESS, QuantityOfInterest
+from hpcinv.job.state_differences import parts
 from hpcinv.job.states import StateSpec
 from hpcinv.quantity.quantity import Length, Quantity
 from hpcinv.quantity.schema import Faults, Spec, TextOrTexts, Triple
@@ -174,9 +175,9 @@ def unknown_cavities(
         if quantity.cavity not in cavities:
             hint = did_you_mean(quantity.cavity, cavities) if cavities else ""
             yield (i, "cavity"), f"there is no cavity '{quantity.cavity}'; define it in 'cavities'.{hint}".rstrip(".")
-        elif quantity.dimension == STRESS and quantity.cavity not in controlled[quantity.state or ""]:
-            where = f" in state '{quantity.state}'" if quantity.state else ""
-            text = (
-                f"the pressure of cavity '{quantity.cavity}' is not unknown{where}: give it a volume, gas or windkessel"
-            )
-            yield (i, "of"), f"{text}, or take the pressure from the effects"
+            continue
+        for part in parts(quantity):
+            if part.dimension == STRESS and part.cavity not in controlled[part.state or ""]:
+                where = f" in state '{part.state}'" if part.state else ""
+                text = f"the pressure of cavity '{part.cavity}' is not unknown{where}: give it a volume, gas or"
+                yield (i, "of"), f"{text} windkessel, or take the pressure from the effects"

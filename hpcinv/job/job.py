@@ -43,6 +43,7 @@ from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivi
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
 from hpcinv.job.shell_rules import SAVED as SAVED_SHELLS
 from hpcinv.job.shell_rules import unsuited_shell
+from hpcinv.job.state_differences import quantities_in
 from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import Material, MaterialLaw
@@ -273,7 +274,7 @@ class Job(Spec):
             "cavities": cavities,
             "effects": (*state.effects, *(effect for cavity in cavities.values() for effect in cavity.pressures)),
             "supports": self.supports if state.supports is None else state.supports,
-            "quantities": tuple(q for q in self.quantities if q.state == state.name),
+            "quantities": quantities_in(self.quantities, state.name),
         }
         job = self.model_copy(update=changes)
         job._state, job._whole = state.name, self

@@ -1,6 +1,6 @@
 """Rules between sections of a job, which hold after all sections are valid by themselves."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 from hpcinv.effects import Direction, Effect
 from hpcinv.effects.contact import Contact
@@ -8,6 +8,7 @@ from hpcinv.job.identification import Identification
 from hpcinv.job.owners import have_derivatives
 from hpcinv.job.sections import AXES, ExpectedShape, MeshSpec, QuantityOfInterest, Support
 from hpcinv.job.settings import Discretisation, FixedPoint, Output, Solver
+from hpcinv.job.state_differences import parts
 from hpcinv.job.states import StateSpec, given_on_current, rest_of
 from hpcinv.materials import MaterialLaw
 from hpcinv.quantity.component import Ingredient
@@ -208,11 +209,7 @@ def quantities_of_states(
         Problems: names are duplicated, or a state does not have the support, contact or prestrain of a quantity.
     """
     loaded = {state.name: state for state in states if not state.is_rest}
-    raise_if_any(
-        ((i, "state"), f"there is no loaded state '{q.state}'.{did_you_mean(q.state, loaded)}")
-        for i, q in enumerate(quantities)
-        if q.state is not None and q.state not in loaded
-    )
+    raise_if_any(((i, place), text) for i, q in enumerate(quantities) for place, text in _unknown_states(q, loaded))
     numbered = [(i, quantity) for i, q in enumerate(quantities) for quantity in _one_for_each_state(q, loaded)]
     names = [q.name for _, q in numbered]
     raise_if_any(
@@ -220,16 +217,32 @@ def quantities_of_states(
     )
     effects_of: dict[str, Sequence[Effect]] = {name: state.effects for name, state in loaded.items()} or {"": effects}
     raise_if_any(
-        ((i, *place), text) for i, q in numbered for place, text in _missing_parts(q, supports, effects_of, loaded)
+        ((i, *place), text)
+        for i, q in numbered
+        for part in parts(q)
+        for place, text in _missing_parts(part, supports, effects_of, loaded)
     )
     return tuple(quantity for _, quantity in numbered)
+
+
+def _unknown_states(quantity: QuantityOfInterest, loaded: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yield the faults of the states of a quantity."""
+    for key, state in (("state", quantity.state), ("from", quantity.from_state)):
+        if state is not None and state not in loaded:
+            yield key, f"there is no loaded state '{state}'.{did_you_mean(state, loaded)}"
+    if quantity.from_state is not None and quantity.from_state == quantity.state:
+        yield "from", f"is the state '{quantity.state}' itself; name another one"
 
 
 def _one_for_each_state(quantity: QuantityOfInterest, loaded: Iterable[str]) -> list[QuantityOfInterest]:
     """The quantity, or one for each loaded state, with its name added to the quantity's, if it names none."""
     if quantity.state is not None or not loaded:
         return [quantity]
-    return [quantity.model_copy(update={"name": f"{quantity.name}-{name}", "state": name}) for name in loaded]
+    return [
+        quantity.model_copy(update={"name": f"{quantity.name}-{name}", "state": name})
+        for name in loaded
+        if name != quantity.from_state
+    ]
 
 
 def _missing_parts(

@@ -780,6 +780,9 @@ class QuantityOfInterest(Spec):
     of stresses. Body of a cavity's volume; by default the current one"""
     state: Name | None = Field(default=None, exclude_if=lambda state: state is None)
     """state of the body in which it is evaluated; by default each loaded one, under names such as NAME-STATE"""
+    from_state: Name | None = Field(default=None, exclude_if=lambda state: state is None)
+    """loaded state whose value is subtracted: a displacement is then the way of the point from that state; 'from' is
+    the same key"""
     about: Triple[Length] | None = Field(default=None, exclude_if=lambda about: about is None)
     """reference point of a reaction_moment; by default the origin"""
 
@@ -790,17 +793,20 @@ class QuantityOfInterest(Spec):
         json_schema = super().__get_pydantic_json_schema__(schema, handler)
         properties = handler.resolve_ref_schema(json_schema)["properties"]
         properties["region"] = {"type": "string", "description": "the same as 'on', which YAML 1.1 reads as true"}
+        properties["from"] = {"type": "string", "description": "the same as 'from_state'"}
         return json_schema
 
     @model_validator(mode="before")
     @classmethod
-    def _region_is_on(cls, data: Any) -> Any:
-        """Accept ``region`` for ``on``, which programs for YAML 1.1 read as true."""
-        if not isinstance(data, Mapping) or "region" not in data:
+    def _take_other_names(cls, data: Any) -> Any:
+        """Accept ``region`` for ``on``, which programs for YAML 1.1 read as true, and ``from`` for ``from_state``."""
+        if not isinstance(data, Mapping):
             return data
-        if "on" in data:
-            raise Problems((("region",), "is the same key as 'on'; give one of them"))
-        return {("on" if key == "region" else key): value for key, value in data.items()}
+        same = {"region": "on", "from": "from_state"}
+        for other, key in same.items():
+            if other in data and key in data:
+                raise Problems(((other,), f"is the same key as '{key}'; give one of them"))
+        return {same.get(key, key): value for key, value in data.items()}
 
     @property
     def unit(self) -> str:

@@ -29,8 +29,9 @@ from petsc4py import PETSc
 
 from hpcinv.assembly.system import System
 from hpcinv.errors import SolveError
-from hpcinv.job.sections import QuantityValue, Support
+from hpcinv.job.sections import QuantityOfInterest, QuantityValue, Support
 from hpcinv.job.sensitivities import Parameter, tied_parameters
+from hpcinv.job.state_differences import with_differences
 from hpcinv.mesh.source import Floats
 from hpcinv.model.parameters import ParameterDirection
 from hpcinv.parallel.runtime import MPI
@@ -160,22 +161,21 @@ def sensitivities(
     )
 
 
-def joined_sensitivities(shapes: Mapping[str, Sensitivities], quantities: Iterable[str]) -> Sensitivities | None:
+def joined_sensitivities(
+    shapes: Mapping[str, Sensitivities], quantities: Iterable[QuantityOfInterest]
+) -> Sensitivities | None:
     """Join what was found with each computed shape, by its name, or with the one shape of a job without states.
 
     Args:
-        quantities: names of all quantities of interest, in order.
+        quantities: all quantities of interest, in order.
     """
     first, *more = shapes.values() or [None]
     if first is None or not more:
         return first
-    owners = {name: owner for name in quantities for owner in shapes.values() if name in owner.slopes}
-    return replace(
-        first,
-        slopes={name: owner.slopes[name] for name, owner in owners.items()},
-        deviations={name: owner.deviations[name] for name, owner in owners.items()},
-        shapes=shapes,
-    )
+    slopes = {name: key_slopes for owner in shapes.values() for name, key_slopes in owner.slopes.items()}
+    slopes = with_differences(quantities, slopes)
+    deviations = {name: _deviation(first.parameters, key_slopes) for name, key_slopes in slopes.items()}
+    return replace(first, slopes=slopes, deviations=deviations, shapes=shapes)
 
 
 def _summed(parameters: Sequence[Parameter], key_slopes: Mapping[str, QuantityValue]) -> dict[str, QuantityValue]:

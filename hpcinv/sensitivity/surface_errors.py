@@ -23,7 +23,7 @@ from hpcinv.certificate.check import Line, Verdict, skipped
 from hpcinv.certificate.symmetry import symmetry_planes
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job
-from hpcinv.job.sections import CUT
+from hpcinv.job.sections import CUT, QuantityOfInterest
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import outer_facets
@@ -175,11 +175,11 @@ class SurfaceSpreads:
             self._failure = error.message
         self._seconds += time.perf_counter() - begun
 
-    def spread_of(self, quantities: Iterable[str]) -> SurfaceSpread | None:
+    def spread_of(self, quantities: Iterable[QuantityOfInterest]) -> SurfaceSpread | None:
         """Return what was found, ``None`` if no errors are known.
 
         Args:
-            quantities: names of all quantities of interest, in order.
+            quantities: all quantities of interest, in order.
         """
         if self._errors is None:
             return None

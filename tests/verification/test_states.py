@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE
+from helpers.soft_column import LAM, MU, SOFT, column_length, column_stretch, confined, gravity
 from helpers.verification import box, digits, job
 from scipy.integrate import quad
 
@@ -22,18 +23,7 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.workspace import Workspace
 
 ROOT = Path(__file__).parents[2]
-MU, LAM = 1e4, 4e4
-SOFT: dict[str, Any] = {"material": {"law": "neo-hookean", "mu": MU, "lam": LAM}, "certificate": NO_CERTIFICATE}
 BASE = [{"region": "z0", "fix": ["x", "y", "z"]}]
-
-
-def gravity(up: float, **changes: Any) -> dict[str, Any]:
-    return {"effect": "gravity", "acceleration": [0, 0, up * 9.81], "density": 200} | changes
-
-
-def confined(stretch: float) -> float:
-    """Stress (Pa) of a body that is stretched without lateral motion, nominal and true."""
-    return (MU * (stretch**2 - 1) + LAM * log(stretch)) / stretch
 
 
 def farthest(solution: Solution, points: np.ndarray, others: np.ndarray) -> float:
@@ -88,16 +78,6 @@ def test_loaded_again_a_body_is_the_given_one(comm: MPI.Intracomm) -> None:
         assert closure is not None
         assert closure < 1e-9
         assert lines[solution.state, "stability: unstable directions"].verdict.value == "pass"
-
-
-def column_stretch(z: float, up: float) -> float:
-    """Stretch of a confined column at height z under a weight that acts upwards ``up``-fold."""
-    return root(lambda s: confined(s) - up * 9810 * (1 - z), 0.5, 2.0)
-
-
-def column_length(up: float) -> float:
-    """Length (m) of the same column, which is 1 m long where it stands."""
-    return float(quad(lambda z: column_stretch(z, up) / column_stretch(z, -1), 0, 1, epsabs=1e-11)[0])
 
 
 def test_a_column_that_stands_and_hangs_has_one_mass(comm: MPI.Intracomm) -> None:
