@@ -1,20 +1,25 @@
-"""The real command line under the real mpirun, for tests: run to the end, or started and sent signals."""
+"""The command line for tests: under the real mpirun, to the end or sent signals, or in the processes of the test."""
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import yaml
 
 from helpers.silicone_beam import beam
+from hpcinv.__main__ import main
+from hpcinv.parallel.runtime import MPI
 
 ROOT = Path(__file__).parents[2]
 MPIRUN = Path(sys.executable).parent / "mpirun"
@@ -89,6 +94,45 @@ def hpcinv(
         timeout=PATIENCE + 10,
         check=False,
     )
+
+
+def hpcinv_here(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run to the end on the ranks of this test, which saves 1.5 s of processor time a rank.
+
+    Returns:
+        on each rank: the output of all ranks, and the largest of their exit codes
+    """
+    comm, typed, before = MPI.COMM_WORLD, [str(argument) for argument in arguments], Path.cwd()
+    comm.barrier()  # each rank may have written the same job
+    with _caught(1, contextlib.redirect_stdout) as out, _caught(2, contextlib.redirect_stderr) as err:
+        try:
+            os.chdir(cwd)
+            code = main(typed)
+        except SystemExit as ended:
+            code = ended.code if isinstance(ended.code, int) else 1
+        finally:
+            os.chdir(before)
+    printed = ["".join(comm.allgather(lines[0])) for lines in (out, err)]
+    return subprocess.CompletedProcess(typed, comm.allreduce(code, MPI.MAX), *printed)
+
+
+@contextlib.contextmanager
+def _caught(descriptor: int, redirect: Callable[[TextIO], AbstractContextManager[object]]) -> Iterator[list[str]]:
+    """Catch what Python and libraries print; the list has it in the end."""
+    printed: list[str] = []
+    flush, before = ctypes.CDLL(None).fflush, os.dup(descriptor)
+    flush(None)
+    with tempfile.TemporaryFile("w+", buffering=1) as file:
+        try:
+            os.dup2(file.fileno(), descriptor)
+            with redirect(file):
+                yield printed
+        finally:
+            flush(None)
+            os.dup2(before, descriptor)
+            os.close(before)
+            file.seek(0)
+            printed.append(file.read())
 
 
 class Started:

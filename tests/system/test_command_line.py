@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.command_line import BEAM, BLOCK, CUBE, NO_CERTIFICATE, ROOT, environment, hpcinv, write_job
+from helpers.command_line import BLOCK, CUBE, NO_CERTIFICATE, ROOT, environment, hpcinv, hpcinv_here, write_job
 
 import hpcinv as api
 from hpcinv.__main__ import main
@@ -39,8 +39,8 @@ sys.exit(main())
 
 
 @pytest.fixture
-def cube(tmp_path: Path) -> Path:
-    return write_job(tmp_path / "cube.yaml", CUBE)
+def cube(run_directory: Path) -> Path:
+    return write_job(run_directory / "cube.yaml", CUBE)
 
 
 def files_in(directory: Path) -> set[str]:
@@ -56,35 +56,37 @@ def refused(done: subprocess.CompletedProcess[str], code: int, *texts: str) -> N
     assert "Traceback" not in done.stdout
 
 
-@pytest.mark.parametrize("ranks", [1, 3])
-def test_every_error_in_a_job_is_reported_once_and_nothing_is_left(ranks: int, tmp_path: Path) -> None:
+@pytest.mark.parallel([1, 3])
+def test_every_error_in_a_job_is_reported_once_and_nothing_is_left(run_directory: Path) -> None:
     write_job(
-        tmp_path / "wrong.yaml",
+        run_directory / "wrong.yaml",
         CUBE,
         mesh={"file": "no-such-mesh.msh"},
         material={"law": "neohookean", "young": 1e6, "poisson": 0.3},
     )
-    before = files_in(tmp_path)
-    done = hpcinv(ranks, "run", "wrong.yaml", cwd=tmp_path)
+    before = files_in(run_directory)
+    done = hpcinv_here("run", "wrong.yaml", cwd=run_directory)
     refused(done, 2, "wrong.yaml: mesh.file: there is no file", "wrong.yaml: material.law: ", "neo-hookean'?")
-    assert files_in(tmp_path) == before
+    assert files_in(run_directory) == before
 
 
-def test_a_job_that_is_not_there_is_reported(tmp_path: Path) -> None:
-    refused(hpcinv(2, "run", "nowhere.yaml", cwd=tmp_path), 2, "nowhere.yaml")
-    assert files_in(tmp_path) == set()
+@pytest.mark.parallel([2])
+def test_a_job_that_is_not_there_is_reported(run_directory: Path) -> None:
+    refused(hpcinv_here("run", "nowhere.yaml", cwd=run_directory), 2, "nowhere.yaml")
+    assert files_in(run_directory) == set()
 
 
-def test_a_region_that_matches_nothing_is_reported_before_anything_is_written(tmp_path: Path) -> None:
+@pytest.mark.parallel([3])
+def test_a_region_that_matches_nothing_is_reported_before_anything_is_written(run_directory: Path) -> None:
     supports = [{"region": "clamp", "fix": ["x", "y", "z"]}]
-    write_job(tmp_path / "job.yaml", CUBE, regions={"clamp": "x < -1 m"}, supports=supports)
-    refused(hpcinv(3, "run", "job.yaml", "--output", "out", cwd=tmp_path), 2, "'clamp'")
-    assert files_in(tmp_path) == {"job.yaml"}
+    write_job(run_directory / "job.yaml", CUBE, regions={"clamp": "x < -1 m"}, supports=supports)
+    refused(hpcinv_here("run", "job.yaml", "--output", "out", cwd=run_directory), 2, "'clamp'")
+    assert files_in(run_directory) == {"job.yaml"}
 
 
 def test_results_go_to_the_first_free_place_and_no_other_run_is_touched(cube: Path, tmp_path: Path) -> None:
     for name in ("cube", "cube-2"):
-        done = hpcinv(1, "run", "cube.yaml", cwd=tmp_path)
+        done = hpcinv_here("run", "cube.yaml", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         assert f"results in results/{name}\n" in done.stdout
     run = tmp_path / "results" / "cube"
@@ -104,9 +106,9 @@ def test_results_go_to_the_first_free_place_and_no_other_run_is_touched(cube: Pa
     (run / "notes.txt").write_text("mine")
     before = {p: p.read_bytes() for p in run.rglob("*") if p.is_file()}
 
-    refused(hpcinv(2, "run", cube, "--output", run, cwd=tmp_path), 2, "holds the results of another run")
+    refused(hpcinv_here("run", cube, "--output", run, cwd=tmp_path), 2, "holds the results of another run")
     wrong = write_job(tmp_path / "wrong.yaml", CUBE, supports=[])
-    refused(hpcinv(1, "run", wrong, "--output", run, "--overwrite", cwd=tmp_path), 2, "supports")
+    refused(hpcinv_here("run", wrong, "--output", run, "--overwrite", cwd=tmp_path), 2, "supports")
     assert {p: p.read_bytes() for p in run.rglob("*") if p.is_file()} == before
 
     changed = write_job(cube, CUBE, output={"mesh": ["vtu"], "fields": False})
@@ -122,15 +124,16 @@ def test_overwrite_never_removes_what_is_not_of_a_run(cube: Path, tmp_path: Path
     valuable = tmp_path / "home" / "thesis.tex"
     valuable.parent.mkdir()
     valuable.write_text("years of work")
-    done = hpcinv(1, "run", cube, "--output", valuable.parent, "--overwrite", cwd=tmp_path)
+    done = hpcinv_here("run", cube, "--output", valuable.parent, "--overwrite", cwd=tmp_path)
     refused(done, 2, "holds files that are not of a run")
     assert valuable.read_text() == "years of work"
 
 
-def test_an_output_that_cannot_be_a_directory_is_reported(cube: Path, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    refused(hpcinv(1, "run", cube, "--output", "file", cwd=tmp_path), 2, "file: is a file")
-    refused(hpcinv(2, "run", cube, "--output", "file/run", cwd=tmp_path), 2, "cannot be written")
+@pytest.mark.parallel([2])
+def test_an_output_that_cannot_be_a_directory_is_reported(cube: Path, run_directory: Path) -> None:
+    (run_directory / "file").write_text("")
+    refused(hpcinv_here("run", cube, "--output", "file", cwd=run_directory), 2, "file: is a file")
+    refused(hpcinv_here("run", cube, "--output", "file/run", cwd=run_directory), 2, "cannot be written")
 
 
 def test_a_full_disk_is_reported(tmp_path: Path) -> None:
@@ -151,29 +154,34 @@ def test_a_full_disk_is_reported(tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "checkpoints" / "0001").exists()
 
 
-def test_another_number_of_ranks_than_asked_for_is_reported(cube: Path, tmp_path: Path) -> None:
+@pytest.mark.parallel([2])
+def test_another_number_of_ranks_than_asked_for_is_reported(cube: Path, run_directory: Path) -> None:
     refused(
-        hpcinv(2, "run", cube, "--ranks", 3, cwd=tmp_path), 2, "--ranks 3 was requested, but the launcher started 2"
+        hpcinv_here("run", cube, "--ranks", 3, cwd=run_directory),
+        2,
+        "--ranks 3 was requested, but the launcher started 2",
     )
-    assert not (tmp_path / "results").exists()
+    assert not (run_directory / "results").exists()
 
 
-def test_directories_without_a_run_cannot_be_resumed(tmp_path: Path) -> None:
-    refused(hpcinv(2, "resume", ".", cwd=tmp_path), 2, "is not the directory of a run")
+@pytest.mark.parallel([2])
+def test_directories_without_a_run_cannot_be_resumed(run_directory: Path) -> None:
+    refused(hpcinv_here("resume", ".", cwd=run_directory), 2, "is not the directory of a run")
 
 
-def test_a_load_that_is_not_reached_ends_with_a_diagnosis(tmp_path: Path) -> None:
-    write_job(tmp_path / "job.yaml", BEAM, analysis="forward", **UNREACHABLE)
-    done = hpcinv(2, "run", "job.yaml", "--output", "out", cwd=tmp_path)
+@pytest.mark.parallel([2])
+def test_a_load_that_is_not_reached_ends_with_a_diagnosis(run_directory: Path) -> None:
+    write_job(run_directory / "job.yaml", CUBE, **UNREACHABLE)
+    done = hpcinv_here("run", "job.yaml", "--output", "out", cwd=run_directory)
     refused(done, 3, "stopped at load factor 0 of 1: Newton's method took too many iterations", "Raise solver.max")
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    summary = json.loads((run_directory / "out" / "summary.json").read_text())
     assert summary["status"] == "Newton's method took too many iterations"
     assert [s["outcome"] for s in summary["solutions"][0]["solves"]] == ["ITERATION_LIMIT"]
     # A resume with better settings reaches it.
-    write_job(tmp_path / "better.yaml", BEAM, analysis="forward")
-    done = hpcinv(2, "resume", "out", "--job", "better.yaml", cwd=tmp_path)
+    write_job(run_directory / "better.yaml", CUBE)
+    done = hpcinv_here("resume", "out", "--job", "better.yaml", cwd=run_directory)
     assert done.returncode == 0, done.stderr
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "converged"
+    assert json.loads((run_directory / "out" / "summary.json").read_text())["status"] == "converged"
 
 
 @pytest.mark.everyday("MeshError", "ZeroDivisionError")
@@ -210,7 +218,7 @@ def test_failure_in_a_task_of_rank_0_ends_all(cube: Path, tmp_path: Path) -> Non
 
 
 def test_without_a_compiler_cached_kernels_run_and_new_ones_are_explained(cube: Path, tmp_path: Path) -> None:
-    assert hpcinv(1, "run", cube, cwd=tmp_path).returncode == 0
+    assert hpcinv_here("run", cube, cwd=tmp_path).returncode == 0
     assert hpcinv(2, "run", cube, cwd=tmp_path, CC="no-such-cc").returncode == 0
     # DOLFINx reports a failure on several ranks in another way than on one.
     empty = str(tmp_path / "empty-cache")
@@ -221,25 +229,26 @@ def test_without_a_compiler_cached_kernels_run_and_new_ones_are_explained(cube: 
     refused(done, 5, "'false' could not compile a kernel", "apt-get install gcc libc6-dev")
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
-def test_too_low_a_quadrature_is_reported_once_and_nothing_is_left(ranks: int, tmp_path: Path) -> None:
+@pytest.mark.parallel([1, 2])
+def test_too_low_a_quadrature_is_reported_once_and_nothing_is_left(run_directory: Path) -> None:
     mesh = {**CUBE["mesh"], "parameters": {"nx": 1, "ny": 1, "nz": 1, "hexahedra": True}}
-    write_job(tmp_path / "job.yaml", CUBE, mesh=mesh, discretisation={"quadrature": 3})
+    write_job(run_directory / "job.yaml", CUBE, mesh=mesh, discretisation={"quadrature": 3})
     refused(
-        hpcinv(ranks, "run", "job.yaml", cwd=tmp_path),
+        hpcinv_here("run", "job.yaml", cwd=run_directory),
         2,
         "job.yaml: discretisation.quadrature: must be at least 4 on hexahedra of degree 2, not 3, or ",
     )
-    assert files_in(tmp_path) == {"job.yaml"}
+    assert files_in(run_directory) == {"job.yaml"}
 
 
-def test_options_that_petsc_does_not_know_are_reported(tmp_path: Path) -> None:
+@pytest.mark.parallel([2])
+def test_options_that_petsc_does_not_know_are_reported(run_directory: Path) -> None:
     petsc = {"snes_linesearch_type": "l2", "snes_lineserch_type": "l2"}
-    write_job(tmp_path / "job.yaml", CUBE, solver={"petsc": petsc})
-    done = hpcinv(2, "run", "job.yaml", "--output", "out", cwd=tmp_path)
+    write_job(run_directory / "job.yaml", CUBE, solver={"petsc": petsc})
+    done = hpcinv_here("run", "job.yaml", "--output", "out", cwd=run_directory)
     assert done.returncode == 0, done.stderr
     assert "solver.petsc: nothing asked for snes_lineserch_type:" in done.stdout
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    summary = json.loads((run_directory / "out" / "summary.json").read_text())
     assert summary["unused_petsc_options"] == ["snes_lineserch_type"]
 
 
@@ -351,7 +360,7 @@ def test_a_quantity_that_is_not_finite_costs_no_run_its_results(certificate: dic
     job = write_job(
         tmp_path / "job.yaml", BLOCK, quantities=quantities, certificate=certificate, sensitivities=sensitivities
     )
-    ended = hpcinv(1, "run", job, "--output", "out", "--report", cwd=tmp_path)
+    ended = hpcinv_here("run", job, "--output", "out", "--report", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert "warning: quantities without a finite value 2" in ended.stdout
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
@@ -363,15 +372,16 @@ def test_a_quantity_that_is_not_finite_costs_no_run_its_results(certificate: dic
     assert "bad: '1/(ux-ux)' has no finite value somewhere on 'block'; pole: '1/x' has no finite value" in line["note"]
 
 
-def test_a_body_that_a_contact_does_not_hold_is_reported_with_file_and_state(tmp_path: Path) -> None:
+@pytest.mark.parallel([2])
+def test_a_body_that_a_contact_does_not_hold_is_reported_with_file_and_state(run_directory: Path) -> None:
     """An obstacle holds the body along its normal in a forward solve; an inverse one knows the pressure alone."""
     obstacle = {"shape": "plane", "point": [0, 0, 1], "normal": [0, 0, -1]}
     layer = {"effect": "contact", "region": "z1", "stiffness": "1 kPa/mm", "stand_off": "1 mm", "obstacle": obstacle}
     states = [{"name": "cast", "given": True, "effects": [layer]}, {"name": "free"}]
     data = {key: BLOCK[key] for key in ("mesh", "material")} | {"states": states}
     supports = [{"region": "x0", "fix": ["x"]}, {"region": "y0", "fix": ["y"]}]
-    write_job(tmp_path / "job.yaml", data, supports=supports)
-    ended = hpcinv(2, "run", "job.yaml", cwd=tmp_path)
+    write_job(run_directory / "job.yaml", data, supports=supports)
+    ended = hpcinv_here("run", "job.yaml", cwd=run_directory)
     assert ended.returncode == 2
     assert ended.stderr.count("job.yaml: in state 'cast': supports: leave the body free to move along z") == 1
     assert "Traceback" not in ended.stderr

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 import pyvista
-from helpers.command_line import BLOCK, hpcinv, write_job
+from helpers.command_line import BLOCK, hpcinv, hpcinv_here, write_job
 
 
 def test_shape_of_a_run_on_two_ranks(tmp_path: Path) -> None:
     job = write_job(tmp_path / "block.yaml", BLOCK, job="block")
     ran = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path)
     assert ran.returncode == 0, ran.stderr
-    exported = hpcinv(1, "export", "run", "--to", "block.stl", "--unit", "m", "--mould", "mould.3mf", cwd=tmp_path)
+    exported = hpcinv_here("export", "run", "--to", "block.stl", "--unit", "m", "--mould", "mould.3mf", cwd=tmp_path)
     assert exported.returncode == 0, exported.stderr
     assert "the cavity is closed all around" in exported.stderr
     # Its cells are straight, and its displacement has degree 2.
@@ -36,20 +36,21 @@ def test_states_are_exported_by_name(tmp_path: Path) -> None:
     states = [{"name": "hung", "given": True, "effects": up}, {"name": "stood", "effects": down}]
     without = {name: value for name, value in BLOCK.items() if name not in ("effects", "analysis")}
     job = write_job(tmp_path / "block.yaml", without, job="block", states=states)
-    ran = hpcinv(1, "run", job, "--output", "run", cwd=tmp_path)
+    ran = hpcinv_here("run", job, "--output", "run", cwd=tmp_path)
     assert ran.returncode == 0, ran.stderr
     heights = {}
     for shape in ("undeformed", "rest", "hung", "stood"):
-        done = hpcinv(1, "export", "run", "--shape", shape, "--to", f"{shape}.stl", "--unit", "m", cwd=tmp_path)
+        done = hpcinv_here("export", "run", "--shape", shape, "--to", f"{shape}.stl", "--unit", "m", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         heights[shape] = pyvista.read(tmp_path / f"{shape}.stl").bounds[5]
     assert heights["stood"] < heights["rest"] == heights["undeformed"] < heights["hung"]
-    refused = hpcinv(1, "export", "run", "--shape", "deformed", "--to", "block.stl", cwd=tmp_path)
+    refused = hpcinv_here("export", "run", "--shape", "deformed", "--to", "block.stl", cwd=tmp_path)
     assert refused.returncode == 2
     assert "has no state 'deformed'; its states are hung, stood, rest" in refused.stderr
 
 
-def test_several_ranks_are_refused_once(tmp_path: Path) -> None:
-    refused = hpcinv(2, "export", "run", "--to", "block.stl", cwd=tmp_path)
+@pytest.mark.parallel([2])
+def test_several_ranks_are_refused_once(run_directory: Path) -> None:
+    refused = hpcinv_here("export", "run", "--to", "block.stl", cwd=run_directory)
     assert refused.returncode == 2
     assert refused.stderr.count("works on one process") == 1

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import BLOCK, ROOT, hpcinv, write_job
+from helpers.command_line import BLOCK, ROOT, hpcinv_here, write_job
 from helpers.mesh_cases import spec, write_msh22
 from mpi4py import MPI
 
@@ -27,7 +27,7 @@ JOB = BLOCK | {"mesh": BOX, "quantities": [], "output": {"fields": False}}
 
 def test_a_shape_goes_back_with_the_unit_of_the_job_and_with_no_other(tmp_path: Path) -> None:
     """A result in metres, for a job in mm."""
-    there = hpcinv(1, "run", write_job(tmp_path / "there.yaml", JOB), "--output", "there", cwd=tmp_path)
+    there = hpcinv_here("run", write_job(tmp_path / "there.yaml", JOB), "--output", "there", cwd=tmp_path)
     assert there.returncode == 0, there.stderr
     for name in ("shape.msh", "shape.vtu"):
         path = tmp_path / "there" / name
@@ -39,14 +39,14 @@ def test_a_shape_goes_back_with_the_unit_of_the_job_and_with_no_other(tmp_path: 
             assert "Write 'unit: mm'" in caught.value.advice
     mesh = {"file": str(tmp_path / "there" / "shape.vtu"), "unit": "cm"}
     job = write_job(tmp_path / "wrong.yaml", JOB, mesh=mesh, analysis="forward")
-    wrong = hpcinv(1, "run", job, "--output", "wrong", cwd=tmp_path)
+    wrong = hpcinv_here("run", job, "--output", "wrong", cwd=tmp_path)
     assert wrong.returncode == 2
     assert "shape.vtu: states that it is in mm" in wrong.stderr
     assert "Write 'unit: mm'" in wrong.stderr
     assert not (tmp_path / "wrong").exists()
     mesh = {"file": str(tmp_path / "there" / "shape.msh"), "unit": "mm"}
     job = write_job(tmp_path / "back.yaml", JOB, mesh=mesh, analysis="forward")
-    back = hpcinv(1, "run", job, "--output", "back", cwd=tmp_path)
+    back = hpcinv_here("run", job, "--output", "back", cwd=tmp_path)
     assert back.returncode == 0, back.stderr
     again = read_source(spec(tmp_path / "back" / "shape.msh", unit="mm"), tmp_path / "back" / "shape.msh")
     given = read_source(spec(**BOX), Path(BOX["file"]))
@@ -57,14 +57,14 @@ def test_an_expected_shape_in_another_unit_is_refused(tmp_path: Path) -> None:
     body = build_body(spec(**BOX), {}, MPI.COMM_SELF)
     write_mesh(tmp_path / "expected.vtu", body, body.mesh.geometry.x * body.length_scale)
     job = write_job(tmp_path / "job.yaml", JOB, expected_shape={"file": "expected.vtu", "unit": "cm"})
-    assert "Write 'unit: mm'" in hpcinv(1, "run", job, "--output", "run", cwd=tmp_path).stderr
+    assert "Write 'unit: mm'" in hpcinv_here("run", job, "--output", "run", cwd=tmp_path).stderr
     job = write_job(tmp_path / "job.yaml", JOB, expected_shape={"file": "expected.vtu"})
-    assert hpcinv(1, "run", job, "--output", "run", cwd=tmp_path).returncode == 0
+    assert hpcinv_here("run", job, "--output", "run", cwd=tmp_path).returncode == 0
 
 
 def test_a_partitioned_mesh_is_in_metres_and_gathered_in_the_unit_it_came_from(tmp_path: Path) -> None:
     msh = write_msh22(tmp_path / "t.msh", [(0, 0, 0), (3, 0, 0), (0, 3, 0), (0, 0, 3)], [(4, 1, 1, [1, 2, 3, 4])])
-    cut = hpcinv(1, "mesh", "partition", msh, "t.bp", "--parts", "1", "--unit", "in", cwd=tmp_path)
+    cut = hpcinv_here("mesh", "partition", msh, "t.bp", "--parts", "1", "--unit", "in", cwd=tmp_path)
     assert cut.returncode == 0, cut.stderr
     bp = tmp_path / "t.bp"
     source = read_source(spec(bp), bp)
@@ -72,11 +72,11 @@ def test_a_partitioned_mesh_is_in_metres_and_gathered_in_the_unit_it_came_from(t
     digest = (bp / "mesh.json").read_text()
     assert '"unit": 0.0254' in digest
     for name in ("again.msh", "again.vtu"):
-        gathered = hpcinv(1, "mesh", "gather", "t.bp", name, cwd=tmp_path)
+        gathered = hpcinv_here("mesh", "gather", "t.bp", name, cwd=tmp_path)
         assert gathered.stdout == f"{name}: 1 cells and 4 nodes, in in\n"
         again = read_source(spec(tmp_path / name, unit="in"), tmp_path / name)
         assert np.allclose(again.points, source.points, rtol=1e-15, atol=0)
-    wrong = hpcinv(1, "mesh", "partition", "again.msh", "u.bp", "--parts", "1", "--unit", "mm", cwd=tmp_path)
+    wrong = hpcinv_here("mesh", "partition", "again.msh", "u.bp", "--parts", "1", "--unit", "mm", cwd=tmp_path)
     assert (wrong.returncode, "Write 'unit: in'" in wrong.stderr) == (2, True)
 
 

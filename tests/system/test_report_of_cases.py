@@ -23,7 +23,7 @@ from hpcinv.study.study_page import write_study_report
 from hpcinv.sweep.sweep_page import write_sweep_report
 from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
 
-COUNT = 16
+COUNT = 8
 JOB: dict[str, Any] = {
     "job": "block",
     "analysis": "forward",

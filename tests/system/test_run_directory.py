@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from helpers.command_line import BLOCK, CUBE, Started, hpcinv, write_job
+from helpers.command_line import BLOCK, CUBE, Started, hpcinv, hpcinv_here, write_job
 
 from hpcinv.errors import CheckpointError, OutputError
 from hpcinv.files import atomic, directory_lock
@@ -213,14 +213,14 @@ def test_a_second_resume_or_run_in_the_same_directory_is_refused(tmp_path: Path)
     with Started(1, "run", job, "--output", "run", cwd=tmp_path) as first:
         first.wait_for("load 0.0025:")
         for arguments in (("resume", "run"), ("run", job, "--output", "run", "--overwrite")):
-            second = hpcinv(2 if arguments[0] == "resume" else 1, *arguments, cwd=tmp_path)
+            second = hpcinv_here(*arguments, cwd=tmp_path)
             assert second.returncode == 2, second.stdout + second.stderr
             assert second.stderr.count("this directory is in use by another run: process ") == 1
             assert first.mpirun.poll() is None
         first.kill()  # whose lock ends with it
     with Started(2, "resume", "run", cwd=tmp_path) as resumed:
         resumed.wait_for("resumed from")
-        third = hpcinv(1, "resume", "run", cwd=tmp_path)
+        third = hpcinv_here("resume", "run", cwd=tmp_path)
         assert third.returncode == 2, third.stdout + third.stderr
         assert "Traceback" not in third.stderr
         resumed.send(signal.SIGTERM, resumed.ranks())
@@ -267,10 +267,10 @@ def test_with_its_job_file_a_run_goes_on_whatever_a_kill_has_left(files: dict[st
     run.mkdir()
     for name, content in files.items():
         (run / name).write_text(content.replace("ORIGIN", json.dumps({"job": str(job)})))
-    refused = hpcinv(1, "resume", "run", cwd=tmp_path)
+    refused = hpcinv_here("resume", "run", cwd=tmp_path)
     assert refused.returncode == 2, refused.stdout
     assert "Traceback" not in refused.stderr
-    done = hpcinv(1, "resume", "run", "--job", job, cwd=tmp_path)
+    done = hpcinv_here("resume", "run", "--job", job, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert RunDirectory(run).is_finished
     assert RunDirectory(run).holds(load(job))
@@ -280,7 +280,7 @@ def test_with_its_job_file_a_run_goes_on_whatever_a_kill_has_left(files: dict[st
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished run, next to its job file."""
     place = tmp_path_factory.mktemp("finished")
-    done = hpcinv(1, "run", write_job(place / "cube.yaml", CUBE), "--output", "run", cwd=place)
+    done = hpcinv_here("run", write_job(place / "cube.yaml", CUBE), "--output", "run", cwd=place)
     assert done.returncode == 0, done.stderr
     return place / "run"
 
@@ -306,7 +306,7 @@ def test_a_finished_run_of_the_same_problem_is_finished(
 ) -> None:
     before = content(finished)
     job = write_job(tmp_path / "new.yaml", CUBE, **changes) if changes else finished.parent / "cube.yaml"
-    done = hpcinv(1, "resume", finished, "--job", job, cwd=finished.parent)
+    done = hpcinv_here("resume", finished, "--job", job, cwd=finished.parent)
     assert done.returncode == 0, done.stderr
     assert "this run is finished" in done.stdout
     assert ("were not used" in done.stdout) == message
@@ -324,7 +324,7 @@ def test_a_finished_run_has_the_exit_code_of_its_certificate(
     summary["certificate"]["verdict"] = verdict
     (run / "summary.json").write_text(json.dumps(summary))
     for options, expected in (([], code), (["--strict"], strict)):
-        done = hpcinv(2, "resume", run, *options, cwd=tmp_path)
+        done = hpcinv_here("resume", run, *options, cwd=tmp_path)
         assert done.returncode == expected, done.stdout + done.stderr
         assert f"certificate: {verdict}" in done.stdout
 
@@ -335,7 +335,7 @@ def test_a_verdict_that_is_not_known_is_not_decided(certificate: object, finishe
     run = Path(shutil.copytree(finished, tmp_path / "run"))
     summary = json.loads((run / "summary.json").read_text())
     (run / "summary.json").write_text(json.dumps(summary | {"certificate": certificate}))
-    done = hpcinv(1, "resume", run, "--strict", cwd=tmp_path)
+    done = hpcinv_here("resume", run, "--strict", cwd=tmp_path)
     assert done.returncode == 7, done.stdout + done.stderr
     assert "certificate: not decided" in done.stdout
 

@@ -7,7 +7,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 import pyvista
-from helpers.command_line import BLOCK, NO_CERTIFICATE, hpcinv, write_job
+from helpers.command_line import BLOCK, NO_CERTIFICATE, hpcinv, hpcinv_here, write_job
 from helpers.run_directories import run_directory
 
 from hpcinv.pictures.drawing import DrawnBody, View, figure, thumbnail
@@ -25,7 +25,7 @@ def pixels(path: Path, colour: tuple[int, int, int]) -> int:
 
 
 def show(directory: Path, *arguments: object) -> str:
-    done = hpcinv(1, "show", *arguments, cwd=directory)
+    done = hpcinv_here("show", *arguments, cwd=directory)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -51,7 +51,7 @@ def test_the_arrow_of_gravity_is_in_the_picture(tmp_path: Path) -> None:
 def test_a_mesh_is_drawn(tmp_path: Path) -> None:
     assert show(tmp_path, MESHES / "box.py").split() == ["box-mesh.png"]
     assert (tmp_path / "box-mesh.png").stat().st_size > 10_000
-    done = hpcinv(1, "mesh", "show", str(MESHES / "box.py"), "--output", "other.png", cwd=tmp_path)
+    done = hpcinv_here("mesh", "show", str(MESHES / "box.py"), "--output", "other.png", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "other.png").read_bytes() == (tmp_path / "box-mesh.png").read_bytes()
 
@@ -98,7 +98,7 @@ def test_invalid_show_arguments_get_one_message(arguments: list[object], message
     write_job(tmp_path / "wrong.yaml", BLOCK, supports=[{"region": "bottom", "fix": ["x", "y", "z"]}])
     (run_directory(tmp_path / "damaged", 2) / "surface.npz").write_bytes(b"PK\x03\x04")
     run_directory(tmp_path / "older", 2, job={"supports": []})
-    done = hpcinv(1, "show", *arguments, cwd=tmp_path)
+    done = hpcinv_here("show", *arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert message in done.stderr
     assert "Traceback" not in done.stderr
