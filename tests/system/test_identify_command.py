@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
-from helpers.command_line import NO_CERTIFICATE, ROOT, Started, hpcinv, write_job
+from helpers.command_line import NO_CERTIFICATE, ROOT, Started, hpcinv, hpcinv_here, write_job
 
 UP, DOWN = ({"effect": "gravity", "acceleration": [0, 0, g], "density": 150} for g in (9.81, -9.81))
 JOB: dict[str, Any] = {
@@ -66,13 +66,13 @@ def test_a_killed_identification_goes_on_when_it_is_started_again(job: Path, tmp
     assert summary["quantities"]["top-hanging"] == pytest.approx(0.03, abs=1e-8)
     assert (out / "run" / "shape-rest.msh").exists()
 
-    again = hpcinv(1, "identify", job, "-q", cwd=tmp_path)
+    again = hpcinv_here("identify", job, "-q", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
     assert again.stdout.startswith("estimate:\n  material.mu = ")
     assert f"({figures['cost']['evaluations']} of them made before)" in again.stdout
 
     other = write_job(tmp_path / "job.yaml", JOB, material=JOB["material"] | {"lam": "41 kPa"})
-    refused = hpcinv(1, "identify", other, cwd=tmp_path)
+    refused = hpcinv_here("identify", other, cwd=tmp_path)
     assert refused.returncode == 2
     assert "holds the identification of another job, or of this one before it was changed" in refused.stderr
 

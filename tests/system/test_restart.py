@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.command_line import BEAM as CURVED_BEAM
-from helpers.command_line import BLOCK, Started, hpcinv, write_job
+from helpers.command_line import BLOCK, Started, hpcinv, hpcinv_here, write_job
 from helpers.mesh_cases import spec
 from helpers.silicone_beam import DENSITY, LENGTH
 
@@ -147,7 +147,7 @@ def test_killed_while_it_wrote_a_checkpoint_it_goes_on_from_the_one_before(place
     run = place / "writing"
     assert [p.name for p in sorted((run / "checkpoints").iterdir())] == [".partial-0003", "0001", "0002"]
     position = state(newest(run))
-    done = hpcinv(2, "resume", "writing", cwd=place)
+    done = hpcinv_here("resume", "writing", cwd=place)
     assert done.returncode == 0, done.stderr
     assert_same_result(run, whole)
     assert_history_goes_on(run, position, done.stdout)
@@ -194,7 +194,7 @@ def test_a_signal_in_the_second_direction_keeps_the_first(
     run = Path(shutil.copytree(stopped_in_second_direction, tmp_path / "copy"))
     position = state(newest(run))
     assert position["direction"] == 1
-    done = hpcinv(1, "resume", run, cwd=tmp_path)
+    done = hpcinv_here("resume", run, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "forward:\n  load" not in done.stdout
     assert_same_result(run, whole)
@@ -208,7 +208,7 @@ def test_a_signal_before_the_first_step_leaves_a_run_that_begins_again(place: Pa
         assert started.exit_code() == 75, started.text
     assert ("there was no state to save yet" in started.text) != list_checkpoints(place / "early")
     shutil.rmtree(place / "early" / "checkpoints", ignore_errors=True)
-    done = hpcinv(2, "resume", "early", cwd=place)
+    done = hpcinv_here("resume", "early", cwd=place)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("  load ") == STEPS
     assert_same_result(place / "early", whole)
@@ -229,7 +229,7 @@ def test_ctrl_c_ends_all_ranks_at_once_and_what_was_saved_can_be_resumed(place: 
 
 def test_a_finished_run_is_reported_as_finished(whole: Path, place: Path) -> None:
     before = (whole / "summary.json").read_bytes()
-    done = hpcinv(1, "resume", "whole", cwd=place)
+    done = hpcinv_here("resume", "whole", cwd=place)
     assert done.returncode == 0, done.stderr
     assert "this run is finished" in done.stdout
     assert (whole / "summary.json").read_bytes() == before
@@ -239,7 +239,7 @@ def test_a_run_that_came_to_the_end_but_for_its_results_gives_them(whole: Path, 
     run = Path(shutil.copytree(whole, tmp_path / "copy"))
     for result in ("summary.json", "summary.h5", "shape.msh"):
         (run / result).unlink()
-    done = hpcinv(1, "resume", run, cwd=tmp_path)
+    done = hpcinv_here("resume", run, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert_same_result(run, whole)
     assert done.stdout.count("  load ") == 0
@@ -249,7 +249,7 @@ def test_a_damaged_checkpoint_is_named_and_the_one_before_is_used(copy: Path, wh
     text = newest(copy) / "state.json"
     text.write_text(text.read_text()[:200])
     position = state(newest(copy, 1))
-    done = hpcinv(2, "resume", copy, cwd=copy.parent)
+    done = hpcinv_here("resume", copy, cwd=copy.parent)
     assert done.returncode == 0, done.stderr
     assert f"not used: {text.parent}: state.json is missing or damaged" in done.stdout
     assert_same_result(copy, whole)
@@ -265,7 +265,7 @@ def assert_refused(run: Path, *arguments: object, because: str) -> None:
     shutil.copytree(newest(run), run / "checkpoints" / ".partial-0099", dirs_exist_ok=True)  # killed while it wrote
     before = dict(files_of(run))
     before.pop(".lock", None)  # of the killed process: the resume takes its place, and leaves no lock of its own
-    done = hpcinv(2, "resume", run, *arguments, cwd=run.parent)
+    done = hpcinv_here("resume", run, *arguments, cwd=run.parent)
     assert done.returncode == 4, done.stderr
     assert done.stderr.count(because) == 1, done.stderr
     assert "Traceback" not in done.stderr
@@ -314,7 +314,7 @@ def test_other_settings_are_accepted_and_stay(stopped_in_second_direction: Path,
         output={"mesh": ["msh"], "fields": False},
         checkpoint={"every": 1, "keep": 1},
     )
-    done = hpcinv(2, "resume", run, "--job", changed, cwd=tmp_path)
+    done = hpcinv_here("resume", run, "--job", changed, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert_same_result(run, whole)
     assert_history_goes_on(run, position, done.stdout)
@@ -375,11 +375,11 @@ def test_checkpoints_serve_whatever_else_is_asked_of_the_run(changes: dict[str, 
 def test_at_full_load_no_strategy_solves_anything_again(changes: dict[str, Any], tmp_path: Path) -> None:
     """The arc length went on along the path, away from the full load, until the checkpoint of that was removed."""
     job = write_job(tmp_path / "block.yaml", BLOCK, **changes)
-    assert hpcinv(1, "run", job, "--output", "run", cwd=tmp_path).returncode == 0
+    assert hpcinv_here("run", job, "--output", "run", cwd=tmp_path).returncode == 0
     run = tmp_path / "run"
     content, before = summary(run), sorted((run / "checkpoints").iterdir())
     (run / "summary.json").unlink()
-    done = hpcinv(1, "resume", run, cwd=tmp_path)
+    done = hpcinv_here("resume", run, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("  load ") == 0
     assert summary(run)["quantities"] == pytest.approx(content["quantities"], rel=1e-12)
@@ -470,7 +470,7 @@ def test_a_signal_in_a_state_names_the_state(states: Path, tmp_path: Path) -> No
         started.send(signal.SIGTERM, started.ranks())
         assert started.exit_code() == 75, started.text
     assert "in the forward solve of state 'turned' at load factor" in started.text
-    done = hpcinv(2, "resume", "stopped", cwd=tmp_path)
+    done = hpcinv_here("resume", "stopped", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert_same_states(tmp_path / "stopped", states)
 
@@ -517,5 +517,5 @@ def test_a_full_disk_is_reported_where_a_checkpoint_is_written(small_disk: Path,
     assert not list(small_disk.glob("run/checkpoints/.partial-*"))
     subprocess.run(["mount", "-o", "remount,size=10m", small_disk], check=True)
     if list(small_disk.glob("run/checkpoints/*")):
-        done = hpcinv(1, "resume", small_disk / "run", cwd=tmp_path)
+        done = hpcinv_here("resume", small_disk / "run", cwd=tmp_path)
         assert done.returncode == 0, done.stdout + done.stderr
