@@ -21,7 +21,7 @@ from pytest_mpi.plugin import CHILD_PROCESS_FLAG
 from hpcinv.parallel.runtime import MPI
 
 SYSTEM = Path(__file__).parents[1] / "system"
-LARGEST = 80
+LARGEST = 110
 """Tests in a batch. More of them save starts (3 s of processor time a rank); a failure costs one more start."""
 IN_BATCH = "HPCINV_TESTS_IN_BATCH"
 """Environment variable that the ranks of a batch have: files ``VALUE.RANK`` list the tests that a rank has ended."""

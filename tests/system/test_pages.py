@@ -33,6 +33,7 @@ SMALLER = (
     (r"jobs/\*\.yaml", "jobs/single-tetrahedron.yaml jobs/column.yaml"),
     (r"/(?:shared|project)/kernels", "kernels"),
     (r"^python3 -m uv run ", ""),
+    (r"run jobs/carotid.yaml", "run --certificate quick jobs/carotid.yaml"),
 )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.command_line import BLOCK, hpcinv, write_job
+from helpers.command_line import BLOCK, hpcinv, hpcinv_here, write_job
 from helpers.sweeps import records_of, write_sweep
 
 # One rank sends itself a signal when a function of hpcinv is called, before or after its work.
@@ -127,7 +127,7 @@ def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_aga
     assert summary(run)["status"] == "stopped by a signal"
     assert not list(run.glob("**/.*partial*"))
     assert [p.name for p in sorted((run / "checkpoints").iterdir())] == ["0001"]
-    done = hpcinv(3, "resume", "run", cwd=tmp_path)
+    done = hpcinv_here("resume", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("  load ") == 0
     content = summary(run)
@@ -144,7 +144,7 @@ def test_a_signal_in_the_certificate_keeps_both_directions(tmp_path: Path) -> No
     script = sending(tmp_path, "hpcinv.certificate.certify.self_overlap")
     stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script)
     assert stopped.returncode == 75, stopped.stderr
-    done = hpcinv(1, "resume", "run", "--certificate", "quick", cwd=tmp_path)
+    done = hpcinv_here("resume", "run", "--certificate", "quick", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("  load ") == 0
     content = summary(tmp_path / "run")
@@ -163,7 +163,7 @@ def test_a_check_that_goes_on_after_a_signal_is_ended(tmp_path: Path) -> None:
     assert stopped.returncode == 75, stopped.stderr
     assert stopped.stderr.count("stopped by a signal in the certificate; the solution is saved") == 1
     assert summary(tmp_path / "run")["status"] == "stopped by a signal"
-    done = hpcinv(1, "resume", "run", "--certificate", "quick", cwd=tmp_path)
+    done = hpcinv_here("resume", "run", "--certificate", "quick", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("  load ") == 0
 
@@ -203,6 +203,6 @@ def test_a_signal_before_the_solve_leaves_a_run_that_begins_again(tmp_path: Path
     assert stopped.stderr.count("at load factor 0; there was no state to save yet") == 1
     content = summary(tmp_path / "run")
     assert content["status"] == "stopped by a signal"
-    done = hpcinv(2, "resume", "run", cwd=tmp_path)
+    done = hpcinv_here("resume", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert summary(tmp_path / "run")["status"] == "converged"

@@ -19,7 +19,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 import yaml
-from helpers.command_line import COLUMN, NO_CERTIFICATE, ROOT, Started, hpcinv
+from helpers.command_line import COLUMN, NO_CERTIFICATE, ROOT, Started, hpcinv, hpcinv_here
 from helpers.mesh_data_files import write_msh
 from helpers.studies import STUDY, plan
 
@@ -648,7 +648,7 @@ def test_quantities_of_all_states_are_measured(tmp_path: Path) -> None:
         "repeat": 1,
     }
     (tmp_path / "states.yaml").write_text(yaml.safe_dump(study, sort_keys=False))
-    done = hpcinv(1, "study", "states.yaml", cwd=tmp_path)
+    done = hpcinv_here("study", "states.yaml", cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     rows = list(csv.DictReader((tmp_path / "results" / "states" / "table.csv").open()))
     table = [{header.partition(" [")[0]: value for header, value in row.items()} for row in rows]
@@ -660,7 +660,7 @@ def test_quantities_of_all_states_are_measured(tmp_path: Path) -> None:
         assert 0.3 < float(table[1][f"{name} effectivity"]) < 3, name
     wrong = study | {"measure": ["rest"]}
     (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(wrong | {"reference": "finest"}))
-    refused = hpcinv(1, "study", "wrong.yaml", cwd=tmp_path)
+    refused = hpcinv_here("study", "wrong.yaml", cwd=tmp_path)
     assert refused.returncode == 2
     assert "no quantity of interest 'rest'" in refused.stderr
     assert "rest-hanging, rest-standing, " in refused.stderr
