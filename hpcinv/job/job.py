@@ -42,7 +42,7 @@ from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's in
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
 from hpcinv.job.shell_rules import SAVED as SAVED_SHELLS
-from hpcinv.job.shell_rules import unsuited_shell
+from hpcinv.job.shell_rules import unsuited_shell, unsuited_thickness
 from hpcinv.job.state_differences import quantities_in
 from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
 from hpcinv.job.yaml_reader import read_yaml
@@ -436,7 +436,7 @@ class Job(Spec):
     @property
     def _owners_in_states(self) -> dict[str, Owner]:
         """The `owners` of the job and of all its states."""
-        return owners_in_states(self.material, self.effects, self.fibres, self.supports, self.states)
+        return owners_in_states(self.material, self.effects, self.fibres, self.supports, self.states, self.mesh.shell)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle with the plugins, which another rank imports before it unpickles their classes."""
@@ -551,6 +551,7 @@ class Job(Spec):
         yield from rules.below(("quantities",), unknown_cavities(self.quantities, self.cavities, self.states))
         if self.sensitivities:
             yield from rules.below(("sensitivities",), rules.underivable(self.effects, self.states, "are"))
+            yield from rules.below(("sensitivities",), unsuited_thickness(self))
         if self.identify is not None:
             faults = faults_of_identification(
                 self.identify, self._owners_in_states, self.quantities, self.states, self.cavities

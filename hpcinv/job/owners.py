@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from hpcinv.effects import Effect
 from hpcinv.job.fibres import FibreFamily
-from hpcinv.job.sections import Support
+from hpcinv.job.sections import Shell, Support
 from hpcinv.job.sensitivities import Owner
 from hpcinv.job.states import StateSpec
 from hpcinv.materials import Material, MaterialLaw
@@ -35,8 +35,9 @@ def owners_of(
     Args:
         places: of the effects and of the supports in the job, where they are a state's.
     """
-    parts = {**laws_of(material), **numbered(places.get("effects", "effects"), effects)}
-    return parts | families_of(parts.values(), fibres) | numbered(places.get("supports", "supports"), supports)
+    parts: dict[str, Ingredient] = {**laws_of(material), **numbered(places.get("effects", "effects"), effects)}
+    families = families_of(parts.values(), fibres)
+    return {**parts, **families, **numbered(places.get("supports", "supports"), supports)}
 
 
 def owners_in_states(
@@ -45,9 +46,12 @@ def owners_in_states(
     fibres: Mapping[str, FibreFamily],
     supports: Sequence[Support],
     states: Sequence[StateSpec],
+    shell: Shell | None,
 ) -> dict[str, Owner]:
     """The parts with numbers of a job and of all its states."""
     owners = owners_of(material, effects, fibres, supports, {})
+    if shell is not None:
+        owners["mesh.shell"] = shell
     for i, state in enumerate(states):
         state_supports = supports if state.supports is None else state.supports
         owners |= owners_of(material, state.effects, fibres, state_supports, places_of(i, state))

@@ -383,6 +383,17 @@ class Shell(Spec):
         """Number of the level at which the given surface is, ``None`` between levels."""
         return next((i for i, place in enumerate(self.levels) if abs(place - self.surface_place) < 1e-9), None)
 
+    def numbers(self) -> dict[KeyPath, Number | str]:
+        """The thickness, if it is one number; else the reason why it is not."""
+        if self.thickness is None:
+            return {}
+        is_number = isinstance(self.thickness, float)
+        return {("thickness",): Number(self.thickness, LENGTH) if is_number else "varies over the surface"}
+
+    def unset_number(self, place: KeyPath) -> str:
+        """Return why a number can only be differentiated by: a run has one mesh."""
+        return "changes the mesh: vary it in a sweep"
+
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.director == "normal" and self.thickness is None:
             yield ("thickness",), "is needed, unless the file has the faces ('director: data')"

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from hpcinv.job.sections import Support
+from hpcinv.job.sections import Shell, Support
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.keys import JobKey, parse_key
 from hpcinv.quantity.quantity import AnyQuantity, positive
@@ -11,7 +11,7 @@ from hpcinv.quantity.schema import KeyPath, ListOf, Spec, collected, dotted_key,
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
-type Owner = Ingredient | Support
+type Owner = Ingredient | Support | Shell
 
 TIES = ("also", "scale")
 """fields with the keys of numbers that change with another one"""
@@ -34,7 +34,7 @@ class Parameter:
 
     Attributes:
         where: key of its owner in the job.
-        owner: law, effect, family of fibres or support; ``None`` for the mesh.
+        owner: law, effect, family of fibres, support or shell; ``None`` for the mesh.
         value: in SI.
         dimension: ``None`` if it depends on the use in a formula.
         deviation: its standard deviation in SI, or ``None``.
@@ -65,7 +65,7 @@ def read_sensitivities(given: object, owners: Mapping[str, Owner]) -> dict[str, 
     """Standard deviations (SI) and ties by key.
 
     Args:
-        owners: laws, effects, the families of fibres that they use, and supports, by their keys in the job.
+        owners: laws, effects, the families of fibres that they use, supports, and the shell, by their keys in the job.
 
     Raises:
         Problems: the section has faults.
@@ -125,7 +125,7 @@ def fault_of_tie(tied: Parameter, number: Parameter, kind: str) -> str | None:
 
 def fault_of_setting(number: Parameter) -> str | None:
     """Fault of a number that is to be set in the job, but follows there from others."""
-    reason = number.owner.unset_number(number.place) if isinstance(number.owner, Ingredient) else ""
+    reason = number.owner.unset_number(number.place) if isinstance(number.owner, Ingredient | Shell) else ""
     return f"{number.key} {reason}" if reason else None
 
 
@@ -173,7 +173,7 @@ def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) ->
     hint = (
         did_you_mean(key, known.values(), list_all=False) or f" Possible keys are {', '.join(_first(known.values()))}."
     )
-    raise ValueError(f"{key} is not a number of a law, an effect, fibres or a support in this job.{hint}")
+    raise ValueError(f"{key} is not a number of a law, an effect, fibres, a support or a shell in this job.{hint}")
 
 
 def _location(where: str) -> KeyPath:

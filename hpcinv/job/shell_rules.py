@@ -71,6 +71,22 @@ def _refused(job: Any) -> Iterable[KeyPath]:
         yield ("solver", "linear")
 
 
+def unsuited_thickness(job: Any) -> Faults:
+    """Faults of a derivative by the thickness where motions of supports depend on the place."""
+    key = "mesh.shell.thickness"
+    if not any(number.key == key for parameter in job.differentiated for number in (parameter, *parameter.ties)):
+        return
+    supports = [*job.supports, *(support for state in job.states for support in state.supports or ())]
+    for support in supports:
+        formulas = [formula for formula in support.displacement or () if formula is not None]
+        if (support.motion is not None and support.motion.rotate) or any(
+            formula.names & {"x", "y", "z"} for formula in formulas
+        ):
+            text = f"there is no derivative by {key} where '{support.region}' is moved by a formula of the place"
+            yield (), f"{text} or a rotation"
+            return
+
+
 def _hinges(job: Any) -> Faults:
     for place in _hinged(job):
         yield place, "is valid only with 'mesh: {shell: …}'; other bodies turn about an edge"

@@ -38,6 +38,7 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.results.solution import Solution
+from hpcinv.sensitivity.moving_nodes import node_rates
 from hpcinv.sensitivity.slopes import SHORT, STEP, Change, ReferenceChange, change_limit, has_kinks, slopes
 from hpcinv.solver.equations import Equations
 
@@ -132,6 +133,9 @@ def sensitivities(
             references = {
                 key: ReferenceChange(moved, None, _cell_limit(equations, moved)) for key, moved in mesh.items()
             }
+            values = {p.key: p.value for p in numbers}
+            for key, moved in node_rates(body, numbers).items():
+                references[key] = ReferenceChange(moved, None, values[key])
         prescribed = {p.key: _prescribed(equations, p) for p in numbers if isinstance(p.owner, Support)}
         equations.put(solution)
         changes = _changes(equations, solution, numbers, references, prescribed)
@@ -142,8 +146,9 @@ def sensitivities(
     nodes: dict[str, Floats] = {}
     for p in parameters:
         nodes[p.key] = np.asarray(solution.sign * sum(number.ratio * changes[number.key].u for number in (p, *p.ties)))
-        if p.key in references:
-            nodes[p.key] += references[p.key].nodes
+        for number in (p, *p.ties):
+            if number.key in references:
+                nodes[p.key] += number.ratio * references[number.key].nodes
     comm = body.mesh.comm
     lengths = {key: np.linalg.norm(moved, axis=1) for key, moved in nodes.items()}
     deviation, point = None, None
