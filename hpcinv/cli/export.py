@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,7 +88,7 @@ def _export(options: argparse.Namespace) -> int:
         return _export_cells(options, unit)
 
     from hpcinv.workshop.formats import check, write
-    from hpcinv.workshop.mould import Split, mould
+    from hpcinv.workshop.mould import Mould, Split, mould
     from hpcinv.workshop.run_shapes import read_shape
     from hpcinv.workshop.solid import region_cells, solid_of, volume_of
 
@@ -102,15 +103,17 @@ def _export(options: argparse.Namespace) -> int:
     body = volume_of(source, cells) * options.scale**3
     factor = options.scale / unit
     part = solid_of(source, cells, tolerance and tolerance / options.scale).scaled(factor)
-    moulds = mould(part, wall, split) if halves else []
+    moulds = mould(part, wall, split) if halves else Mould([], [])
+    cores = _cores(options, len(moulds.cores))
     ratio = part.volume * unit**3 / body
     if refit is None or not _write_refitted(options, source, refit, body):
         _describe(options.to, part, unit, f"; of the body {readable(body, 'm^3')}, ratio {ratio:.6f}")
         write(options.to, part, options.unit)
-    for path, solid in zip(halves, moulds, strict=True):
+    for path, solid in zip([*halves, *cores], [*moulds.blocks, *moulds.cores], strict=True):
         _describe(path, solid, unit)
         write(path, solid, options.unit)
     _warn(options, part, split)
+    _warn_of_pieces(dict(zip(halves, moulds.blocks, strict=True)), cores)
     _warn_of_nodes(options, source)
     return 0
 
@@ -198,6 +201,31 @@ def _warn(options: argparse.Namespace, part: Solid, split: Split | None) -> None
     elif (share := undercut(part, split)) > UNDERCUT:
         text = f"{share:.1%} of the shape's surface are undercuts for this split"
         print(f"warning: {options.mould}: {text}; a soft part may still come out", file=sys.stderr)
+
+
+def _warn_of_pieces(halves: Mapping[Path, Solid], cores: Sequence[Path]) -> None:
+    """Print how cores are used, and which halves have pieces that hold nowhere."""
+    from hpcinv.workshop.mould import loose_pieces
+
+    if cores:
+        which = "is the core of a closed chamber" if len(cores) == 1 else "are the cores of closed chambers"
+        advice = "hold it inside the mould, and melt or dissolve it out of the part; or cast the part in two pieces"
+        print(f"warning: {', '.join(map(str, cores))}: {which}: {advice}", file=sys.stderr)
+    for path, half in halves.items():
+        if count := loose_pieces(half):
+            text = f"{count} {'piece is' if count == 1 else 'pieces are'} apart from the rest: choose another --split"
+            print(
+                f"warning: {path}: {text}, or fix {'it' if count == 1 else 'them'} to the other half", file=sys.stderr
+            )
+
+
+def _cores(options: argparse.Namespace, count: int) -> list[Path]:
+    """Return the files of the cores of a mould."""
+    names = ["core"] if count == 1 else [f"core-{i}" for i in range(1, count + 1)]
+    cores = [options.mould.with_stem(f"{options.mould.stem}-{name}") for name in names]
+    if twice := [path for path in cores if path.resolve() == options.to.resolve()]:
+        raise OutputError(f"--to {options.to}: is the file of the core of the mould ({twice[0]})", "Name another file.")
+    return cores
 
 
 def _plane(options: argparse.Namespace, unit: float) -> tuple[int, float | None] | None:

@@ -51,10 +51,18 @@ class Movement:
 
     Attributes:
         error: largest distance of the moved nodes on the surface of the mesh from their images, in mm.
+        is_straight: whether the cells of the mesh are straight, so that its faces are not those of the CAD file.
     """
 
     spline: Spline
     error: float
+    is_straight: bool = False
+
+    @property
+    def finer(self) -> str:
+        """The remedy of a mesh that is too coarse."""
+        curved = " or with 'mesh: {geometry_degree: 2}'" if self.is_straight else ""
+        return f"run with a smaller mesh.size{curved}"
 
     def __call__(self, points: Floats) -> Floats:
         return values_of(self.spline, points)
@@ -104,11 +112,11 @@ def movement(given: MeshSource, found: MeshSource, metres: float, scale: float, 
         spline, values = fitted(knots, before, after, np.ones(len(before)), [False] * 3)
         error = float(np.linalg.norm(values - after, axis=1)[skin].max())
         if best is None or error < best.error:
-            best = Movement(spline, error)
+            best = Movement(spline, error, given.degree == 1)
         if error <= _SHARE * tolerance:
             break
     if best is None:
-        raise NotRefitted(f"its mesh has {len(before)} nodes, too few for a smooth map: take smaller cells")
+        raise NotRefitted(f"its mesh has {len(before)} nodes, too few for a smooth map: take smaller cells (mesh.size)")
     return best
 
 
@@ -124,7 +132,7 @@ def refit(path: Path, move: Movement, tolerance: float, volume: float) -> Refitt
         NotRefitted: it is not possible within the tolerance.
     """
     if move.error > tolerance:
-        raise NotRefitted(f"no smooth map is nearer than {move.error:.3g} mm: give a larger --refit, or smaller cells")
+        raise NotRefitted(f"no smooth map is nearer than {move.error:.3g} mm: give a larger --refit, or {move.finer}")
     with tempfile.TemporaryDirectory() as place:
         try:
             for spans in _SPANS:
@@ -141,7 +149,8 @@ def refit(path: Path, move: Movement, tolerance: float, volume: float) -> Refitt
         except Exception as error:  # gmsh raises nothing narrower
             raise NotRefitted(f"gmsh could not do it: {error}") from error
     if abs(refitted.volume / volume - 1) > _VOLUME + tolerance / volume ** (1 / 3):
-        raise NotRefitted(f"the solid has {refitted.volume:.6g} mm³ instead of {volume:.6g}")
+        text = f"the solid of the faces has {refitted.volume:.6g} mm³, and the body of the run {volume:.6g} mm³"
+        raise NotRefitted(f"{text}, since its cells are coarse: {move.finer}")
     return refitted
 
 

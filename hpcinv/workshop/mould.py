@@ -1,4 +1,4 @@
-"""Mould of a solid: a block without it, whole or split in two by a plane."""
+"""Mould of a solid: a block without it, whole or split in two by a plane, and cores of closed chambers."""
 
 from dataclasses import dataclass
 
@@ -36,15 +36,45 @@ class Split:
         return position
 
 
-def mould(part: Solid, wall: float, split: Split | None) -> list[Solid]:
-    """Return the block around a part, with a wall of some thickness at least, without the part.
+@dataclass(frozen=True)
+class Mould:
+    """A mould.
 
-    With a split it is two solids, the lower one along the axis first.
+    Attributes:
+        blocks: the block around the part; with a split its halves, the lower one along the axis first.
+        cores: what fills the closed chambers of the part; no half of the mould holds it.
+    """
+
+    blocks: list[Solid]
+    cores: list[Solid]
+
+
+def chambers(part: Solid) -> list[Solid]:
+    """Return the solids that fill closed chambers of a part."""
+    return [shell.reversed() for shell in part.shells() if shell.volume < 0]
+
+
+def without_chambers(part: Solid) -> Solid:
+    """Return the outer surfaces of a part."""
+    outer = [shell for shell in part.shells() if shell.volume > 0]
+    starts = np.cumsum([0, *(len(shell.points) for shell in outer[:-1])])
+    triangles = [shell.triangles + start for shell, start in zip(outer, starts, strict=True)]
+    return Solid(np.concatenate([shell.points for shell in outer]), np.concatenate(triangles))
+
+
+def loose_pieces(block: Solid) -> int:
+    """Return the number of pieces of a block or half that are apart from the largest."""
+    return sum(shell.volume > 0 for shell in block.shells()) - 1
+
+
+def mould(part: Solid, wall: float, split: Split | None) -> Mould:
+    """Return the block around a part, with a wall of some thickness at least, without the part.
 
     Raises:
         MeshError: the part intersects itself so that the boolean operation fails.
     """
-    solid = _manifold(part)
+    cores = chambers(part)
+    solid = _manifold(without_chambers(part) if cores else part)
     low, high = part.points.min(axis=0) - wall, part.points.max(axis=0) + wall
     whole = manifold3d.Manifold.cube(tuple(high - low)).translate(tuple(low)) - solid
     if whole.status() != manifold3d.Error.NoError:
@@ -53,15 +83,19 @@ def mould(part: Solid, wall: float, split: Split | None) -> list[Solid]:
             "Does the body pass through itself? The certificate of the run says where.",
         )
     if split is None:
-        return [_solid(whole)]
+        return Mould([_solid(whole)], cores)
     normal = [0.0, 0.0, 0.0]
     normal[split.axis] = 1.0
     upper, lower = whole.split_by_plane(tuple(normal), split.position_in(part))
-    return [_solid(lower), _solid(upper)]
+    return Mould([_solid(lower), _solid(upper)], cores)
 
 
 def undercut(part: Solid, split: Split) -> float:
-    """Return the share of the part's surface that holds a half of the mould back as it is pulled along the axis."""
+    """Return the share of the part's surface that holds a half of the mould back as it is pulled along the axis.
+
+    Closed chambers do not count: their cores are not pulled.
+    """
+    part = without_chambers(part)
     corners: Floats = part.points[part.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse
+import scipy.sparse.csgraph
 
 from hpcinv.errors import MeshError, OutputError
 from hpcinv.mesh.cells import jacobians, quadrature
@@ -51,6 +53,23 @@ class Solid:
         count = len(self.points)
         there, back = (np.sort(forth[:, i] * count + forth[:, 1 - i]) for i in (0, 1))
         return bool((there == back).all() and (np.diff(there) > 0).all() and (forth[:, 0] != forth[:, 1]).all())
+
+    def shells(self) -> list[Solid]:
+        """Return the connected surfaces; those with a negative volume bound chambers."""
+        count = len(self.points)
+        edges = np.concatenate([self.triangles[:, [0, 1]], self.triangles[:, [1, 2]]])
+        joined = scipy.sparse.coo_array((np.ones(len(edges)), edges.T), (count, count))
+        pieces = scipy.sparse.csgraph.connected_components(joined, directed=False)[1][self.triangles[:, 0]]
+        parts = [Solid(self.points, self.triangles[pieces == piece]) for piece in np.unique(pieces)]
+        return [part.without_loose_points() for part in parts]
+
+    def without_loose_points(self) -> Solid:
+        used, rows = np.unique(self.triangles, return_inverse=True)
+        return Solid(self.points[used], rows.reshape(self.triangles.shape))
+
+    def reversed(self) -> Solid:
+        """Return the solid that a chamber holds, or the other way round."""
+        return Solid(self.points, self.triangles[:, ::-1])
 
     def scaled(self, factor: float) -> Solid:
         return Solid(self.points * factor, self.triangles)

@@ -22,7 +22,8 @@ from hpcinv.__main__ import main
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import read_source
-from hpcinv.mesh.io import isolated
+from hpcinv.mesh.cell_count import no_report
+from hpcinv.mesh.io import isolated, small_features
 from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel import jit
 from hpcinv.parallel.runtime import MPI
@@ -36,6 +37,7 @@ MODELS = {
     "overlap": "o.addBox(0, 0, 0, 10, 10, 10); o.addBox(9, 2, 2, 10, 6, 6)",
     "gap": "o.addBox(0, 0, 0, 10, 10, 10); o.addBox(10.005, 2, 2, 10, 6, 6)",
     "sheet": "o.addRectangle(0, 0, 0, 10, 10)",
+    "rounded": "v = o.addBox(0, 0, 0, 40, 10, 10); o.synchronize(); o.fillet([v], range(1, 13), [1])",
     "plate": "o.cut([(3, o.addBox(0, 0, 0, 20, 10, 4))], [(3, o.addCylinder(10, 5, -1, 0, 0, 6, 2))])",
 }
 
@@ -56,9 +58,10 @@ def cad(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 
 
 def read(path: Path, **more: Any) -> MeshSource:
+    report = more.pop("report", no_report)
     data = {"cad": path.name, "size": "4 mm"} | more
     spec = MeshSpec.model_validate(data, context={"directory": path.parent, "untrusted": False})
-    return read_source(spec, path)
+    return read_source(spec, path, report=report)
 
 
 def volume(source: MeshSource) -> float:
@@ -244,6 +247,21 @@ def test_colours_are_regions(cad: Callable[[str], Path], tmp_path: Path) -> None
     assert np.abs(green[..., 0]).max() < 1e-12
 
 
+def test_small_roundings_that_make_a_mesh_large_are_named(
+    cad: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(small_features, "_MANY", 300)
+    lines: list[str] = []
+    read(cad("rounded.step"), size="8 mm", report=lines.append)
+    (line,) = [line for line in lines if "mesh.grade" in line]
+    assert re.search(r"rounded faces such as face-\d+ \(radius 1 mm\) have edges down to 2 mm", line)
+    assert "take mesh.grade 2: edges of 4 mm and more" in line
+    lines.clear()
+    read(cad("rounded.step"), size="8 mm", grade=1, report=lines.append)
+    read(cad("box.step"), size="1.5 mm", report=lines.append)  # many cells, as the job asks for
+    assert not any("mesh.grade" in line for line in lines)
+
+
 def test_faces_are_refitted_to_a_moved_shape(cad: Callable[[str], Path], tmp_path: Path) -> None:
     """A plate with a hole is bent and twisted: planes, a cylinder with a seam, and edges without curves on planes."""
     path = cad("plate.step")
@@ -265,6 +283,11 @@ def test_faces_are_refitted_to_a_moved_shape(cad: Callable[[str], Path], tmp_pat
         refit(path, dataclasses.replace(move, error=1.0), 1e-2, volume)
     with pytest.raises(NotRefitted, match="it has 2 solids"):
         refit(cad("two.step"), move, 1e-2, volume)
+    straight = read(path, size="2 mm", grade=1)
+    same = movement(straight, straight, 1e-3, 1.0, 1e-2)
+    remedy = r"since its cells are coarse: run with a smaller mesh.size or with 'mesh: \{geometry_degree: 2\}'"
+    with pytest.raises(NotRefitted, match=remedy):
+        refit(path, same, 1e-2, volume_of(straight, None) * 1e9)
     coarse = read(cad("box.step"), size="20 mm")
     with pytest.raises(NotRefitted, match="too few for a smooth map: take smaller cells"):
         movement(coarse, coarse, 1e-3, 1.0, 1e-2)

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import manifold3d
 import numpy as np
 import pytest
 from helpers.command_line import environment
@@ -28,13 +29,14 @@ from hpcinv.job.sections import MeshSpec, Shell
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.io.gmsh_model import session
+from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.midsurface import thicken
 from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.source import MeshSource
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.workshop.cell_mesh import write_cells
 from hpcinv.workshop.formats import WRITERS, write
-from hpcinv.workshop.mould import Split, mould, undercut
+from hpcinv.workshop.mould import Split, loose_pieces, mould, undercut
 from hpcinv.workshop.solid import Solid, region_cells, solid_of, volume_of
 
 MESHES = Path(__file__).parents[2] / "meshes"
@@ -234,8 +236,8 @@ for suffix in WRITERS:
 def test_mould_is_the_block_without_the_part(sphere: MeshSource) -> None:
     part = solid_of(sphere, None, 1e-5).scaled(1e3)
     block = float(np.prod(part.size + 10))
-    (whole,) = mould(part, 5.0, None)
-    halves = mould(part, 5.0, Split(0, 12.0))
+    (whole,) = mould(part, 5.0, None).blocks
+    halves = mould(part, 5.0, Split(0, 12.0)).blocks
     for solid in (whole, *halves):
         assert solid.is_closed
         assert solid.round_to_single().is_closed
@@ -243,6 +245,63 @@ def test_mould_is_the_block_without_the_part(sphere: MeshSource) -> None:
     assert sum(half.volume for half in halves) == pytest.approx(whole.volume, rel=1e-6)
     assert halves[0].points[:, 0].max() == pytest.approx(12.0)
     assert halves[1].points[:, 0].min() == pytest.approx(12.0)
+
+
+def hollow_box() -> Solid:
+    """A cube of 10 with a closed chamber of 4 x 2 x 2."""
+    corners = np.array(list(np.ndindex(2, 2, 2)), dtype=float)
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = np.array([t for a, b, c, d in sides for t in ((a, b, c), (a, c, d))])
+    points = np.concatenate([10 * corners, np.array([3, 4, 4]) + corners * [4, 2, 2]])
+    return Solid(points, np.concatenate([triangles, triangles[:, ::-1] + 8]))
+
+
+def test_a_closed_chamber_has_a_core_of_its_own() -> None:
+    part = hollow_box()
+    assert part.is_closed
+    assert part.volume == pytest.approx(1000 - 16)
+    made = mould(part, 1.0, Split(2))
+    (core,) = made.cores
+    assert core.is_closed
+    assert core.volume == pytest.approx(16)
+    assert [half.volume for half in made.blocks] == pytest.approx([(12**3 - 1000) / 2] * 2)
+    assert [loose_pieces(half) for half in made.blocks] == [0, 0]
+    assert undercut(part, Split(2)) == 0.0
+
+
+def test_pieces_of_a_half_that_hold_nowhere_are_counted() -> None:
+    """A tube with a closed end, cut across its bore: what fills the bore is apart from the lower half."""
+    outer = hollow_box().shells()[0]
+    side = manifold3d.Manifold.cube((2.0, 12.0, 2.0)).translate((4.0, 5.0, 4.0))
+    solid = manifold3d.Manifold(manifold3d.Mesh64(outer.points, outer.triangles.astype(np.uint64))) - side
+    mesh = solid.to_mesh64()
+    part = Solid(np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts, dtype=np.int64))
+    lower, upper = mould(part, 1.0, Split(1, 7.0)).blocks
+    assert [loose_pieces(half) for half in (lower, upper)] == [1, 0]
+    assert min(abs(shell.volume) for shell in lower.shells()) == pytest.approx(2 * 2 * 2)
+
+
+def test_core_of_a_run_is_a_file_with_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = finished(tmp_path / "run")
+    sides = {"lx": 0.03, "ly": 0.03, "lz": 0.03, "nx": 3, "ny": 3, "nz": 3}
+    box = meshed("box.py", parameters={**sides, "hexahedra": True})
+    is_middle = np.linalg.norm(box.points[box.cells].mean(axis=1) - 0.015, axis=1) < 0.001
+    hollow = replace(box, cells=box.cells[~is_middle], groups=())
+    save(run / "shape.msh", hollow, hollow.points)
+    command = ["export", str(run), "--to", str(tmp_path / "part.stl"), "--mould", str(tmp_path / "mould.stl")]
+    assert main([*command, "--split", "z"]) == 0
+    warned = capsys.readouterr().err
+    assert (
+        "mould-core.stl: is the core of a closed chamber: hold it inside the mould, and melt or dissolve it" in warned
+    )
+    assert "undercuts" not in warned
+    core, lower = (read(tmp_path / f"mould-{name}.stl") for name in ("core", "1"))
+    assert core.is_closed
+    assert core.volume == pytest.approx(1e3, rel=1e-6)
+    assert len(lower.shells()) == 1
+    command[3] = str(tmp_path / "mould-core.stl")
+    assert main([*command, "--split", "z"]) == 2
+    assert "is the file of the core of the mould" in capsys.readouterr().err
 
 
 def test_undercuts_hold_a_mould_back() -> None:
@@ -259,8 +318,6 @@ def finished(
     directory: Path, *, direction: str = "inverse", status: str = "converged", load: float = 1.0, **job: Any
 ) -> Path:
     """A run directory with a shape 1.1 times as large as the mesh that was given."""
-    from hpcinv.mesh.mesh_files import save
-
     content = {
         "job": "block",
         "analysis": direction,

@@ -16,6 +16,7 @@ from hpcinv.mesh.cell_count import MeshingMonitor, monitored
 from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.gmsh_model import extract, session
 from hpcinv.mesh.io.isolated import check_cad
+from hpcinv.mesh.io.small_features import report_small_features
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.thin_walls import report_thin_walls
 from hpcinv.quantity.units import readable
@@ -26,6 +27,7 @@ _HAIR = 1e-3  # gap of two solids, relative to the whole size, that is taken for
 _SEWN = 1e-5  # gap of faces, relative to the whole size, that are sewn to a solid; more may join thin parts
 _MOST_GLUE = 0.01  # of the whole size; more changes the shape of solids
 _OVERLAP = 1e-9  # volume that solids share, relative to the whole, below which it is rounding
+_GRADE = 4.0  # size over the smallest edge, unless the job states it; raised, roundings take more cells
 _PER_TURN = 12  # edges in a full turn of a curved face; more follow curvature with smaller cells
 
 
@@ -79,10 +81,12 @@ def _meshed(gmsh: Any, path: Path, spec: MeshSpec, report: Callable[[str], None]
     size = spec.size / unit
     gmsh.model.mesh.setSize(gmsh.model.getEntities(0), size)  # gmsh's default is a tenth of the body
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
-    gmsh.option.setNumber("Mesh.MeshSizeMin", size / (spec.grade or 4.0))
+    grade = spec.grade or _GRADE
+    gmsh.option.setNumber("Mesh.MeshSizeMin", size / grade)
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", _PER_TURN)
     with monitored(gmsh, path, MeshingMonitor(spec.maximum_cells, report)):
         gmsh.model.mesh.generate(3)
+    report_small_features(gmsh, size, grade, unit, report)
     if spec.geometry_degree == 2:
         gmsh.model.mesh.setOrder(2)
     source = extract(gmsh, path)
