@@ -42,7 +42,7 @@ def add_export(commands: Any) -> None:
         type=Path,
         required=True,
         metavar="FILE",
-        help="surface to write or replace (.stl, .ply, .3mf, .step), or mesh of solid cells (.vtu, .msh, .inp, …)",
+        help="surface to write or replace (.stl, .ply, .3mf, .step), or mesh of solid cells (.vtu, .inp, .pts, …)",
     )
     export.add_argument(
         "--shape", default="undeformed", help="undeformed (default), deformed, or the name of a state of the job"
@@ -86,6 +86,8 @@ def _export(options: argparse.Namespace) -> int:
     check_one_process("export")
     if suffix_of(options.to) in MESHES:
         return _export_cells(options, unit)
+    if suffix_of(options.to) == ".pts":
+        return _export_opencarp(options)
 
     from hpcinv.workshop.formats import check, write
     from hpcinv.workshop.mould import Mould, Split, mould
@@ -124,9 +126,7 @@ def _export_cells(options: argparse.Namespace, unit: float) -> int:
     from hpcinv.workshop.run_shapes import read_shape
     from hpcinv.workshop.solid import region_cells, volume_of
 
-    for name in ("tolerance", "mould"):
-        if getattr(options, name) is not None:
-            raise OutputError(f"--{name}: is for surfaces, and {options.to} is a mesh", "Export a surface as well.")
+    _refuse_options_of_surfaces(options)
     if not options.to.parent.is_dir():
         raise OutputError(f"{options.to}: cannot be written: there is not a directory {options.to.parent}")
     source = read_shape(options.run, options.shape)
@@ -140,6 +140,33 @@ def _export_cells(options: argparse.Namespace, unit: float) -> int:
     print(f"regions: {', '.join(dict.fromkeys(group.name for group in mesh.groups)) or 'none'}")
     _warn_of_nodes(options, source)
     return 0
+
+
+def _export_opencarp(options: argparse.Namespace) -> int:
+    """Write the cells as the three files of openCARP, in µm."""
+    from hpcinv.workshop.opencarp import write_opencarp
+    from hpcinv.workshop.run_shapes import read_shape
+    from hpcinv.workshop.solid import region_cells, volume_of
+
+    _refuse_options_of_surfaces(options)
+    source = read_shape(options.run, options.shape)
+    cells = None if options.region is None else region_cells(source, options.region)
+    done = write_opencarp(options.to, source, cells, options.scale)
+    body = volume_of(source, cells) * options.scale**3
+    print(
+        f"{options.to}, .elem, .lon: {done.cells:,} tetrahedra in µm, volume {readable(done.volume, 'm^3')}; "
+        f"of the body {readable(body, 'm^3')}, ratio {done.volume / body:.6f}"
+    )
+    print(f"regions: {', '.join(f'{number} is {name}' for number, name in done.regions.items()) or 'none (0)'}")
+    print(f"directions: {', '.join(done.directions) or 'none in the shape, (1, 0, 0) instead'}")
+    _warn_of_nodes(options, source)
+    return 0
+
+
+def _refuse_options_of_surfaces(options: argparse.Namespace) -> None:
+    for name in ("tolerance", "mould"):
+        if getattr(options, name) is not None:
+            raise OutputError(f"--{name}: is for surfaces, and {options.to} is a mesh", "Export a surface as well.")
 
 
 def _warn_of_nodes(options: argparse.Namespace, source: MeshSource) -> None:

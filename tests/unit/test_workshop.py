@@ -256,6 +256,18 @@ def hollow_box() -> Solid:
     return Solid(points, np.concatenate([triangles, triangles[:, ::-1] + 8]))
 
 
+def test_run_for_opencarp(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["export", str(finished(tmp_path / "run")), "--to", str(tmp_path / "heart.pts"), "--scale", "2"]
+    assert main(command) == 0
+    printed = capsys.readouterr().out
+    assert "tetrahedra in µm, volume 383 ml" in printed
+    assert "ratio 1.000000" in printed
+    assert "directions: none in the shape, (1, 0, 0) instead" in printed
+    assert sorted(path.suffix for path in tmp_path.glob("heart*")) == [".elem", ".lon", ".pts"]
+    assert main([*command, "--mould", str(tmp_path / "m.stl")]) == 2
+    assert "--mould: is for surfaces" in capsys.readouterr().err
+
+
 def test_a_closed_chamber_has_a_core_of_its_own() -> None:
     part = hollow_box()
     assert part.is_closed
