@@ -51,7 +51,7 @@ class Movement:
 
     Attributes:
         error: largest distance of the moved nodes on the surface of the mesh from their images, in mm.
-        is_straight: whether the cells of the mesh are straight, so that its faces are not those of the CAD file.
+        is_straight: whether the cells of the mesh are straight, so that its faces differ from the CAD file.
     """
 
     spline: Spline

@@ -29,7 +29,7 @@ class Written:
 
     Attributes:
         volume: of the straight tetrahedra, m³.
-        regions: names by their number in ``.elem``; 0 is no region.
+        regions: names by their number in ``.elem``; 0 is outside of them.
         directions: names of the arrays in ``.lon``; empty if it has the x axis, since there is none.
     """
 
