@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from helpers.batches import IN_BATCH
+from helpers.batches import IN_BATCH, Batch
 from hpcinv.parallel import jit
 
 START = "(start of processes)"
@@ -43,7 +43,7 @@ class Recorder:
     appeared in the cache). A line ``{"reference": s}`` follows from time to time.
     """
 
-    def __init__(self, directory: Path, in_batches: Mapping[str, object]) -> None:
+    def __init__(self, directory: Path, in_batches: Mapping[str, Batch]) -> None:
         self._file = (directory / f"{os.getpid()}.jsonl").open("a")
         self._in_batches, self._referred = in_batches, -BETWEEN
         self._compiled, self._compiling = list[str](), 0.0
@@ -79,7 +79,8 @@ class Recorder:
             line: dict[str, Any] = {"test": test, "phase": phase, "wall": time.monotonic() - wall}
             line |= {"self": ended_own - own, "compiling": self._compiling - compiling}
             # The ranks of a batch record their tests themselves.
-            line |= {"children": 0.0 if test in self._in_batches else ended_children - children}
+            is_in_batch = test in self._in_batches and len(self._in_batches[test].tests) > 1
+            line |= {"children": 0.0 if is_in_batch else ended_children - children}
             line |= {"compiled": self._compiled, "seen": sorted(cached - self._kernels - set(self._compiled))}
             self._write(line)
             self._kernels, self._compiled = self._kernels | cached, []

@@ -17,6 +17,7 @@ from hpcinv.methods import solve_direction
 from hpcinv.methods.method import UNLOADED
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
+from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
@@ -52,7 +53,8 @@ class Solved:
         self.model = Equations(job, self.body, Timings())
         self.solves = self._solve(0)
         self.kinematics = self.weak_form.kinematics
-        self.x = ufl.SpatialCoordinate(self.body.mesh) * self.body.length_scale
+        self.length = self.constant(self.body.length_scale)
+        self.x = ufl.SpatialCoordinate(self.body.mesh) * self.length
 
     def _solve(self, direction_index: int) -> list[Solve]:
         self.weak_form: WeakForm = self.model.weak_form(self.job.directions[direction_index])
@@ -68,14 +70,18 @@ class Solved:
         self._solve(1)
         return self.model.unknowns.geometry_values(self.model.unknowns.displacement())
 
+    def constant(self, values: Any) -> fem.Constant:
+        """Numbers that a kernel reads, so that other numbers need no other kernel."""
+        return fem.Constant(self.body.mesh, np.asarray(values, dtype=np.float64))
+
     @property
     def displacement(self) -> Any:
         """Displacement in m."""
-        return self.model.unknowns.u * self.body.length_scale
+        return self.model.unknowns.u * self.length
 
     def integral(self, integrand: Any, degree: int = 8) -> float:
         """Integral over the mesh, in scaled lengths, by a quadrature of its own."""
-        form = fem.form(integrand * ufl.dx(self.body.mesh, degree=degree))
+        form = fem.form(integrand * ufl.dx(self.body.mesh, degree=degree), jit_options=JIT_OPTIONS)
         return float(self.body.mesh.comm.allreduce(fem.assemble_scalar(form), op=MPI.SUM))
 
     def relative_error(self, computed: Any, exact: Any) -> float:
@@ -87,7 +93,7 @@ class Solved:
     def cauchy_stress(self) -> Any:
         """Cauchy stress in Pa, of a body of one law."""
         ((stress, _),) = self.weak_form.cauchy_stress
-        return stress * self.model.scales.stress
+        return stress * self.constant(self.model.scales.stress)
 
     @property
     def strain_energy(self) -> float:
