@@ -21,6 +21,7 @@ from hpcinv.quantity.expressions import LET
 from hpcinv.quantity.plugins import inputs_of
 from hpcinv.quantity.schema import Spec, metadata_in
 from hpcinv.reading.door import admitted
+from hpcinv.reading.included_files import TooLarge
 from hpcinv.reading.suffix import suffix_of
 
 WITH_DEFINITIONS = {LET: True}
@@ -51,6 +52,8 @@ def file_digest(path: Path) -> str:
                 digest.update(file.name.encode())
                 with admitted(file, path).open("rb") as voxels:
                     digest.update(hashlib.file_digest(voxels, "sha256").digest())
+    except TooLarge as fault:
+        raise MeshError(f"{path}: {fault.text}", "Convert it to .msh or .vtu.") from None
     except (OSError, ValueError) as error:
         missing = getattr(error, "filename", None) or path
         if isinstance(error, FileNotFoundError) and str(missing) == str(path):
