@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from hpcinv.errors import MeshError
 from hpcinv.files.names import NamesFile
@@ -29,8 +29,15 @@ WITH_DEFINITIONS = {LET: True}
 
 _HEADERS = (".mhd", ".mha", ".nrrd", ".nhdr")
 """suffixes of images whose header may name other files for the voxels"""
+_PIECE = 2**20  # bytes that are read at once; raised, files take more memory
 _LONGEST_HEADER = 2**20
 """bytes that are searched for such names; a name that comes later would not count"""
+
+
+def _update(digest: Any, file: IO[bytes]) -> None:
+    """Add the rest of a file, in pieces: it may be larger than the memory."""
+    while piece := file.read(_PIECE):
+        digest.update(piece)
 
 
 def file_digest(path: Path) -> str:
@@ -43,14 +50,17 @@ def file_digest(path: Path) -> str:
         return read_header(path).digest()
     digest = hashlib.sha256()
     try:
-        content = admitted(path).read_bytes()
-        digest.update(content)
+        with admitted(path).open("rb") as file:
+            head = file.read(_LONGEST_HEADER)
+            digest.update(head)
+            _update(digest, file)
         for name in sorted(mesh_format.data_files(path)) if mesh_format else ():
-            digest.update(admitted(path.parent / name, path).read_bytes())
+            with admitted(path.parent / name, path).open("rb") as file:
+                _update(digest, file)
         if suffix_of(path) in _HEADERS:
-            for file in dict.fromkeys(_voxel_files(path, content[:_LONGEST_HEADER])):
-                digest.update(file.name.encode())
-                with admitted(file, path).open("rb") as voxels:
+            for voxel_file in dict.fromkeys(_voxel_files(path, head)):
+                digest.update(voxel_file.name.encode())
+                with admitted(voxel_file, path).open("rb") as voxels:
                     digest.update(hashlib.file_digest(voxels, "sha256").digest())
     except TooLarge as fault:
         raise MeshError(f"{path}: {fault.text}", "Convert it to .msh or .vtu.") from None

@@ -1,8 +1,10 @@
 """Every file of a user is opened through one door, `hpcinv.reading.door`: the code is walked for other openings."""
 
 import ast
+import hashlib
 import os
 import sys
+import tracemalloc
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -214,3 +216,15 @@ def test_a_deck_from_others_is_followed_to_a_limit(
     os.truncate(large, 0)
     assert not mesh_fault(tmp_path, deck.name)
     assert file_digest(deck)
+
+
+def test_the_digest_of_a_large_file_takes_little_memory(tmp_path: Path) -> None:
+    path = tmp_path / "large.vtu"
+    path.write_bytes(b"<VTKFile/>")
+    os.truncate(path, 64 * 2**20)
+    tracemalloc.start()
+    digest = file_digest(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 8 * 2**20
+    assert digest == hashlib.sha256(path.read_bytes()).hexdigest()
