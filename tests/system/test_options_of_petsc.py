@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.command_line import BLOCK, CUBE, hpcinv, write_job
+from helpers.command_line import BLOCK, CUBE, hpcinv, hpcinv_here, write_job
 from petsc4py import PETSc
 
 from hpcinv import load, run
@@ -60,7 +60,8 @@ def test_the_jobs_package_factorizes_or_is_refused(package: str, ranks: int, ana
     option = f"pc_factor_mat_solver_type: {package}"
     petsc = {"pc_factor_mat_solver_type": package, "ksp_view": None}
     job = write_job(tmp_path / "job.yaml", BLOCK, analysis=analysis, solver={"petsc": petsc})
-    done = hpcinv(ranks, "run", job, "--output", "out", cwd=tmp_path)
+    arguments = ("run", job, "--output", "out")
+    done = hpcinv_here(*arguments, cwd=tmp_path) if ranks == 1 else hpcinv(ranks, *arguments, cwd=tmp_path)
     if done.returncode == 0:
         matches = re.findall(r"package used to perform factorization: (\w+)", done.stdout)
         assert set(matches) == {package}
@@ -73,16 +74,16 @@ def test_the_jobs_package_factorizes_or_is_refused(package: str, ranks: int, ana
         assert {path.name for path in tmp_path.iterdir()} == {"job.yaml"}
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize("number", [0, 6], ids=["at the beginning", "at the first tangent"])
-def test_the_message_is_reported_once_and_no_directory_is_left(ranks: int, number: int, tmp_path: Path) -> None:
+@pytest.mark.parallel([1, 2])
+def test_the_message_is_reported_once_and_no_directory_is_left(number: int, run_directory: Path) -> None:
     solver, message = REFUSED[number]
-    write_job(tmp_path / "job.yaml", CUBE, solver=solver)
-    done = hpcinv(ranks, "run", "job.yaml", "--output", "out", cwd=tmp_path)
+    write_job(run_directory / "job.yaml", CUBE, solver=solver)
+    done = hpcinv_here("run", "job.yaml", "--output", "out", cwd=run_directory)
     assert done.returncode == 2, done.stderr
     assert done.stderr.startswith(f"job.yaml: solver.petsc: {message}")
     assert len(done.stderr.splitlines()) == 1
-    assert {path.name for path in tmp_path.iterdir()} == {"job.yaml"}
+    assert {path.name for path in run_directory.iterdir()} == {"job.yaml"}
 
 
 def test_a_mesh_that_turns_out_to_be_wrong_after_the_directory_was_made_leaves_none(tmp_path: Path) -> None:

@@ -342,7 +342,7 @@ def test_without_its_demands_on_the_accuracy_a_run_goes_on_with_checkpoints(plac
         started.wait_for("forward:")
         started.kill()
     assert not (run / "checkpoints").exists()
-    done = hpcinv(2, "resume", run, "--job", write_job(place / "plain.yaml", block), cwd=place)
+    done = hpcinv_here("resume", run, "--job", write_job(place / "plain.yaml", block), cwd=place)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("  load ") == 8
     (run / "summary.json").unlink()
@@ -362,7 +362,7 @@ def test_without_its_demands_on_the_accuracy_a_run_goes_on_with_checkpoints(plac
 def test_checkpoints_serve_whatever_else_is_asked_of_the_run(changes: dict[str, Any], copy: Path, whole: Path) -> None:
     position = state(newest(copy))
     changed = write_job(copy.parent / "changed.yaml", {**BEAM, **ROUND_TRIP, "solver": FIXED}, **changes)
-    done = hpcinv(2, "resume", copy, "--job", changed, cwd=copy.parent)
+    done = hpcinv_here("resume", copy, "--job", changed, cwd=copy.parent)
     assert done.returncode == 0, done.stderr
     assert_same_result(copy, whole)
     assert_history_goes_on(copy, position, done.stdout)

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 import umbridge
-from helpers.command_line import BLOCK, COLUMN, NO_CERTIFICATE, Started, hpcinv, write_job
+from helpers.command_line import BLOCK, COLUMN, NO_CERTIFICATE, Started, hpcinv_here, write_job
 
 DENSITY = 1000.0
 JOB: Mapping[str, Any] = COLUMN | {
@@ -112,14 +112,18 @@ def test_invalid_requests_and_missing_tokens_are_refused(tmp_path: Path) -> None
         assert post(f"{address}/Evaluate", good)[1]["output"][0][0] == pytest.approx(1.0802799, abs=5e-6)
 
 
-def test_jobs_that_cannot_be_served_are_refused(tmp_path: Path) -> None:
-    for section, meaning in (("sensitivities", "inputs"), ("quantities", "outputs")):
-        job = write_job(tmp_path / "job.yaml", {key: value for key, value in JOB.items() if key != section})
-        ended = hpcinv(2, "serve", job, cwd=tmp_path)
-        assert ended.returncode == 2
-        assert ended.stderr.count(f"job.yaml: {section}: is missing; it lists the {meaning} of a served job") == 1
+@pytest.mark.parametrize(("section", "meaning"), [("sensitivities", "inputs"), ("quantities", "outputs")])
+@pytest.mark.parallel([2])
+def test_jobs_without_inputs_or_outputs_are_refused(section: str, meaning: str, run_directory: Path) -> None:
+    job = write_job(run_directory / "job.yaml", {key: value for key, value in JOB.items() if key != section})
+    ended = hpcinv_here("serve", job, cwd=run_directory)
+    assert ended.returncode == 2
+    assert ended.stderr.count(f"job.yaml: {section}: is missing; it lists the {meaning} of a served job") == 1
+
+
+def test_a_port_that_is_in_use_is_refused(tmp_path: Path) -> None:
     with served(tmp_path, 1) as (_, address):
         port = address.rpartition(":")[2]
-        ended = hpcinv(1, "serve", tmp_path / "column.yaml", "--port", port, cwd=tmp_path)
+        ended = hpcinv_here("serve", tmp_path / "column.yaml", "--port", port, cwd=tmp_path)
         assert ended.returncode == 2
         assert f"--port {port}: cannot be used: Address already in use" in ended.stderr

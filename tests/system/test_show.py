@@ -7,7 +7,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 import pyvista
-from helpers.command_line import BLOCK, NO_CERTIFICATE, hpcinv, hpcinv_here, write_job
+from helpers.command_line import BLOCK, NO_CERTIFICATE, hpcinv_here, write_job
 from helpers.run_directories import run_directory
 
 from hpcinv.pictures.drawing import DrawnBody, View, figure, thumbnail
@@ -61,7 +61,7 @@ def test_all_states_of_a_run_are_drawn(tmp_path: Path) -> None:
     turned = [{**BLOCK["effects"][0], "acceleration": [9.81, 0, 0]}]
     states = [{"name": "standing", "given": True, "effects": BLOCK["effects"]}, {"name": "turned", "effects": turned}]
     write_job(tmp_path / "block.yaml", job, states=states, certificate=NO_CERTIFICATE | {"estimate": True})
-    done = hpcinv(2, "run", "block.yaml", "--output", "run", cwd=tmp_path)
+    done = hpcinv_here("run", "block.yaml", "--output", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     show(tmp_path, "run")
     show(tmp_path, "run", "--colour", "error")
