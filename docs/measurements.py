@@ -54,6 +54,7 @@ COMMANDS = {
     "effectivity-layers": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2"
     ' --bodies "layered sphere" "grown layers"',
     "cavities": "mpirun -n 1 python benchmarks/cavities.py",
+    "creep": "python benchmarks/creep.py",
     "robustness": "mpirun -n 1 python benchmarks/robustness.py",
     "effectivity-cubic": "python benchmarks/effectivity.py --divisions 2 --displacement 3",
 }
