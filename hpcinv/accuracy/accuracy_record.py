@@ -23,6 +23,10 @@ class Ending(enum.Enum):
         "not met: no discretisation within the limits is predicted to be much more accurate",
         "raise solver.maximum_unknowns, use a machine with more memory, or demand less",
     )
+    LAYER = (
+        "not met: a finer mesh does not reduce the error of the shell's layer",
+        "give the shell several 'layers', mesh a solid, or demand less",
+    )
     STEPS = "not met: too many steps", "the error hardly falls: give a mesh that is finer where the stress concentrates"
     STOPPED = "not met: a signal stopped the search", "run the job again with more time, or demand less"
     UNSOLVED = (

@@ -16,6 +16,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
@@ -69,17 +70,27 @@ class Assessment:
         safety: factors by which the errors are multiplied before they are compared with the demands.
         demands: largest errors that the job allows.
         least: smallest errors that the last change of the values allows.
+        layer: errors that the layer of a shell leaves on any mesh.
     """
 
     errors: Mapping[str, float]
     safety: Mapping[str, float]
     demands: Mapping[str, float]
     least: Mapping[str, float] = field(default_factory=dict)
+    layer: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def bounds(self) -> dict[str, float]:
-        """The errors with their safety factors, or the least ones if these are larger."""
-        return {name: max(self.safety[name] * e, self.least.get(name, 0.0)) for name, e in self.errors.items()}
+        """The errors with their safety factors, or the least ones if these are larger; and the layer's."""
+        return {
+            name: max(self.safety[name] * e, self.least.get(name, 0.0)) + self.layer.get(name, 0.0)
+            for name, e in self.errors.items()
+        }
+
+    @property
+    def layer_excess(self) -> float:
+        """The largest ratio of a layer's error to its demand."""
+        return max((error / self.demands[name] for name, error in self.layer.items()), default=0.0)
 
     @property
     def excess(self) -> float:
@@ -92,12 +103,14 @@ def assess(
     demands: Mapping[str, float],
     unseen_order: float | None,
     previous: Assessment | None = None,
+    layer: Mapping[str, float] = MappingProxyType({}),
 ) -> Assessment:
     """Assess the last of the ``findings``.
 
     Args:
         previous: assessment of the last but one.
         unseen_order: order of the errors that an estimate on one mesh does not contain; ``None`` if there are none.
+        layer: as in `Assessment`.
     """
     errors, safety, least = {}, {}, {}
     for name, demand in demands.items():
@@ -105,7 +118,7 @@ def assess(
         errors[name] = distance(last.corrected[name], last.values[name]) + _unseen(findings, name, unseen_order)
         safety[name] = _safety(findings, name, demand, previous)
         least[name] = _least(findings, name, previous)
-    return Assessment(errors, safety, demands, least)
+    return Assessment(errors, safety, demands, least, layer)
 
 
 def hindsight(findings: Sequence[Finding], demands: Mapping[str, float]) -> list[float]:

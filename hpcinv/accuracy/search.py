@@ -145,6 +145,8 @@ class Search:
     def _improve(self) -> Ending:
         """Try better discretisations; raises ``Stopped`` on all ranks if that is asked for."""
         while self.assessments[-1].excess > 1:
+            if self.assessments[-1].layer_excess > 1:
+                return Ending.LAYER
             if len(self.rows) >= MOST_STEPS:
                 return Ending.STEPS
             choice = self._next()
@@ -191,7 +193,8 @@ class Search:
             self.shares = shares
         if self.moving:
             self.unseen_order = INTERFACE
-        assessment = assess(self.findings, self.job.accuracy, self.unseen_order, previous)
+        layer = {name: error.size for name, error in trial.estimate.layer.items() if name in self.job.accuracy}
+        assessment = assess(self.findings, self.job.accuracy, self.unseen_order, previous, layer)
         self.last = trial
         self.assessments.append(assessment)
         self.steps.append(trial.step)

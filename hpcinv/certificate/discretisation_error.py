@@ -19,6 +19,9 @@ which is always solved (`hpcinv.certificate.halved_cells`).
 At re-entrant edges and at edges of supports it finds a part of the error only, and is multiplied by what is missing
 (`hpcinv.certificate.singular_limit`).
 
+The one layer of a shell is the same on halved cells: what it leaves in stresses and near clamps is estimated apart
+(`hpcinv.certificate.layer_errors`).
+
 A further state of a body is corrected on the corrected rest shape, so that its estimate has the error of that in it.
 
 Source: Bank & Weiser, "Some a posteriori error estimators for elliptic partial differential equations" (1985),
@@ -29,7 +32,7 @@ doi:10.1090/S0025-5718-1985-0777265-X; Ainsworth & Oden, *A Posteriori Error Est
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import isfinite
 from typing import Any
@@ -41,6 +44,7 @@ from dolfinx import fem
 
 from hpcinv.certificate import halved_cells, two_level
 from hpcinv.certificate.extension import extend
+from hpcinv.certificate.layer_errors import LayerError, layer_errors
 from hpcinv.certificate.singular_edges import FIBRES, SingularEdges, singular_edges
 from hpcinv.certificate.singular_limit import SingularLimit, singular_limit
 from hpcinv.effects import Direction
@@ -115,6 +119,7 @@ class Estimate:
         without_geometry: why the error of the geometry is left out; empty if it is included.
         unreliable: names of the quantities at a point where fibres are singular.
         correction: of the rest shape; ``None`` if it is not finite.
+        layer: errors of a shell's quantities that the estimate leaves out, since its layer is the same on finer cells.
     """
 
     quantities: Mapping[str, QuantityValue]
@@ -131,6 +136,7 @@ class Estimate:
     without_geometry: str = ""
     unreliable: tuple[str, ...] = ()
     correction: Correction | None = None
+    layer: Mapping[str, LayerError] = field(default_factory=dict)
 
     @property
     def left_out(self) -> str:
@@ -141,7 +147,8 @@ class Estimate:
         """Return the estimate with the quantities of another state added."""
         quantities, corrected = {**self.quantities, **other.quantities}, {**self.corrected, **other.corrected}
         unreliable = (*self.unreliable, *other.unreliable)
-        return replace(self, quantities=quantities, corrected=corrected, unreliable=unreliable)
+        layer = {**self.layer, **other.layer}
+        return replace(self, quantities=quantities, corrected=corrected, unreliable=unreliable, layer=layer)
 
     def of_quantities(self, quantities: Sequence[QuantityOfInterest]) -> Estimate:
         """Return the estimate with the quantities between two states; their parts in each state are left out."""
@@ -164,6 +171,7 @@ class Estimate:
             "solved": self.is_solved,
             "singular": self.limit and self.limit.as_data(),
             "unreliable": list(self.unreliable),
+            "layer": {name: {"error": error.size, "cause": error.cause} for name, error in self.layer.items()},
         }
 
 
@@ -251,6 +259,7 @@ def estimate(
         without_geometry=_finer_body(equations, solution, rest_correction)[1],
         unreliable=unreliable,
         correction=_correction(equations, solution, finer, moved, displacement) if isfinite(largest) else None,
+        layer=layer_errors(equations, solution, quantities, computed) if is_shell else {},
     )
 
 

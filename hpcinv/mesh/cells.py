@@ -86,7 +86,7 @@ def layer_interpolation(degree: int, places: Floats) -> tuple[Floats, Floats]:
     for line, at in zip(lines, places.T, strict=True):
         powers = np.arange(len(line))
         shares.append(np.linalg.solve((line[:, None] ** powers).T, (at[:, None] ** powers).T))
-    return points, np.einsum("in,jn,kn->nijk", *shares).reshape(len(places), -1)
+    return points, np.einsum("in,jn,kn->nijk", *shares).reshape(len(places), len(points))
 
 
 def quadrature(kind: str, degree: int) -> tuple[Floats, Floats]:

@@ -181,7 +181,7 @@ def _check_faces(surface: MeshSource, inner: Floats, outer: Floats) -> None:
     """
     through = outer - inner
     for name, column in ((INNER, inner), (OUTER, outer)):
-        tangents = _tangents(surface.cells, surface.points + column)
+        tangents = surface_tangents(surface.cells, surface.points + column)
         volumes = (np.cross(tangents[0], tangents[1]) * through[surface.cells]).sum(axis=2)
         if (is_inverted := (volumes <= 0).any(axis=1)).any():
             cell, node = np.unravel_index(volumes.argmin(), volumes.shape)
@@ -211,7 +211,7 @@ def _narrow_cells(surface: MeshSource, thickness: Floats) -> tuple[str, ...]:
     )
 
 
-def _tangents(cells: Ints, points: Floats) -> Floats:
+def surface_tangents(cells: Ints, points: Floats) -> Floats:
     """Return the derivatives (2, c, p, 3) of the places of cells by their coordinates, at their nodes."""
     element = scalar_element(_KIND, _DEGREE)
     gradients: Floats = element.tabulate(1, element.points)[1:, :, :, 0]
@@ -409,7 +409,7 @@ def _normals(surface: MeshSource) -> Floats:
     Source: Thürmer & Wüthrich, J. Graph. Tools 3, 43–46, 1998, doi:10.1080/10867651.1998.10487487.
     """
     element = scalar_element(_KIND, _DEGREE)
-    tangents = _tangents(surface.cells, surface.points)
+    tangents = surface_tangents(surface.cells, surface.points)
     normals = np.cross(tangents[0], tangents[1])
     lengths = np.linalg.norm(normals, axis=2, keepdims=True)
     sizes = np.linalg.norm(tangents, axis=3).prod(axis=0)[..., None]

@@ -133,7 +133,16 @@ def _errors_of_quantity(statistics: Mapping[str, Any], name: str, text: Callable
         singular = estimated.get("singular")
         is_doubted = (singular and not singular["reliable"]) or name in estimated.get("unreliable", ())
         doubt = ", not reliable here" if is_doubted else ""
-        yield f"estimated error {text(estimated['quantities'][name], digits=2)}{omission}{doubt}"
+        layer = estimated.get("layer", {}).get(name)
+        more = ""
+        if layer:
+            more = (
+                f" and {text(layer['error'], digits=2)} of its layer"
+                if layer["error"]
+                else " and the error of its layer"
+            )
+            more += f", {layer['cause']}"
+        yield f"estimated error {text(estimated['quantities'][name], digits=2)}{more}{omission}{doubt}"
     elif name in reactions and statistics["certificate"]["estimate"] is not None:
         yield "no error estimate for reactions"
     slopes = statistics["sensitivities"] or {"quantities": {}}

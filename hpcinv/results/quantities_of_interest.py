@@ -199,7 +199,7 @@ def _point_value(
 def _node_value(quantity: QuantityOfInterest, body: Body, solution: Solution) -> float:
     """Reduce a quantity over the nodes of a region in the given cells, with equal weights."""
     assert quantity.on is not None
-    nodes = _owned_nodes(body, quantity.on)
+    nodes = owned_nodes(body, quantity.on)
     fields = (solution.reference_nodes, solution.current_nodes, solution.u)
     known = _positions(*(source_node_values(body, values)[nodes] for values in fields))
     return _reduced(quantity, body.mesh.comm, quantity.of.evaluate(**known), np.ones(len(nodes)))
@@ -251,7 +251,7 @@ _REDUCTIONS: Mapping[str, Callable[[MPI.Intracomm, Floats, Floats], float]] = {
 }
 
 
-def _owned_nodes(body: Body, name: str) -> npt.NDArray[np.int64]:
+def owned_nodes(body: Body, name: str) -> npt.NDArray[np.int64]:
     """Return the nodes of a region that the given cells have there, among the local nodes of the source."""
     region, geometry, topology = find(body.regions, name, body.source), body.source_geometry, body.mesh.topology
     marks, nodes = la.vector(geometry.index_map(), 1), geometry.dofmaps[0]

@@ -311,6 +311,14 @@ def test_irregular_changes_count_less_where_estimates_are_confirmed(*, is_confir
     assert (bound <= 10 * error) is is_confirmed
 
 
+def test_errors_of_a_layer_enter_the_bound() -> None:
+    trial = Finding(0, 1.0, 2, {"q": 1.0}, {"q": 1.0 + 1e-4})
+    judged_layer = assess([trial], {"q": 1e-3}, None, layer={"q": 2e-3})
+    assert judged_layer.bounds["q"] == pytest.approx(2 * 1e-4 + 2e-3)
+    assert judged_layer.layer_excess == 2.0  # no mesh meets the demand
+    assert assess([trial], {"q": 1e-3}, None).layer_excess == 0.0
+
+
 @pytest.mark.parametrize("name", JUDGES_OF_MESHES)
 def test_a_certificate_that_doubts_the_mesh_leaves_a_promise_undecided(name: str) -> None:
     step = AccuracyStep("as it is", 48, 2, 375, {}, {}, {}, None, "", 3, 1.0)
