@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-import time
 from collections.abc import Iterator, Mapping
+from os import scandir, stat, times  # as they are: tests replace them in their modules
 from pathlib import Path
+from time import monotonic, process_time
 from typing import Any
 
 import pytest
@@ -22,17 +23,17 @@ BETWEEN = 30.0
 
 def cpu() -> tuple[float, float]:
     """Processor time in s: of this process and of the children that it has waited for."""
-    now = os.times()
+    now = times()
     return now.user + now.system, now.children_user + now.children_system
 
 
 def reference() -> float:
     """Processor time in s of a fixed calculation, the unit of budgets: about 0.1 s."""
-    before = time.process_time()
+    before = process_time()
     numbers: dict[int, str] = {}
     for i in range(400_000):
         numbers[i * 7919 % 65536] = str(i)
-    return time.process_time() - before
+    return process_time() - before
 
 
 class Recorder:
@@ -47,7 +48,7 @@ class Recorder:
         self._file = (directory / f"{os.getpid()}.jsonl").open("a")
         self._in_batches, self._referred = in_batches, -BETWEEN
         self._compiled, self._compiling = list[str](), 0.0
-        self._cache = jit.DIRECTORY
+        self._cache, self._changed = str(jit.DIRECTORY), 0
         self._kernels = self._cached()
         publish = jit._publish
 
@@ -70,13 +71,13 @@ class Recorder:
         self._write(line | {"compiled": [], "compiling": 0.0, "seen": []})
 
     def _phase(self, test: str, phase: str) -> Iterator[None]:
-        wall, (own, children), compiling = time.monotonic(), cpu(), self._compiling
+        wall, (own, children), compiling = monotonic(), cpu(), self._compiling
         try:
             return (yield)
         finally:
             ended_own, ended_children = cpu()
             cached = self._cached()
-            line: dict[str, Any] = {"test": test, "phase": phase, "wall": time.monotonic() - wall}
+            line: dict[str, Any] = {"test": test, "phase": phase, "wall": monotonic() - wall}
             line |= {"self": ended_own - own, "compiling": self._compiling - compiling}
             # The ranks of a batch record their tests themselves.
             is_in_batch = test in self._in_batches and len(self._in_batches[test].tests) > 1
@@ -84,9 +85,9 @@ class Recorder:
             line |= {"compiled": self._compiled, "seen": sorted(cached - self._kernels - set(self._compiled))}
             self._write(line)
             self._kernels, self._compiled = self._kernels | cached, []
-            if time.monotonic() - self._referred > BETWEEN:
+            if monotonic() - self._referred > BETWEEN:
                 self._write({"reference": reference()})
-                self._referred = time.monotonic()
+                self._referred = monotonic()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> Iterator[None]:
@@ -101,10 +102,15 @@ class Recorder:
         return (yield from self._phase(item.nodeid, "teardown"))
 
     def _cached(self) -> set[str]:
-        """Names of the kernels in the cache, which children have written too."""
-        if IN_BATCH in os.environ or not self._cache.is_dir():
+        """Names of the kernels in the cache, which children have written too; none if nothing has changed there."""
+        try:
+            changed = stat(self._cache).st_mtime_ns  # noqa: PTH116 (tests replace os.stat, which Path.stat calls)
+            if IN_BATCH in os.environ or changed == self._changed:
+                return set()
+            self._changed = changed
+            return {entry.name[:-3] for entry in scandir(self._cache) if entry.name.endswith(".so")}
+        except OSError:  # there is no cache yet
             return set()
-        return {entry.name[:-3] for entry in os.scandir(self._cache) if entry.name.endswith(".so")}
 
     def _write(self, line: dict[str, Any]) -> None:
         print(json.dumps(line), file=self._file, flush=True)
