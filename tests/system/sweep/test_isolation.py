@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from helpers.command_line import BLOCK, ROOT, Started, hpcinv
+from helpers.command_line import BLOCK, ROOT, Started, hpcinv, hpcinv_here
 from helpers.sweeps import records_of, write_sweep
 
 from hpcinv.batch.ledger.holder import Holder
@@ -144,7 +144,7 @@ def test_cases_that_take_too_long_are_reported_and_all_others_are_solved(tmp_pat
     assert ended.stdout.count("and did not stop: its process was killed") == 2
     assert "4 × took longer than its limit of 2.0 s" in ended.stdout
     assert time.monotonic() - begun < 100
-    retried = hpcinv(1, "sweep", "retry", "--failed", sweep, cwd=tmp_path)
+    retried = hpcinv_here("sweep", "retry", "--failed", sweep, cwd=tmp_path)
     assert "4 failed cases are open again" in retried.stdout
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from helpers.command_line import PATIENCE, ROOT, Started, hpcinv
+from helpers.command_line import PATIENCE, ROOT, Started, hpcinv, hpcinv_here
 from helpers.sweeps import BLOCK, records_of, write_sweep
 
 from hpcinv.batch.ledger import liveness
@@ -70,7 +70,7 @@ def test_every_case_is_solved_once_whatever_the_ranks(ranks: int, per_case: int,
         assert record is not None
         assert record.statistics["machine"]["ranks"] == per_case
     assert not list(tmp_path.glob("store/cases/*/*/run-*"))
-    again = hpcinv(ranks, "sweep", "run", sweep, cwd=tmp_path)
+    again = hpcinv_here("sweep", "run", sweep, cwd=tmp_path)
     assert again.returncode == 0
     assert not re.findall(r"(?<!first: )case \d", again.stdout)
     assert records_of(sweep) == records
@@ -101,10 +101,10 @@ def test_a_case_that_fails_is_reported_and_the_others_go_on(tmp_path: Path) -> N
     assert "load factor" in failed.status
     assert failed.advice
     assert failed.statistics["status"] in ended.stdout
-    again = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
+    again = hpcinv_here("sweep", "run", sweep, cwd=tmp_path)
     assert again.returncode == 3
     assert not re.findall(r"(?<!first: )case \d", again.stdout)
-    retried = hpcinv(1, "sweep", "retry", "--failed", sweep, cwd=tmp_path)
+    retried = hpcinv_here("sweep", "retry", "--failed", sweep, cwd=tmp_path)
     assert "1 failed case is open again" in retried.stdout
     again = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
     assert re.findall(r"(?<!first: )case (\d+), ", again.stdout) == ["1"]
@@ -233,7 +233,7 @@ def test_the_case_of_a_vanished_node_is_taken_over_after_the_lease(tmp_path: Pat
     record = records_of(sweep)[3]
     assert record is not None
     assert record.attempts == 2
-    refused = hpcinv(1, "sweep", "run", sweep, "--lease", 5, cwd=tmp_path)
+    refused = hpcinv_here("sweep", "run", sweep, "--lease", 5, cwd=tmp_path)
     assert refused.returncode == 2
     assert "must be 15 or more" in refused.stderr
 
@@ -328,7 +328,7 @@ def test_a_store_that_cannot_be_one_is_refused(tmp_path: Path) -> None:
     (tmp_path / "store" / "letter.txt").unlink()
     (tmp_path / "store").rmdir()
     (tmp_path / "store").write_text("")
-    assert hpcinv(1, "sweep", "run", sweep, cwd=tmp_path).returncode == 2
+    assert hpcinv_here("sweep", "run", sweep, cwd=tmp_path).returncode == 2
 
 
 def test_kills_at_random_moments_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
