@@ -84,6 +84,9 @@ def main() -> int:
         directory = (options.show or options.into or Path(temporary)).absolute()
         directory.mkdir(parents=True, exist_ok=True)
         code = 0 if options.show else record(directory, options.cold, arguments)
+        if not any(directory.glob("*.jsonl")):
+            print(f"no records in {directory}", file=sys.stderr)
+            return code or 2
         over = report(directory, options.rows)
     if not arguments and not options.show and over:
         print(f"more processor time than the budget: {', '.join(over)}. Shorten the tests.", file=sys.stderr)

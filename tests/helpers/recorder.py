@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from os import scandir, stat, times  # as they are: tests replace them in their modules
 from pathlib import Path
 from time import monotonic, process_time
@@ -75,19 +76,20 @@ class Recorder:
         try:
             return (yield)
         finally:
-            ended_own, ended_children = cpu()
-            cached = self._cached()
-            line: dict[str, Any] = {"test": test, "phase": phase, "wall": monotonic() - wall}
-            line |= {"self": ended_own - own, "compiling": self._compiling - compiling}
-            # The ranks of a batch record their tests themselves.
-            is_in_batch = test in self._in_batches and len(self._in_batches[test].tests) > 1
-            line |= {"children": 0.0 if is_in_batch else ended_children - children}
-            line |= {"compiled": self._compiled, "seen": sorted(cached - self._kernels - set(self._compiled))}
-            self._write(line)
-            self._kernels, self._compiled = self._kernels | cached, []
-            if monotonic() - self._referred > BETWEEN:
-                self._write({"reference": reference()})
-                self._referred = monotonic()
+            with suppress(Exception):  # whatever a test has replaced: its record is missing, and it does not fail
+                ended_own, ended_children = cpu()
+                cached = self._cached()
+                line: dict[str, Any] = {"test": test, "phase": phase, "wall": monotonic() - wall}
+                line |= {"self": ended_own - own, "compiling": self._compiling - compiling}
+                # The ranks of a batch record their tests themselves.
+                is_in_batch = test in self._in_batches and len(self._in_batches[test].tests) > 1
+                line |= {"children": 0.0 if is_in_batch else ended_children - children}
+                line |= {"compiled": self._compiled, "seen": sorted(cached - self._kernels - set(self._compiled))}
+                self._write(line)
+                self._kernels, self._compiled = self._kernels | cached, []
+                if monotonic() - self._referred > BETWEEN:
+                    self._write({"reference": reference()})
+                    self._referred = monotonic()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> Iterator[None]:
