@@ -50,7 +50,7 @@ COMMANDS = {
     "effectivity": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2",
     "effectivity-singular": "python benchmarks/effectivity.py --bodies corner cantilever slot --divisions 1"
     " --displacement 2 3",
-    "promises": "python benchmarks/promises.py",
+    "promises": "python benchmarks/promises.py --levels 3 1 0.3",
     "effectivity-layers": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2"
     ' --bodies "layered sphere" "grown layers"',
     "cavities": "mpirun -n 1 python benchmarks/cavities.py",
