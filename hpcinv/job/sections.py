@@ -694,13 +694,23 @@ class Support(Spec):
         return [*sorted(self.held), *(["normal"] if self.slides else [])]
 
     def numbers(self) -> dict[KeyPath, Number | str]:
-        """The constants of the formulas by place; constants of a surface do not vary."""
+        """The constants of the formulas, or the numbers of a motion, by place; constants of a surface do not vary."""
         if self.surface is not None:
             return {}
+        if self.motion is not None:
+            vectors = (("about", self.motion.about), ("move", self.motion.move))
+            numbers: dict[KeyPath, Number | str] = {("motion", "rotate"): Number(self.motion.rotate, Dimension())}
+            for key, vector in vectors:
+                numbers |= {("motion", key, i): Number(x, LENGTH) for i, x in enumerate(vector)}
+            return numbers
         return {("constants", name): Number(value, None) for name, value in self.constants.items()}
 
     def number_replaced(self, place: KeyPath, number: float) -> Self:
-        """A copy with another constant (SI) at one of the places of `numbers`."""
+        """A copy with another number (SI) at one of the places of `numbers`."""
+        if self.motion is not None:
+            key = str(place[1])
+            moved = replace_scalar(getattr(self.motion, key), place[2:], number)
+            return self.model_copy(update={"motion": self.motion.model_copy(update={key: moved})})
         return self.model_copy(update={"constants": replace_scalar(self.constants, place[1:], number)})
 
     def _contradictions(self, info: ValidationInfo) -> Faults:

@@ -9,9 +9,10 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import entities_to_geometry
 
+from hpcinv.effects import Direction
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.job import Job
-from hpcinv.job.sections import AXES, Support
+from hpcinv.job.sections import AXES, Motion, Support
 from hpcinv.kinematics.rigid_motion import RigidMotion
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
@@ -204,8 +205,7 @@ class Supports:
             if spec.remote is not None:
                 entry.full[:] = 0.0
             elif spec.motion is not None:
-                motion = RigidMotion(spec.motion.rotate, spec.motion.axis, spec.motion.about, spec.motion.move)
-                moved = motion.displacement(entry.points * self._length, job.directions[0])
+                moved = _moved(spec.motion, entry.points * self._length, job.directions[0])
                 entry.full[entry.nodes] = moved[:, entry.axis] / self._length
             elif spec.displacement and (formula := spec.displacement[entry.axis]) is not None:
                 entry.full[entry.nodes] = _values(spec, formula, entry.points * self._length) / self._length
@@ -235,21 +235,23 @@ class Supports:
                 "Let the regions share no node, or prescribe a motion along the surface.",
             )
 
-    def rates(self, number: int, variant: Callable[[float], Support], value: float) -> list[Floats]:
+    def rates(
+        self, number: int, variant: Callable[[float], Support], value: float, direction: Direction
+    ) -> list[Floats]:
         """Return derivatives of the displacements at full load, on the mesh at its given coordinates.
 
         Args:
             variant: the support of this number as a function of a parameter.
             value: value of the parameter at which to differentiate.
+            direction: of the solve.
         """
         step, changes = step_at(value), []
         specs = [variant(value + k * step) for k in POINTS]
         for entry in self.prescribed:
             rate = np.zeros_like(entry.full)
-            formulas = [spec.displacement and spec.displacement[entry.axis] for spec in specs]
-            if entry.support == number and formulas[0] is not None:
+            if entry.support == number:
                 points = entry.points * self._length
-                values = [_values(spec, f, points) for spec, f in zip(specs, formulas, strict=True) if f is not None]
+                values = [_prescribed(spec, entry.axis, points, direction) for spec in specs]
                 rate[entry.nodes] = central_difference(values, step) / self._length
             changes.append(rate)
         return changes
@@ -413,6 +415,19 @@ def _surface_nodes(space: fem.FunctionSpace, body: Body) -> npt.NDArray[np.int32
     height = source.shell.surface_level / 2 - layer
     is_there = np.abs(points[None, :, 2] - height[:, None]) < 1e-9
     return np.unique(space.dofmap.list[is_there])
+
+
+def _prescribed(spec: Support, axis: int, points: Floats, direction: Direction) -> Floats:
+    """Return a component of the displacement (m) that a support prescribes at ``points`` (n, 3) m."""
+    if spec.motion is not None:
+        return np.asarray(_moved(spec.motion, points, direction)[:, axis])
+    formula = spec.displacement and spec.displacement[axis]
+    return np.zeros(len(points)) if formula is None else np.broadcast_to(_values(spec, formula, points), len(points))
+
+
+def _moved(motion: Motion, points: Floats, direction: Direction) -> Floats:
+    """Return the displacements (n, 3) m of a rigid motion at ``points`` (n, 3) m."""
+    return RigidMotion(motion.rotate, motion.axis, motion.about, motion.move).displacement(points, direction)
 
 
 def _values(spec: Support, formula: Expression, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -217,7 +217,8 @@ def _prescribed(equations: Equations, parameter: Parameter) -> list[Floats]:
     owner = parameter.owner
     assert isinstance(owner, Support)
     number = equations.job.supports.index(owner)
-    return equations.supports.rates(number, partial(owner.number_replaced, parameter.place), parameter.value)
+    replaced, direction = partial(owner.number_replaced, parameter.place), equations.job.directions[0]
+    return equations.supports.rates(number, replaced, parameter.value, direction)
 
 
 def _reference(
