@@ -16,12 +16,10 @@ from hpcinv.cards.abaqus_supports import Supports, motion_of
 from hpcinv.cards.card import CardError, number
 from hpcinv.cards.deck import Measure, NodalForces, RigidRegion
 from hpcinv.reading.abaqus_keywords import Keyword
-from hpcinv.reading.single_conditions import force_groups, pressed_groups
-from hpcinv.reading.standing_conditions import NewConditions, Standing, vectors
+from hpcinv.reading.single_conditions import AXES, force_groups, pressed_groups
+from hpcinv.reading.standing_conditions import COMPONENTS, NewConditions, Standing, vectors
 
 _PRESSED = re.compile(r"P[1-6]")
-_AXES = ("x", "y", "z", "rx", "ry", "rz")
-_COMPONENTS = ("1", "2", "3", "4", "5", "6")
 
 type _Load = tuple[str, str, str, tuple[float, ...]]
 """keyword, set, kind, and direction or axis"""
@@ -194,7 +192,7 @@ class PointLoads:
     def _read_line(self, line: list[str], step: int, scaled: Callable[[float], float]) -> None:
         component = line[1] if len(line) > 1 else ""
         reference = self._file.couplings.reference(line[0])
-        if component not in _COMPONENTS or (component > "3" and not self._file.is_shell and reference is None):
+        if component not in COMPONENTS or (component > "3" and not self._file.is_shell and reference is None):
             self._deck.unused.append(f"*CLOAD, {', '.join(line)}")
             return
         size = number(line[2] or "0", "*CLOAD") if len(line) > 2 else 0.0
@@ -323,9 +321,7 @@ class PointLoads:
         """Add the motion of a reference node that is held."""
         coupling = self._file.couplings.of(node)
         section = motion_of(self._file.couplings.position(node), held, coupling)
-        free = [
-            axis for place, axis in enumerate(("x", "y", "z", "rx", "ry", "rz")) if loads[place] and axis not in held
-        ]
+        free = [axis for place, axis in enumerate(AXES) if loads[place] and axis not in held]
         if section is None or free:
             text = "since its node {} is held along {}: state a 'motion', which has all components"
             loaded = " and its load" if any(loads) else ""

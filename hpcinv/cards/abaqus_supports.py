@@ -12,11 +12,10 @@ from hpcinv.cards.abaqus_transform import TransformAxes
 from hpcinv.cards.card import CardError
 from hpcinv.cards.deck import Measure
 from hpcinv.reading.abaqus_keywords import Keyword
-from hpcinv.reading.single_conditions import held_axes, held_groups
+from hpcinv.reading.single_conditions import AXES, held_axes, held_groups
 from hpcinv.reading.standing_conditions import NewConditions, Standing, by_axis
 
 _SPECIAL = ("FIXED", "USER", "SUBMODEL")
-_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 _LARGEST_TURN = 90.0
 """degrees of a rigid motion that a job may have"""
 
@@ -55,7 +54,7 @@ class Supports:
     def _read_line(self, line: list[str], step: int, amplitude: Amplitude) -> None:
         """Read a line of data; ``ValueError`` if it is damaged."""
         name, *entries = line
-        if entries[0].isdigit() and int(entries[0]) > len(_COMPONENTS):
+        if entries[0].isdigit() and int(entries[0]) > len(AXES):
             self._deck.unused.append(f"*BOUNDARY of component {entries[0]}, such as a temperature, on '{name}'")
         if (reference := self._file.couplings.reference(name)) is not None:
             node, is_turned = reference
@@ -158,7 +157,7 @@ def motion_of(position: Collection[float], held: Mapping[str, float], coupling: 
     Args:
         held: displacements and rotations (radians) by axis, ``x`` to ``rz``.
     """
-    if coupling.kind == SPREAD or held.keys() != {*_COMPONENTS}:
+    if coupling.kind == SPREAD or held.keys() != {*AXES}:
         return None
     move, turn = [held[axis] for axis in "xyz"], [held[f"r{axis}"] for axis in "xyz"]
     angle = hypot(*turn)

@@ -10,10 +10,10 @@ type Forces = Mapping[int, tuple[float, float, float]]
 type Held = Mapping[str, Mapping[int, float]]
 type Pressed = Mapping[tuple[int, int], float]
 
-_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+AXES = ("x", "y", "z", "rx", "ry", "rz")
 """displacements and rotations, in the order of their numbers"""
 _NAMED = {
-    "ENCASTRE": _COMPONENTS,
+    "ENCASTRE": AXES,
     "PINNED": ("x", "y", "z"),
     "XSYMM": ("x", "ry", "rz"),
     "YSYMM": ("y", "rx", "rz"),
@@ -89,7 +89,7 @@ def held_axes(entries: Sequence[str], *, has_rotations: bool = False) -> dict[st
     Raises:
         ValueError: these are neither numbers nor a named condition.
     """
-    components = _COMPONENTS if has_rotations else _COMPONENTS[:3]
+    components = AXES if has_rotations else AXES[:3]
     if entries[0].upper() in _NAMED:
         return {name: 0.0 for name in _NAMED[entries[0].upper()] if name in components}
     first = last = fortran_number(entries[0])

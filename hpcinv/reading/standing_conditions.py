@@ -13,7 +13,7 @@ from hpcinv.reading.single_conditions import fortran_number, held_axes
 
 PRESSED = re.compile(r"P([1-6]?)", re.IGNORECASE)
 EDGE_LOAD = re.compile(r"EDNOR([1-4])", re.IGNORECASE)
-_COMPONENTS = ("1", "2", "3", "4", "5", "6")
+COMPONENTS = ("1", "2", "3", "4", "5", "6")
 
 
 class Value(NamedTuple):
@@ -115,7 +115,7 @@ class SingleConditions:
                 self.held.put((axis, tag), step, value, scaled(value))
             return True
         size = fortran_number(row[2] or "0") if len(row) > 2 else 0.0
-        if keyword == "CLOAD" and kind in _COMPONENTS:
+        if keyword == "CLOAD" and kind in COMPONENTS:
             place = int(kind) - 1
             (self.moments if place > 2 else self.forces).put((tag, place % 3), step, size, scaled(size))
         elif keyword == "DLOAD" and (match := PRESSED.fullmatch(kind)):
