@@ -211,7 +211,8 @@ def _children(parent: int) -> list[int]:
 
 def _is_alive(process: int) -> bool:
     try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+        has_ended = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] in "ZX"
+        return not has_ended or len(list(Path(f"/proc/{process}/task").iterdir())) > 1  # threads keep its files open
     except OSError:  # it has ended
         return False
 

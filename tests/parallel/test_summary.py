@@ -16,6 +16,7 @@ from helpers.solutions import made_up
 from helpers.verification import HERE
 
 from hpcinv.certificate import Certificate, Estimate, skipped, upper_bound_line
+from hpcinv.certificate.layer_errors import LayerError
 from hpcinv.errors import OutputError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job, parse
@@ -67,7 +68,8 @@ def result(comm: MPI.Intracomm) -> Result:
     certificate = Certificate(
         (upper_bound_line("residual", np.float64(1e-9), 1e-8, 1e-6), skipped("overlap", "switched off"))
     )
-    estimate = Estimate({"volume": 0.1}, {"volume": 2.6}, 1e-4, zero(body.mesh.geometry.x[:, 0]), 300)
+    layer = {"volume": LayerError(np.float64(0.02), "by the tractions on its faces")}
+    estimate = Estimate({"volume": 0.1}, {"volume": 2.6}, 1e-4, zero(body.mesh.geometry.x[:, 0]), 300, layer=layer)
     return Result(made, body, solutions, certificate, quantities, {"round_trip": closure}, estimate)
 
 
