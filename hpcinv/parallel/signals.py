@@ -4,6 +4,7 @@ Python calls a handler only after the main thread has returned from a library, w
 mesh. So a thread also waits for signals: it ends runs that have nothing to save yet, and interrupted runs.
 """
 
+import math
 import os
 import select
 import signal
@@ -92,18 +93,39 @@ def signals_recorded() -> Iterator[None]:
 
 PATIENCE = 8.0
 """seconds that a check has to stop by itself after a signal; raised, a process may be killed that has 10 s to end"""
-_late_end: Callable[[], None] | None = None
+
+
+class _LateEnd:
+    """Function that ends the process late, and the time at which it is due after a signal."""
+
+    def __init__(self, end: Callable[[], None] | None) -> None:
+        self.end = end
+        self.due = math.inf
+
+    def set_due(self) -> None:
+        self.due = min(self.due, time.monotonic() + PATIENCE)
+
+    def call_if_due(self) -> None:
+        if time.monotonic() >= self.due:
+            self.due = math.inf
+            if self.end is not None:
+                self.end()
+
+
+_late_end = _LateEnd(None)  # of the present context
 
 
 @contextmanager
 def ended_late(end: Callable[[], None] | None) -> Iterator[None]:
     """Context in which ``end`` is called some seconds after SIGTERM or SIGUSR1, by the thread that waits for signals.
 
+    Only signals within the context count, and ``end`` is not called after it.
+
     Args:
         end: must end the process, while the main thread is in a library; ``None`` never ends it.
     """
     global _late_end
-    kept_end, _late_end = _late_end, end
+    kept_end, _late_end = _late_end, _LateEnd(end)
     try:
         yield
     finally:
@@ -123,19 +145,17 @@ def _watch() -> None:
 
 def _wait_for_signals(read_end: int) -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())  # signals go to the main thread
-    due: float | None = None
     while True:
-        left = None if due is None else max(0.0, due - time.monotonic())
+        late_end = _late_end
+        left = None if late_end.due == math.inf else max(0.0, late_end.due - time.monotonic())
         if not select.select([read_end], [], [], left)[0]:
-            due = None
-            if _late_end is not None:
-                _late_end()
+            _late_end.call_if_due()
             continue
         if not (received := os.read(read_end, 1)):
             return
-        time.sleep(_GRACE)
         if received[0] in ASK_TO_STOP:
-            due = due or time.monotonic() + PATIENCE
+            _late_end.set_due()
+        time.sleep(_GRACE)
         if received[0] == signal.SIGINT:
             if _interrupt is not None:
                 _interrupt()
