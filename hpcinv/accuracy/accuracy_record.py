@@ -89,12 +89,14 @@ class AccuracyRecord:
     Attributes:
         chosen: number of the step whose result is returned, from 0.
         bounds: estimated errors of that step times safety factors.
+        certain: errors of that step that are certain, as in `Assessment`.
     """
 
     demands: Mapping[str, float]
     rows: Sequence[AccuracyStep]
     chosen: int
     bounds: Mapping[str, float]
+    certain: Mapping[str, float]
     ending: Ending
     seconds: float
 
@@ -117,12 +119,16 @@ class AccuracyRecord:
         ]
 
     def _line(self, name: str, demand: float, unit: str, symbols: Mapping[str, str]) -> Line:
-        met = self.bounds[name] <= demand
-        rule = f"fail above {as_shown(demand, unit, symbols)}, which accuracy.{name} demands"
-        note = "" if met else f"{self.ending.text}: {self.ending.advice}"
-        row = self.rows[self.chosen]
-        note = "; ".join(text for text in ((note + row.left_out).removeprefix(", "), row.limit) if text)
-        return Line(f"error of {name}", self.bounds[name], unit, rule, Verdict.PASS if met else Verdict.FAIL, note)
+        bound, row, allowed = self.bounds[name], self.rows[self.chosen], as_shown(demand, unit, symbols)
+        rule = f"pass up to {allowed}, which accuracy.{name} demands; fail if half the estimate is larger"
+        verdict, texts = Verdict.PASS, list[str]()
+        if not bound <= demand:
+            verdict = Verdict.FAIL if self.certain[name] > demand else Verdict.UNDECIDED
+            if (error := row.errors.get(name)) is not None:
+                texts.append(f"estimated as {as_shown(error, unit, symbols, 3)}")
+            texts.append(f"{self.ending.text}: {self.ending.advice}")
+        note = "; ".join(filter(None, [("; ".join(texts) + row.left_out).removeprefix(", "), row.limit]))
+        return Line(f"error of {name}", bound, unit, rule, verdict, note)
 
     def as_data(self) -> dict[str, Any]:
         data = asdict(self)

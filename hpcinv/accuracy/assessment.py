@@ -71,6 +71,7 @@ class Assessment:
         demands: largest errors that the job allows.
         least: smallest errors that the last change of the values allows.
         layer: errors that the layer of a shell leaves on any mesh.
+        certain: errors that are there unless a richer discretisation is less accurate.
     """
 
     errors: Mapping[str, float]
@@ -78,6 +79,7 @@ class Assessment:
     demands: Mapping[str, float]
     least: Mapping[str, float] = field(default_factory=dict)
     layer: Mapping[str, float] = field(default_factory=dict)
+    certain: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def bounds(self) -> dict[str, float]:
@@ -112,13 +114,14 @@ def assess(
         unseen_order: order of the errors that an estimate on one mesh does not contain; ``None`` if there are none.
         layer: as in `Assessment`.
     """
-    errors, safety, least = {}, {}, {}
+    errors, safety, least, certain = {}, {}, {}, {}
     for name, demand in demands.items():
         last = findings[-1]
         errors[name] = distance(last.corrected[name], last.values[name]) + _unseen(findings, name, unseen_order)
         safety[name] = _safety(findings, name, demand, previous)
         least[name] = _least(findings, name, previous)
-    return Assessment(errors, safety, demands, least, layer)
+        certain[name] = _certain(findings, name)
+    return Assessment(errors, safety, demands, least, layer, certain)
 
 
 def hindsight(findings: Sequence[Finding], demands: Mapping[str, float]) -> list[float]:
@@ -170,6 +173,20 @@ def _least(findings: Sequence[Finding], name: str, previous: Assessment | None) 
     # A small change may be an accident where errors nearly cancel.
     known = previous.least.get(name, 0.0)
     return least if last.is_reliable or not math.isfinite(known) else max(least, last.ratio * known)
+
+
+def _certain(findings: Sequence[Finding], name: str) -> float:
+    """Return half the estimate, or less where the estimate before was too large.
+
+    A corrected value that is at least as accurate is not farther from the value than twice its error.
+    """
+    *_, last = findings
+    half = distance(last.corrected[name], last.values[name]) / 2
+    if len(findings) < 2:
+        return half
+    earlier = findings[-2]
+    estimated, actual = (distance(f.corrected[name], earlier.values[name]) for f in (earlier, last))
+    return half * min(1.0, actual / estimated) if estimated > 0 else half
 
 
 def _ratio_of_changes(findings: Sequence[Finding], name: str) -> float:

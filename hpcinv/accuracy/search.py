@@ -123,8 +123,8 @@ class Search:
         except Stopped:  # what an earlier mesh gave is written
             ending = Ending.STOPPED
         seconds = time.perf_counter() - begin
-        bounds = self.promise.bounds
-        return AccuracyRecord(self.job.accuracy, self.rows, self.chosen, bounds, ending, seconds), self.best
+        bounds, certain = self.promise.bounds, self.promise.certain
+        return AccuracyRecord(self.job.accuracy, self.rows, self.chosen, bounds, certain, ending, seconds), self.best
 
     def _curved(self, body: Body) -> Body:
         """Return the job's mesh with curved cells, if it may have them and none is inside out."""

@@ -232,14 +232,46 @@ def test_errors_of_vectors_are_lengths() -> None:
 @pytest.mark.parametrize("left_out", ["", ", the error of the geometry is not included"])
 def test_the_certificate_names_the_demand_that_is_not_met(left_out: str) -> None:
     step = AccuracyStep("as it is", 48, 2, 375, {}, {}, {}, None, left_out, 3, 1.0)
-    record = AccuracyRecord({"a": 1.0, "b": 1.0}, [step], 0, {"a": 0.5, "b": math.inf}, Ending.LIMIT, 1.0)
+    bounds, certain = {"a": 0.5, "b": math.inf}, {"a": 0.1, "b": 1.2}
+    record = AccuracyRecord({"a": 1.0, "b": 1.0}, [step], 0, bounds, certain, Ending.LIMIT, 1.0)
     met, missed = record.lines({"a": "m"}, {"m": "mm"})
-    assert (met.value, met.unit, met.rule) == (0.5, "m", "fail above 1000 mm, which accuracy.a demands")
+    rule = "pass up to 1000 mm, which accuracy.a demands; fail if half the estimate is larger"
+    assert (met.value, met.unit, met.rule) == (0.5, "m", rule)
     assert (met.verdict, met.note) == (Verdict.PASS, left_out.removeprefix(", "))
     assert missed.verdict is Verdict.FAIL
     assert "not met" in missed.note
     assert missed.note.endswith(left_out)
     assert "solver.maximum_unknowns" in missed.note
+
+
+def test_a_demand_that_only_safety_factors_exceed_is_not_decided() -> None:
+    """Contact within a sphere: the bound exceeds the demand, the estimate does not; then it is far above."""
+    for error, expected in ((0.8e-4, Verdict.UNDECIDED), (1.9e-4, Verdict.UNDECIDED), (2.1e-4, Verdict.FAIL)):
+        finding = Finding(0, 1.0, 2, {"q": 1.0}, {"q": 1.0 + error})
+        made = assess([finding], {"q": 1e-4}, None)
+        step = AccuracyStep("as it is", 48, 2, 375, {}, made.errors, made.bounds, made.excess, "", 3, 1.0)
+        record = AccuracyRecord({"q": 1e-4}, [step], 0, made.bounds, made.certain, Ending.LIMIT, 1.0)
+        (line,) = record.lines({"q": "m"}, {"m": "mm"})
+        assert made.excess > 1
+        assert line.verdict is expected
+        assert line.note.startswith(f"estimated as {error * 1e3:.3g} mm; not met: ")
+
+
+def test_an_estimate_that_was_too_large_before_makes_no_failure_certain() -> None:
+    """The richer discretisation was nearer than the estimate; the present estimate may be too large as well."""
+    trials = [Finding(0, 1.0, 2, {"q": 1.0}, {"q": 2.0}), Finding(0, 1.0, 3, {"q": 1.01}, {"q": 1.02})]
+    alone, after = judged(trials, None)
+    assert alone.certain["q"] == pytest.approx(0.5)
+    assert after.certain["q"] == pytest.approx(0.005 * 0.02)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_no_failure_is_certain_above_the_error(side: int) -> None:
+    """Values of a richer discretisation on both sides of the true value, 1, which are not less accurate."""
+    for richer in np.linspace(-1, 1, 9):
+        error = 0.3 * side
+        trial = Finding(0, 1.0, 2, {"q": 1 + error}, {"q": 1 + richer * error})
+        assert assess([trial], {"q": 1e-3}, None).certain["q"] <= abs(error) * (1 + 1e-12)
 
 
 def test_an_estimate_that_falls_faster_than_its_value_changes_is_not_believed() -> None:
@@ -322,7 +354,8 @@ def test_errors_of_a_layer_enter_the_bound() -> None:
 @pytest.mark.parametrize("name", JUDGES_OF_MESHES)
 def test_a_certificate_that_doubts_the_mesh_leaves_a_promise_undecided(name: str) -> None:
     step = AccuracyStep("as it is", 48, 2, 375, {}, {}, {}, None, "", 3, 1.0)
-    record = AccuracyRecord({"a": 1.0, "b": 1.0}, [step], 0, {"a": 0.5, "b": 2.0}, Ending.LIMIT, 1.0)
+    bounds, certain = {"a": 0.5, "b": 4.0}, {"a": 0.1, "b": 1.2}
+    record = AccuracyRecord({"a": 1.0, "b": 1.0}, [step], 0, bounds, certain, Ending.LIMIT, 1.0)
     doubt = Line(name, 0.08, "", "warning above 0.05", Verdict.WARN)
     met, missed = record.lines({}, {}, [doubt])
     assert (met.verdict, missed.verdict) == (Verdict.UNDECIDED, Verdict.FAIL)
