@@ -1,21 +1,24 @@
-"""Blocks of pages, typed in a shell with the `hpcinv`, `python` and `mpirun` of the tests."""
+"""Blocks of pages, typed in a shell with the `hpcinv`, `python` and `mpirun` of the tests, or run by this process."""
 
 from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from helpers.command_line import MPIRUN, environment
+from helpers.command_line import MPIRUN, environment, hpcinv_here
 
 PROGRAMS = os.pathsep.join([str(Path(sys.executable).parent), str(MPIRUN.parent)])
 
 BLOCKS = re.compile(
     r"^(?P<marks>(?:<!-- (?:not typed|file): [^\n]*? -->\n)*)```(?P<language>sh|python)\n(?P<text>.*?)^```", re.M | re.S
 )
+COMMAND = re.compile(r"(?:mpirun -n \d+ )?(?:python -m )?hpcinv (?P<arguments>[^|&;<>$`*]*)")
+"""A command without features of the shell."""
 FILES = re.compile(r"^<!-- file: (\S+) -->\n```\w+\n(.*?)^```", re.M | re.S)
 
 
@@ -45,3 +48,12 @@ def type_in(line: str, directory: Path, *, ends: int = 0) -> None:
     settings["PATH"] = os.pathsep.join([PROGRAMS, os.environ["PATH"]])
     ended = subprocess.run(line, shell=True, cwd=directory, env=settings, capture_output=True, text=True, timeout=1800)
     assert ended.returncode == ends, f"{line}\n{ended.stdout[-2000:]}\n{ended.stderr[-2000:]}"
+
+
+def run_line(line: str, directory: Path) -> None:
+    """Run a command of hpcinv in this process, on one rank, and type any other line; it must end with exit code 0."""
+    if command := COMMAND.fullmatch(line):
+        ended = hpcinv_here(*shlex.split(command["arguments"], comments=True), cwd=directory)
+        assert ended.returncode == 0, f"{line}\n{ended.stdout[-2000:]}\n{ended.stderr[-2000:]}"
+    else:
+        type_in(line, directory)

@@ -1,7 +1,8 @@
 """Shell and Python blocks of README, first pages and guides, typed where the files are that a reader has.
 
-Numbers of ranks, parts and cells are made smaller. A page says above a block which of its commands are not typed here,
-and why: ``<!-- not typed: PATTERN, REASON -->``; the pattern is a regular expression.
+Short pages run their commands in the process of the test. Numbers of ranks, parts and cells are made smaller. A page
+says above a block which of its commands are not typed here, and why: ``<!-- not typed: PATTERN, REASON -->``; the
+pattern is a regular expression.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import pytest
 import pyvista
 import yaml
 from helpers.command_line import BLOCK, ROOT, write_job
-from helpers.typed import blocks, files, type_in
+from helpers.typed import blocks, files, run_line, type_in
 
 OTHERS = [*(ROOT / "docs").glob("tutorials/*.md"), ROOT / "docs/start/your-own-mesh.md", ROOT / "docs/reference/api.md"]
 PAGES = [ROOT / "README.md", *sorted(set((ROOT / "docs").glob("*/*.md")) - set(OTHERS))]
@@ -141,8 +142,9 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_commands_of_a_page_run(page: Path, prepared: Path, tmp_path: Path) -> None:
     directory = tmp_path / "reader"
     shutil.copytree(prepared, directory, symlinks=True)
+    typed = type_in if page.name in LONG else run_line
     for line in BEFORE.get(page.name, ()):
-        type_in(line, directory)
+        typed(line, directory)
     for name, text in files(page).items():
         (directory / name).write_text(text)
     for language, text in blocks(page):
@@ -151,7 +153,7 @@ def test_commands_of_a_page_run(page: Path, prepared: Path, tmp_path: Path) -> N
             type_in("python typed.py", directory)
         for line in text.splitlines() if language == "sh" else ():
             if line and not line.startswith("#"):
-                type_in(smaller(line), directory)
+                typed(smaller(line), directory)
 
 
 @pytest.mark.release  # twenty minutes

@@ -1,4 +1,7 @@
-"""Commands of the tutorials, typed in a directory with the project's jobs and meshes, and the files that a page has."""
+"""Commands of the tutorials, where the project's jobs and meshes are, and the files that a page has.
+
+Each day they run in the process of the test, with fewer cells and a quick certificate.
+"""
 
 import json
 import re
@@ -6,12 +9,13 @@ import shutil
 from pathlib import Path
 
 import pytest
-from helpers.typed import files, type_in
+from helpers.typed import files, run_line, type_in
 
 ROOT = Path(__file__).parents[2]
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 WITHOUT_SOLVE = re.compile(r"^sed | segmentation.py$| hpcinv (validate|sweep (plan|submit)) ")
 SHORT = {"silicone-beam"}  # others take minutes
+QUICKLY = re.compile(r" run (?!--certificate)(?=(jobs/pdms-beam|job).yaml)")
 OWN_MESH = ROOT / "docs" / "start" / "your-own-mesh.md"
 of_every_tutorial = pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
 
@@ -28,12 +32,15 @@ def directory(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def type_all(page: Path, directory: Path, those: re.Pattern[str]) -> None:
+def type_all(page: Path, directory: Path, those: re.Pattern[str], *, daily: bool = True) -> None:
     for name, text in files(page).items():
         (directory / name).write_text(text)
     for line in commands(page):
         if those.search(line):
-            type_in(line, directory)
+            if daily:
+                run_line(QUICKLY.sub(" run --certificate quick ", line.replace('"8 mm"', '"12 mm"')), directory)
+            else:
+                type_in(line, directory)
 
 
 @of_every_tutorial
@@ -47,12 +54,14 @@ def test_commands_without_a_solve(page: Path, directory: Path) -> None:
 )
 def test_whole_tutorials(page: Path, directory: Path) -> None:
     assert commands(page)
-    type_all(page, directory, re.compile(""))
+    type_all(page, directory, re.compile(""), daily=page.stem in SHORT)
 
 
-def test_the_way_from_a_surface_to_a_report(directory: Path) -> None:
+@pytest.mark.everyday("True")
+@pytest.mark.parametrize("daily", [True, False])
+def test_the_way_from_a_surface_to_a_report(daily: bool, directory: Path) -> None:
     """With the ellipsoid of the page."""
-    type_all(OWN_MESH, directory, re.compile(""))
+    type_all(OWN_MESH, directory, re.compile(""), daily=daily)
     assert (directory / "results" / "job" / "report.html").is_file()
     summary = json.loads((directory / "results" / "job" / "summary.json").read_text())
     assert summary["certificate"]["verdict"] == "pass"
