@@ -1,8 +1,11 @@
-"""Signals to real runs between mesh and first iteration, and within the certificate: nothing solved is lost."""
+"""Signals to runs between mesh and first iteration, and within the certificate: nothing solved is lost."""
 
 from __future__ import annotations
 
+import importlib
 import json
+import os
+import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -11,15 +14,15 @@ import pytest
 from helpers.command_line import BLOCK, hpcinv, hpcinv_here, write_job
 from helpers.sweeps import records_of, write_sweep
 
-# One rank sends itself a signal when a function of hpcinv is called, before or after its work.
+# One rank sends itself a signal when a function of hpcinv is called.
 SENDING = """
 import importlib, os, runpy, signal, sys
 
-where, when, rank = {where!r}, {when!r}, {rank}
+where = {where!r}
 
 def send():
     from mpi4py import MPI
-    if MPI.COMM_WORLD.rank == rank:
+    if MPI.COMM_WORLD.rank == 1:
         os.kill(os.getpid(), signal.SIGTERM)
 
 class Finder:
@@ -35,12 +38,8 @@ class Finder:
             function = getattr(module, where.rpartition(".")[2])
 
             def sending(*args, **options):
-                if when == "before":
-                    send()
-                found = function(*args, **options)
-                if when == "after":
-                    send()
-                return found
+                send()
+                return function(*args, **options)
 
             setattr(module, function.__name__, sending)
 
@@ -49,19 +48,6 @@ class Finder:
 
 import importlib.util
 sys.meta_path.insert(0, Finder())
-runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
-"""
-# A solve of the job, rather than of its certificate, is an error.
-NEVER_SOLVING = """
-import runpy
-import hpcinv.parallel.runtime
-import hpcinv.methods.direct_method
-
-def reach(*_, load, **__):
-    assert load == 1.0
-    return []
-
-hpcinv.methods.direct_method.reach = reach
 runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 """
 # A check sends a signal to its own process, and goes on for minutes.
@@ -84,11 +70,24 @@ runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 CERTIFIED: dict[str, Any] = {"certificate": {}, "checkpoint": {"every": 100}}
 
 
-def sending(directory: Path, where: str, *, when: str = "before", rank: int = 1) -> Path:
-    """A script that runs hpcinv and sends SIGTERM to a rank at a call of a function."""
+def sending(directory: Path, where: str) -> Path:
+    """A script that runs hpcinv and sends SIGTERM to the second rank at a call of a function."""
     script = directory / "sends.py"
-    script.write_text(SENDING.format(where=where, when=when, rank=rank))
+    script.write_text(SENDING.format(where=where))
     return script
+
+
+def send_at(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Send SIGTERM to this process at calls of a function, which a command in this process makes."""
+    name = where.rpartition(".")[2]
+    module = importlib.import_module(where.rpartition(".")[0])
+    function = getattr(module, name)
+
+    def send(*arguments: Any, **options: Any) -> Any:
+        os.kill(os.getpid(), signal.SIGTERM)
+        return function(*arguments, **options)
+
+    monkeypatch.setattr(module, name, send)
 
 
 def summary(run: Path) -> dict[str, Any]:
@@ -100,7 +99,7 @@ def summary(run: Path) -> dict[str, Any]:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """Summary of a run that nothing interrupts."""
     place = tmp_path_factory.mktemp("whole")
-    done = hpcinv(2, "run", write_job(place / "job.yaml", BLOCK, **CERTIFIED), "--output", "run", cwd=place)
+    done = hpcinv_here("run", write_job(place / "job.yaml", BLOCK, **CERTIFIED), "--output", "run", cwd=place)
     assert done.returncode == 0, done.stderr
     return summary(place / "run")
 
@@ -108,15 +107,19 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 CHECKS = ["equilibrium_residual", "estimate", "self_overlap", "round_trip", "stability", "ineffective_loads"]
 
 
-@pytest.mark.everyday("estimate", "stability")
-@pytest.mark.parametrize("check", CHECKS)
+@pytest.mark.parametrize(("check", "ranks"), [*((check, 1) for check in CHECKS), ("estimate", 2)])
 def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_again(
-    check: str, whole: dict[str, Any], tmp_path: Path
+    check: str, ranks: int, whole: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The signal comes while the check before, or this one, is made."""
-    job = write_job(tmp_path / "job.yaml", BLOCK, **CERTIFIED)
-    script = sending(tmp_path, f"hpcinv.certificate.certify.{check}")
-    stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script)
+    job, where = write_job(tmp_path / "job.yaml", BLOCK, **CERTIFIED), f"hpcinv.certificate.certify.{check}"
+    if ranks == 1:
+        with monkeypatch.context() as patch:
+            send_at(where, patch)
+            stopped = hpcinv_here("run", job, "--output", "run", cwd=tmp_path)
+    else:
+        script = sending(tmp_path, where)
+        stopped = hpcinv(ranks, "run", job, "--output", "run", cwd=tmp_path, script=script)
     run = tmp_path / "run"
     if check == "ineffective_loads":  # the last one: a complete certificate is kept
         assert stopped.returncode == 0, stopped.stderr
@@ -139,10 +142,11 @@ def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_aga
     assert len([*(run / "checkpoints").iterdir()]) == 1
 
 
-def test_a_signal_in_the_certificate_keeps_both_directions(tmp_path: Path) -> None:
+def test_a_signal_in_the_certificate_keeps_both_directions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     job = write_job(tmp_path / "job.yaml", BLOCK, analysis="round_trip", **CERTIFIED)
-    script = sending(tmp_path, "hpcinv.certificate.certify.self_overlap")
-    stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script)
+    with monkeypatch.context() as patch:
+        send_at("hpcinv.certificate.certify.self_overlap", patch)
+        stopped = hpcinv_here("run", job, "--output", "run", cwd=tmp_path)
     assert stopped.returncode == 75, stopped.stderr
     done = hpcinv_here("resume", "run", "--certificate", "quick", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -168,17 +172,24 @@ def test_a_check_that_goes_on_after_a_signal_is_ended(tmp_path: Path) -> None:
     assert done.stdout.count("  load ") == 0
 
 
-def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_again(tmp_path: Path) -> None:
+def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000]}}], job={**BLOCK, **CERTIFIED})
-    script = sending(tmp_path, "hpcinv.certificate.certify.self_overlap")
-    alone = ["--no-isolation", "--ranks-per-case", "2"]
-    stopped = hpcinv(2, "sweep", "run", sweep, *alone, cwd=tmp_path, script=script)
+    with monkeypatch.context() as patch:
+        send_at("hpcinv.certificate.certify.self_overlap", patch)
+        stopped = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
     assert stopped.returncode == 75, stopped.stdout + stopped.stderr
     assert [*records_of(sweep).values()] == [None]
     (run,) = [path.parent for path in tmp_path.glob("**/checkpoints")]
     assert summary(run)["status"] == "stopped by a signal"
-    script.write_text(NEVER_SOLVING)
-    done = hpcinv(2, "sweep", "run", sweep, *alone, cwd=tmp_path, script=script)
+
+    def reach_nothing(*_: Any, load: float, **__: Any) -> list[Any]:
+        assert load == 1.0  # a solve of the job, rather than of its certificate
+        return []
+
+    monkeypatch.setattr("hpcinv.methods.direct_method.reach", reach_nothing)
+    done = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     (record,) = records_of(sweep).values()
     assert record is not None
@@ -186,19 +197,25 @@ def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_aga
 
 
 @pytest.mark.parametrize("where", ["hpcinv.preparation.check_points", "hpcinv.mesh.body.build_regions"])
-def test_a_signal_before_there_is_a_directory_leaves_none(where: str, tmp_path: Path) -> None:
+def test_a_signal_before_there_is_a_directory_leaves_none(
+    where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     job = write_job(tmp_path / "job.yaml", BLOCK)
-    stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=sending(tmp_path, where))
+    send_at(where, monkeypatch)
+    stopped = hpcinv_here("run", job, "--output", "run", cwd=tmp_path)
     assert stopped.returncode == 75, stopped.stderr
     assert stopped.stderr.count("stopped by a signal before there was anything to save") == 1
     assert "Traceback" not in stopped.stderr
     assert not (tmp_path / "run").exists()
 
 
-def test_a_signal_before_the_solve_leaves_a_run_that_begins_again(tmp_path: Path) -> None:
+def test_a_signal_before_the_solve_leaves_a_run_that_begins_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     job = write_job(tmp_path / "job.yaml", BLOCK)
-    script = sending(tmp_path, "hpcinv.driver.totals_of")
-    stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script)
+    with monkeypatch.context() as patch:
+        send_at("hpcinv.driver.totals_of", patch)
+        stopped = hpcinv_here("run", job, "--output", "run", cwd=tmp_path)
     assert stopped.returncode == 75, stopped.stderr
     assert stopped.stderr.count("at load factor 0; there was no state to save yet") == 1
     content = summary(tmp_path / "run")
