@@ -79,7 +79,7 @@ def test_a_killed_identification_goes_on_when_it_is_started_again(job: Path, tmp
 
 def test_a_job_without_the_section_is_refused(tmp_path: Path) -> None:
     plain = write_job(tmp_path / "plain.yaml", {key: value for key, value in JOB.items() if key != "identify"})
-    ended = hpcinv(1, "identify", plain, cwd=tmp_path)
+    ended = hpcinv_here("identify", plain, cwd=tmp_path)
     assert ended.returncode == 2
     assert ended.stderr == f"{plain}: has no section 'identify', which names parameters and observations\n"
     assert not (tmp_path / "results").exists()

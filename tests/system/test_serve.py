@@ -43,6 +43,7 @@ def post(address: str, data: object) -> tuple[int, dict[str, Any]]:
         return error.code, json.load(error)
 
 
+@pytest.mark.everyday("2")
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_a_client_gets_values_and_derivatives(tmp_path: Path, ranks: int) -> None:
     with served(tmp_path, ranks) as (server, address):
@@ -58,7 +59,7 @@ def test_a_client_gets_values_and_derivatives(tmp_path: Path, ranks: int) -> Non
             below, above = (model([each], {"certificate": "quick"})[0][0] for each in moved)
             slope = model.gradient(0, 0, [point], [1.0, *[0.0] * 6])[number]
             assert slope == pytest.approx((above - below) / (2 * step * point[number]), rel=1e-4)
-        draws = statistics.NormalDist(DENSITY, 30.0).samples(20, seed=1)
+        draws = statistics.NormalDist(DENSITY, 30.0).samples(10, seed=1)
         heights = [model([[x, 10e3]])[0][0] for x in draws]
         assert statistics.stdev(heights) == pytest.approx(
             abs(model.gradient(0, 0, [point], [1.0, *[0.0] * 6])[0]) * statistics.stdev(draws), rel=0.05

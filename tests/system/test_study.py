@@ -671,7 +671,7 @@ def kept(directory: Path) -> dict[Path, tuple[int, bytes]]:
 
 
 def test_stopped_by_a_signal_and_killed_it_goes_on_and_does_nothing_twice(place: Path) -> None:
-    with Started(2, "study", "long.yaml", "--output", "long", cwd=place) as started:
+    with Started(1, "study", "long.yaml", "--output", "long", cwd=place) as started:
         started.wait_for("\n[3/")
         started.send(signal.SIGTERM, started.ranks())
         assert started.exit_code() == 75, started.text
@@ -682,14 +682,14 @@ def test_stopped_by_a_signal_and_killed_it_goes_on_and_does_nothing_twice(place:
     assert f"{len(stopped)} of 1" in started.text
     assert not (place / "long" / "table.csv").exists()
 
-    with Started(2, "study", "long.yaml", "--output", "long", cwd=place) as started:
+    with Started(1, "study", "long.yaml", "--output", "long", cwd=place) as started:
         started.wait_for(f"[{len(stopped) + 2}/")
         started.kill()
     killed = kept(place / "long")
     assert len(stopped) + 2 <= len(killed) < 12
     assert f"{len(stopped)} executions were done before" in started.text
 
-    done = hpcinv(2, "study", "long.yaml", "--output", "long", cwd=place)
+    done = hpcinv_here("study", "long.yaml", "--output", "long", cwd=place)
     assert done.returncode == 0, done.stderr
     assert f"{len(killed)} executions were done before" in done.stdout
     assert done.stdout.count("\n[") == len(kept(place / "long")) - len(killed)
@@ -749,7 +749,7 @@ def test_two_allocations_share_a_study_and_both_show_the_same_table(place: Path)
 def test_a_wrong_study_is_reported_once_and_leaves_nothing(place: Path) -> None:
     wrong = STUDY | {"series": [{"name": "P2", "vary": {"mesh.parameters.nz": [1, "x"]}}]}
     (place / "wrong.yaml").write_text(yaml.safe_dump(wrong))
-    done = hpcinv(2, "study", "wrong.yaml", cwd=place)
+    done = hpcinv_here("study", "wrong.yaml", cwd=place)
     assert done.returncode == 2
     assert done.stderr.count("wrong.yaml: P2, x: mesh.parameters.nz: 'x' is not a number") == 1
     assert not (place / "results" / "wrong").exists()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.command_line import hpcinv
+from helpers.command_line import hpcinv_here
 from helpers.sweeps import BLOCK, write_sweep
 
 from hpcinv.mesh.io.vtu import read_vtu
@@ -29,10 +29,10 @@ def test_a_block_at_small_strain(tmp_path: Path) -> None:
         job=job,
         set={"output": {"mesh": ["vtu"], "unit_warnings": False}},
     )
-    ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+    ended = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
     shape, output = tmp_path / "spread.vtu", tmp_path / "indices.json"
-    ended = hpcinv(1, "sweep", "indices", sweep, "--shape", shape, "--output", output, cwd=tmp_path)
+    ended = hpcinv_here("sweep", "indices", sweep, "--shape", shape, "--output", output, cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
     assert "not decided" not in ended.stdout
 
