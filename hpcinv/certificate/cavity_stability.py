@@ -23,10 +23,9 @@ from hpcinv.certificate.confirmation import assembled, potential_note
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.inertia import SymmetricFactors, factorize_symmetric
 from hpcinv.certificate.unknown_loads_check import judged_with_given_numbers
-from hpcinv.model.cavities import CavityEquation, cavity_equations
-from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.results.solution import Solution
+from hpcinv.results.unknown_numbers import solved_cavities
 from hpcinv.solver.cavity_border import CavityBorder
 from hpcinv.solver.equations import Equations
 
@@ -108,9 +107,7 @@ def _slopes(equations: Equations, forward: ForwardFactors) -> Iterator[Sequence[
     """
     with forward.tangent() as equilibrium:
         system = equilibrium.system
-        cavities = _held_cavities(equations, forward.solution, system.weak_form)
-        for cavity in cavities:
-            cavity.set_pressure(cavity.pressure, 1.0)
+        cavities = solved_cavities(equations, forward.solution, system.weak_form)
         r, column, is_whole = system.position(), system.position(), True
         slopes = [system.position() for _ in cavities]
         system.residual(r)
@@ -127,17 +124,3 @@ def _slopes(equations: Equations, forward: ForwardFactors) -> Iterator[Sequence[
     finally:
         for vector in (r, column, *slopes):
             vector.destroy()
-
-
-def _held_cavities(equations: Equations, solution: Solution, weak_form: WeakForm) -> list[CavityEquation]:
-    """Return the cavities whose pressures were unknown, at the pressures that were found; collective."""
-    reports = {report.name: report for report in solution.cavities}
-    cavities = {
-        name: cavity.model_copy(update={"volume": reports[name].volume}) if name in reports else cavity
-        for name, cavity in solution.job.cavities.items()
-    }
-    job = solution.job.model_copy(update={"cavities": cavities})
-    held = cavity_equations(job, equations.body, weak_form, equations.scales)
-    for cavity in held:
-        cavity.pressure = reports[cavity.name].pressure / equations.scales.stress
-    return held

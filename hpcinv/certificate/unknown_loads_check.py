@@ -13,9 +13,9 @@ from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.limit_point_check import LIMIT_POINTS
 from hpcinv.quantity.units import readable
 from hpcinv.results.solution import Solution
-from hpcinv.solver.bordered_newton import BorderedNewton
+from hpcinv.results.unknown_numbers import solved_motions
+from hpcinv.solver.bordered_solver import BorderedSolver
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.remote_border import RemoteBorder
 
 _WARN, _FAIL = 1e-8, 1e-5
 """Residual of an equation, relative to the larger volume or to the forces on a region; larger ones accept
@@ -45,15 +45,11 @@ def stable_motions(equations: Equations, forward: ForwardFactors) -> Iterator[Li
     """
     solution = forward.solution
     with forward.tangent() as equilibrium:
-        borders = []
-        for load in solution.remote_loads:
-            border = RemoteBorder(equilibrium.system, load.support, load.load, equations.scales)
-            border.recover()
-            borders.append(border)
-        newton = BorderedNewton(equilibrium, borders)
-        stiffness = newton.condensed_tangent(1.0)
-        newton.destroy()
-    if stiffness is None:
+        bordered = BorderedSolver(equilibrium, solved_motions(equations, solution, equilibrium.system))
+        is_solved = bordered.linearise(1.0)
+        stiffness = bordered.condensed
+        bordered.destroy()
+    if not is_solved:
         yield skipped(_STABLE, "the tangent could not be factorized")
         return
     symmetric, skew = (stiffness + stiffness.T) / 2, (stiffness - stiffness.T) / 2

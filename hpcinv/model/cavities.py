@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from hpcinv.mesh.enclosed_volume import EnclosedVolume
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.quantity.nondimensional import Scales
+from hpcinv.quantity.schema import KeyPath
 
 _UNEVEN = 0.1
 """Height of a rim over its plane, relative to √area, that is warned of; a larger one passes rims of symmetric parts."""
@@ -32,6 +33,7 @@ class CavityReport:
     """A cavity whose pressure was unknown, in a solution. All in SI.
 
     Attributes:
+        control: as it was given.
         pressure: that the solve found.
         volume: in the loaded body; unloaded_volume: in the unloaded body.
         residual: of its equation, relative to the larger volume.
@@ -39,6 +41,7 @@ class CavityReport:
     """
 
     name: str
+    control: Cavity
     pressure: float
     volume: float
     unloaded_volume: float
@@ -46,7 +49,7 @@ class CavityReport:
     compliance: float = 0.0
 
     def as_data(self) -> dict[str, Any]:
-        return asdict(self)
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "control"}
 
 
 def enclosed_volume(job: Job, body: Body, name: str) -> EnclosedVolume:
@@ -167,6 +170,7 @@ class CavityEquation:
         value, *_ = self.evaluate(load)
         return CavityReport(
             self.name,
+            self._cavity,
             self.pressure * self._scales.stress,
             loaded,
             unloaded,
@@ -198,6 +202,24 @@ class CavityEquation:
         ambient, amount = gas.ambient / self._scales.stress, 1 + load * (gas.amount - 1)
         ratio = (self.pressure + ambient) / ambient
         return ratio * loaded - amount * unloaded, kin.unknown_body_value(-amount, ratio), loaded / ambient
+
+    def number_rate(self, place: KeyPath) -> float:
+        """Return the derivative of C at full load by a number (SI) of the cavity, at a place as in its `numbers`."""
+        volume, stress = self._scales.length**3, self._scales.stress
+        match place:
+            case ("windkessel", "compliance"):
+                assert self._cavity.windkessel is not None
+                return (self.pressure * stress - self._cavity.windkessel.pressure) / volume
+            case ("windkessel", "pressure"):
+                assert self._cavity.windkessel is not None
+                return -self._cavity.windkessel.compliance / volume
+            case ("gas", key):
+                assert self._cavity.gas is not None
+                unloaded, loaded = self._weak_form.kinematics.reference_and_current(self._mesh_volume, self.volume())
+                if key == "amount":
+                    return float(-unloaded / volume)
+                return float(-self.pressure * stress / self._cavity.gas.ambient**2 * loaded / volume)
+        return -1 / volume  # a given volume, or the windkessel's
 
     def slope(self, b: PETSc.Vec) -> None:
         """Set ``b`` to the derivative of the unknown body's volume by the state; collective."""

@@ -6,6 +6,7 @@ import numpy as np
 from dolfinx.fem import Function
 
 from hpcinv.effects import Direction
+from hpcinv.job.job import Job
 from hpcinv.mesh.source import Floats
 from hpcinv.methods.method import Guess, sign_of
 from hpcinv.methods.nested_iteration import CoarseSolve
@@ -60,6 +61,16 @@ class Solution(State):
     def state(self) -> str:
         """Name of the state of the body; empty in a job without states."""
         return self.job.state
+
+    @property
+    def posed_job(self) -> Job:
+        """The job as it was solved, where pressures of cavities and motions of regions are unknown."""
+        cavities = {**self.job.cavities, **{report.name: report.control for report in self.cavities}}
+        supports = list(self.job.supports)
+        for report in self.remote_loads:
+            spec = supports[report.support]
+            supports[report.support] = spec.model_copy(update={"motion": None, "remote": report.load})
+        return self.job.model_copy(update={"cavities": cavities, "supports": tuple(supports)})
 
     @property
     def sign(self) -> int:

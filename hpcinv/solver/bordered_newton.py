@@ -1,10 +1,7 @@
 """Newton's method for equilibrium together with equations for unknown numbers of its loads or supports.
 
 The equilibrium ``R(x, q) = 0`` has more unknowns q, such as pressures of cavities, and as many more equations
-``C(x, q) = 0``. Bordering solves the linearised system with the factors of ``K = ∂R/∂x`` alone: with ``K d = R`` and
-``K g = ∂R/∂q`` the corrections are
-
-    Δx = -d - g Δq,      (B g - ∂C/∂q) Δq = C - B d,      B = ∂C/∂x.
+``C(x, q) = 0``. Each linearised system is solved by bordering (`hpcinv.solver.bordered_solver`).
 
 The first correction is in proportion to the step in the load factor. It predicts rotations and strains, and the
 step is shortened without another factorization. A quadratic extrapolation of the path saves no factorizations.
@@ -12,19 +9,16 @@ step is shortened without another factorization. A quadratic extrapolation of th
 It needs one back-substitution more for each number, with direct and iterative solvers and on any number of ranks. At a
 limit point of the pressure of a cavity K is singular, while the whole system is not; steps do not end there but by
 chance.
-
-Source: Keller, *Lectures on Numerical Methods in Bifurcation Problems*, 1987 (bordering).
 """
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from petsc4py import PETSc
 
-from hpcinv.mesh.source import Floats
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.border import Border
+from hpcinv.solver.bordered_solver import BorderedSolver
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Solve
 from hpcinv.solver.predictor import Increment
@@ -41,9 +35,8 @@ class BorderedNewton:
 
     def __init__(self, equilibrium: Equilibrium, borders: Sequence[Border], strategy: str = "") -> None:
         self.equilibrium, self.borders, self._strategy = equilibrium, borders, strategy
-        position = equilibrium.system.position
-        self._r, self._r_column, self._d = (position() for _ in range(3))
-        self._columns = [[position() for _ in range(border.count)] for border in borders]
+        self._bordered = BorderedSolver(equilibrium, borders)
+        self._r, self._d = (equilibrium.system.position() for _ in range(2))
 
     def solve(
         self, load: float, tolerance: float, *, start: float = 0.0, shortened: Shortened = lambda step, _: step
@@ -85,9 +78,8 @@ class BorderedNewton:
     ) -> tuple[Outcome, int, float]:
         """Correct the iterate until the monitor judges it; return its outcome, factorizations and load factor."""
         system, linear, borders = self.equilibrium.system, self.equilibrium.linear, self.borders
-        columns = [column for group in self._columns for column in group]
         ends = np.cumsum([border.count for border in borders])[:-1]
-        bordered, factorizations, fault = np.zeros((len(columns), len(columns))), 0, None
+        factorizations, fault = 0, None
         x = system.position()
         system.residual(self._r)
         outcome: Outcome | None = None if np.isfinite(norm(self._r)) else Outcome.NOT_FINITE
@@ -98,22 +90,18 @@ class BorderedNewton:
             fresh = monitor.needs_new_tangent
             if fresh:
                 factorizations += 1
-                if not self._linearise(load):
+                if not self._bordered.linearise(load):
                     outcome = linear.failure
                     break
-                by_numbers = _block_diagonal([border.linearise(load) for border in borders])
-                bordered = np.stack([self._slopes(column) for column in columns], axis=1) - by_numbers
             values = np.concatenate([border.equations(load) for border in borders])
-            if not linear.solve(self._r, self._d):
-                outcome = linear.failure
-                break
             try:
-                change: Floats = np.asarray(np.linalg.solve(bordered, values - self._slopes(self._d)), dtype=np.float64)
+                change = self._bordered.solve(self._r, values, self._d)
             except np.linalg.LinAlgError:  # such as a pressure that moves no volume
                 outcome = Outcome.LINEAR_SOLVER
                 break
-            for column, dq in zip(columns, change, strict=True):
-                self._d.axpy(float(dq), column)
+            if change is None:
+                outcome = linear.failure
+                break
             if fresh:
                 increment = self.equilibrium.predictor.increments(self._d)
                 if monitor.is_too_large(increment):
@@ -140,30 +128,6 @@ class BorderedNewton:
             outcome = fault or outcome
         return outcome, factorizations, load
 
-    def condensed_tangent(self, load: float) -> Floats | None:
-        """Return ``dC/dq`` along states of equilibrium, at the present one; ``None`` if K cannot be factorized."""
-        by_numbers = _block_diagonal([border.linearise(load) for border in self.borders])
-        if not self._linearise(load):
-            return None
-        return by_numbers - np.stack([self._slopes(g) for group in self._columns for g in group], axis=1)
-
-    def _linearise(self, load: float) -> bool:
-        """Factorize K and solve for the columns ``g``; leave R of the iterate in ``_r``."""
-        system, linear = self.equilibrium.system, self.equilibrium.linear
-        system.residual(self._r)
-        for border, columns in zip(self.borders, self._columns, strict=True):
-            border.set_columns(columns, self._r, load)
-        system.tangent()
-        for column in (column for group in self._columns for column in group):
-            column.copy(self._r_column)
-            if not linear.solve(self._r_column, column):
-                return False
-        return True
-
-    def _slopes(self, direction: PETSc.Vec) -> Floats:
-        """Return ``B`` times a direction."""
-        return np.concatenate([border.slopes(direction) for border in self.borders])
-
     def _set(self, load: float) -> None:
         self.equilibrium.system.set_load(load)
         for border in self.borders:
@@ -171,16 +135,6 @@ class BorderedNewton:
 
     def destroy(self) -> None:
         """Free PETSc objects."""
-        for vector in (self._r, self._r_column, self._d, *(column for group in self._columns for column in group)):
+        self._bordered.destroy()
+        for vector in (self._r, self._d):
             vector.destroy()
-
-
-def _block_diagonal(blocks: Sequence[Floats]) -> Floats:
-    """Return a matrix with square blocks on its diagonal."""
-    size, start = sum(len(block) for block in blocks), 0
-    matrix = np.zeros((size, size))
-    for block in blocks:
-        end = start + len(block)
-        matrix[start:end, start:end] = block
-        start = end
-    return matrix
