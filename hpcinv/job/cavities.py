@@ -10,9 +10,10 @@ from hpcinv.effects.pressure import Pressure
 from hpcinv.job.remote_load import unsuited_to_unknown_loads
 from hpcinv.job.sections import STRESS, QuantityOfInterest
 from hpcinv.job.state_differences import parts
-from hpcinv.job.states import StateSpec
-from hpcinv.quantity.quantity import Length, Quantity
-from hpcinv.quantity.schema import Faults, Spec, TextOrTexts, Triple
+from hpcinv.job.states import VOLUME, StateSpec
+from hpcinv.quantity.parameter_paths import Number
+from hpcinv.quantity.quantity import Length, Quantity, quantities_of
+from hpcinv.quantity.schema import Faults, KeyPath, Spec, TextOrTexts, Triple
 from hpcinv.quantity.suggestions import did_you_mean
 
 
@@ -102,6 +103,18 @@ class Cavity(Spec):
         """The effects of the unknown pressure, which begins with 0."""
         regions = self.regions if self.is_controlled else ()
         return tuple(Pressure(effect="pressure", region=region, pressure=0.0) for region in regions)
+
+    def numbers(self) -> dict[KeyPath, Number | str]:
+        """The numbers that determine the unknown pressure, by place."""
+        numbers: dict[KeyPath, Number | str] = {}
+        for key in CONTROLS:
+            control = getattr(self, key)
+            if isinstance(control, Spec):
+                dimensions = quantities_of(type(control))
+                numbers |= {(key, name): Number(getattr(control, name), d) for name, d in dimensions.items()}
+            elif control is not None:
+                numbers[(key,)] = Number(control, VOLUME)
+        return numbers
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if not self.surface:

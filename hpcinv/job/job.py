@@ -153,9 +153,10 @@ class Job(Spec):
     quantities: ListOf[QuantityOfInterest] = ()
     """numbers that are reported"""
     sensitivities: Mapping[JobKey, Uncertain] = {}
-    """numbers of laws, effects, fibres and supports by which shape and quantities are differentiated: a list of their
-    keys, or their standard deviations by key, such as {material.mu: 1 kPa, "effects[0].density": null}; numbers that
-    change together are one entry, such as {"effects[0].density": {sd: 10 kg/m^3, also: ["effects[1].density"]}}"""
+    """numbers of laws, effects, fibres, supports and cavities by which shape and quantities are differentiated: a list
+    of their keys, or their standard deviations by key, such as {material.mu: 1 kPa, "effects[0].density": null};
+    numbers that change together are one entry, such as
+    {"effects[0].density": {sd: 10 kg/m^3, also: ["effects[1].density"]}}"""
     identify: Identification | None = Field(default=None, exclude_if=lambda section: section is None)
     """parameters that 'hpcinv identify' finds together with the rest shape, and observations of other states"""
     expected_shape: ExpectedShape | None = None
@@ -436,7 +437,9 @@ class Job(Spec):
     @property
     def _owners_in_states(self) -> dict[str, Owner]:
         """The `owners` of the job and of all its states."""
-        return owners_in_states(self.material, self.effects, self.fibres, self.supports, self.states, self.mesh.shell)
+        return owners_in_states(
+            self.material, self.effects, self.fibres, self.supports, self.states, self.cavities, self.mesh.shell
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle with the plugins, which another rank imports before it unpickles their classes."""

@@ -1,8 +1,9 @@
-"""Laws, effects, families of fibres and supports of a job, by their place in it."""
+"""Parts of a job with numbers, such as laws, effects, supports and cavities, by their place in it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
 from hpcinv.effects import Effect
+from hpcinv.job.cavities import Cavity
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.sections import Shell, Support
 from hpcinv.job.sensitivities import Owner
@@ -46,12 +47,15 @@ def owners_in_states(
     fibres: Mapping[str, FibreFamily],
     supports: Sequence[Support],
     states: Sequence[StateSpec],
+    cavities: Mapping[str, Cavity],
     shell: Shell | None,
 ) -> dict[str, Owner]:
     """The parts with numbers of a job and of all its states."""
     owners = owners_of(material, effects, fibres, supports, {})
     if shell is not None:
         owners["mesh.shell"] = shell
+    owners |= {f"cavities.{name}": cavity for name, cavity in cavities.items()}
+    owners |= {f"states[{i}]": state for i, state in enumerate(states)}
     for i, state in enumerate(states):
         state_supports = supports if state.supports is None else state.supports
         owners |= owners_of(material, state.effects, fibres, state_supports, places_of(i, state))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from hpcinv.quantity.quantity import Length, Quantity
+from hpcinv.quantity.parameter_paths import Number
+from hpcinv.quantity.quantity import Length, Quantity, quantities_of
 from hpcinv.quantity.schema import Faults, KeyPath, Spec, Triple
 
 
@@ -20,6 +21,14 @@ class RemoteLoad(Spec):
     """moment on the region about the point 'about', about x, y and z"""
     about: Triple[Length]
     """point in the given mesh, inside or outside of the body, which moves with the region"""
+
+    def numbers(self) -> dict[KeyPath, Number | str]:
+        """All numbers by place."""
+        return {
+            (name, i): Number(x, dimension)
+            for name, dimension in quantities_of(type(self)).items()
+            for i, x in enumerate(getattr(self, name))
+        }
 
 
 def unsuited_remote_loads(job: Any) -> Faults:
@@ -38,7 +47,10 @@ def unsuited_remote_loads(job: Any) -> Faults:
         yield places[0], "is not possible with 'states': give a traction"
     if job.mesh.shell is not None:
         yield places[0], "is not possible with a shell"
-    yield from unsuited_to_unknown_loads(job, "a remote load: give a 'motion', or a traction")
+    remedy = "a remote load: give a 'motion', or a traction"
+    if job.mesh.surface_error is not None:
+        yield ("mesh", "surface_error"), f"is not possible with {remedy}"
+    yield from unsuited_to_unknown_loads(job, remedy)
 
 
 def unsuited_to_unknown_loads(job: Any, remedy: str) -> Faults:
@@ -49,12 +61,10 @@ def unsuited_to_unknown_loads(job: Any, remedy: str) -> Faults:
         "solver.strategy": job.solver.strategy != "adaptive",
         "solver.continuation": job.solver.continuation == "series",
         "solver.nested_iteration": job.solver.nested_iteration == "on",
-        "sensitivities": bool(job.sensitivities),
-        "identify": job.identify is not None,
-        "accuracy": bool(job.accuracy),
-        "mesh.surface_error": job.mesh.surface_error is not None,
     }
     text = f"is not possible with {remedy}"
     yield from ((tuple(where.split(".")), text) for where, is_refused in refused.items() if is_refused)
+    if job.accuracy:
+        yield ("accuracy",), f"needs an estimate of the discretisation error, which {text}"
     if any(effect.functions(1) for holder in (job, *job.states) for effect in holder.effects):
         yield ("effects",), f"have a contact that is solved by iteration, which {text}"

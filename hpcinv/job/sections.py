@@ -694,9 +694,14 @@ class Support(Spec):
         return [*sorted(self.held), *(["normal"] if self.slides else [])]
 
     def numbers(self) -> dict[KeyPath, Number | str]:
-        """The constants of the formulas, or the numbers of a motion, by place; constants of a surface do not vary."""
+        """The constants of the formulas, or the numbers of a motion or a remote load, by place.
+
+        Constants of a surface do not vary.
+        """
         if self.surface is not None:
             return {}
+        if self.remote is not None:
+            return {("remote", *place): number for place, number in self.remote.numbers().items()}
         if self.motion is not None:
             vectors = (("about", self.motion.about), ("move", self.motion.move))
             numbers: dict[KeyPath, Number | str] = {("motion", "rotate"): Number(self.motion.rotate, Dimension())}

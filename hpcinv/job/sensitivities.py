@@ -3,7 +3,9 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from hpcinv.job.cavities import Cavity
 from hpcinv.job.sections import Shell, Support
+from hpcinv.job.states import StateSpec
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.keys import JobKey, parse_key
 from hpcinv.quantity.quantity import AnyQuantity, positive
@@ -11,7 +13,7 @@ from hpcinv.quantity.schema import KeyPath, ListOf, Spec, collected, dotted_key,
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
-type Owner = Ingredient | Support | Shell
+type Owner = Ingredient | Support | Shell | Cavity | StateSpec
 
 TIES = ("also", "scale")
 """fields with the keys of numbers that change with another one"""
@@ -34,7 +36,7 @@ class Parameter:
 
     Attributes:
         where: key of its owner in the job.
-        owner: law, effect, family of fibres, support or shell; ``None`` for the mesh.
+        owner: law, effect, family of fibres, support, shell, cavity or state; ``None`` for the mesh.
         value: in SI.
         dimension: ``None`` if it depends on the use in a formula.
         deviation: its standard deviation in SI, or ``None``.
@@ -65,7 +67,8 @@ def read_sensitivities(given: object, owners: Mapping[str, Owner]) -> dict[str, 
     """Standard deviations (SI) and ties by key.
 
     Args:
-        owners: laws, effects, the families of fibres that they use, supports, and the shell, by their keys in the job.
+        owners: laws, effects, the families of fibres that they use, supports, cavities, states, and the shell, by their
+            keys in the job.
 
     Raises:
         Problems: the section has faults.
@@ -173,7 +176,9 @@ def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) ->
     hint = (
         did_you_mean(key, known.values(), list_all=False) or f" Possible keys are {', '.join(_first(known.values()))}."
     )
-    raise ValueError(f"{key} is not a number of a law, an effect, fibres, a support or a shell in this job.{hint}")
+    raise ValueError(
+        f"{key} is not a number of a law, an effect, fibres, a support, a shell or a cavity in this job.{hint}"
+    )
 
 
 def _location(where: str) -> KeyPath:

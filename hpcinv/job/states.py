@@ -9,11 +9,14 @@ from pydantic import Field, ValidationInfo
 from hpcinv.effects import AnyEffect
 from hpcinv.job.sections import Support
 from hpcinv.quantity.component import Ingredient
+from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Spec, repeated
 from hpcinv.quantity.spatial_fields import fields_in
 from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.quantity.units import Dimension
 
+VOLUME = Dimension(length=3)
 REST = "rest"
 """Name of the rest shape where no state is it."""
 
@@ -42,6 +45,13 @@ class StateSpec(Spec):
     def is_rest(self) -> bool:
         """True for the body without loads and supports."""
         return not self.effects and self.supports is None and not self.controlled
+
+    def numbers(self) -> dict[KeyPath, Number | str]:
+        """The given volumes of cavities, by place."""
+        given = {"volumes": self.volumes, "unloaded_volumes": self.unloaded_volumes}
+        return {
+            (key, name): Number(volume, VOLUME) for key, volumes in given.items() for name, volume in volumes.items()
+        }
 
     @property
     def controlled(self) -> set[str]:

@@ -2,7 +2,8 @@
 
 The solution of ``R(x; θ) = 0`` follows a parameter as ``K dx/dθ = -∂R/∂θ``, with the tangent ``K = ∂R/∂x`` at the
 solution: exact derivatives of the discrete solution. Unknowns that supports prescribe follow their formulas. In an
-inverse analysis, where ``X = x - u`` and x is given, ``dX/dθ = -du/dθ``.
+inverse analysis, where ``X = x - u`` and x is given, ``dX/dθ = -du/dθ``. Unknown pressures of cavities and motions
+under remote loads follow with x from their equations (`hpcinv.sensitivity.followed_numbers`).
 
 A further state is solved on the reference shape X, which follows the parameters of the given state; what is given on
 the current body follows the displacement u₀ there: ``K dx/dθ = -∂R/∂θ - ∂R/∂X dX/dθ - ∂R/∂u₀ du₀/dθ``. The last two
@@ -28,7 +29,6 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.assembly.system import System
-from hpcinv.errors import SolveError
 from hpcinv.job.sections import QuantityOfInterest, QuantityValue, Support
 from hpcinv.job.sensitivities import Parameter, tied_parameters
 from hpcinv.job.state_differences import with_differences
@@ -38,6 +38,7 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.results.solution import Solution
+from hpcinv.sensitivity.followed_numbers import FollowedNumbers
 from hpcinv.sensitivity.moving_nodes import node_rates
 from hpcinv.sensitivity.slopes import SHORT, STEP, Change, ReferenceChange, change_limit, has_kinks, slopes
 from hpcinv.solver.equations import Equations
@@ -136,7 +137,11 @@ def sensitivities(
             values = {p.key: p.value for p in numbers}
             for key, moved in node_rates(body, numbers).items():
                 references[key] = ReferenceChange(moved, None, values[key])
-        prescribed = {p.key: _prescribed(equations, p) for p in numbers if isinstance(p.owner, Support)}
+        prescribed = {
+            p.key: _prescribed(equations, p)
+            for p in numbers
+            if isinstance(p.owner, Support) and p.owner.remote is None and p.where in equations.job.owners
+        }
         equations.put(solution)
         changes = _changes(equations, solution, numbers, references, prescribed)
         quantity_slopes = {
@@ -212,8 +217,6 @@ def _cell_limit(equations: Equations, moved: Floats) -> float:
 
 def _prescribed(equations: Equations, parameter: Parameter) -> list[Floats]:
     """Rates of the prescribed displacements, whose formulas are of positions in the given mesh."""
-    if parameter.where not in equations.job.owners:
-        return []
     owner = parameter.owner
     assert isinstance(owner, Support)
     number = equations.job.supports.index(owner)
@@ -244,24 +247,23 @@ def _changes(
     weak_form = equations.weak_form(solution.direction)
     equilibrium = equations.equilibrium(weak_form)
     system = equilibrium.system
-    system.linearise(1.0)
+    system.set_load(1.0)
+    numbers = FollowedNumbers(equations, solution, equilibrium)
     position, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
     changes: dict[str, Change] = {}
     for parameter in parameters:
-        direction = _explicit(equations, system, parameter, prescribed, b)
+        direction, by_parameter = _explicit(equations, system, numbers, parameter, prescribed, b)
         if (reference := references.get(parameter.key)) is not None:
-            x.array[:] = _rate_of_forces(equations, system, solution, reference)
+            x.array[:], by_mesh = _rates_with_mesh(equations, system, numbers, solution, reference)
             equations.supports.free(x.array)
             b.axpy(-1.0, x)
-        if not equilibrium.linear.solve(b, x):
-            raise SolveError(
-                "sensitivities: the tangent at the solution is singular, so that there are no derivatives there",
-                "Leave the section 'sensitivities' out, or take a load at which the solution is not at a limit point.",
-            )
+            by_parameter = by_parameter + by_mesh
+        pressures = numbers.solve(b, by_parameter, x)
         system.set_state(x)
         u, p = equations.state().fields
-        changes[parameter.key] = Change(direction, u, equations.unknowns.geometry_values(u), p, reference)
+        changes[parameter.key] = Change(direction, u, equations.unknowns.geometry_values(u), p, reference, pressures)
         system.set_state(position)
+    numbers.destroy()
     for vector in (position, b, x):
         vector.destroy()
     equations.release(equilibrium)
@@ -269,19 +271,28 @@ def _changes(
 
 
 def _explicit(
-    equations: Equations, system: System, parameter: Parameter, prescribed: Mapping[str, Sequence[Floats]], b: PETSc.Vec
-) -> ParameterDirection:
-    """Set ``b`` to the right-hand side for a parameter; return the direction in which it moves the parameters."""
+    equations: Equations,
+    system: System,
+    numbers: FollowedNumbers,
+    parameter: Parameter,
+    prescribed: Mapping[str, Sequence[Floats]],
+    b: PETSc.Vec,
+) -> tuple[ParameterDirection, Floats]:
+    """Set ``b`` to the right-hand side for a parameter.
+
+    Returns:
+        Direction in which it moves the parameters, and derivatives of the equations of the unknown numbers by it.
+    """
     owner, place, job, weak_form = parameter.owner, parameter.place, equations.job, system.weak_form
     unchanged = weak_form.parameters.direction({})
-    if parameter.where not in job.owners:  # of another state
-        b.set(0.0)
-        return unchanged
-    if not isinstance(owner, Ingredient):
+    b.set(0.0)
+    if parameter.key in prescribed:
         equations.supports.prescribe(prescribed[parameter.key])
         system.lift(b)
         equations.supports.scale(1.0)
-        return unchanged
+        return unchanged, numbers.rates(parameter)
+    if not isinstance(owner, Ingredient) or parameter.where not in job.owners:  # or of another state
+        return unchanged, numbers.rates(parameter)
     with equations.timings("compile"):
         derivative = weak_form.parameter_derivative
     local = parameter.where.removeprefix(job.place("effects").removesuffix("effects"))
@@ -289,24 +300,31 @@ def _explicit(
     with equations.timings("residual"):
         derivative.assemble(direction, b)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        by_parameter = numbers.force_rates(b.array)
         equations.supports.free(b.array)
         b.scale(-1.0)
-    return direction
+    return direction, by_parameter
 
 
-def _rate_of_forces(equations: Equations, system: System, solution: Solution, reference: ReferenceChange) -> Floats:
-    """Change of the nodal forces (scaled) of the owned unknowns with the reference shape, per unit of the parameter."""
+def _rates_with_mesh(
+    equations: Equations, system: System, numbers: FollowedNumbers, solution: Solution, reference: ReferenceChange
+) -> tuple[Floats, Floats]:
+    """Return changes with the reference shape, per unit of the parameter.
+
+    These are changes of the nodal forces (scaled) of the owned unknowns, and of the equations of the unknown numbers.
+    """
     if not math.isfinite(reference.limit):
-        return np.zeros(system.rhs.local_size)
+        return np.zeros(system.rhs.local_size), np.zeros(numbers.count)
     step = reference.limit * (STEP * SHORT if has_kinks(equations.job) else STEP)
 
-    def forces(number: int) -> Floats:
+    def values(number: int) -> Floats:
         equations.put(reference.moved(solution, number * step))
-        return system.forces(1.0)
+        return np.concatenate([system.forces(1.0), numbers.equations()])
 
-    rate = np.asarray(central_difference(map(forces, POINTS), step))
+    rates = np.asarray(central_difference(map(values, POINTS), step))
     equations.put(solution)
-    return rate
+    forces, by_mesh = np.split(rates, [len(rates) - numbers.count])
+    return forces, by_mesh
 
 
 def _deviations(parameters: Sequence[Parameter], vectors: Mapping[str, Floats]) -> Floats:

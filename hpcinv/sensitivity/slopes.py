@@ -15,8 +15,9 @@ which fibres and fields are attached, change too: ``Q(u, p, θ, X, u₀)``.
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -72,7 +73,8 @@ class ReferenceChange:
 class Change:
     """Derivatives by one parameter (SI): of the weak form's parameters (scaled), displacement (m) and pressure (Pa).
 
-    ``u`` is the displacement's at the local geometry nodes, (n, 3); ``reference`` is for further states.
+    ``u`` is the displacement's at the local geometry nodes, (n, 3); ``reference`` is for further states; ``cavities``
+    are the derivatives of unknown pressures (Pa) by the names of cavities.
     """
 
     direction: ParameterDirection
@@ -80,6 +82,7 @@ class Change:
     u: Floats
     pressure: fem.Function | None
     reference: ReferenceChange | None = None
+    cavities: Mapping[str, float] = MappingProxyType({})
 
 
 def slopes(
@@ -105,6 +108,9 @@ def slopes(
             u=solution.u + shift * change.u,
             displacement=_moved(solution.displacement, change.displacement, shift),
             pressure=_moved(solution.pressure, change.pressure, shift),
+            cavities=tuple(
+                replace(c, pressure=c.pressure + shift * change.cavities[c.name]) for c in solution.cavities
+            ),
         )
         equations.put(moved)
         with weak_form.parameters.moved(change.direction, shift):

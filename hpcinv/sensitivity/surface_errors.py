@@ -155,6 +155,8 @@ class SurfaceSpreads:
         self._first: Solution | None = None
         self._seconds = 0.0
         self._failure = "" if job.has_derivatives else "there are no derivatives of contact with a rigid obstacle"
+        if job.remote_loads:
+            self._failure = "errors of a region that a remote load moves as a rigid body are not followed"
 
     def add(self, shape: str, equations: Equations, solution: Solution) -> None:
         """Follow the errors to the shape that a solve has found."""

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.mesh.source import Floats
@@ -41,6 +42,10 @@ class Border(ABC):
     @abstractmethod
     def equations(self, load: float) -> Floats:
         """Return C at the present state."""
+
+    def force_rates(self, rates: Floats) -> Floats:
+        """Return the derivatives of C along rates of the nodal forces (scaled) of the owned unknowns."""
+        return np.zeros(self.count)
 
     @abstractmethod
     def set_columns(self, columns: Sequence[PETSc.Vec], r: PETSc.Vec, load: float) -> None:

@@ -35,7 +35,7 @@ class RemoteBorder(Border):
     def __init__(self, system: System, number: int, spec: RemoteLoad, scales: Scales) -> None:
         self._system, self._number, self._spec, self._length = system, number, spec, scales.length
         self._sign = system.weak_form.kinematics.sign
-        unit = scales.stress * scales.length**2
+        self._unit = unit = scales.stress * scales.length**2
         self._load = np.concatenate([np.array(spec.force) / unit, np.array(spec.moment) / (unit * scales.length)])
         self._face = system.supports.remote_faces[number]
         self._face.begin(np.array(spec.about) / scales.length)
@@ -78,7 +78,25 @@ class RemoteBorder(Border):
         return by_numbers
 
     def slopes(self, direction: PETSc.Vec) -> Floats:
-        return self._wrench(self._system.force_rates(direction)[self._face.dofs])
+        return self.force_rates(self._system.force_rates(direction))
+
+    def force_rates(self, rates: Floats) -> Floats:
+        return self._wrench(rates[self._face.dofs])
+
+    def number_rates(self, key: str, axis: int) -> Floats:
+        """Return the derivative of C at full load by a number (SI) of the load, with the present motion of the region.
+
+        With another reference point, arms of moments are others.
+        """
+        rates = np.zeros(6)
+        if key == "about":
+            turn = self._face.turn if self._sign > 0 else np.eye(3)
+            force = self._face.sum(self._nodal_forces(1.0))
+            rates[3:] = -np.cross(turn[:, axis], force) / self._length
+        else:
+            place = axis if key == "force" else 3 + axis
+            rates[place] = -1.0 / (self._unit if key == "force" else self._unit * self._length)
+        return rates
 
     def report(self, load: float) -> RemoteReport:
         """Return the report of the present state."""

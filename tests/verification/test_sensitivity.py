@@ -353,9 +353,9 @@ def test_of_a_round_trip_it_is_the_first_solution(comm: MPI.Intracomm) -> None:
 
 
 FAULTS = {
-    "material.nu": "material.nu is not a number of a law, an effect, fibres, a support or a shell in this job",
+    "material.nu": "material.nu is not a number of a law, an effect, fibres, a support, a shell or a cavity in this",
     "effects[7].pressure": "Did you mean 'effects",
-    "effects[0].region": "not a number of a law, an effect, fibres, a support or a shell",
+    "effects[0].region": "not a number of a law, an effect, fibres, a support, a shell or a cavity",
     "mesh.file": "Possible keys are material.mu, material.lam, material.young, material.poisson, …",
     "material": "is not one number; choose material.mu or material.lam or",
     "effects[]": "is not a number",

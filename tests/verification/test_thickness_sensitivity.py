@@ -98,5 +98,7 @@ def test_solids_have_no_thickness(tmp_path: Path) -> None:
     path = save_sheet(tmp_path / "sheet.msh", 1, 1, flat(1, 0.5))
     given = sheet(path, sensitivities=[KEY])
     given["mesh"].pop("shell")
-    with pytest.raises(JobError, match=f"{KEY} is not a number of a law, an effect, fibres, a support or a shell"):
+    with pytest.raises(
+        JobError, match=f"{KEY} is not a number of a law, an effect, fibres, a support, a shell or a cavity"
+    ):
         job(**given)
