@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from helpers.batches import IN_BATCH, Batches, RankOfBatch
+from helpers.parts import Part
 
 from hpcinv.parallel.runtime import MPI
 
@@ -25,8 +26,15 @@ if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
     os.environ["PYTHONPYCACHEPREFIX"] = str(ROOT / ".pytest_cache" / "bytecode")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add ``--part K/N``."""
+    parser.addoption("--part", metavar="K/N", help="run part K of N of the selected tests; auto/N: by the commits")
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Start mpiexec once for several tests on the same number of ranks."""
+    if part := config.getoption("--part"):
+        config.pluginmanager.register(Part(part, ROOT))  # before the batches, which take what it leaves
     if "_PYTEST_MPI_CHILD_PROCESS" in os.environ:
         config.option.markexpr = ""  # the process that starts the ranks has chosen the test
     batches = Batches()
