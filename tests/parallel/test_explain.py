@@ -7,7 +7,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from helpers.command_line import CUBE, hpcinv, write_job
+from helpers.command_line import CUBE, hpcinv_here, write_job
 from helpers.verification import box, job
 
 from hpcinv.cli.explain import show
@@ -68,12 +68,12 @@ def test_costs_below_what_is_measured_are_not_negative(capsys: pytest.CaptureFix
 
 def test_from_the_command_line(tmp_path: Path) -> None:
     path = write_job(tmp_path / "cube.yaml", CUBE, effects=[GRAVITY])
-    done = hpcinv(1, "explain", path, cwd=tmp_path)
+    done = hpcinv_here("explain", path, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("cube: forward, 48 cells, 375 displacements\n")
     assert re.search(r"^effects\[0\] gravity +- +\+4 +\+0 ", done.stdout, re.MULTILINE)
     assert not any(tmp_path.glob("results*")), "explaining leaves no results"
     wrong = write_job(tmp_path / "wrong.yaml", CUBE, effects=[{**PRESSURE, "region": "nowhere"}])
-    done = hpcinv(2, "explain", wrong, cwd=tmp_path)
+    done = hpcinv_here("explain", wrong, cwd=tmp_path)
     assert done.returncode == 2
     assert "nowhere" in done.stderr

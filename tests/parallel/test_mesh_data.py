@@ -34,8 +34,9 @@ CLOSE = 1e-11  # gmsh puts a node of degree 2 to about 1e-12 in the middle; neig
 def bodies(
     comm: MPI.Intracomm, meshes: Path, directory: Path, degrees: tuple[tuple[int, int | None], ...]
 ) -> Iterator[Body]:
-    """Blocks of every kind of cell and file, for each pair of the degree of the file and of the one asked for."""
-    for file, kind, (degree, asked) in product(FILES, CELLS, degrees):
+    """Blocks in which any two of a file, a kind of cell, and a pair of degrees (the file's, the one asked for) meet."""
+    for (i, file), (j, kind) in product(enumerate(FILES), enumerate(CELLS)):
+        degree, asked = degrees[(i + j) % len(degrees)]
         path = directory / file
         on_root(comm, lambda path=path, kind=kind, degree=degree: write(path, meshes, kind == "hexahedron", degree))
         body = build_body(spec(path, geometry_degree=asked), {}, comm)

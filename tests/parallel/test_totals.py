@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import BLOCK, ROOT, hpcinv, write_job
+from helpers.command_line import BLOCK, ROOT, hpcinv_here, write_job
 
 from hpcinv.job.job import parse
 from hpcinv.mesh import build_body
@@ -170,7 +170,7 @@ def test_a_body_that_hardly_moves_is_reported_at_the_end(tmp_path: Path) -> None
     """On screen, quiet or not, in the summary and in the log; it changes neither verdict nor exit code."""
     stiff = {"law": "neo-hookean", "young": 3e9, "poisson": 0.4}
     job = write_job(tmp_path / "stiff.yaml", block(0.1, material=stiff), output={"mesh": []})
-    done = hpcinv(1, "run", job, "--output", "run", "--strict", "-q", cwd=tmp_path)
+    done = hpcinv_here("run", job, "--output", "run", "--strict", "-q", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     warning, last = done.stdout.splitlines()
     assert warning.startswith("warning: the largest displacement is ")
@@ -181,7 +181,7 @@ def test_a_body_that_hardly_moves_is_reported_at_the_end(tmp_path: Path) -> None
     assert body["weight_strain"] == pytest.approx(3.27e-7)
     assert body["warnings"] == [warning.removeprefix("warning: ")]
     meant = write_job(tmp_path / "stiff.yaml", block(0.1), output={"unit_warnings": False, "mesh": []})
-    assert "warning" not in hpcinv(1, "run", meant, "--output", "meant", cwd=tmp_path).stdout
+    assert "warning" not in hpcinv_here("run", meant, "--output", "meant", cwd=tmp_path).stdout
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_the_cases_of_a_sweep_end_with_their_warnings(tmp_path: Path) -> None:
     write_job(tmp_path / "job.yaml", block(0.1, output={"fields": False, "mesh": []}))
     axes = [{"grid": {"effects[0].density": ["1000 kg/m^3", "1.05 kg/m^3"]}}]
     (tmp_path / "sweep.yaml").write_text(json.dumps({"sweep": "s", "job": "job.yaml", "axes": axes}))
-    done = hpcinv(1, "sweep", "run", "sweep.yaml", cwd=tmp_path)
+    done = hpcinv_here("sweep", "run", "sweep.yaml", "--no-isolation", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     cases = [line for line in done.stdout.splitlines() if line.startswith("case ")]
     assert [line.count("; warning: the mean density is 1.05 kg/m^3") for line in cases] == [0, 1]

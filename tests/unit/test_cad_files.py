@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import NO_CERTIFICATE, hpcinv, write_job
+from helpers.command_line import NO_CERTIFICATE, hpcinv_here, write_job
 from helpers.schemas import refusals
 
 import hpcinv as package
@@ -208,7 +208,7 @@ def test_a_job_on_a_cad_file_runs(cad: Callable[[str], Path], tmp_path: Path) ->
     result = package.run(path, MPI.COMM_SELF, progress=False)
     assert result.errors["round_trip"]["relative"] < 1e-10
     assert main(["validate", str(path)]) == 0
-    ended = hpcinv(2, "run", path, cwd=tmp_path)
+    ended = hpcinv_here("run", path, cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
 
 

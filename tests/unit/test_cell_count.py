@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import hpcinv
+from helpers.command_line import hpcinv_here
 from helpers.mesh_cases import spec
 
 from hpcinv.errors import MeshError
@@ -131,11 +131,11 @@ def test_the_limit_is_the_jobs_and_holds_for_what_is_made_in_other_ways(tmp_path
 
 def test_a_mesh_to_be_partitioned_is_reported_too_and_refused_where_it_is_absurd(tmp_path: Path) -> None:
     path = generator(tmp_path, BALL)
-    cut = hpcinv(1, "mesh", "partition", path, "ball.bp", "--parts", 2, cwd=tmp_path)
+    cut = hpcinv_here("mesh", "partition", path, "ball.bp", "--parts", 2, cwd=tmp_path)
     message, done = cut.stdout.splitlines()
     assert re.fullmatch(rf"meshing {path}: about \d,\d00 cells expected", message)
     assert "number of parts 2" in done
-    absurd = hpcinv(1, "mesh", "partition", path, "b.bp", "--parts", 2, "--parameter", "size=1e-4", cwd=tmp_path)
+    absurd = hpcinv_here("mesh", "partition", path, "b.bp", "--parts", 2, "--parameter", "size=1e-4", cwd=tmp_path)
     assert (absurd.returncode, "more than mesh.maximum_cells allows" in absurd.stderr) == (2, True)
     assert not (tmp_path / "b.bp").exists()
 

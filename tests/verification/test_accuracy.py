@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.accuracy_cases import Case, cases
-from helpers.command_line import NO_CERTIFICATE, ROOT, hpcinv, write_job
+from helpers.command_line import NO_CERTIFICATE, ROOT, hpcinv_here, write_job
 from helpers.mesh_cases import spec
 from helpers.verification import box, job
 
@@ -185,7 +185,7 @@ def test_a_demand_that_is_not_met_is_reported_with_what_was_reached(tmp_path: Pa
     data = clamped(1e-6, hexahedra=True, maximum_unknowns=600).model_dump(mode="json", exclude_unset=True)
     data["mesh"]["file"] = str(ROOT / "meshes" / "box.py")
     path = write_job(tmp_path / "tip.yaml", data, certificate=NO_CERTIFICATE, accuracy={"tip": "0.001 mm"})
-    done = hpcinv(2, "run", path, "--output", tmp_path / "out", cwd=tmp_path)
+    done = hpcinv_here("run", path, "--output", tmp_path / "out", cwd=tmp_path)
     assert done.returncode == 6, done.stdout + done.stderr
     assert re.search(r"fail: error of tip [\d.]+ mm ", done.stdout), done.stdout
     assert "not met" in done.stdout

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import pyvista
-from helpers.command_line import CUBE, hpcinv, write_job
+from helpers.command_line import CUBE, hpcinv_here, write_job
 from helpers.mesh_cases import spec
 from helpers.verification import BOX, Solved, box, job
 
@@ -120,14 +120,15 @@ def test_directions_without_a_length_somewhere_are_refused_before_anything_is_so
         assert caught.value.message == f"{given.resolve(BOX)}: {text} in some cell"
 
 
-def test_the_command_line_refuses_them_with_2(tmp_path: Path) -> None:
+@pytest.mark.parallel(2)
+def test_the_command_line_refuses_them_with_2(run_directory: Path) -> None:
     material = {"law": "transversely-isotropic", "mu": 1, "k": 1, "kappa": 1}
     fibres = {"fibre": without(direction=["max(X - 0.5 m, 0)", 0, 0])}
-    file = write_job(tmp_path / "job.yaml", CUBE, material=material, fibres=fibres)
-    done = hpcinv(2, "run", file, cwd=tmp_path)
+    file = write_job(run_directory / "job.yaml", CUBE, material=material, fibres=fibres)
+    done = hpcinv_here("run", file, cwd=run_directory)
     assert done.returncode == 2, done.stderr
     assert done.stderr.count("fibres.fibre: the length of the direction must be positive") == 1
-    assert not (tmp_path / "results").exists()
+    assert not (run_directory / "results").exists()
 
 
 # tubes

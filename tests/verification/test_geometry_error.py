@@ -16,7 +16,7 @@ from dolfinx import fem
 from helpers import silicone_beam
 from helpers import thick_cylinder as cylinder
 from helpers.closed_forms import root
-from helpers.command_line import NO_CERTIFICATE, hpcinv, write_job
+from helpers.command_line import NO_CERTIFICATE, hpcinv, hpcinv_here, write_job
 from helpers.mesh_cases import spec
 from helpers.thick_sphere import INNER, OUTER, PRESSURE, carried, outer_radius, sphere
 from helpers.verification import job
@@ -276,7 +276,7 @@ def test_an_output_has_one_error_of_a_quantity(from_file: bool, tmp_path: Path) 
     if not from_file:
         data["mesh"] = {"file": str(MESHES / "thick_sphere.py"), "parameters": size}
     path = write_job(tmp_path / "job.yaml", data, accuracy={"inner": "50 mm"})
-    ended = hpcinv(1, "run", path, "--output", tmp_path / "out", cwd=tmp_path)
+    ended = hpcinv_here("run", path, "--output", tmp_path / "out", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     (promised,) = re.findall(r"error of inner (\S+) mm", ended.stdout)

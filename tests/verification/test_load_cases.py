@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import ROOT, hpcinv, write_job
+from helpers.command_line import ROOT, hpcinv_here, write_job
 from helpers.mesh_cases import spec
 from helpers.verification import box, job
 
@@ -175,7 +175,7 @@ def test_a_run_stopped_between_cases_goes_on_with_the_next(tmp_path: Path) -> No
     with pytest.raises(CheckpointError, match=r"load_cases\[0\]: weight -> push"):
         package.run(other, MPI.COMM_SELF, directory=tmp_path / "run", resume=True)
 
-    done = hpcinv(2, "resume", "run", cwd=tmp_path)
+    done = hpcinv_here("resume", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "load 0.5:" not in done.stdout.partition("forward:")[0]
     summaries = [json.loads((tmp_path / name / "summary.json").read_text()) for name in ("whole", "run")]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import pyvista
-from helpers.command_line import CUBE, hpcinv, write_job
+from helpers.command_line import CUBE, hpcinv_here, write_job
 from helpers.mesh_cases import spec
 from helpers.verification import BOX, Solved, box, job
 
@@ -374,12 +374,13 @@ def test_regions_that_the_mesh_lacks_are_refused_before_the_solve(comm: MPI.Intr
         ({"x0": {"law": "neo-hookean", "mu": 1, "lam": 4}}, "region 'x0' has facets but no cells"),
     ],
 )
-def test_the_command_line_refuses_it_with_2_on_two_ranks(material: Any, text: str, tmp_path: Path) -> None:
+@pytest.mark.parallel(2)
+def test_the_command_line_refuses_it_with_2_on_two_ranks(material: Any, text: str, run_directory: Path) -> None:
     stated = {"formulation": "displacement"}
-    file = write_job(tmp_path / "job.yaml", CUBE, material=material, discretisation=stated)
-    done = hpcinv(2, "run", file, cwd=tmp_path)
+    file = write_job(run_directory / "job.yaml", CUBE, material=material, discretisation=stated)
+    done = hpcinv_here("run", file, cwd=run_directory)
     assert done.returncode == 2, done.stderr
     assert done.stderr.count(text) == 1, done.stderr
     assert "Traceback" not in done.stderr
     assert "load" not in done.stdout
-    assert not (tmp_path / "results").exists()
+    assert not (run_directory / "results").exists()

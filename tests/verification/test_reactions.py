@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.closed_forms import LAM, MU, NEO_HOOKEAN, neo_hookean_stress, root, uniaxial
-from helpers.command_line import BLOCK, hpcinv, write_job
+from helpers.command_line import BLOCK, hpcinv_here, write_job
 from helpers.verification import box, job
 
 from hpcinv import run
@@ -177,7 +177,7 @@ def test_a_run_prints_reactions_and_what_is_unknown(tmp_path: Path) -> None:
         "mesh": BLOCK["mesh"] | {"parameters": {"nx": 1, "ny": 1, "nz": 1}},
     }
     path = write_job(tmp_path / "block.yaml", BLOCK, **changes)
-    done = hpcinv(2, "run", path, cwd=tmp_path)
+    done = hpcinv_here("run", path, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     content = json.loads(next(tmp_path.rglob("summary.json")).read_text())
     assert list(content["quantities"]) == ["top", "grip", "torque", "torque_about"]

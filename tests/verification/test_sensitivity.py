@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers.accuracy_cases import cases
 from helpers.closed_forms import root
-from helpers.command_line import NO_CERTIFICATE, ROOT, hpcinv, write_job
+from helpers.command_line import NO_CERTIFICATE, ROOT, hpcinv_here, write_job
 from helpers.homogeneous import SYMMETRY
 from helpers.thick_sphere import INNER, PRESSURE, carried
 from helpers.verification import box, job
@@ -443,7 +443,7 @@ def test_the_job_that_comes_with_the_project_on_screen_in_the_summary_and_in_the
     lengths = shipped["mesh"]["parameters"]
     mesh = {"file": str(ROOT / "meshes" / "box.py"), "parameters": {**lengths, "nx": 2, "ny": 2, "nz": 2}}
     path = write_job(tmp_path / "job.yaml", shipped, mesh=mesh, certificate=NO_CERTIFICATE)
-    ended = hpcinv(2, "run", path, "--output", out, cwd=tmp_path)
+    ended = hpcinv_here("run", path, "--output", out, cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     sensitivities = json.loads((out / "summary.json").read_text())["sensitivities"]
     keys = ["material.young", "material.poisson", "effects[0].density"]

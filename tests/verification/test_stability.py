@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.closed_forms import root
-from helpers.command_line import NO_CERTIFICATE, ROOT, write_job
+from helpers.command_line import NO_CERTIFICATE, ROOT, hpcinv_here, write_job
 from helpers.command_line import hpcinv as command
 from helpers.verification import box, job
 from petsc4py import PETSc
@@ -372,10 +372,11 @@ def test_undecided_verdict_on_screen_in_the_summary_and_in_the_exit_code(tmp_pat
     path, kernels = write_job(tmp_path / "block.yaml", data), tmp_path / "kernels"
     assert command(1, "compile", path, "--cache", kernels, cwd=tmp_path).returncode == 0
     before = {paths.name for paths in kernels.glob("*.so")}
-    for ranks, options, code in ((1, (), 0), (2, ("--strict", "--overwrite"), 7)):
-        ended = command(
-            ranks, "run", path, "--output", tmp_path / "out", *options, cwd=tmp_path, HPCINV_KERNELS=str(kernels)
-        )
+    compiled = {"HPCINV_KERNELS": str(kernels)}
+    for ended, code in (
+        (hpcinv_here("run", path, "--output", tmp_path / "out", cwd=tmp_path), 0),
+        (command(2, "run", path, "--output", tmp_path / "out", "--strict", "--overwrite", cwd=tmp_path, **compiled), 7),
+    ):
         assert ended.returncode == code, ended.stdout + ended.stderr
         assert "certificate: not decided" in ended.stdout
         assert "  not decided: stability: unstable directions 1 (" in ended.stdout

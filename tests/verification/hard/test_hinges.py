@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import BLOCK, hpcinv, write_job
+from helpers.command_line import BLOCK, hpcinv_here, write_job
 from helpers.hard_case import job
 
 from hpcinv.errors import MeshError
@@ -189,17 +189,18 @@ def test_hinges_of_very_many_parts_are_found(comm: MPI.Intracomm) -> None:
     assert report.endswith("; and 61 more of its parts")
 
 
-def test_the_command_line_reports_it_once_before_the_solve(tmp_path: Path) -> None:
+@pytest.mark.parallel(2)
+def test_the_command_line_reports_it_once_before_the_solve(run_directory: Path) -> None:
     source = voxels(EDGE)
-    SAVERS[".vtu"](tmp_path / "doors.vtu", source, source.points / 1e-3)
+    SAVERS[".vtu"](run_directory / "doors.vtu", source, source.points / 1e-3)
     changes = {
         "mesh": {"file": "doors.vtu", "unit": "mm"},
         "regions": {"left": REGIONS["left"]},
         "supports": [{"region": "left", "fix": ["x", "y", "z"]}],
         "quantities": [],
     }
-    ended = hpcinv(2, "run", write_job(tmp_path / "job.yaml", BLOCK, **changes), cwd=tmp_path)
+    ended = hpcinv_here("run", write_job(run_directory / "job.yaml", BLOCK, **changes), cwd=run_directory)
     assert ended.returncode == 2, ended.stderr
     assert ended.stderr.count("doors.vtu: a part of 8 cells around (1.5, 1.5, 0.5) mm touches the rest of the") == 1
     assert "Traceback" not in ended.stderr
-    assert not (tmp_path / "results").exists()
+    assert not (run_directory / "results").exists()

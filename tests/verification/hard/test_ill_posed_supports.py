@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import hpcinv as command
+from helpers.command_line import hpcinv_here as command
 from helpers.hard_case import JOBS, job, solve
 from helpers.mesh_cases import write_msh22
 
@@ -176,12 +176,13 @@ def test_supports_of_different_load_cases_contradict_each_other_on_the_way(
         model(comm, **data)
 
 
-def test_the_command_line_reports_it_once_with_exit_code_2(tmp_path: Path) -> None:
-    ended = command(2, "run", JOBS / "contradicting-supports.yaml", cwd=tmp_path)
+@pytest.mark.parallel(2)
+def test_the_command_line_reports_it_once_with_exit_code_2(run_directory: Path) -> None:
+    ended = command("run", JOBS / "contradicting-supports.yaml", cwd=run_directory)
     assert ended.returncode == 2
     assert ended.stderr.count("supports[0].fix and supports[1].displacement: 0 m and 0.1 m along x") == 1
     assert "Traceback" not in ended.stderr
-    assert not (tmp_path / "results").exists()
+    assert not (run_directory / "results").exists()
 
 
 # Loads that do nothing
