@@ -173,7 +173,7 @@ def test_a_wall_with_a_hole_is_refused(tmp_path: Path, capsys: pytest.CaptureFix
     image = sitk.GetImageFromArray(voxels)
     image.SetSpacing((2.0, 2.0, 2.0))
     sitk.WriteImage(image, str(scan_file))
-    given = ("--label", "wall=1", "--label", "cavity=2", "--size", "9 mm")
+    given = ("--label", "wall=1", "--label", "cavity=2", "--size", "6 mm")
     assert typed("ventricle", "--image", scan_file, *given, tmp_path / "job.yaml") == 2
     assert re.search("the wall has a hole, or no thickness, near .*: 'endo' touches 'epi'", capsys.readouterr().err)
     assert not list(tmp_path.glob("job*"))
@@ -195,7 +195,7 @@ def branched(path: Path, *, closed: bool = False) -> Path:
 def test_all_ends_of_a_branched_vessel_are_found_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "vessel.yaml"
     labels = ["--label", "wall=1", "--label", "cavity=2"]
-    assert typed("artery", "--image", branched(tmp_path / "scan.nii.gz"), *labels, "--size", "9 mm", file) == 0
+    assert typed("artery", "--image", branched(tmp_path / "scan.nii.gz"), *labels, "--size", "6 mm", file) == 0
     job = package.load(file)
     names = ["inlet", "outlet 1", "outlet 2"]
     assert [support.region for support in job.supports] == names
