@@ -15,8 +15,6 @@ from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension, parse_unit
 
 STRESS = parse_unit("Pa")[1]
-LARGEST = 200_000_000
-"""Largest file (bytes) that is read; raised, a damaged or hostile file can fill more memory."""
 MOST_TERMS = 6
 """Terms of a sum; Abaqus and FEBio have no more. Raised, a wrong N makes a formula that is slow to check."""
 

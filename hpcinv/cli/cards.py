@@ -85,18 +85,19 @@ def _card_text(argument: str) -> tuple[str, str]:
 
 def file_text(path: Path) -> str:
     """Return the text of a card's file, with the files that an input file includes; ``ValueError`` if there is none."""
-    from hpcinv.cards.card import LARGEST
+    from hpcinv.files.followed_includes import followed
     from hpcinv.quantity.csv_rows import text_of
+    from hpcinv.reading.deck_includes import LONGEST_TEXT
     from hpcinv.reading.fault import Fault
-    from hpcinv.reading.included_files import lines_of
 
-    text = text_of(path, LARGEST)
+    text = text_of(path, LONGEST_TEXT)
     if suffix_of(path) != ".inp" or "INPUT" not in text.upper():
         return text
     try:
-        return "\n".join(line.text for line in lines_of(path, LARGEST))
+        included: str = followed("inp-text", path)["text"]
     except Fault as fault:
         raise ValueError(f"{fault.text}. {fault.advice}") from None
+    return included
 
 
 def _unit(option: str | None, stated: str) -> str:

@@ -7,7 +7,7 @@ from hpcinv.files.untrusted import image_fault
 from hpcinv.formats.mesh_format import MeshFormat
 from hpcinv.quantity.schema import import_modules
 from hpcinv.reading.door import REFUSED, is_asked, path_fault
-from hpcinv.reading.included_files import TooLarge
+from hpcinv.reading.fault import Fault
 from hpcinv.reading.suffix import suffix_of
 
 import_modules(__name__, __path__)
@@ -36,9 +36,9 @@ def mesh_fault(directory: Path, file: str) -> str:
     if (fault := path_fault(directory, file)) or not path.is_file():
         return fault
     try:
-        files = mesh_format.data_files(path) if mesh_format else []
-    except TooLarge as too_large:
-        return f"{too_large.text}, and is {REFUSED}; convert it to .msh or .vtu"
+        files = mesh_format.data_files(path, isolated=True) if mesh_format else []
+    except Fault as damage:
+        return f"{damage.text}, and is {REFUSED}; convert it to .msh or .vtu"
     for data in files:
         if fault := path_fault(path.parent, data):
             return f"has data in '{data}', which {fault}"

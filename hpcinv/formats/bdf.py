@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from hpcinv.files.followed_includes import included_files
 from hpcinv.formats.mesh_format import MeshFormat
-from hpcinv.reading.included_files import included_by
 
 
 class Bdf(MeshFormat):
@@ -17,8 +17,6 @@ class Bdf(MeshFormat):
     saver = "hpcinv.mesh.io.bdf:save_bdf"
     saves_27_nodes = "never"
 
-    def data_files(self, path: Path) -> list[str]:
+    def data_files(self, path: Path, *, isolated: bool | None = None) -> list[str]:
         """Files that it includes."""
-        from hpcinv.reading.bdf_files import lines_of
-
-        return included_by(path, lines_of)
+        return included_files("bdf-files", path, isolated=isolated)

@@ -1,24 +1,17 @@
 """Input files of Abaqus and CalculiX: node sets, element sets and surfaces are regions."""
 
-import re
 from pathlib import Path
 
+from hpcinv.files.followed_includes import followed, included_files
 from hpcinv.formats.mesh_format import Groups, MeshFormat
 from hpcinv.reading.fault import Fault
-from hpcinv.reading.included_files import included_by, lines_of
 
-_NAMED = re.compile(
-    r"^\s*\*\s*(?:NODE|ELEMENT|NSET|ELSET|SURFACE)\b[^\n]*?\b(?:NSET|ELSET|NAME)\s*=\s*\"?([^,\"\n]+)", re.I | re.M
-)
-_SEVERAL = re.compile(r"^\s*\*\s*INSTANCE\b", re.I | re.M)
 _CONDITIONS = (
     r".+-(P[1-6]|EDNOR[1-4]|nodes|surface)",
     r"held-[rxyz]+(=.+)?",
     r"(loaded|turned|pressed|edge-loaded)(-\d+)?",
 )
 """faces of the elements of a set, by a line of ``*DLOAD``, and what lines on single nodes and elements hold or load"""
-_LARGEST = 200 * 2**20
-"""bytes of a file that is searched for names; raised, ``validate`` may take seconds"""
 
 
 class Inp(MeshFormat):
@@ -30,16 +23,12 @@ class Inp(MeshFormat):
 
     def groups(self, path: Path) -> Groups | None:
         """Groups by the names of sets and surfaces; unknown in an assembly, whose sets belong to instances."""
-        if path.stat().st_size > _LARGEST:
-            return None
         try:
-            text = "\n".join(line.text for line in lines_of(path, _LARGEST))
+            names = followed("inp-names", path)["names"]
         except Fault:  # reported by the reader
             return None
-        if _SEVERAL.search(text):
-            return None
-        return Groups(frozenset(name.strip() for name in _NAMED.findall(text)), patterns=_CONDITIONS)
+        return None if names is None else Groups(frozenset(names), patterns=_CONDITIONS)
 
-    def data_files(self, path: Path) -> list[str]:
+    def data_files(self, path: Path, *, isolated: bool | None = None) -> list[str]:
         """Files that it includes."""
-        return included_by(path)
+        return included_files("inp-files", path, isolated=isolated)

@@ -102,8 +102,15 @@ class MeshFormat(ABC):
         """Fault that is found by searching a whole file, where no ``action`` reads it; empty text if there is none."""
         return ""
 
-    def data_files(self, path: Path) -> list[str]:
-        """Names of further files, relative to the directory of ``path``, that have parts of the mesh."""
+    def data_files(self, path: Path, *, isolated: bool | None = None) -> list[str]:
+        """Names of further files, relative to the directory of ``path``, that have parts of the mesh.
+
+        Args:
+            isolated: whether a child process searches for them; by default with ``--untrusted``.
+
+        Raises:
+            Fault: the child does not survive the file.
+        """
         return []
 
     def untrusted(self) -> str:

@@ -39,7 +39,7 @@ class Xdmf(MeshFormat):
             return f"has data in '{missing[0]}', and there is no such file"
         return "" if grids else "has no grid with a topology and a geometry"
 
-    def data_files(self, path: Path) -> list[str]:
+    def data_files(self, path: Path, *, isolated: bool | None = None) -> list[str]:
         """HDF5 files with the values of data items."""
         try:
             items = [(item.text or "").strip() for item in root_of(path).iter("DataItem")]

@@ -21,7 +21,7 @@ from hpcinv.quantity.expressions import LET
 from hpcinv.quantity.plugins import inputs_of
 from hpcinv.quantity.schema import Spec, metadata_in
 from hpcinv.reading.door import admitted
-from hpcinv.reading.included_files import TooLarge
+from hpcinv.reading.fault import Fault
 from hpcinv.reading.suffix import suffix_of
 
 WITH_DEFINITIONS = {LET: True}
@@ -53,8 +53,9 @@ def file_digest(path: Path) -> str:
         with admitted(path).open("rb") as file:
             head = file.read(_LONGEST_HEADER)
             digest.update(head)
+            names = sorted(mesh_format.data_files(path)) if mesh_format else []  # refused before hours of reading
             _update(digest, file)
-        for name in sorted(mesh_format.data_files(path)) if mesh_format else ():
+        for name in names:
             with admitted(path.parent / name, path).open("rb") as file:
                 _update(digest, file)
         if suffix_of(path) in _HEADERS:
@@ -62,7 +63,7 @@ def file_digest(path: Path) -> str:
                 digest.update(voxel_file.name.encode())
                 with admitted(voxel_file, path).open("rb") as voxels:
                     digest.update(hashlib.file_digest(voxels, "sha256").digest())
-    except TooLarge as fault:
+    except Fault as fault:
         raise MeshError(f"{path}: {fault.text}", "Convert it to .msh or .vtu.") from None
     except (OSError, ValueError) as error:
         missing = getattr(error, "filename", None) or path

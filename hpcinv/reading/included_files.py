@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from hpcinv.reading.abaqus_options import is_option
 from hpcinv.reading.decoding import decoded
-from hpcinv.reading.door import Refused, admitted, is_asked
+from hpcinv.reading.door import Refused, admitted
 from hpcinv.reading.fault import Fault, shown
 
 _INPUT = re.compile(r",\s*INPUT\s*=\s*(\"[^\"]*\"?|[^,]*)", re.IGNORECASE)
@@ -26,15 +26,6 @@ _MOST_INCLUDES = 1000
 """files that are included, each as often as it is; raised, a hostile file takes longer to be refused"""
 _REPEATED = 100 * 2**20
 """bytes of files that are included again; raised, a hostile file takes longer to be refused"""
-
-
-_MOST_FROM_OTHERS = 512 * 2**20
-"""bytes of a file and of what it includes that are followed with ``--untrusted`` where no child process reads them;
-raised, a hostile file fills the memory of the process that solves"""
-
-
-class TooLarge(Fault):
-    """A file includes more bytes than are followed."""
 
 
 class FileLine(NamedTuple):
@@ -82,7 +73,7 @@ class Inclusions:
             text = f"more than {_MOST_INCLUDES:,} files, or more than {_REPEATED:,} bytes again"
             raise Fault(f"{place}: includes {text}", "Include each file once.")
         if sum(self._sizes.values()) > self.most:
-            raise TooLarge(f"{place}: includes more than {self.most:,} bytes")
+            raise Fault(f"{place}: includes more than {self.most:,} bytes")
         return file
 
     def _found(self, name: str, beside: Path, place: str) -> Path:
@@ -110,24 +101,15 @@ def lines_of(path: Path, most: float = math.inf) -> Iterator[FileLine]:
 type Reader = Callable[[Path, Inclusions, tuple[Path, ...]], Iterator[FileLine]]
 
 
-def included_by(path: Path, reader: Reader | None = None) -> list[str]:
-    """Return the names of all files that a file includes, relative to its directory, as far as they can be read.
-
-    Raises:
-        TooLarge: with ``--untrusted``, if there is too much to be followed.
-    """
-    most = _MOST_FROM_OTHERS if is_asked() else math.inf
-    inclusions = Inclusions(path.parent, most)
+def included_by(path: Path, reader: Reader | None = None) -> tuple[list[str], bool]:
+    """Return the names of all files that a file includes, relative to its directory, and whether all could be read."""
+    inclusions, is_whole = Inclusions(path.parent), True
     try:
-        if (size := path.stat().st_size) > most:
-            raise TooLarge(f"has {size:,} bytes, more than the {most:,} of a deck from others")
         for line in (reader or _lines)(path, inclusions, ()):
             del line
-    except TooLarge:
-        raise
     except (Fault, Refused, OSError):  # reported by the reader
-        pass
-    return list(dict.fromkeys(inclusions.names))
+        is_whole = False
+    return list(dict.fromkeys(inclusions.names)), is_whole
 
 
 def _lines(path: Path, inclusions: Inclusions, above: tuple[Path, ...]) -> Iterator[FileLine]:

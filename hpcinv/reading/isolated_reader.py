@@ -29,6 +29,7 @@ if "hpcinv" not in sys.modules:  # the package of the parent process, which need
 
 import numpy as np  # noqa: E402
 
+from hpcinv.reading.deck_includes import FUNCTIONS  # noqa: E402
 from hpcinv.reading.door import Refused, admit, admitted  # noqa: E402
 from hpcinv.reading.fault import Fault, PackageMissing, shown  # noqa: E402
 from hpcinv.reading.image_headers import METAIMAGE, NRRD, check_regular, format_of  # noqa: E402
@@ -130,6 +131,7 @@ ACTIONS: dict[str, _Action] = {
     "vtk": _vtk,
     "image": _image,
     "surface": _surface,
+    **{action: _reader("deck_includes", function.__name__) for action, function in FUNCTIONS.items()},
 }
 
 

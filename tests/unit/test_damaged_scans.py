@@ -20,6 +20,7 @@ import pyvista
 from helpers.forked_reader import load_libraries, run_forked
 
 from hpcinv.errors import JobError, MeshError
+from hpcinv.files import followed_includes
 from hpcinv.job.job import load
 from hpcinv.mesh.imaging.closed_surface import read_closed, signed_volume
 from hpcinv.mesh.imaging.label_image import labels_in, read_labels
@@ -315,7 +316,7 @@ def test_a_reader_that_never_ends_is_ended(tmp_path: Path, monkeypatch: pytest.M
         program = tmp_path / "reader.py"
         limit = "import resource; resource.setrlimit(resource.RLIMIT_CPU, (1, 2))\n"
         program.write_text(limit + code)
-        monkeypatch.setattr(isolated, "_PROGRAM", program)
+        monkeypatch.setattr(followed_includes, "_PROGRAM", program)
         monkeypatch.setattr(isolated, "_SECONDS", 1)
         with pytest.raises(MeshError, match=r"a\.mha: cannot be read as an image: that takes too long"):
             read_labels(path, {"block": [300]}, 1e-3)

@@ -12,10 +12,7 @@ from pathlib import Path
 import pytest
 
 import hpcinv
-from hpcinv.errors import MeshError
-from hpcinv.formats import mesh_fault
 from hpcinv.job.resolved_job import file_digest
-from hpcinv.reading import included_files
 from hpcinv.reading.door import PLACES, VARIABLE, Refused, admit, admitted, trusted
 
 ROOT = Path(hpcinv.__file__).parent
@@ -197,25 +194,6 @@ def test_programs_are_refused_wherever_they_are(named: Path, monkeypatch: pytest
     monkeypatch.setenv(VARIABLE, "0")
     assert trusted(named / "file") == named / "file"
     assert admitted(Path("/etc/hostname")) == Path("/etc/hostname")
-
-
-@pytest.mark.parametrize(("suffix", "line"), [(".inp", "*INCLUDE, INPUT={}"), (".bdf", "INCLUDE '{}'")])
-def test_a_deck_from_others_is_followed_to_a_limit(
-    suffix: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Outside of the child process, which has a limit of memory: a sparse file of 6 GB has no size in a package."""
-    deck, large = tmp_path / f"deck{suffix}", tmp_path / f"large{suffix}"
-    deck.write_text(f"{line.format(large.name)}\n")
-    large.write_text("")
-    os.truncate(large, 2 * included_files._MOST_FROM_OTHERS)
-    monkeypatch.setenv(VARIABLE, "1")
-    assert "includes more than 536,870,912 bytes" in mesh_fault(tmp_path, deck.name)
-    assert "has 1,073,741,824 bytes, more than the 536,870,912" in mesh_fault(tmp_path, large.name)
-    with pytest.raises(MeshError, match="includes more than"):
-        file_digest(deck)
-    os.truncate(large, 0)
-    assert not mesh_fault(tmp_path, deck.name)
-    assert file_digest(deck)
 
 
 def test_the_digest_of_a_large_file_takes_little_memory(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 import json
 import math
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
@@ -13,8 +12,8 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv import reading
 from hpcinv.errors import MeshError, OutputError, SystemPartMissing
+from hpcinv.files.followed_includes import reader_command
 from hpcinv.formats import action_of, check_untrusted
 from hpcinv.job.resolved_job import file_digest
 from hpcinv.job.sections import MeshSpec
@@ -24,7 +23,6 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.signals import ended_by_signals
 from hpcinv.reading.reader_outcome import ending, fault_found
 
-_PROGRAM = Path(reading.__file__).with_name("isolated_reader.py")
 _SECONDS = 60  # of processor time for a small file; a damaged one may take as long, if raised
 _BYTES_PER_SECOND = 1e6  # that the slowest format takes at least, text; large files are refused if raised
 _WAITING = 10  # time on the clock for each second of processor time; on a busy machine, files are refused if lowered
@@ -110,8 +108,7 @@ def _command(action: str, path: Path) -> tuple[list[str], int]:
         seconds += int(path.stat().st_size / _BYTES_PER_SECOND)
     except (OSError, ValueError) as error:
         raise MeshError(f"{path}: {getattr(error, 'strerror', error)}", "Is the file readable?") from None
-    command = [sys.executable, "-P", str(_PROGRAM), action, str(path.absolute()), str(int(memory)), str(seconds)]
-    return command, seconds
+    return reader_command(action, path, int(memory), seconds), seconds
 
 
 def check_msh(path: Path, called: Path) -> None:
