@@ -5,7 +5,6 @@ Sources: *Abaqus Keywords Guide*; Dhondt, *CalculiX CrunchiX User's Manual*.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any
@@ -17,13 +16,17 @@ from hpcinv.cards.card import CardError, number
 from hpcinv.cards.deck import Measure, NodalForces, RigidRegion
 from hpcinv.reading.abaqus_keywords import Keyword
 from hpcinv.reading.single_conditions import AXES, force_groups, pressed_groups
-from hpcinv.reading.standing_conditions import COMPONENTS, NewConditions, Standing, vectors
-
-_PRESSED = re.compile(r"P[1-6]")
+from hpcinv.reading.standing_conditions import COMPONENTS, EDGE_LOAD, PRESSED, NewConditions, Standing, vectors
 
 type _Load = tuple[str, str, str, tuple[float, ...]]
 """keyword, set, kind, and direction or axis"""
 type _Vector = tuple[float, float, float]
+
+
+def _is_pressed_face(kind: str) -> bool:
+    """Return whether a load presses on a numbered face of its elements."""
+    match = PRESSED.fullmatch(kind)
+    return match is not None and bool(match[1])
 
 
 class DistributedLoads:
@@ -58,8 +61,7 @@ class DistributedLoads:
 
     def _read_single(self, name: str, line: list[str], step: int, scaled: Callable[[float], float]) -> None:
         kind = line[1].upper() if len(line) > 1 else ""
-        is_read = _PRESSED.fullmatch(kind) or (self._file.is_shell and (kind == "P" or kind.startswith("EDNOR")))
-        if not is_read:
+        if not ((self._file.is_shell and (kind == "P" or EDGE_LOAD.fullmatch(kind))) or _is_pressed_face(kind)):
             self._not_read[f"*{name}"] += 1
             return
         try:
@@ -113,10 +115,10 @@ class DistributedLoads:
             return pressure | ({"face": "surface"} if self._file.is_shell else {})
         if self._file.is_shell and (keyword, kind) == ("DLOAD", "P"):
             return pressure | {"face": "back"}
-        if self._file.is_shell and kind.startswith("EDNOR"):
+        if self._file.is_shell and (EDGE_LOAD.fullmatch(kind) if keyword == "DLOAD" else kind == "EDNOR"):
             edge = f"{name}-{kind}" if keyword == "DLOAD" else name
             return pressure | {"region": edge, "pressure": Measure(size, length=1, stress=1), "face": "edge"}
-        if keyword == "DLOAD" and _PRESSED.fullmatch(kind):
+        if keyword == "DLOAD" and _is_pressed_face(kind):
             return pressure | {"region": f"{name}-{kind}"}
         return None
 

@@ -166,6 +166,21 @@ def test_forces_and_moments_of_an_edge_act_on_its_band(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("line", "unused"),
+    [
+        ("2, EDNOR, 0.3", "*DLOAD of single nodes or elements (1)"),
+        ("2, EDNOR5, 0.3", "*DLOAD of single nodes or elements (1)"),
+        ("PLATE, EDNOR5, 0.3", "*DLOAD, EDNOR5 on PLATE"),
+        ("PLATE, P7, 0.3", "*DLOAD, P7 on PLATE"),
+    ],
+)
+def test_loads_on_edges_that_no_element_has_are_listed(tmp_path: Path, line: str, unused: str) -> None:
+    job, text = job_of(tmp_path, PLATE.replace("*END", f"*DLOAD\n{line}\n*END"))
+    assert not job["effects"]
+    assert unused in text
+
+
+@pytest.mark.parametrize(
     ("change", "message"),
     [
         (("*STEP", "*SOLID SECTION, ELSET=B, MATERIAL=STEEL\n*STEP"), "shells tied to solids or beams"),
