@@ -18,7 +18,7 @@ _PROGRAM = Path(reading.__file__).with_name("isolated_reader.py")
 _MEMORY = 4 << 30
 """bytes that the child may take, enough for decks of 600 MB; raised, a hostile file fills the memory of the machine"""
 _SECONDS = 120
-"""of processor time, in which 1 GB of text is followed; raised, a hostile file takes longer to be refused"""
+"""of processor time: 1 GB of text takes less; raised, a hostile file takes longer to be refused"""
 _WAITING = 5  # s on the clock for each second of processor time; on a busy machine, files are refused if lowered
 
 _known: dict[Path, tuple[list[tuple[int, int]], list[str]]] = {}
