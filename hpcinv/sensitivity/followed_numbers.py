@@ -61,7 +61,7 @@ class FollowedNumbers:
             SolveError: on all ranks, if the tangent is singular.
         """
         try:
-            change = self._bordered.solve(b, -by_parameter, x)
+            change = self._bordered.solve_refined(b, -by_parameter, x)
         except np.linalg.LinAlgError:
             change = None
         if change is None:

@@ -131,6 +131,27 @@ def test_a_sphere_of_given_volume_has_the_slopes_of_its_closed_form(comm: MPI.In
     assert abs(slopes["full"]["material.c1"]) < 1e-10
 
 
+def test_slopes_at_the_largest_pressure_of_a_balloon(comm: MPI.Intracomm) -> None:
+    """There the tangent at given pressure is singular. At given volume, all stresses are in proportion to ``c1``."""
+    with Workspace(comm) as workspace:
+
+        def found(volume: float) -> Any:
+            holes = {"hole": HOLE | {"volume": volume}}
+            given = filled(analysis="forward", cavities=holes, sensitivities=["cavities.hole.volume", "material.c1"])
+            return hpcinv.run(job(**given), comm, workspace=workspace)
+
+        volume, other = 4.121 * OCTANT, 4.1212 * OCTANT
+        by_volume = [found(v).sensitivities.slopes["p"]["cavities.hole.volume"] for v in (volume, other)]
+        while abs(by_volume[0]) > 1e-9:  # a secant leads to the next volume
+            following = volume - by_volume[0] * (volume - other) / (by_volume[0] - by_volume[1])
+            volume, other, result = following, volume, found(following)
+            by_volume = [result.sensitivities.slopes["p"]["cavities.hole.volume"], by_volume[0]]
+    slopes = {name: np.array(by_key["material.c1"]) for name, by_key in result.sensitivities.slopes.items()}
+    assert slopes["stress"] == pytest.approx(2 * result.quantities["stress"], rel=1e-9)
+    assert slopes["p"] == pytest.approx(2 * result.quantities["p"], rel=1e-9)
+    assert np.abs([slopes["full"], *slopes["pole"]]).max() < 1e-10
+
+
 @pytest.mark.parallel([1, 2])
 @pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("analysis", ["forward", "inverse"])
