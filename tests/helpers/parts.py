@@ -13,7 +13,8 @@ import pytest
 SECONDS: Mapping[str, float] = {
     "tests/system/test_pages.py": 80.0,
     "tests/system/test_tutorials.py": 60.0,
-    "tests/verification/test_shells.py": 30.0,
+    "tests/verification/test_shell_strips.py": 30.0,
+    "tests/verification/test_shells_of_revolution.py": 30.0,
     "tests/verification/test_published.py": 30.0,
 }
 """What a test of a file takes, where that is far from ``USUAL``. The parts differ more in length if they are wrong."""

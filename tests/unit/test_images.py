@@ -1,81 +1,30 @@
-"""Meshes of segmented images and closed surfaces: volumes, frames, regions, and what cannot be meshed."""
+"""Meshes of segmented images: volumes, regions, sizes, and what cannot be meshed."""
 
 from __future__ import annotations
 
-import gzip
 import os
 import re
 import signal
-import struct
-import tracemalloc
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import pyvista
+from helpers.imaging_cases import BALL, ball, grid, inside, meshed, volumes, written
 from scipy import ndimage
 
 from hpcinv.__main__ import main
 from hpcinv.errors import JobError, MeshError
-from hpcinv.job.job import parse
-from hpcinv.mesh.body import read_source
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.mesh.checks import check, determinants
+from hpcinv.mesh.checks import determinants
 from hpcinv.mesh.crossing_facets import find_overlap
 from hpcinv.mesh.imaging.clean_surfaces import _fill_touching_edges, _parts
 from hpcinv.mesh.imaging.curved_cells import curved
-from hpcinv.mesh.imaging.label_image import read_labels
-from hpcinv.mesh.imaging.mesh_report import report_distance
 from hpcinv.mesh.imaging.wall_sizes import wall_sizes
-from hpcinv.mesh.io import isolated
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.surface import surface_of
-
-SimpleITK = pytest.importorskip("SimpleITK")
-
-JOB: Mapping[str, Any] = {"material": {"law": "neo-hookean", "young": "5 kPa", "poisson": 0.4}}
-HELD = {"region": "boundary", "fix": ["x", "y", "z"]}
-BALL = 10.0  # mm
-
-
-def grid(count: int = 24) -> np.ndarray:
-    """Middles of voxels of 1 mm, with the origin in the middle of the image; last axis x, y, z."""
-    axis = np.arange(count) - (count - 1) / 2
-    return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
-
-
-def ball() -> np.ndarray:
-    return (np.linalg.norm(grid(), axis=-1) < BALL).astype(np.uint8)
-
-
-def written(path: Path, voxels: np.ndarray, spacing: tuple[float, ...] = (1, 1, 1), **meta: Any) -> Path:
-    """An image of voxels (nx, ny, nz)."""
-    image = SimpleITK.GetImageFromArray(voxels.transpose())
-    image.SetSpacing(spacing)
-    if "direction" in meta:
-        image.SetDirection(meta["direction"])
-    image.SetOrigin(meta.get("origin", (0, 0, 0)))
-    SimpleITK.WriteImage(image, str(path))
-    return path
-
-
-def meshed(image: Path, said: list[str] | None = None, **mesh: Any) -> MeshSource:
-    spec = {"image": image.name, "labels": {"ball": 1}, "size": "4 mm"} | mesh
-    job = parse(
-        {**JOB, "mesh": spec, "supports": [{"region": "boundary", "fix": ["x", "y", "z"]}]}, image.parent / "job.yaml"
-    )
-    source = read_source(job.mesh, image, (said if said is not None else []).append)
-    check(source)
-    return source
-
-
-def volumes(source: MeshSource) -> dict[str, float]:
-    corners = source.points[source.cells]
-    each = abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
-    return {group.name: each[group.members].sum() for group in source.groups if group.dim == 3}
 
 
 def area(source: MeshSource, name: str) -> float:
@@ -99,21 +48,6 @@ def test_a_ball_has_its_volume_and_a_smooth_surface(tmp_path: Path) -> None:
     assert np.sqrt((distances**2).mean()) < 0.4
 
 
-@pytest.mark.parametrize("ending", [".nii", ".nrrd", ".mha"])
-def test_image_lies_where_the_header_says(ending: str, tmp_path: Path) -> None:
-    """Turned by a quarter and mirrored, with an origin; voxels of three lengths."""
-    voxels = np.zeros((20, 16, 12), dtype=np.int16)
-    voxels[4:16, 4:12, 3:9] = 3
-    direction = (0, 1, 0, 1, 0, 0, 0, 0, 1)  # columns: the image's x is y, and y is x
-    image = written(tmp_path / f"block{ending}", voxels, (1, 2, 3), direction=direction, origin=(100, -50, 7))
-    source = meshed(image, labels={"block": [3]}, size="6 mm")
-    low, high = source.points.min(axis=0) * 1e3, source.points.max(axis=0) * 1e3
-    # From index 3.5 to 15.5, 3.5 to 11.5 and 2.5 to 8.5.
-    assert low == pytest.approx([100 + 7, -50 + 3.5, 7 + 7.5], abs=1)
-    assert high == pytest.approx([100 + 23, -50 + 15.5, 7 + 25.5], abs=1)
-    assert volumes(source)["block"] == pytest.approx(12 * 16 * 18e-9, rel=0.01)
-
-
 def test_a_folded_surface_does_not_cross_itself(tmp_path: Path) -> None:
     """Five facets of folds like these cross at first; they are meshed again with cells between them."""
     noise = ndimage.gaussian_filter(np.random.default_rng(2).standard_normal((20, 20, 20)), 2.2, mode="constant")
@@ -123,78 +57,6 @@ def test_a_folded_surface_does_not_cross_itself(tmp_path: Path) -> None:
     source = meshed(written(tmp_path / "folds.mha", body), size="3.5 mm")
     assert find_overlap(surface_of(source)).pairs == 0
     assert volumes(source)["ball"] == pytest.approx(body.sum() * 1e-9, rel=0.01)
-
-
-def as_vti(image: Path, path: Path, on: str) -> Path:
-    """The image as VTK image data, with labels of its points or cells."""
-    read = SimpleITK.ReadImage(str(image))
-    voxels = SimpleITK.GetArrayFromImage(read).transpose()
-    axes = np.array(read.GetDirection()).reshape(3, 3)
-    origin = np.array(read.GetOrigin()) - (on == "cells") * axes @ np.array(read.GetSpacing()) / 2
-    grid = pyvista.ImageData(
-        dimensions=np.array(voxels.shape) + (on == "cells"),
-        spacing=read.GetSpacing(),
-        origin=origin,
-        direction_matrix=axes,
-    )
-    (grid.cell_data if on == "cells" else grid.point_data)["labels"] = voxels.ravel(order="F")
-    grid.save(path)
-    return path
-
-
-@pytest.mark.parametrize("ending", [".mhd", ".mha.gz", ".nrrd.gz", ".vti", ".vti.gz"])
-def test_all_formats_have_the_same_voxels_in_the_same_places(ending: str, tmp_path: Path) -> None:
-    voxels = np.random.default_rng(0).integers(0, 3, (7, 6, 5)).astype(np.int64)
-    meta: dict[str, Any] = {"direction": (0, 1, 0, 1, 0, 0, 0, 0, 1), "origin": (100, -50, 7)}
-    first = written(tmp_path / "image.mha", voxels, (1, 2, 3), **meta)
-    name = ending.removesuffix(".gz")
-    other = (
-        as_vti(first, tmp_path / "other.vti", "cells" if ".gz" in ending else "points")
-        if name == ".vti"
-        else written(tmp_path / f"other{name}", voxels, (1, 2, 3), **meta)
-    )
-    if ending != name:
-        other = tmp_path / f"packed{ending}"
-        other.write_bytes(gzip.compress((tmp_path / f"other{name}").read_bytes()))
-    first_image, two = (read_labels(path, {"a": [2], "b": [1]}, 1e-3) for path in (first, other))
-    assert np.array_equal(first_image.voxels, two.voxels)
-    assert np.array_equal(first_image.voxels == 1, voxels == 2)
-    places = np.indices(voxels.shape).reshape(3, -1).T * first_image.spacing
-    assert two.positions(places) == pytest.approx(first_image.positions(places), abs=1e-9)
-    other.write_bytes(other.read_bytes()[: len(other.read_bytes()) // 2])
-    with pytest.raises(MeshError, match=other.name):
-        read_labels(other, {"a": [2]}, 1e-3)
-
-
-def test_voxels_of_64_bits_take_no_more_memory_than_one_copy(tmp_path: Path) -> None:
-    voxels = np.zeros((160, 160, 160), dtype=np.int64)
-    voxels[20:90, 20:90, 20:90] = 5_000_000_000
-    image = written(tmp_path / "large.mha", voxels)
-    tracemalloc.start()
-    try:
-        labels = read_labels(image, {"a": [5_000_000_000]}, 1e-3, neighbours={"b": [0]})
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert labels.volume(1) == pytest.approx(70**3 * 1e-9)
-    assert peak < 1.7 * voxels.nbytes  # the array that was read, labels of 16 bits and a mask
-
-
-def test_images_that_exceed_the_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    image = written(tmp_path / "image.mha", ball())
-    monkeypatch.setattr(isolated, "available", lambda _comm: 1000)
-    with pytest.raises(MeshError, match="of memory"):
-        read_labels(image, {"a": [1]}, 1e-3)
-
-
-def test_other_frames(tmp_path: Path) -> None:
-    image, said = written(tmp_path / "ball.nii.gz", ball(), origin=(100, 10, 1)), list[str]()
-    source = meshed(image, said, orientation="SRA")
-    middle = (source.points.min(axis=0) + source.points.max(axis=0)) / 2 * 1e3
-    assert middle == pytest.approx([12.5, -111.5, -21.5], abs=0.5)
-    assert "in SRA (x, y, z to head, right, front)" in "".join(said)
-    with pytest.raises(JobError, match="not a right-handed frame"):
-        meshed(image, orientation="LAS")
 
 
 def test_signals_reach_a_run_after_its_image_was_meshed(tmp_path: Path) -> None:
@@ -274,11 +136,6 @@ def test_sizes_are_chosen_without_too_many_cells() -> None:
     ball = wall_sizes(np.pad((radii < 10.5).astype(np.int64), 3), voxel, 1, 4.0, None)
     assert not ball.is_graded
     assert ball.interpolate(np.zeros((2, 3))).tolist() == [4.0, 4.0]
-
-
-def test_other_units(tmp_path: Path) -> None:
-    image = written(tmp_path / "cells.nii.gz", ball())
-    assert volumes(meshed(image, unit="um", size="4 um"))["ball"] == pytest.approx(ball().sum() * 1e-18, rel=0.01)
 
 
 def test_labels_that_touch_share_their_facets(tmp_path: Path) -> None:
@@ -436,47 +293,6 @@ def test_smaller_sizes_make_more_cells_of_a_lattice(tmp_path: Path) -> None:
     assert counts == sorted(set(counts))
 
 
-def with_header(path: Path, *changes: tuple[str, int, tuple[float, ...]]) -> Path:
-    """The ball cut in half as a NIfTI file, with values of its header in other places."""
-    raw = bytearray(gzip.decompress(written(path, ball()[:, :, 12:]).read_bytes()))
-    for kind, place, values in changes:
-        struct.pack_into(f"<{len(values)}{kind}", raw, place, *values)
-    path.write_bytes(gzip.compress(bytes(raw)))
-    return path
-
-
-@pytest.mark.parametrize(
-    ("changes", "fault"),
-    [
-        ([("f", 280, (2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0))], r"two places of the voxels \(qform and sform\)"),
-        ([("f", 280, (0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0))], r"two places of the voxels \(qform and sform\)"),
-        ([("f", 280, (1, 0.5, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0))], "not at right angles"),
-        ([("f", 80, (0,))], "voxels of 0 x 1 x 1"),
-        ([("f", 80, (float("nan"),))], "voxels of nan x 1 x 1"),
-        ([("h", 42, (48,))], "voxels are missing"),
-        ([("B", 123, (1,))], "too large for cells of 4 mm"),  # spacing in metres
-        ([("B", 123, (3,))], "too small or thin for cells of 4 mm"),  # in micrometres
-    ],
-)
-def test_contradictory_headers_are_reported(changes: list[Any], fault: str, tmp_path: Path) -> None:
-    with pytest.raises(MeshError, match=fault):
-        meshed(with_header(tmp_path / "image.nii.gz", ("h", 252, (1, 1)), *changes))
-
-
-def test_sheared_axes_are_reported(tmp_path: Path) -> None:
-    head = "type: uint8\ndimension: 3\nspace: left-posterior-superior\nsizes: 24 24 24\nspace origin: (0,0,0)\n"
-    axes = "space directions: (1,0,0) (0.5,1,0) (0,0,1)\nencoding: raw\n\n"
-    (tmp_path / "image.nrrd").write_bytes(f"NRRD0004\n{head}{axes}".encode() + ball().tobytes())
-    with pytest.raises(MeshError, match="not at right angles"):
-        meshed(tmp_path / "image.nrrd")
-
-
-def test_files_that_are_not_images_are_reported(tmp_path: Path) -> None:
-    (tmp_path / "image.nii.gz").write_bytes(b"\x1f\x8b no image")
-    with pytest.raises(MeshError, match="cannot be read as an image"):
-        meshed(tmp_path / "image.nii.gz")
-
-
 @pytest.mark.parametrize(
     ("changes", "fault"),
     [
@@ -493,120 +309,6 @@ def test_bad_sections_are_reported(changes: dict[str, Any], fault: str, tmp_path
     with pytest.raises((JobError, MeshError)) as text:
         meshed(written(tmp_path / "ball.nii.gz", ball()), **changes)
     assert fault in str(text.value)
-
-
-def inside(surface: Path, **mesh: Any) -> MeshSource:
-    spec = {"surface": surface.name, "unit": "mm", "size": "4 mm"} | mesh
-    job = parse({**JOB, "mesh": spec, "supports": [HELD]}, surface.parent / "job.yaml")
-    source = read_source(job.mesh, surface)
-    check(source)
-    return source
-
-
-@pytest.mark.parametrize("ending", [".stl", ".ply", ".obj", ".vtp", ".vtk"])
-def test_a_surface_keeps_its_place_and_volume(ending: str, tmp_path: Path) -> None:
-    surface = pyvista.Sphere(radius=10, center=(100, -20, 3), theta_resolution=40, phi_resolution=40)
-    if ending == ".stl":
-        surface = surface.flip_faces()  # inside out
-    surface.save(tmp_path / f"ball{ending}")
-    source = inside(tmp_path / f"ball{ending}")
-    assert volumes(source)["body"] == pytest.approx(abs(surface.volume) * 1e-9, rel=0.01)
-    assert [g.name for g in source.groups] == ["body", "body|outside"]
-    radii = np.linalg.norm(source.points - np.array([100, -20, 3]) * 1e-3, axis=1)
-    assert radii.max() == pytest.approx(10e-3, rel=0.05)
-
-
-def test_the_distance_from_given_triangles_is_reported() -> None:
-    """A regular tetrahedron that is 10 % larger than its triangles: 0.1 of its circumradius √3 m."""
-    corners = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
-    facets = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    triangles = pyvista.PolyData.from_regular_faces(corners, facets)
-    cells, one = np.arange(4)[None], np.ones(1, dtype=np.int64)
-    mesh = MeshSource(Path("body.stl"), "tetrahedron", 1, 1.1 * corners, np.arange(4), cells, one, facets, ())
-    said: list[str] = []
-    report_distance(mesh, triangles, said.append)
-    assert said[0].startswith("facets are up to 173 mm from the triangles of the file")
-    assert "a smaller mesh.size is closer" in said[0]
-    report_distance(replace(mesh, points=corners), triangles, said.append)
-    assert "smaller" not in said[1]
-
-
-def cubes() -> pyvista.PolyData:
-    """Two that touch, with their walls between them."""
-    return cube(0).append_polydata(cube(10))
-
-
-def cube(left: float) -> pyvista.PolyData:
-    return pyvista.Cube(bounds=(left, left + 10, 0, 10, 0, 10)).triangulate()
-
-
-def over_an_edge() -> pyvista.PolyData:
-    """Two that touch in an edge, which has four triangles."""
-    return cube(0).append_polydata(cube(10).translate((0, 10, 0)))
-
-
-def twice() -> pyvista.PolyData:
-    return cube(0).append_polydata(cube(0))
-
-
-def inside_each_other() -> pyvista.PolyData:
-    return pyvista.Sphere(radius=10).append_polydata(pyvista.Sphere(radius=5))
-
-
-@pytest.mark.parametrize(
-    ("surface", "volume"), [(cubes, 2000), (over_an_edge, 2000), (twice, 1000), (inside_each_other, 3600)]
-)
-def test_surfaces_of_several_shells(surface: Callable[[], pyvista.PolyData], volume: float, tmp_path: Path) -> None:
-    surface().save(tmp_path / "body.stl")
-    assert volumes(inside(tmp_path / "body.stl"))["body"] == pytest.approx(volume * 1e-9, rel=0.02)
-
-
-def test_thin_walls_between_surfaces_are_meshed_in_large_cells(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    """A wall of 0.3 mm in cells of up to 1.5 mm."""
-    pyvista.Sphere(radius=2, theta_resolution=40, phi_resolution=40).save(tmp_path / "outer.stl")
-    pyvista.Sphere(radius=1.7, theta_resolution=40, phi_resolution=40).save(tmp_path / "inner.stl")
-    mesh = {"surfaces": {"wall": ["outer.stl", "inner.stl"]}, "unit": "mm", "size": "1.5 mm"}
-    job = parse({**JOB, "mesh": mesh, "supports": [HELD]}, tmp_path / "job.yaml")
-    source = read_source(job.mesh, tmp_path / job.mesh.file)
-    check(source)
-    assert volumes(source)["wall"] == pytest.approx(4 / 3 * np.pi * (2**3 - 1.7**3) * 1e-9, rel=0.03)
-    assert {g.name for g in source.groups} == {"wall", "wall|outside", "wall|cavity"}
-    assert capfd.readouterr() == ("", "")
-
-
-def test_several_surfaces(tmp_path: Path) -> None:
-    """A wall between two spheres, and a core of another material in it next to a cavity."""
-    for name, radius in (("outer", 10), ("inner", 6), ("core", 3)):
-        pyvista.Sphere(radius=radius, theta_resolution=40, phi_resolution=40).save(tmp_path / f"{name}.stl")
-
-    def volume(radius: float) -> float:
-        return 4 / 3 * np.pi * radius**3 * 1e-9
-
-    def of(surfaces: dict[str, Any]) -> MeshSource:
-        mesh = {"surfaces": surfaces, "unit": "mm", "size": "4 mm"}
-        job = parse({**JOB, "mesh": mesh, "supports": [HELD]}, tmp_path / "job.yaml")
-        assert job.mesh.files == tuple(file for files in surfaces.values() for file in np.atleast_1d(files))
-        source = read_source(job.mesh, tmp_path / job.mesh.file)
-        check(source)
-        return source
-
-    shell = of({"wall": ["outer.stl", "inner.stl"]})
-    assert volumes(shell)["wall"] == pytest.approx(volume(10) - volume(6), rel=0.02)
-    assert {g.name for g in shell.groups} == {"wall", "wall|outside", "wall|cavity"}
-    filled = of({"core": "inner.stl", "wall": "outer.stl"})
-    assert volumes(filled)["core"] == pytest.approx(volume(6), rel=0.02)
-    assert volumes(filled)["wall"] == pytest.approx(volume(10) - volume(6), rel=0.02)
-    assert {g.name for g in filled.groups} == {"core", "wall", "wall|outside", "core|wall"}
-    pyvista.Sphere(radius=6, center=(9, 0, 0)).save(tmp_path / "beside.stl")
-    with pytest.raises(MeshError, match="'wall' and 'other' cut each other"):
-        of({"wall": "outer.stl", "other": "beside.stl"})
-    with pytest.raises(JobError, match=r"mesh\.surfaces\.wall: there is no file"):
-        of({"core": "core.stl", "wall": "nowhere.stl"})
-    with pytest.raises(JobError, match=r"mesh\.surfaces\.wall: there is no file") as refused:
-        of({"wall": "nowhere.stl"})
-    assert str(refused.value).count("there is no file") == 1
 
 
 def beside_sphere(source: MeshSource, middle: list[float]) -> np.ndarray:
@@ -659,52 +361,6 @@ def test_nodes_are_held_back_where_cells_would_be_inverted() -> None:
     assert determinants(mesh)[0].min() > 0
     assert "6 nodes between vertices" in said[0]
     assert "; 6 held back" in said[0]
-
-
-def half() -> pyvista.PolyData:
-    return pyvista.Sphere(radius=10).clip("z")
-
-
-def crossing() -> pyvista.PolyData:
-    return pyvista.merge([pyvista.Sphere(radius=10), pyvista.Sphere(radius=10, center=(8, 0, 0))], merge_points=False)
-
-
-@pytest.mark.parametrize(
-    ("surface", "mesh", "fault"),
-    [
-        (half, {}, "the surface is open: "),
-        (crossing, {}, "Mend the surface where it cuts itself"),
-        (pyvista.Sphere, {"size": "1 um", "unit": "m"}, "is too large for cells of 1 µm"),
-        (pyvista.Sphere, {"unit": None}, "mesh.unit"),
-        (pyvista.Sphere, {"labels": {"body": 1}}, "mesh.labels: is for segmented images only"),
-    ],
-)
-def test_surfaces_that_cannot_be_meshed_are_reported(
-    surface: Callable[[], pyvista.PolyData], mesh: dict[str, Any], fault: str, tmp_path: Path
-) -> None:
-    made = surface()
-    (made if isinstance(made, pyvista.PolyData) else made.extract_surface(algorithm=None)).save(tmp_path / "body.stl")
-    with pytest.raises((JobError, MeshError)) as text:
-        inside(tmp_path / "body.stl", **mesh)
-    assert fault in str(text.value)
-
-
-def test_an_open_surface_is_refused_with_a_place_of_its_hole(tmp_path: Path) -> None:
-    """A tetrahedron without the side x + y + z = 1."""
-    points = np.vstack([np.zeros(3), np.eye(3)])
-    pyvista.PolyData.from_regular_faces(points, [[0, 2, 1], [0, 1, 3], [0, 3, 2]]).save(tmp_path / "body.stl")
-    with pytest.raises(MeshError) as text:
-        inside(tmp_path / "body.stl")
-    middles = r"(0, 0\.5, 0\.5|0\.5, 0, 0\.5|0\.5, 0\.5, 0)"
-    assert re.search(rf"is open: 3 edges .* first at \({middles}\)", str(text.value))
-
-
-def test_labels_of_a_mesh_file_are_refused(tmp_path: Path) -> None:
-    mesh = {"file": str(Path(__file__).parents[2] / "meshes" / "box.py"), "labels": {"box": 1}}
-    with pytest.raises(JobError, match=r"mesh\.labels: is for segmented images only"):
-        parse(
-            {**JOB, "mesh": mesh, "supports": [{"region": "boundary", "fix": ["x", "y", "z"]}]}, tmp_path / "job.yaml"
-        )
 
 
 def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,50 +10,25 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import silicone_beam
+from helpers.certificate_cases import ESTIMATE, column, line
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, ROOT, write_job
 from helpers.command_line import hpcinv_here as command
 from helpers.thick_sphere import PRESSURE, carried, outer_radius, sphere
 from helpers.verification import box, job
-from petsc4py import PETSc
 
 import hpcinv
-from hpcinv.certificate import Line, Verdict, inertia, limit_point_check, lower_bound_line, upper_bound_line
+from hpcinv.certificate import Line, Verdict, lower_bound_line, upper_bound_line
 from hpcinv.certificate.certify import DISCRETISATION
-from hpcinv.certificate.check import Certificate, skipped
+from hpcinv.certificate.check import Certificate
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
-from hpcinv.certificate.inertia import factorize_symmetric
-from hpcinv.certificate.limit_point_check import LIMIT_POINTS, limit_points
 from hpcinv.certificate.shape import cells
 from hpcinv.mesh import build_body
-from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import solution_of
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.linear.factorization import Direct
-from hpcinv.solver.linear.refined import Refined
-from hpcinv.solver.load_stepping import follow
-from hpcinv.solver.newton import Solve
-
-ESTIMATE = NO_CERTIFICATE | {"estimate": True}
-
-
-def line(result: Result, name: str) -> Line:
-    (named_line,) = [entry for entry in result.certificate.lines if entry.name.startswith(name)]
-    return named_line
-
-
-def column(divisions: int, **changes: Any) -> Any:
-    mesh = box((1, 1, divisions), lx="0.2 m", ly="0.2 m")
-    return job(
-        material={"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
-        effects=[{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000, "density_in": "current"}],
-        supports=[{"region": "boundary", "fix": ["x", "y"]}, {"region": "z0", "fix": ["z"]}],
-        quantities=[{"name": "length", "of": "Z", "on": "z1", "reduce": "mean"}],
-        **{"mesh": mesh, "certificate": ESTIMATE, **changes},
-    )
 
 
 def cantilever(geometry_degree: int, certificate: dict[str, Any]) -> Any:
@@ -151,119 +126,6 @@ def test_the_estimate_says_where_the_error_is(comm: MPI.Intracomm) -> None:
     x = corners.mean(axis=1)[:, 0] * result.body.length_scale
     clamped, free = (result.estimate.cells[where].sum() for where in (x < 1, x > 2))
     assert clamped > 5 * free > 0
-
-
-def filled(dense: np.ndarray, comm: MPI.Intracomm) -> PETSc.Mat:
-    matrix = PETSc.Mat().createAIJ(dense.shape, comm=comm)
-    matrix.setUp()
-    begin, end = matrix.getOwnershipRange()
-    matrix.setValues(range(begin, end), range(len(dense)), dense[begin:end])
-    matrix.assemble()
-    return matrix
-
-
-@pytest.mark.parallel([1, 2])
-@pytest.mark.parametrize(
-    "options", [{}, {"rounded": True}, {"rounded": True, "low_rank": True}, {"minimum_fill": True}]
-)
-def test_inertia_counts_signs_of_eigenvalues(options: dict[str, bool], comm: MPI.Intracomm) -> None:
-    random = np.random.default_rng(3)
-    dense = random.normal(size=(30, 30))
-    dense = dense + dense.T + 1e-3 * random.normal(size=(30, 30))
-    values = np.linalg.eigvalsh((dense + dense.T) / 2)
-    factors = factorize_symmetric(filled(dense, comm), **options)
-    assert factors is not None
-    signs = factors.inertia
-    assert (signs.negative, signs.zero, signs.positive) == ((values < 0).sum(), 0, (values > 0).sum())
-    # Estimated by one random vector.
-    assert signs.asymmetry == pytest.approx(np.linalg.norm(dense - dense.T) / 2 / np.linalg.norm(dense), rel=0.5)
-
-
-@pytest.mark.parallel([1, 2])
-@pytest.mark.parametrize("least", [1e-10, -1e-10])
-@pytest.mark.parametrize("low_rank", [False, True])
-def test_rounded_factors_do_not_change_the_sign_of_a_small_eigenvalue(
-    low_rank: bool, least: float, comm: MPI.Intracomm
-) -> None:
-    directions, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(30, 30)))
-    values = np.concatenate([[least], np.linspace(1.0, 2.0, 29)])
-    factors = factorize_symmetric(filled(directions * values @ directions.T, comm), rounded=True, low_rank=low_rank)
-    assert factors is not None
-    assert factors.inertia.negative == (least < 0)
-
-
-@pytest.mark.parallel([1, 2, 3])
-def test_factors_of_a_forward_solve_give_its_inertia(comm: MPI.Intracomm) -> None:
-    """Of a block that is squeezed to half its height, and may then bulge to either side."""
-    column_job = job(
-        analysis="forward",
-        mesh=box((2, 2, 6), lz=3.0),
-        material={"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},
-        supports=[{"region": "z0", "fix": ["x", "y", "z"]}, {"region": "z1", "displacement": [0, 0, -1.5]}],
-        solver={"linear": "direct"},
-        certificate=NO_CERTIFICATE,
-    )
-    model = Equations(
-        column_job, build_body(column_job.mesh, column_job.regions, comm, resolve=column_job.resolve), Timings()
-    )
-    equilibrium = model.equilibrium(model.weak_form("forward"))
-    assert list(follow(equilibrium, model.steps, 1e-8))[-1].outcome.accepted
-    equilibrium.system.linearise(1.0)
-    equilibrium.linear.factorize()
-    kept = equilibrium.linear.symmetric_factors
-    assert kept is not None
-    again = factorize_symmetric(equilibrium.system.matrix)
-    assert again is not None
-    print(f"{comm.size} rank(s): {kept.getFactorMatrix().getInertia()}, {again.inertia}")
-    assert kept.getFactorMatrix().getInertia() == (again.inertia.negative, again.inertia.zero, again.inertia.positive)
-    assert again.inertia.negative > 0
-    again.destroy()
-    equilibrium.destroy()
-
-
-@pytest.mark.everyday("inverse-pressure")
-@pytest.mark.parallel([1, 3, 2])
-@pytest.mark.parametrize(
-    ("analysis", "load"), [("inverse", "gravity"), ("inverse", "pressure"), ("forward", "pressure")]
-)
-def test_factors_of_nearly_symmetric_tangents_serve_the_certificate(
-    analysis: str, load: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Inertia, round trip and solution agree with factors of the forward tangent."""
-    loads: dict[str, dict[str, object]] = {
-        "gravity": {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 30},
-        "pressure": {"effect": "pressure", "region": "x1", "pressure": 300},
-    }
-    made = []
-    factorized = inertia._factorized
-
-    def recorded(*arguments: Any) -> PETSc.PC | None:
-        made.append(arguments)
-        return factorized(*arguments)
-
-    def run(petsc: dict[str, object]) -> Result:
-        made.clear()
-        return hpcinv.run(
-            job(
-                analysis=analysis,
-                mesh=box((3, 3, 3)) | {"geometry_degree": 2},
-                material={"law": "mooney-rivlin", "c1": "10 kPa", "c2": "5 kPa", "d1": "1 MPa"},
-                effects=[loads[load]],
-                supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
-                solver={"linear": "direct", "petsc": petsc},
-                certificate=NO_CERTIFICATE | {"stability": True, "round_trip": "near"},
-            ),
-            comm,
-        )
-
-    monkeypatch.setattr(inertia, "_factorized", recorded)
-    exact = run({})
-    single = run({"pc_precision": "single"})
-    assert not made
-    for result in (exact, single):
-        assert line(result, "stability").value == 0
-        assert line(result, "round trip").value == pytest.approx(0, abs=1e-9)
-    assert single.solutions[0].u == pytest.approx(exact.solutions[0].u, abs=1e-9)
 
 
 @pytest.mark.everyday("1.05", "9.5", "8.7")
@@ -488,120 +350,6 @@ def test_without_a_load_unknown_surface_errors_are_not_mentioned(comm: MPI.Intra
     error_line = line(hpcinv.run(unloaded, comm), DISCRETISATION)
     assert (error_line.value, error_line.verdict) == (0.0, Verdict.PASS)
     assert "surface" not in error_line.note
-
-
-@pytest.mark.parametrize("pressures", [{}, {"pressure": 1}])
-@pytest.mark.parametrize("stretch", [1.4, 2, 3])
-def test_free_growth_has_no_limit_point(stretch: float, pressures: dict[str, int], comm: MPI.Intracomm) -> None:
-    """The tangent of the undeformed body under the whole growth, where the path begins, has another determinant."""
-    grown = job(
-        analysis="forward",
-        mesh=box(hexahedra=True),
-        discretisation={"displacement": 2, **pressures},
-        material={"law": "neo-hookean", "young": "300 kPa", "poisson": 0.3},
-        effects=[{"effect": "growth", "stretch": stretch}],
-        supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
-        certificate={},
-    )
-    limit_line = line(hpcinv.run(grown, comm), LIMIT_POINTS)
-    assert (limit_line.value, limit_line.verdict) == (0.0, Verdict.PASS)
-
-
-@pytest.mark.parametrize(
-    ("signs", "start", "unloaded", "verdict"),
-    [
-        ([(-1, 1, 1)], "", 1, Verdict.PASS),  # the first one is at no equilibrium
-        ([(1, -1, 1), (1,)], "", 1, Verdict.PASS),
-        ([(-1, -1)], "", 1, Verdict.WARN),  # the solution may even lie beyond a limit point
-        ([(1, -1)], "", 1, Verdict.WARN),
-        ([(1,), (-1,), (1,)], "", 1, Verdict.WARN),
-        ([(-1,), (-1,)], "", -1, Verdict.PASS),  # an odd number of pressures
-        ([(-1, -1)], "held", 1, Verdict.PASS),  # the path begins at the solution of a state
-        ([(-1, 1)], "held", 1, Verdict.UNDECIDED),
-    ],
-)
-def test_signs_of_the_tangent_are_compared_between_equilibria(
-    signs: list[tuple[int, ...]], start: str, unloaded: int, verdict: Verdict, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(limit_point_check, "_precise_sign", lambda *_: 0)
-    solves = tuple(Solve(1.0, Outcome.CONVERGED, (), 1, of_solve) for of_solve in signs)
-    model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=unloaded, p=None))
-    own = SimpleNamespace(solver=SimpleNamespace(start_shape=None))
-    solution: Any = SimpleNamespace(solves=solves, start=start, job=own)
-    (path_line,) = limit_points(model, solution, skipped("stability", ""))
-    assert path_line.verdict is verdict
-
-
-@pytest.mark.parametrize(
-    ("signs", "jumped", "verdict"),
-    [
-        ([1, 1], False, Verdict.SKIPPED),
-        ([-1, 1], False, Verdict.UNDECIDED),
-        ([-1, -1], False, Verdict.UNDECIDED),  # the load path of the given body does not end here
-        ([1, 1], True, Verdict.UNDECIDED),
-        ([], False, Verdict.SKIPPED),
-    ],
-)
-def test_path_from_a_rough_shape_is_not_decided_where_there_may_be_others(
-    signs: list[int], jumped: bool, verdict: Verdict
-) -> None:
-    solves = tuple(Solve(1.0, Outcome.CONVERGED, (), 1, (1, sign)) for sign in signs)
-    solves += (Solve(1.0, Outcome.CONVERGED, (), 0, may_have_jumped=jumped),)
-    model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=1, p=None))
-    own = SimpleNamespace(solver=SimpleNamespace(start_shape="rough.msh"))
-    solution: Any = SimpleNamespace(solves=solves, start="rough.msh", job=own)
-    (path_line,) = limit_points(model, solution, skipped("stability", ""))
-    assert path_line.verdict is verdict
-    assert "rough.msh" in path_line.note
-
-
-@pytest.mark.parametrize(("wrong", "verdict"), [(Refined, Verdict.UNDECIDED), (Direct, Verdict.WARN)])
-def test_sign_of_single_precision_is_compared_with_double(
-    wrong: type, verdict: Verdict, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Single precision alone has another sign than the unloaded body, or (by `Direct`, its base) both have."""
-    monkeypatch.setattr(wrong, "sign_of_determinant", lambda *_: -1)
-    single = {"linear": "direct", "continuation": "steps", "petsc": {"pc_precision": "single"}}
-    lines = hpcinv.run(column(1, certificate={"estimate": False}, solver=single)).certificate.lines
-    assert next(line for line in lines if line.name == LIMIT_POINTS).verdict is verdict
-
-
-@pytest.mark.parametrize(
-    ("outcomes", "signs", "verdict"),
-    [
-        ("fail accept", [(1, 1), (1, -1, 1)], Verdict.UNDECIDED),  # a shortened step may have passed a limit point
-        ("fail accept", [(1, -1), (-1, 1, 1)], Verdict.PASS),
-        ("accept fail", [(1, -1, 1), (1, 1)], Verdict.PASS),  # slender bodies overshoot
-    ],
-)
-def test_shortened_steps_that_passed_another_sign_are_not_decided(
-    outcomes: str, signs: list[tuple[int, ...]], verdict: Verdict
-) -> None:
-    ends = {"fail": Outcome.DIVERGED, "accept": Outcome.CONVERGED}
-    solves = [Solve(0.5, ends[end], (), 1, of_solve) for end, of_solve in zip(outcomes.split(), signs, strict=True)]
-    model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=1, p=None))
-    solution: Any = SimpleNamespace(solves=solves, start="")
-    (path_line,) = limit_points(model, solution, skipped("stability", ""))
-    assert path_line.verdict is verdict
-
-
-@pytest.mark.parametrize(
-    ("strategies", "signs", "verdict"),
-    [
-        (("power series", "power series"), (), Verdict.PASS),  # no determinant is needed
-        (("power series", "load steps"), (), Verdict.SKIPPED),
-        (("power series",), (-1,), Verdict.WARN),
-    ],
-)
-def test_load_rises_along_power_series(
-    strategies: list[str], signs: tuple[int, ...], verdict: Verdict, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(limit_point_check, "_precise_sign", lambda *_: 0)
-    solves = tuple(Solve(1.0, Outcome.CONVERGED, (), 1, signs, strategy=strategy) for strategy in strategies)
-    model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=1, p=None))
-    solution: Any = SimpleNamespace(solves=solves, start="")
-    (path_line,) = limit_points(model, solution, skipped("stability", ""))
-    assert path_line.verdict is verdict
 
 
 @pytest.mark.parallel([2])

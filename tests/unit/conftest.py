@@ -1,0 +1,49 @@
+"""Fixtures of several files: the job of a beam that is edited, and what is wrong with it then."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+from helpers.job_cases import BEAM, GENERATOR, Edit, Loader
+
+import hpcinv
+from hpcinv.errors import JobError
+from hpcinv.job.job import Job
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Loader:
+    """Loads the beam's job after an edit of its contents."""
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "jobs").mkdir()
+    (tmp_path / "meshes" / "beam.py").write_text(GENERATOR)
+    (tmp_path / "meshes" / "beam.geo").write_text("DefineConstant [ size = {0.002} ];")
+    (tmp_path / "meshes" / "beam.msh").write_text("$MeshFormat\n")
+
+    def load(edit: Edit = lambda job: None, name: str = "arm.yaml") -> Job:
+        contents = yaml.safe_load(BEAM)
+        edit(contents)
+        path = tmp_path / "jobs" / name
+        path.write_text(json.dumps(contents))  # JSON is YAML 1.2
+        return hpcinv.load(path)
+
+    return load
+
+
+@pytest.fixture
+def problems(load: Loader) -> Callable[[Edit], list[str]]:
+    """The errors of the beam's job after an edit, without the name of the file that each must begin with."""
+
+    def problems(edit: Edit) -> list[str]:
+        with pytest.raises(JobError) as caught:
+            load(edit)
+        prefix = re.compile(r".*/jobs/arm\.yaml: ")
+        assert all(prefix.match(p) for p in caught.value.problems)
+        return [prefix.sub("", p, count=1) for p in caught.value.problems]
+
+    return problems
