@@ -67,6 +67,8 @@ def _assigned_below(place: Any, parts: tuple[KeyPart, ...], value: Any) -> Any:
         return value
     part, rest = parts[0], parts[1:]
     if isinstance(part, int):
+        if place == {}:
+            raise ValueError(f"there is no list with an entry [{part}] yet; write the whole list first")
         if not isinstance(place, list) or part >= len(place):
             count = f"a list of {len(place)}" if isinstance(place, list) else "a value that is not a list"
             raise ValueError(f"[{part}] is not an entry of {count}")

@@ -137,6 +137,12 @@ def test_contradictions_are_refused(remote: dict[str, Any], changes: dict[str, A
         bar(remote, **changes)
 
 
+def test_a_component_of_a_load_that_is_left_out_is_not_set() -> None:
+    message = r"cannot set supports\[1\]\.remote\.force\[0\]: there is no list with an entry \[0\] yet; write the whole"
+    with pytest.raises(JobError, match=message):
+        bar({"moment": [0, 0, 1]}).with_({"supports[1].remote.force[0]": "1 N"})
+
+
 @pytest.mark.parametrize("other", [{"region": "y0", "fix": ["y"]}, {"region": "y0", "fix": ["normal"]}])
 def test_shared_nodes_are_refused(other: dict[str, Any]) -> None:
     spec = bar({}, supports=[CLAMP, {"region": "x1", "remote": {"about": MIDDLE}}, other])
