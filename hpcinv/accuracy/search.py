@@ -18,6 +18,8 @@ from hpcinv.certificate.volume import WARN, unexplained_strain
 from hpcinv.errors import Interrupted, MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
+from hpcinv.model.cell_layers import layers_of_cells
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.memory_use import peak
 from hpcinv.parallel.runtime import MPI
@@ -33,6 +35,8 @@ dissection (George 1973, doi:10.1137/0710032). Analyses of sheets by MUMPS with 
 unknowns and 1.15 to 150,000. Lowered, a mesh may take more memory than there is."""
 LEAST = 50e6  # bytes, below which the memory that was used is not a basis of a prediction
 MOST_STEPS = 15
+MOST_TRIES = 5  # meshes that are made to find one within the limit of unknowns; more take longer to find none
+SAFELY = 0.5  # share of the limit below which unknowns are not counted; raised, a mesh may have more than allowed
 INTERFACE = 1.0  # order of errors by the border of a region that moves with the mesh; a larger one promises less error
 MOSTLY = 0.5  # share of the error at singular edges from which lines name them; a larger one names fewer
 TESTED = 0.1  # share of the error at singular edges from which one mesh proves nothing; a larger one trusts more
@@ -274,9 +278,28 @@ class Search:
         """Return mesh, body and degree of the next step; ``None`` if no choice within the limits helps much."""
         assert self.last is not None
         limit = min(self.job.solver.maximum_unknowns, self.memory.limit(self.steps[-1].estimate.unknowns))
+        may_mark, allowed = self.may_mark, limit
+        for _ in range(MOST_TRIES):
+            decision = self._decide(allowed, may_mark)
+            if decision is None:
+                return None
+            variant, degree = decision
+            body = self.last.body if variant is self.last.variant else self._build(variant)
+            body = body.raise_degree(degree)
+            if (unknowns := self._unknowns(variant, body, degree, limit)) <= limit:
+                return variant, body, degree
+            if may_mark:  # cells that keep the mesh conforming may be more than was predicted
+                may_mark = False
+            else:
+                allowed = int(allowed * limit / unknowns)
+        return None
+
+    def _decide(self, limit: int, may_mark: bool) -> tuple[Variant, int] | None:
+        """Return mesh and degree of the next step, as `decide`."""
+        assert self.last is not None
         excess, estimate = self.assessments[-1].excess, self.last.estimate
         known = math.isfinite(excess)
-        if not known and self.may_mark and not self.findings[-1].is_proof:
+        if not known and may_mark and not self.findings[-1].is_proof:
             # A mesh that is refined towards the edges is a second one, too.
             excess = max(UNTESTED * max(hindsight(self.findings[-1:], self.job.accuracy)), UNTESTED)
             known = True
@@ -288,14 +311,16 @@ class Search:
         )
         # A higher degree on the one mesh would not be a test.
         highest = self.highest if math.isfinite(self.assessments[-1].excess) else self.last.step.degree
-        decision = decide(
-            self.meshes, self.last, forecast, limit=limit, highest=highest, known=known, may_mark=self.may_mark
-        )
-        if decision is None:
-            return None
-        variant, degree = decision
-        body = self.last.body if variant is self.last.variant else self._build(variant)
-        return variant, body.raise_degree(degree), degree
+        return decide(self.meshes, self.last, forecast, limit=limit, highest=highest, known=known, may_mark=may_mark)
+
+    def _unknowns(self, variant: Variant, body: Body, degree: int, limit: int) -> int:
+        """Return the number of unknowns; far below the limit it is predicted by the cells."""
+        last = self.steps[-1]
+        predicted = last.unknowns * sum(body.partition.cells) / last.cells * (degree / last.degree) ** 3
+        if predicted < SAFELY * limit:
+            return int(predicted)
+        job = self._job_in(variant, degree)
+        return Unknowns(body.mesh, degree, job.pressure_degree, layers_of_cells(job, body)).size
 
     def _build(self, variant: Variant) -> Body:
         with self.timings("mesh"):

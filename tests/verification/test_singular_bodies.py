@@ -103,6 +103,17 @@ def test_a_promise_at_a_reentrant_corner_is_kept(comm: MPI.Intracomm) -> None:
     assert "tetrahedra can be refined towards it, hexahedra cannot" in line.note
 
 
+def test_no_mesh_of_a_search_has_more_unknowns_than_allowed(comm: MPI.Intracomm) -> None:
+    """Cells that keep the mesh conforming made 8,036 unknowns, where 6,000 are allowed."""
+    most = 6000
+    data = data_of("block", incompressible=True, hexahedra=False)
+    record = package.run(job(**data, accuracy={"q": 6e-4}, solver={"maximum_unknowns": most}), comm).accuracy
+    assert record is not None
+    print("\n".join(row.described({}, {}) for row in record.rows))
+    assert max(row.unknowns for row in record.rows) <= most
+    assert record.ending.name == "LIMIT"
+
+
 def test_tetrahedra_are_refined_towards_a_corner(comm: MPI.Intracomm) -> None:
     demand = 5e-3  # m
     result = package.run(job(**data_of("corner", incompressible=False, hexahedra=False), accuracy={"q": demand}), comm)
