@@ -48,7 +48,7 @@ def test_a_killed_identification_goes_on_when_it_is_started_again(job: Path, tmp
     assert not (out / "identification.json").exists()
     evaluated[0].write_bytes(evaluated[0].read_bytes()[:100])  # as a full disk might leave it
 
-    ended = hpcinv(2, "identify", job, cwd=tmp_path)
+    ended = hpcinv_here("identify", job, cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert ended.stdout.count("(kept): material.mu") == len(evaluated) - 1
     assert "  determined: material.mu to " in ended.stdout

@@ -18,7 +18,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from helpers.command_line import BLOCK, command, environment, hpcinv, write_job
+from helpers.command_line import BLOCK, command, environment, hpcinv, hpcinv_here, write_job
 from helpers.solutions import SOLVES
 
 from hpcinv.output.progress import Level, Progress
@@ -290,10 +290,10 @@ def test_a_run_under_mpirun_prints_and_logs_its_phases(tmp_path: Path) -> None:
     for line in done.stdout.splitlines():
         assert line in log or line.lstrip().startswith(("meshing", "checking", "writing")), line
 
-    wrong = hpcinv(2, "run", job, "--output", "run", "-q", cwd=tmp_path)
+    wrong = hpcinv_here("run", job, "--output", "run", "-q", cwd=tmp_path)
     assert (wrong.returncode, wrong.stdout) == (2, "")
     assert (tmp_path / "run" / "run.log").read_text() == log  # the other run's
-    finished = hpcinv(1, "resume", "run", cwd=tmp_path)
+    finished = hpcinv_here("resume", "run", cwd=tmp_path)
     assert "this run is finished" in finished.stdout
 
 

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from helpers.command_line import BLOCK, CUBE, Started, hpcinv, hpcinv_here, write_job
+from helpers.command_line import BLOCK, CUBE, Started, hpcinv_here, write_job
 
 from hpcinv.errors import CheckpointError, OutputError
 from hpcinv.files import atomic, directory_lock
@@ -234,7 +234,7 @@ def test_a_directory_that_is_removed_in_mid_run_is_an_error(every: int, tmp_path
     job = write_job(
         tmp_path / "slow.yaml", SLOW, checkpoint={"every": every}, solver={"strategy": "fixed", "steps": 80}
     )
-    with Started(2, "run", job, "--output", "run", cwd=tmp_path) as started:
+    with Started(1, "run", job, "--output", "run", cwd=tmp_path) as started:
         started.wait_for("load 0.0125:")
         (tmp_path / "run").rename(tmp_path / "elsewhere")
         assert started.exit_code() == 2, started.text
@@ -292,7 +292,7 @@ def content(run: Path) -> dict[str, bytes]:
 def test_a_finished_run_of_another_problem_is_refused(finished: Path) -> None:
     before = content(finished)
     other = write_job(finished.parent / "other.yaml", CUBE, material=dict(CUBE["material"]) | {"young": "2 MPa"})
-    refused = hpcinv(2, "resume", finished, "--job", other, cwd=finished.parent)
+    refused = hpcinv_here("resume", finished, "--job", other, cwd=finished.parent)
     assert refused.returncode == 4, refused.stdout + refused.stderr
     assert refused.stderr.count("summary.json: belongs to another problem") == 1
     assert "material.mu: 384615.3846153846 -> 769230.7692307692" in refused.stderr

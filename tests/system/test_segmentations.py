@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 import yaml
-from helpers.command_line import hpcinv
+from helpers.command_line import hpcinv_here
 
 SimpleITK = pytest.importorskip("SimpleITK")
 
@@ -100,7 +100,7 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("name", JOBS)
 def test_from_a_segmentation_to_the_unloaded_shape(name: str, images: Path) -> None:
     (images / f"{name}.yaml").write_text(yaml.safe_dump(dict(JOBS[name])))
-    done = hpcinv(2, "run", f"{name}.yaml", cwd=images)
+    done = hpcinv_here("run", f"{name}.yaml", cwd=images)
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr
     summary = json.loads((images / "results" / name / "summary.json").read_text())

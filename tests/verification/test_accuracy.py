@@ -67,11 +67,11 @@ def test_a_curved_body_is_searched_with_curved_cells(comm: MPI.Intracomm) -> Non
     """Unless the job says otherwise: with straight ones, the error is mostly one of the geometry."""
     (case,) = (case for case in cases() if case.name == "sphere of straight tetrahedra")
     mesh = {name: value for name, value in case.data["mesh"].items() if name != "geometry_degree"}
-    result = package.run(case.job(mesh=mesh, accuracy={"q": 1e-4}), comm)
+    result = package.run(case.job(mesh=mesh, accuracy={"q": 3e-4}), comm)
     assert result.accuracy is not None
     row = result.accuracy.rows[result.accuracy.chosen]
     assert result.accuracy.ending.name == "MET"
-    assert abs(result.quantities["q"] - case.exact) <= result.accuracy.bounds["q"] <= 1e-4
+    assert abs(result.quantities["q"] - case.exact) <= result.accuracy.bounds["q"] <= 3e-4
     assert row.unknowns < 10_000
 
 
@@ -280,7 +280,7 @@ def test_solutions_are_taken_from_mesh_to_mesh(comm: MPI.Intracomm, meshes: Path
         ("pdms_beam.py", 2, {"length": 0.02, "size": 0.004}, 1e-5),
     )
     for file, degree, coarse, tolerance in cases:
-        finer = {"nx": 7, "ny": 5, "nz": 6} if file == "box.py" else coarse | {"size": 0.0025}
+        finer = {"nx": 4, "ny": 3, "nz": 3} if file == "box.py" else coarse | {"size": 0.0025}
         there, here = model_on(meshes / file, degree, coarse, comm), model_on(meshes / file, degree, finer, comm, 2.0)
         v, p = there.state().fields
         assert p is not None

@@ -269,6 +269,7 @@ def indented(comm: MPI.Intracomm, obstacle: dict[str, Any]) -> Result:
             effects=[{"effect": "contact", "region": "z1", "obstacle": obstacle, "travel": [0, 0, "-5 cm"]}],
             supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
             discretisation={"displacement": 1},
+            certificate=NO_CERTIFICATE,
         ),
         comm,
     )

@@ -112,7 +112,7 @@ def test_prescribed_displacements_agree_with_the_given_mesh(
     (tmp_path / "cuboid.py").write_text(CUBOID)
     data: dict[str, Any] = {
         "analysis": "forward",
-        "mesh": {"file": str(tmp_path / "cuboid.py"), "parameters": {"size": 0.4}},
+        "mesh": {"file": str(tmp_path / "cuboid.py"), "parameters": {"size": 0.6 if displacement == 3 else 0.4}},
         "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "100 kPa"},
         "supports": [
             {"region": "clamp", "fix": ["x", "y", "z"]},

@@ -6,7 +6,6 @@ neo-Hookean σ = μ (F Fᵀ - I) and ψ = μ k²/2, since J = 1.
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import numpy as np
@@ -100,5 +99,5 @@ def test_stress_energy_and_shape_are_exact(
 def test_shears_are_exact_on_more_ranks(comm: MPI.Intracomm) -> None:
     """Each shear in both directions, each of two cases in both directions."""
     for direction, cases in (("forward", CASES[1:3]), ("inverse", CASES[2:0:-1])):
-        for k, (_, material, exact, mesh, discretisation) in zip((1e-6, 0.1, 1.0), itertools.cycle(cases)):
+        for k, (_, material, exact, mesh, discretisation) in zip((1e-6, 1.0), cases, strict=True):
             check(solve(direction, k, material, mesh, discretisation, comm), k, *exact)
