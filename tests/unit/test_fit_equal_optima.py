@@ -13,7 +13,7 @@ from hpcinv.__main__ import main
 from hpcinv.fitting.candidate import Candidate, candidate
 from hpcinv.fitting.equal_optima import Predictions
 from hpcinv.fitting.homogeneous import MODES, Response
-from hpcinv.fitting.least_squares import FitError, fit
+from hpcinv.fitting.least_squares import FitError, _LeastSquares, fit
 from hpcinv.fitting.measurements import Test
 from hpcinv.materials import laws
 
@@ -93,6 +93,29 @@ def test_bulk_moduli_that_fit_planar_tension_equally_well_are_said() -> None:
     (other,) = found.rivals
     assert other[0] < found.values[0] / 10
     assert found.disagreements[0].probe.name == "change of volume"
+
+
+@pytest.mark.parametrize("scatter", [0.0, 1e-5])
+def test_points_of_a_flat_valley_are_rivals_only_within_the_scatter(scatter: float) -> None:
+    """Two terms of Ogden's law, compressible, in planar tension: iterations go on for thousands of steps to the truth.
+
+    On the way, residuals of 6e-6 and 1.2e-5 of the stress are far above the ones of exact data.
+    """
+    law = candidate("ogden:2", {}, compressible=True)
+    test = exact(law, "planar")
+    stress = test.stress * (1 + scatter * (-1.0) ** np.arange(len(test)))
+    problem = _LeastSquares(law, [Test("planar", test.mode, test.measure, stress)])
+    on_the_way = [[1.839e6, 1.246e5, 1.0e6, 2.239, 0.5589], [1.441e6, 1.893e5, -6.697e5, 2.039, -0.7432]]
+    best, *others = (problem.solved(np.array(values), 3) for values in (law.start, *on_the_way))
+    assert best is not None
+    for other, residual in zip(others, (6.3e-6, 1.2e-5), strict=True):
+        assert other is not None
+        assert other.status == 0  # not converged
+        assert np.sqrt((other.fun**2).mean()) == pytest.approx(residual, rel=0.1) or scatter
+    found = problem.conclude(problem.equally_good(best, [other for other in others if other is not None]))
+    assert bool(found.rivals) == bool(scatter)
+    if not scatter:
+        assert found.values == pytest.approx(law.start, rel=1e-6)
 
 
 def test_command_names_the_rival_and_the_test_that_decides(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
