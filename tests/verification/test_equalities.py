@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.command_line import NO_CERTIFICATE
-from helpers.equalities import TOLERANCE, Scene, block, compare, drawn, rotation, scene_of, solved, transformed
+from helpers.equalities import (
+    TOLERANCE,
+    Scene,
+    Solution,
+    block,
+    compare,
+    drawn,
+    renumbered,
+    rotation,
+    scene_of,
+    solved,
+    transformed,
+)
 
 import hpcinv
+from hpcinv.effects import effects
 from hpcinv.parallel.runtime import MPI
 
 
@@ -35,6 +49,43 @@ def test_two_ranks_find_what_one_finds(comm: MPI.Intracomm, run_directory: Path)
     assert together is not None
     difference = alone.difference(together)
     assert difference < TOLERANCE
+
+
+PAIRS = list(itertools.combinations((name for name, kind in effects().items() if not kind.is_of_shells), 2))
+"""each two effects of solids"""
+
+
+@pytest.mark.everyday("gravity and traction")
+@pytest.mark.parametrize("pair", PAIRS, ids=" and ".join)
+def test_pairs_of_effects_depend_neither_on_axes_nor_on_numbers(pair: tuple[str, str], tmp_path: Path) -> None:
+    """Each two effects act together, or their load is not carried, in every frame and numbering."""
+    rng = np.random.default_rng(PAIRS.index(pair))
+    scene = scene_of(block(rng, hexahedra=False), "neo-hookean", list(pair), "inverse", 1)
+    base = solved(scene, tmp_path / "base.msh", MPI.COMM_SELF)
+    matrix = float(rng.uniform(0.3, 3)) * rotation(rng)
+    turned = solved(transformed(scene, matrix), tmp_path / "turned.msh", MPI.COMM_SELF)
+    other = solved(renumbered(scene, rng), tmp_path / "renumbered.msh", MPI.COMM_SELF)
+    if base is None:
+        assert turned is None
+        assert other is None
+        return
+    assert turned is not None
+    assert other is not None
+    energy = np.linalg.det(matrix) * base.energy
+    assert Solution(base.nodes @ matrix.T, base.u @ matrix.T, energy).difference(turned) < TOLERANCE
+    assert base.difference(other) < TOLERANCE
+
+
+@pytest.mark.release
+@pytest.mark.parallel(2)
+@pytest.mark.parametrize("seed", range(10, 20))
+def test_two_ranks_find_what_one_finds_of_a_drawn_scene(seed: int, comm: MPI.Intracomm, run_directory: Path) -> None:
+    scene = drawn(np.random.default_rng(seed), degrees=(1,))
+    alone = solved(scene, run_directory / f"alone-{comm.rank}.msh", MPI.COMM_SELF)
+    together = solved(scene, run_directory / "together.msh", comm)
+    print(scene.title, "" if alone else "load not carried")
+    assert (alone is None) == (together is None)
+    assert alone is None or together is None or alone.difference(together) < TOLERANCE
 
 
 def pressed(scene: Scene) -> Scene:
