@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.batches import IN_BATCH, Batches, RankOfBatch
@@ -112,3 +113,21 @@ def run_directory(tmp_path: Path, comm: MPI.Intracomm) -> Path:
 def meshes() -> Path:
     """The meshes that come with the project."""
     return ROOT / "meshes"
+
+
+@pytest.fixture(scope="session")
+def warm_process() -> Iterator[Any]:
+    """The process whose forks read files."""
+    from helpers.warm_reader import WarmReader  # it imports DOLFINx
+
+    reader = WarmReader()
+    yield reader
+    reader.close()
+
+
+@pytest.fixture
+def warm_reader(warm_process: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files are read by forks of a process with the libraries, for tests of what is in them."""
+    from hpcinv.mesh.io import isolated
+
+    monkeypatch.setattr(isolated, "run_isolated", warm_process)

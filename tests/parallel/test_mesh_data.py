@@ -25,6 +25,8 @@ from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.source import DataArray
 from hpcinv.parallel.runtime import MPI, on_root
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 FILES = ("data.vtu", "data.xdmf", "2.2.msh", "4.1.msh")
 MOVE = np.array([3.0, 2.0, 1.0])
 CELLS = ("tetrahedron", "hexahedron")

@@ -21,6 +21,8 @@ from hpcinv.output.shape_files import ShapeFile, lines_of, notes_of
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.reports.wording import remedy
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 FORMATS_OF_FILES = [name for name in SAVED if not FORMATS[f".{name}"].is_partitioned]
 
 

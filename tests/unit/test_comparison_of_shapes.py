@@ -19,6 +19,8 @@ from hpcinv.mesh import read_source
 from hpcinv.results.surface_comparison import compare
 from hpcinv.workshop.comparison import surface_in
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 
 def ball(path: Path, radius: float = 10.0, centre: tuple[float, float, float] = (0, 0, 0)) -> Path:
     pyvista.Sphere(radius=radius, center=centre, theta_resolution=90, phi_resolution=90).save(path)

@@ -13,6 +13,8 @@ from hpcinv.__main__ import main
 from hpcinv.errors import MeshError
 from hpcinv.mesh.imaging.label_image import read_labels
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 highdicom = pytest.importorskip("highdicom")
 pydicom = pytest.importorskip("pydicom")
 

@@ -16,6 +16,8 @@ from hpcinv.mesh import read_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import MeshSource
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 FORMAT_4 = """<?xml version="1.0" encoding="ISO-8859-1"?>
 <febio_spec version="4.0">
 <Module type="solid"/>

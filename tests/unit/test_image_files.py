@@ -17,6 +17,8 @@ from hpcinv.errors import JobError, MeshError
 from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.io import isolated
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 
 @pytest.mark.parametrize("ending", [".nii", ".nrrd", ".mha"])
 def test_image_lies_where_the_header_says(ending: str, tmp_path: Path) -> None:

@@ -26,6 +26,8 @@ from hpcinv.mesh.imaging.wall_sizes import wall_sizes
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.surface import surface_of
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 
 def area(source: MeshSource, name: str) -> float:
     (facets,) = (source.facets[group.members] for group in source.groups if group.name == name)

@@ -23,6 +23,8 @@ from hpcinv.mesh.mesh_files import UnstorableMesh, save
 from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel.runtime import MPI
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 ASSEMBLY = """*Heading
 ** two bricks of 20 nodes on one another, moved by 10 along x
 *Part, name=Mount

@@ -27,6 +27,8 @@ from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.quantity.spatial_fields import ByRegion
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 MATERIAL = {"law": "neo-hookean", "young": "1 kPa", "poisson": 0.3}
 
 

@@ -20,6 +20,8 @@ from hpcinv.mesh.imaging import hollow_wall
 from hpcinv.model.fibre_directions import rule_directions
 from hpcinv.parallel.runtime import MPI
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 KINDS = ("artery", "breast", "liver", "part", "shell", "ventricle")
 SPACING = 5.0  # mm
 

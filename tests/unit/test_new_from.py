@@ -17,6 +17,8 @@ from hpcinv.errors import MeshError
 from hpcinv.job.job import load
 from hpcinv.mesh import read_source
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 INP = """*HEADING
 *NODE
 1,0,0,0

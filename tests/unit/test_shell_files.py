@@ -21,6 +21,8 @@ from hpcinv.mesh.readers import read_surface
 from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel.runtime import MPI
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 NUMBERS = {"left": 1, "right": 2, "x0": 0}
 """values of the array 'part'"""
 NODES = """*NODE

@@ -20,6 +20,8 @@ from hpcinv.mesh.checks import check
 from hpcinv.mesh.imaging.mesh_report import report_distance
 from hpcinv.mesh.source import MeshSource
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 
 @pytest.mark.parametrize("ending", [".stl", ".ply", ".obj", ".vtp", ".vtk"])
 def test_a_surface_keeps_its_place_and_volume(ending: str, tmp_path: Path) -> None:

@@ -1,0 +1,85 @@
+"""The reader's program in forks of a process that has loaded its libraries: a start of it takes half a second.
+
+That process is started once. It has one thread, neither MPI nor PETSc, and does nothing else: forks of a process with
+threads may wait forever for a lock that one of them held.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hpcinv import reading
+from hpcinv.mesh.io import isolated
+
+PROGRAM = str(Path(reading.__file__).with_name("isolated_reader.py"))
+LIBRARIES = ("vtkmodules.vtkIOXML", "vtkmodules.vtkIOGeometry", "vtkmodules.vtkIOPLY", "vtkmodules.vtkIOLegacy", "h5py")
+SERVER = f"""
+import contextlib, importlib, importlib.util, json, os, socket, sys
+
+channel, program = socket.socket(fileno=int(sys.argv[1])), sys.argv[2]
+spec = importlib.util.spec_from_file_location("isolated_reader", program)
+reader = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(reader)
+for name in {LIBRARIES!r}:
+    with contextlib.suppress(ImportError):
+        importlib.import_module(name)
+while True:
+    message, descriptors, _, _ = socket.recv_fds(channel, 1 << 16, 2)
+    if not message:
+        break
+    if (child := os.fork()) == 0:
+        channel.close()
+        for number, descriptor in enumerate(descriptors, start=1):
+            os.dup2(descriptor, number)
+        try:
+            reader.main(*json.loads(message))
+        except BaseException:
+            sys.excepthook(*sys.exc_info())
+            os._exit(1)
+        sys.stderr.flush()
+        os._exit(0)
+    for descriptor in descriptors:
+        os.close(descriptor)
+    _, status = os.waitpid(child, 0)
+    channel.sendall(str(os.waitstatus_to_exitcode(status)).encode())
+"""
+PATIENCE = 120.0
+"""Seconds until an answer of the process; slow readings fail if it is lowered."""
+
+
+class WarmReader:
+    """Replacement of `isolated.run_isolated`."""
+
+    def __init__(self) -> None:
+        self._channel, theirs = socket.socketpair()
+        self._channel.settimeout(PATIENCE)
+        environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+        command = [sys.executable, "-P", "-c", SERVER, str(theirs.fileno()), PROGRAM]
+        self._process = subprocess.Popen(command, env=environment, pass_fds=[theirs.fileno()])
+        theirs.close()
+
+    def __call__(self, action: str, path: Path, receive: Any = None) -> subprocess.CompletedProcess[bytes]:
+        command, _ = isolated._command(action, path)
+        with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
+            message = json.dumps(command[-4:])  # action, path and limits
+            socket.send_fds(self._channel, [message.encode()], [output.fileno(), errors.fileno()])
+            code = int(self._channel.recv(64))
+            output.seek(0)
+            errors.seek(0)
+            if receive is not None:
+                receive(output)
+            return subprocess.CompletedProcess(command, code, None, errors.read())
+
+    def close(self) -> None:
+        """End the process."""
+        with contextlib.suppress(OSError):
+            self._channel.close()
+        self._process.wait(PATIENCE)
