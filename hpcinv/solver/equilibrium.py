@@ -22,7 +22,11 @@ from hpcinv.solver.predictor import Increment, Prediction, Predictor
 _GIVEN_UP = -7  # SNES_DIVERGED_INNER, returned to PETSc when NewtonMonitor ends a solve without convergence
 _DONE = 4  # SNES_CONVERGED_SNORM_RELATIVE
 
-CONTRACTING = 0.8  # ratio of a second correction to the first; raised, corrections may lead away from the solution
+CONTRACTING = 0.5
+"""Ratio of a second correction to the first from which on it is left out. Corrections by the same factors need not
+converge above it (Deuflhard, Newton Methods for Nonlinear Problems, 2011, doi:10.1007/978-3-642-23899-4, ch. 2). If it
+is raised, the second one may lead away from the solution."""
+
 _LARGEST_SIZE = 2.0  # above the size of any body, in scaled lengths
 
 _OUTCOMES_BY_REASON: dict[int, Outcome] = {

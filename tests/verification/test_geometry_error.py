@@ -110,13 +110,15 @@ def test_the_error_of_straight_cells_on_a_cylinder(direction: str, comm: MPI.Int
     assert 0.8 < ratio < 1.25
 
 
-@pytest.mark.everyday("0.0")
 @pytest.mark.parallel([1, 3, 2])
 @pytest.mark.parametrize("many", [math.inf, 0.0])
 def test_the_error_of_straight_cells_that_turn(
     many: float, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A beam sags by 60 degrees at its tip. With u by reference coordinates alone, the effectivity was 0.17."""
+    """A beam sags by 60 degrees at its tip. With u by reference coordinates alone, the effectivity was 0.17.
+
+    A second correction that is more than half as large as the first made it 0.35.
+    """
     monkeypatch.setattr(two_level, "MANY", many)
 
     curved = package.run(job(**silicone_beam.sagging("4 mm", 2, NO_CERTIFICATE)), comm)
