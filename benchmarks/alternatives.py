@@ -32,8 +32,8 @@ from hpcinv.errors import SolveError
 from hpcinv.job.job import Job, parse
 from hpcinv.model.spaces import Unknowns
 from hpcinv.output.result import Result
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.timings import SOLVER
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.solver.linear.factorization import Direct
 
 JOB = Path(__file__).parents[1] / "jobs" / "thick-sphere.yaml"

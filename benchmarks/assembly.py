@@ -26,9 +26,9 @@ from petsc4py import PETSc
 from hpcinv.assembly.csr_tangent import FilledTangent
 from hpcinv.job.job import parse
 from hpcinv.mesh import build_body
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 JOBS = Path(__file__).parents[1] / "jobs"

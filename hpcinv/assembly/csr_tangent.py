@@ -26,8 +26,9 @@ from hpcinv.assembly.tangent_moduli import Term, UnsupportedForm
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.jit import JIT_OPTIONS, array_type, compile_library
+from hpcinv.parallel.jit import array_type, compile_library
 from hpcinv.parallel.malloc import release_freed_memory
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.quantity.arrays import LocalIndices
 
 _CODE = Path(__file__).with_suffix(".c")

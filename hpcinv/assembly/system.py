@@ -20,9 +20,9 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.model.sliding import MatrixConstraint
 from hpcinv.model.supports import Supports
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.points.kernels import JIT_OPTIONS
 
 _BALANCED = 1e-9
 """Nodal force, in shear moduli times the body's length squared, that does not hinder small load steps. With a larger

@@ -22,7 +22,7 @@ from hpcinv.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.assembly.tangent_moduli import Term, UnsupportedForm
 from hpcinv.mesh.regions import Mesh
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.points.kernels import JIT_OPTIONS
 
 _MANY = 2_000  # cells from which two tangents save more time than the pattern costs
 _assumed: list[int] = []

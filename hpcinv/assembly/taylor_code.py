@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from hpcinv.assembly.scalar_graph import Node, ScalarGraph
+from hpcinv.points.scalar_graph import Node, ScalarGraph
 
 LANES = 4
 """Points of a block: doubles of an AVX register. With eight, the compiler keeps sums in memory: 4 times as slow."""

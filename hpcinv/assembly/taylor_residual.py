@@ -24,11 +24,10 @@ from ufl.algorithms import extract_coefficients
 from ufl.algorithms.analysis import extract_constants
 from ufl.corealg.traversal import unique_post_traversal
 
-from hpcinv.assembly import scalar_graph, tangent_moduli
+from hpcinv.assembly import tangent_moduli
 from hpcinv.assembly import taylor_code as code_writer
 from hpcinv.assembly.derivation_record import DerivationRecord
 from hpcinv.assembly.element_matrices import directions_of, tabulated
-from hpcinv.assembly.scalar_graph import NotAnalytic, ScalarGraph, Scalars
 from hpcinv.assembly.tangent_moduli import Slot, UnsupportedForm, point_integrand, slots_of, volume_parts
 from hpcinv.assembly.taylor_code import LANES, taylor_code
 from hpcinv.kinematics import staged_derivatives
@@ -39,7 +38,6 @@ from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.jit import (
-    JIT_OPTIONS,
     KernelExpression,
     array_type,
     compile_expression,
@@ -47,6 +45,9 @@ from hpcinv.parallel.jit import (
     load_expression,
 )
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points import scalar_graph
+from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.points.scalar_graph import NotAnalytic, ScalarGraph, Scalars
 from hpcinv.quantity.arrays import LocalIndices
 
 _SHARE = 0.4

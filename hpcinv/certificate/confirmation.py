@@ -40,7 +40,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.model.discrete_model import default_quadrature
 from hpcinv.model.sliding import MatrixConstraint
 from hpcinv.model.weak_form import Part, WeakForm
-from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.quantity.spatial_fields import fields_in
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations

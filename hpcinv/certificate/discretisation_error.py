@@ -59,8 +59,8 @@ from hpcinv.mesh.refine.finer_geometry import transfer_function
 from hpcinv.mesh.source import Floats
 from hpcinv.methods import solve_direction
 from hpcinv.methods.method import UNLOADED
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.quantities_of_interest import carried, evaluate
 from hpcinv.results.solution import Solution, solution_of

@@ -29,8 +29,8 @@ from dolfinx import fem
 from hpcinv.certificate.singular_edges import FIBRES, SingularEdges
 from hpcinv.certificate.wedge_exponents import SMOOTH
 from hpcinv.mesh.source import Floats
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 RAISED = 0.2

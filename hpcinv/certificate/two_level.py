@@ -42,8 +42,8 @@ from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.quantity.arrays import Singles
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import CONTRACTING

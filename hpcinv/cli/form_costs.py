@@ -25,9 +25,9 @@ from hpcinv.assembly.tangent import tangent_of
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 _ROUNDS = 7  # the fastest counts, since disturbances only lengthen a measurement

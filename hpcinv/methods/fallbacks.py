@@ -20,11 +20,11 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import groupby
 
-from hpcinv.assembly.scalar_graph import NotAnalytic
 from hpcinv.effects import Direction
 from hpcinv.methods.bulk_modulus import BulkModulus
 from hpcinv.methods.fixed_point import FixedPointMethod
 from hpcinv.model.outcome import Outcome
+from hpcinv.points.scalar_graph import NotAnalytic
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium

@@ -24,8 +24,8 @@ from hpcinv.model.obstacle_passage import Passage, Passages, SurfacePoints
 from hpcinv.model.parameters import entry_of, present_value
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.surface_distance import SurfaceDistance
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.quantity.nondimensional import Scales
 from hpcinv.quantity.spatial_fields import Field
 

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh import Body
-from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.quantity.arrays import LocalIndices
 
 _ACCURACY, _ITERATIONS = 1e-11, 500

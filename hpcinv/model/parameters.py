@@ -25,7 +25,7 @@ from hpcinv.kinematics.kinematics import Kinematics, OtherState
 from hpcinv.kinematics.ufl_formulas import position_formula
 from hpcinv.mesh.regions import Mesh
 from hpcinv.model.fields import BodyFields
-from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.nondimensional import LengthsOfBody, Scales

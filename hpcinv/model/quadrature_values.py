@@ -12,8 +12,8 @@ from hpcinv.kinematics.staged_derivatives import remove_stages
 from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.quantity.arrays import LocalIndices
 
 _CHUNK = 10_000  # cells at a time, so that values at quadrature points take little memory

@@ -182,7 +182,7 @@ def _find(name: str, directory: Path, suffix: str = ".so") -> Path | None:
 
 
 @cache
-def _interface() -> Any:
+def interface() -> Any:
     """Return CFFI's description of the C types of kernels."""
     interface = cffi.FFI()
     interface.cdef(ffcx_jit.UFC_HEADER_DECL.format("float64"))
@@ -197,6 +197,18 @@ def read_record(name: str, directory: Path) -> str | None:
     return None if path is None else unsealed(path.read_bytes()).decode()
 
 
+def read_data(name: str, directory: Path) -> bytes | None:
+    """Return bytes that were kept among the kernels, ``None`` if they are not there."""
+    path = _find(name, directory, ".npz")
+    return None if path is None else unsealed(path.read_bytes())
+
+
+def write_data(name: str, content: bytes, directory: Path) -> None:
+    """Keep bytes among the kernels, if they can be written."""
+    with suppress(NotWritten):
+        publish(directory / f"{name}.npz", content)
+
+
 def write_record(name: str, text: str, directory: Path) -> None:
     """Keep a text among the kernels, if they can be written."""
     with suppress(NotWritten):
@@ -205,7 +217,7 @@ def write_record(name: str, text: str, directory: Path) -> None:
 
 def _load(path: Path, objects: Sequence[str]) -> tuple[list[Any], Any]:
     """The named forms or expressions of a kernel's file, and what DOLFINx calls their module."""
-    ffi, library = _interface(), ctypes.CDLL(str(path))
+    ffi, library = interface(), ctypes.CDLL(str(path))
     kind = "ufcx_form" if path.name.startswith("libffcx_forms") else "ufcx_expression"
     addresses = [ctypes.addressof(ctypes.c_char.in_dll(library, name)) for name in objects]
     module = SimpleNamespace(ffi=ffi, lib=library, file=path.stem, symbols=objects)

@@ -17,8 +17,8 @@ from hpcinv.mesh.cells import FACET_KIND, LayerDegree, layer_interpolation, quad
 from hpcinv.mesh.location import PointLocation
 from hpcinv.mesh.source import Floats
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.quantity.arrays import LocalIndices
 from hpcinv.quantity.nondimensional import Scales
 from hpcinv.quantity.stress_measures import (

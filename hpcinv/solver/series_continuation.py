@@ -14,10 +14,10 @@ from dataclasses import replace
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.assembly.scalar_graph import NotAnalytic
 from hpcinv.assembly.taylor_residual import TaylorResidual
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.points.scalar_graph import NotAnalytic
 from hpcinv.quantity.arrays import Floats
 from hpcinv.solver.branch_switching import STRATEGY as SWITCHED
 from hpcinv.solver.branch_switching import Bifurcation, bifurcation_of, switched

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hpcinv.assembly.scalar_graph import NotAnalytic
 from hpcinv.mesh.source import Floats
 from hpcinv.methods.method import Guess
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.state import State
+from hpcinv.points.scalar_graph import NotAnalytic
 from hpcinv.quantity.nondimensional import Scales
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hpcinv.assembly.scalar_graph import NotAnalytic
 from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.store import as_output_error
 from hpcinv.batch.task import Runner
@@ -21,6 +20,7 @@ from hpcinv.output.progress import SilentProgress
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import Timings
+from hpcinv.points.scalar_graph import NotAnalytic
 from hpcinv.results.solution import Solution
 from hpcinv.solver.workspace import Workspace
 from hpcinv.sweep.neighbours import MOST_BYTES, Neighbour, Neighbours

@@ -11,9 +11,9 @@ from dolfinx import fem
 
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 

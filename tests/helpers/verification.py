@@ -17,9 +17,9 @@ from hpcinv.methods import solve_direction
 from hpcinv.methods.method import UNLOADED
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT

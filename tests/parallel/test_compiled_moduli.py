@@ -22,9 +22,9 @@ from hpcinv.assembly.tangent_product import TangentProduct, extension
 from hpcinv.certificate.discretisation_error import one_degree_more
 from hpcinv.mesh import build_body
 from hpcinv.mesh.cells import quadrature
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 MIXED: dict[str, Any] = {

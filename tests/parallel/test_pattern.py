@@ -12,8 +12,8 @@ from dolfinx.mesh import CellType, create_unit_cube
 
 from hpcinv.assembly.pattern import pattern_of
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points.kernels import JIT_OPTIONS
 
 
 @pytest.mark.parallel([1, 2, 3])

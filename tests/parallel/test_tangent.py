@@ -20,9 +20,9 @@ from hpcinv.assembly.system import System
 from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, tangent_of, tangents_for
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, gradient, remove_stages
 from hpcinv.mesh import build_body
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 MIXED: dict[str, Any] = {

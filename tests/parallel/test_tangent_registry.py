@@ -24,9 +24,9 @@ from hpcinv.job.job import Job, parse
 from hpcinv.materials import laws
 from hpcinv.mesh import build_body
 from hpcinv.output.progress import Progress
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 HERE = Path(__file__).parents[1]

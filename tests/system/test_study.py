@@ -22,7 +22,7 @@ from hpcinv.errors import OutputError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import parse
 from hpcinv.output.progress import SilentProgress
-from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.study.directory import STORE, StudyDirectory
 from hpcinv.study.result_rows import rows_of

@@ -23,8 +23,8 @@ from hpcinv.materials.formula_law.coefficients import ONE, ZERO, Coefficient
 from hpcinv.materials.formula_law.invariants import PrincipalStretches, families_in, invariants
 from hpcinv.materials.formula_law.jet import JET_FUNCTIONS, Jet, Strains
 from hpcinv.model.weak_form import LABEL
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.functions import FUNCTIONS
 

@@ -19,7 +19,6 @@ from dolfinx.mesh import CellType, create_unit_cube
 from mpmath import mp
 from ufl.classes import Variable
 
-from hpcinv.assembly.scalar_graph import NotAnalytic, ScalarGraph, Scalars
 from hpcinv.assembly.taylor_code import LANES, taylor_code
 from hpcinv.fitting.homogeneous import Response
 from hpcinv.kinematics.kinematics import Deformation
@@ -29,6 +28,7 @@ from hpcinv.materials.isochoric import DILATATIONS
 from hpcinv.model.weak_form import LABEL
 from hpcinv.parallel.jit import JIT_OPTIONS, array_type, compile_library
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points.scalar_graph import NotAnalytic, ScalarGraph, Scalars
 from hpcinv.quantity.expressions import Expression
 
 DIGITS = 60

@@ -18,8 +18,8 @@ from dolfinx.mesh import create_unit_cube
 
 from hpcinv.kinematics.kinematics import Deformation
 from hpcinv.kinematics.principal_stretches import IsochoricStretches
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points.kernels import JIT_OPTIONS
 
 pytestmark = pytest.mark.slow
 

@@ -18,8 +18,8 @@ from helpers.verification import Solved, box, job
 from hpcinv.job.job import Job
 from hpcinv.materials import laws
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points.kernels import JIT_OPTIONS
 
 DIRECTIONS = [[2 / 3, -1 / 3, 2 / 3], [2 / 3, 2 / 3, -1 / 3], [-1 / 3, 2 / 3, 2 / 3]]
 """Orthonormal directions for as many families of fibres; none that a box would leave at its length by chance."""

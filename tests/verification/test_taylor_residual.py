@@ -18,7 +18,6 @@ from helpers.verification import box, deform, job
 from mpmath import mp
 
 from hpcinv.assembly import taylor_residual
-from hpcinv.assembly.scalar_graph import NotAnalytic, ScalarGraph
 from hpcinv.assembly.system import System
 from hpcinv.assembly.taylor_code import TaylorCode, taylor_code
 from hpcinv.assembly.taylor_residual import TaylorResidual
@@ -27,6 +26,7 @@ from hpcinv.mesh import build_body
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.points.scalar_graph import NotAnalytic, ScalarGraph
 from hpcinv.solver.equations import Equations
 
 ORDER = 10

@@ -150,6 +150,21 @@ class ScalarGraph:
         self.operations[node] = (*key, self._derivative(name, x, node))
         return node
 
+    def absolute(self, x: Node) -> Node:
+        return self._node("abs", x)
+
+    def sign(self, x: Node) -> Node:
+        """Return -1, 0 or 1; constant between the switches."""
+        return self._node("sign", x)
+
+    def compare(self, relation: str, a: Node, b: Node) -> Node:
+        """Return 1 where ``a < b``, ``a <= b`` or ``a == b``, else 0; ``relation`` is one of these signs."""
+        return self._node("compare", relation, a, b)
+
+    def select(self, condition: Node, a: Node, b: Node) -> Node:
+        """Return ``a`` where the condition is not 0, else ``b``."""
+        return a if a == b else self._node("select", condition, a, b)
+
     def by_size(self, x: Node, bound: Node, series: Node, closed: Node) -> Node:
         """Return a function that is computed by a series where ``|x|`` is below a bound, else in closed form.
 
@@ -179,16 +194,35 @@ class ScalarGraph:
                 left += self.arguments(node)
         return sorted(nodes)
 
+    def value_arguments(self, node: Node) -> tuple[Node, ...]:
+        """Return the nodes from which the value of one is computed: not the derivative of an elementary function."""
+        match self.operations[node]:
+            case ("integral", _, x, _):
+                return (x,)
+        return self.arguments(node)
+
+    def needed_values(self, outputs: Sequence[Node]) -> list[Node]:
+        """Return the nodes from which the values of some are computed, in order."""
+        nodes, left = set[Node](), list(outputs)
+        while left:
+            node = left.pop()
+            if node not in nodes:
+                nodes.add(node)
+                left += self.value_arguments(node)
+        return sorted(nodes)
+
     def arguments(self, node: Node) -> tuple[Node, ...]:
         """Return the nodes on which one depends directly."""
         match self.operations[node]:
             case ("add" | "multiply" | "divide" | "power", a, b):
                 return a, b
-            case ("function", _, x):
+            case ("function", _, x) | ("abs" | "sign", x):
                 return (x,)
+            case ("compare", _, a, b):
+                return a, b
             case ("integral", _, x, derivative):
                 return x, derivative
-            case ("choose", *arguments, _):
+            case ("choose", *arguments, _) | ("select", *arguments):
                 return tuple(arguments)
         return ()
 

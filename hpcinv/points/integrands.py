@@ -1,0 +1,262 @@
+"""Programs of the integrands of a form, and of expressions.
+
+An integrand of rank 1 is a sum of test functions, and derivatives of them, times their duals. One of rank 2 also has
+their derivatives by the unknown, or their coefficients of the trial function: the moduli. Both are derived in the graph
+of the integrand (`hpcinv.points.slopes`), the same for every law.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from ufl.algorithms.analysis import extract_arguments
+from ufl.classes import Argument, CoefficientDerivative
+
+from hpcinv.points.point_scalars import PointScalars
+from hpcinv.points.program import Program, code_of
+from hpcinv.points.scalar_graph import Node, NotAnalytic, ScalarGraph
+from hpcinv.points.slopes import coefficients, slopes
+from hpcinv.points.tables import Tables, empty
+
+_DIRECTIONS = (-1, 0, 1, 2)  # value, and derivatives by reference coordinates
+
+
+class Sources:
+    """Where the nodal values and constants of a form are, which its programs share.
+
+    Args:
+        functions, constants: those of the form, in UFL's order.
+    """
+
+    def __init__(self, functions: Sequence[Any], constants: Sequence[Any]) -> None:
+        self._functions, self.used = list(functions), list[int]()
+        sizes = [math.prod(c.ufl_shape) for c in constants]
+        starts = np.cumsum([0, *sizes[:-1]]).tolist() if sizes else []
+        self._starts = dict(zip(constants, starts, strict=True))
+        self._offset = 0
+        self._offsets: dict[Any, int] = {}
+
+    def offset(self, f: Any) -> int:
+        """Return where the nodal values of a function begin; they come in the order of first use."""
+        if f not in self._offsets:
+            self.used.append(self._functions.index(f))
+            self._offsets[f] = self._offset
+            self._offset += f.ufl_element().dim
+        return self._offsets[f]
+
+    def constant(self, c: Any, component: int) -> int:
+        return int(self._starts[c]) + component
+
+    def number(self, f: Any) -> int:
+        """Return the number of a function among the used ones."""
+        return self.used.index(self._functions.index(f))
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A component of a test or trial function, or one of its derivatives by reference coordinates."""
+
+    argument: Any
+    component: int
+    direction: int
+
+
+class Integrand:
+    """A program that is made of an integrand, with the functions that it takes.
+
+    Raises:
+        NotAnalytic: on an expression that programs do not have; the message names the reason.
+    """
+
+    def __init__(self, mesh: Any, tables: Tables, sources: Sources) -> None:
+        self._mesh, self._tables, self._sources = mesh, tables, sources
+        self._graph = ScalarGraph()
+        self._gathers: list[tuple[int, ...]] = []
+        self._bases: list[tuple[int, ...]] = []
+        self.functions = set[Any]()
+
+    def expression(self, expression: Any) -> Program:
+        """Return the program of all components of an expression."""
+        if extract_arguments(expression):
+            raise NotAnalytic("it has an argument")
+        outputs = PointScalars(self._graph).of(expression)
+        code_results = [(output, number, -1) for number, output in enumerate(outputs)]
+        return self._program(code_results, rank=-1, width=len(outputs))
+
+    def form(self, integrand: Any, measure: str, rank: int) -> Program:
+        """Return the program of an integrand over cells (``measure`` is ``volume``) or facets (``area``)."""
+        test, trial, unknown, step = None, None, None, None
+        if isinstance(integrand, CoefficientDerivative) and (pair := _derivative(integrand)) is not None:
+            integrand, (unknown, step) = integrand.ufl_operands[0], pair
+        for argument in {*extract_arguments(integrand), *((step,) if isinstance(step, Argument) else ())}:
+            test, trial = (argument, trial) if argument.number() == 0 else (test, argument)
+        scalars = PointScalars(self._graph, () if unknown is None else (unknown,))
+        (root,) = scalars.of(integrand)
+        weight = self._graph.input(("weight",))
+        scale = self._graph.multiply(scalars.volume if measure == "volume" else scalars.area, weight)
+        found = set(self._graph.needed_values([root]))
+        tests = self._slots(scalars, test, found) if rank else {}
+        duals: list[Node | None] = [self._graph.multiply(scale, root)]
+        if rank:
+            duals = coefficients(self._graph, root, scale, list(tests))
+        rows = [
+            (slot, dual)
+            for slot, dual in zip(tests.values() if rank else [None], duals, strict=True)
+            if dual is not None
+        ]
+        if unknown is not None:
+            return self._derivatives(scalars, rows, unknown, step, found, rank)
+        if rank < 2:
+            return self._program([(dual, self._basis(slot), -1) for slot, dual in rows], rank=rank)
+        seeds = {
+            node: (slot, {node: self._graph.number(1.0)}) for node, slot in self._slots(scalars, trial, found).items()
+        }
+        return self._moduli(rows, seeds.values(), trial)
+
+    def _derivatives(
+        self, scalars: PointScalars, rows: Any, unknown: Any, step: Any, found: set[Node], rank: int
+    ) -> Program:
+        """Return the program of the derivative by an unknown, along a trial function or a step."""
+        places = self._slots(scalars, unknown, found)
+        if isinstance(step, Argument):
+            seeds = [
+                (Slot(step, slot.component, slot.direction), {node: self._graph.number(1.0)})
+                for node, slot in places.items()
+            ]
+            if rank == 2:
+                return self._moduli(rows, seeds, step)
+            raise NotAnalytic("it is the derivative of a number")
+        direction = {node: scalars.function(step, slot.component, slot.direction) for node, slot in places.items()}
+        changes = slopes(self._graph, [dual for _, dual in rows], direction)
+        results = [
+            (change, self._basis(slot), -1)
+            for (slot, _), change in zip(rows, changes, strict=True)
+            if change is not None
+        ]
+        return self._program(results, rank=rank)
+
+    def _moduli(self, rows: Any, seeds: Any, trial: Any) -> Program:
+        results, columns = dict[Any, list[tuple[Node, int]]](), self._columns(trial)
+        for slot, direction in seeds:
+            place = columns(slot)
+            for (row, _), modulus in zip(rows, slopes(self._graph, [dual for _, dual in rows], direction), strict=True):
+                if modulus is not None and self._graph.operations[modulus] != ("number", 0.0):
+                    results.setdefault(row, []).append((modulus, place))
+        ordered = [(node, self._basis(row), place) for row, entries in results.items() for node, place in entries]
+        return self._program(ordered, rank=2, trial=trial)
+
+    def _slots(self, scalars: PointScalars, f: Any, found: set[Node]) -> dict[Node, Slot]:
+        """Return the slots of a function or argument that an integrand has, by their nodes."""
+        size = f.ufl_element().reference_value_size
+        slots = (Slot(f, i, b) for i in range(size) for b in _DIRECTIONS)
+        nodes = {scalars.function(f, slot.component, slot.direction): slot for slot in slots}
+        return {node: slot for node, slot in nodes.items() if node in found}
+
+    def _columns(self, trial: Any) -> Callable[[Slot], int]:
+        """Return a function that gives the basis of a trial function, with places one component after the other."""
+        starts, self._places = dict[int, int](), list[int]()
+        for i in range(trial.ufl_element().reference_value_size):
+            element, offset, stride = _component(trial.ufl_element(), i)
+            starts[i] = len(self._places)
+            self._places += [offset + stride * k for k in range(element.dim)]
+
+        def basis(slot: Slot) -> int:
+            element, _, _ = _component(trial.ufl_element(), slot.component)
+            table, count = self._tables.functions(element, slot.direction)
+            return self._listed(self._bases, (starts[slot.component], 1, count, table))
+
+        return basis
+
+    def _basis(self, slot: Slot | None) -> int:
+        if slot is None:
+            return -1
+        element, offset, stride = _component(slot.argument.ufl_element(), slot.component)
+        table, count = self._tables.functions(element, slot.direction)
+        return self._listed(self._bases, (offset, stride, count, table))
+
+    def _place(self, key: tuple[Any, ...]) -> tuple[str, int]:
+        """Return operation and number of an input."""
+        match key:
+            case ("constant", c, component):
+                return "constant", self._sources.constant(c, component)
+            case ("weight",):
+                return self._gather(2, 0, 0, 1, self._tables.weight)
+            case ("normal", i):
+                return self._gather(2, 0, 0, 1, self._tables.normal(i))
+            case ("position", i, direction):
+                element, _, _ = _component(self._mesh.ufl_coordinate_element(), i)
+                table, count = self._tables.functions(element, direction)
+                return self._gather(1, i, 3, count, table)
+            case ("function", f, component, direction):
+                self.functions.add(f)
+                element, offset, stride = _component(f.ufl_element(), component)
+                table, count = self._tables.functions(element, direction)
+                return self._gather(0, self._sources.offset(f) + offset, stride, count, table)
+        raise NotAnalytic(f"it has {key[0]}")
+
+    def _gather(self, *entry: int) -> tuple[str, int]:
+        return "gather", self._listed(self._gathers, entry)
+
+    @staticmethod
+    def _listed(entries: list[tuple[int, ...]], entry: tuple[int, ...]) -> int:
+        if entry not in entries:
+            entries.append(entry)
+        return entries.index(entry)
+
+    def _program(
+        self, results: Sequence[tuple[Node, int, int]], rank: int, width: int = 0, trial: Any = None
+    ) -> Program:
+        code = code_of(self._graph, [node for node, _, _ in results], self._place)
+        tables, entity_size = self._tables.array()
+        places = self._places if trial is not None else []
+        outputs = [(slot, row, column) for slot, (_, row, column) in zip(code.outputs, results, strict=True)]
+        return Program(
+            self._tables.lanes,
+            self._tables.blocks,
+            self._tables.count,
+            rank,
+            width,
+            len(places),
+            code.slots,
+            entity_size,
+            code.rows,
+            code.numbers,
+            _table(self._gathers, 5),
+            _table(self._bases, 4),
+            _table(outputs, 3),
+            tables,
+            np.array(places, dtype=np.int32),
+        )
+
+
+def _table(rows: Sequence[tuple[int, ...]], columns: int) -> Any:
+    return np.array(rows, dtype=np.int32) if rows else empty(columns)
+
+
+def _derivative(integrand: Any) -> tuple[Any, Any] | None:
+    """Return the function by which an integrand is differentiated and the direction, if each is one function."""
+    _, unknowns, directions, others = integrand.ufl_operands
+    pairs = [*zip(unknowns.ufl_operands, directions.ufl_operands, strict=True)]
+    if len(pairs) != 1 or others.ufl_operands or pairs[0][1].ufl_function_space() != pairs[0][0].ufl_function_space():
+        return None
+    return pairs[0]
+
+
+def _component(element: Any, component: int) -> tuple[Any, int, int]:
+    """Return the scalar element of a component, and offset and stride of its values among those of the element."""
+    if element.reference_value_size == 1 and element.block_size == 1 and str(element.pullback) == "IdentityPullback()":
+        return element, 0, 1
+    if element.block_size > 1 and not element.is_symmetric:
+        inner, offset, stride = _component(element.sub_elements[0], 0)
+        return inner, element.block_size * offset + component, element.block_size * stride
+    offset, parts = 0, element.sub_elements if element.is_mixed else ()
+    for part in parts:
+        if component < part.reference_value_size:
+            inner, inner_offset, stride = _component(part, component)
+            return inner, offset + inner_offset, stride
+        component, offset = component - part.reference_value_size, offset + part.dim
+    raise NotAnalytic(f"it has the element {element}")
