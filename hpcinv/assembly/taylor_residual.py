@@ -11,7 +11,7 @@ import ctypes
 import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,6 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from petsc4py import PETSc
-from ufl.algorithms import extract_coefficients
-from ufl.algorithms.analysis import extract_constants
 from ufl.corealg.traversal import unique_post_traversal
 
 from hpcinv.assembly import tangent_moduli
@@ -32,22 +30,23 @@ from hpcinv.assembly.tangent_moduli import Slot, UnsupportedForm, point_integran
 from hpcinv.assembly.taylor_code import LANES, taylor_code
 from hpcinv.kinematics import staged_derivatives
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, remove_stages
-from hpcinv.mesh.cells import FACET_KIND, jacobians, kind_and_degree, quadrature, scalar_element, sub_entities
+from hpcinv.mesh.cells import FACET_KIND, jacobians, kind_and_degree, quadrature, sub_entities
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.jit import (
-    KernelExpression,
     array_type,
-    compile_expression,
     compile_library,
-    load_expression,
 )
 from hpcinv.parallel.runtime import MPI
 from hpcinv.points import scalar_graph
+from hpcinv.points.integrands import Integrand, Sources
 from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.points.point_values import PointKernel
+from hpcinv.points.program_files import Programs, kept_programs
 from hpcinv.points.scalar_graph import NotAnalytic, ScalarGraph, Scalars
+from hpcinv.points.tables import Tables
 from hpcinv.quantity.arrays import LocalIndices
 
 _SHARE = 0.4
@@ -79,13 +78,15 @@ class TaylorResidual:
         self._parts: list[_KernelTerm] = []
         try:
             integrals = [*_volume(weak_form), *_surface(weak_form)]
-            plans, inputs = _plans(integrals, weak_form, jit_options)
+            plans = _plans(integrals, weak_form, jit_options)
         except UnsupportedForm as reason:
             raise NotAnalytic(str(reason)) from None
-        for integral, plan, expression in zip(integrals, plans, inputs, strict=True):
+        for integral, plan in zip(integrals, plans, strict=True):
             if plan.outputs:
-                kernel = _TaylorKernel(plan, expression, self._unknowns.mesh.comm)
-                self._parts += [_KernelTerm(kernel, domain, self._unknowns) for domain in integral.domains]
+                kernel = _TaylorKernel(plan, self._unknowns.mesh.comm)
+                for domain in integral.domains:
+                    inputs = _inputs(integral, domain, weak_form, jit_options) if plan.input_count else None
+                    self._parts.append(_KernelTerm(kernel, inputs, domain, self._unknowns))
 
     def begin(self, orders: int, load: float) -> None:
         """Begin at the present state and position of the mesh, with room for coefficients up to an order.
@@ -150,11 +151,16 @@ class _Domain:
 
 @dataclass(frozen=True)
 class _Integral:
-    """An integrand with its quadrature points on the reference cell or facet, and its domains."""
+    """An integrand and its domains; ``key`` tells it from the others of its form."""
 
+    key: bytes
     integrand: Any
-    cell_points: Floats
     domains: list[_Domain]
+
+    @property
+    def points(self) -> bytes:
+        """Bytes of all quadrature points, for a description."""
+        return b"".join(domain.points.tobytes() for domain in self.domains)
 
 
 def _volume(weak_form: WeakForm) -> Iterator[_Integral]:
@@ -162,9 +168,9 @@ def _volume(weak_form: WeakForm) -> Iterator[_Integral]:
     mesh = weak_form.unknowns.mesh
     points, weights = quadrature(mesh.basix_cell().name, degree)
     owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
-    for part in parts:
+    for number, part in enumerate(parts):
         cells = owned if part.cells is None else part.cells[part.cells < len(owned)]
-        yield _Integral(part.integrand, points, [_Domain(cells, points, weights)])
+        yield _Integral(b"part %d" % number, part.integrand, [_Domain(cells, points, weights)])
 
 
 def _surface(weak_form: WeakForm) -> Iterator[_Integral]:
@@ -192,7 +198,7 @@ def _surface(weak_form: WeakForm) -> Iterator[_Integral]:
             own = entities[region][entities[region][:, 1] == number]
             area = np.linalg.norm(np.cross(*axes))
             domains.append(_Domain(own, origin + points @ axes, area * weights, normals[number]))
-        yield _Integral(integrand, points, domains)
+        yield _Integral(b"region %d, degree %d" % (region, degree), integrand, domains)
 
 
 @dataclass(frozen=True)
@@ -206,8 +212,6 @@ class _Plan:
         text: C code (`taylor_code`).
         kept, choices: sizes of its arrays.
         input_count: number of inputs.
-        file, symbol: of the kernel that evaluates the inputs at quadrature points; empty if there are none.
-        functions, constants: those it takes, by their numbers in the residual.
     """
 
     outputs: tuple[Slot, ...]
@@ -217,10 +221,6 @@ class _Plan:
     kept: int = 0
     choices: int = 0
     input_count: int = 0
-    file: str = ""
-    symbol: str = ""
-    functions: tuple[int, ...] = ()
-    constants: tuple[int, ...] = ()
 
     @classmethod
     def from_data(cls, data: Any) -> _Plan:
@@ -228,67 +228,70 @@ class _Plan:
         return cls(tuple(Slot(*slot) for slot in outputs), tuple(Slot(*slot) for slot in leaves), *rest)
 
 
-def _plans(
-    integrals: Sequence[_Integral], weak_form: WeakForm, jit_options: Mapping[str, Any]
-) -> tuple[list[_Plan], list[KernelExpression | None]]:
-    """Return the plans of integrals, of a record or derived, and the kernels of their inputs; collective.
+def _plans(integrals: Sequence[_Integral], weak_form: WeakForm, jit_options: Mapping[str, Any]) -> list[_Plan]:
+    """Return the plans of integrals, of a record or derived; collective.
 
     The reason why there is no Taylor series is recorded too.
     """
-    comm, functions, constants = (
-        weak_form.unknowns.mesh.comm,
+    description = _description(weak_form) + b"".join(integral.points for integral in integrals)
+    modules = tangent_moduli, staged_derivatives, scalar_graph, code_writer, sys.modules[__name__]
+    record = DerivationRecord(weak_form.unknowns.mesh.comm, "taylor", description, modules, jit_options)
+    data = record.read()
+    if isinstance(data, str):
+        raise NotAnalytic(data)
+    if isinstance(data, list):
+        return [_Plan.from_data(entry) for entry in data]
+    try:
+        plans = [_derived(integral.integrand, weak_form)[0] for integral in integrals]
+    except NotAnalytic as reason:
+        record.write(str(reason))
+        raise
+    record.write([astuple(plan) for plan in plans])
+    return plans
+
+
+def _description(weak_form: WeakForm) -> bytes:
+    """Return a text of all on which the derivation depends except the quadrature points."""
+    functions, constants, parameters = (
+        weak_form.residual.coefficients(),
+        weak_form.residual.constants(),
+        weak_form.parameters,
+    )
+    numbers = functions.index(weak_form.unknowns.state), parameters.path_entries
+    place = constants.index(parameters.constant) if parameters.constant in constants else None
+    return f"{weak_form.residual.signature()} {numbers} {place}".encode()
+
+
+def _inputs(integral: _Integral, domain: _Domain, weak_form: WeakForm, jit_options: Mapping[str, Any]) -> PointKernel:
+    """Return what evaluates the inputs of an integral at the quadrature points of a domain; collective."""
+    mesh, functions, constants = (
+        weak_form.unknowns.mesh,
         weak_form.residual.coefficients(),
         weak_form.residual.constants(),
     )
-    parameters, directory = weak_form.parameters, Path(jit_options["cache_dir"])
-    numbers = functions.index(weak_form.unknowns.state), parameters.path_entries
-    place = constants.index(parameters.constant) if parameters.constant in constants else None
-    description = f"{weak_form.residual.signature()} {numbers} {place}".encode()
-    description += b"".join(integral.cell_points.tobytes() for integral in integrals)
-    modules = tangent_moduli, staged_derivatives, scalar_graph, code_writer, sys.modules[__name__]
-    record = DerivationRecord(comm, "taylor", description, modules, jit_options)
-    data = record.read()
-    if comm.allreduce(isinstance(data, str), op=MPI.LAND):
-        raise NotAnalytic(data)
-    plans = [_Plan.from_data(entry) for entry in data] if isinstance(data, list) else []
-    inputs = [
-        load_expression(
-            plan.file,
-            plan.symbol,
-            [functions[i] for i in plan.functions],
-            [constants[i] for i in plan.constants],
-            directory,
-        )
-        if plan.file
-        else None
-        for plan in plans
-    ]
-    are_loaded = bool(plans) and all(
-        expression is not None or not plan.input_count for plan, expression in zip(plans, inputs, strict=True)
-    )
-    if not comm.allreduce(are_loaded, op=MPI.LAND):
-        try:
-            derived = [_derived(integral, weak_form, jit_options) for integral in integrals]
-        except NotAnalytic as reason:
-            record.write(str(reason))
-            raise
-        plans, inputs = [plan for plan, _ in derived], [expression for _, expression in derived]
-        record.write([astuple(plan) for plan in plans])
-    return plans, inputs
+    normals = None if domain.normal is None else domain.normal[None]
+
+    def make() -> Programs:
+        vector = remove_stages(ufl.as_vector(_derived(integral.integrand, weak_form)[1]))
+        sources = Sources(functions, constants)
+        maker = Integrand(mesh.ufl_domain(), Tables(domain.points, normals=normals), sources)
+        return Programs.of_expression(maker.expression(vector), sources.used)
+
+    description = b"inputs " + _description(weak_form) + domain.points.tobytes() + integral.key
+    kept = kept_programs(mesh.comm, description, make, Path(jit_options["cache_dir"]))
+    return PointKernel(kept, domain.points, mesh.ufl_domain(), functions, constants)
 
 
-def _derived(
-    integral: _Integral, weak_form: WeakForm, jit_options: Mapping[str, Any]
-) -> tuple[_Plan, KernelExpression | None]:
-    """Derive the plan of an integral, and compile the kernel of its inputs; collective."""
+def _derived(integrand: Any, weak_form: WeakForm) -> tuple[_Plan, list[Any]]:
+    """Derive the plan of an integrand, and its inputs: scalars that do not depend on the unknowns."""
     unknowns, parameters = weak_form.unknowns, weak_form.parameters
     tests, trials = slots_of(unknowns, unknowns.state)
-    at_point = point_integrand(integral.integrand, unknowns, unknowns.state, tests, trials, ufl.Identity(3))
+    at_point = point_integrand(integrand, unknowns, unknowns.state, tests, trials, ufl.Identity(3))
     local = Local(unknowns.mesh.ufl_domain())
     duals = {slot: Jacobian(symbol, local).differentiate(at_point) for slot, (_, symbol) in tests.items()}
     outputs = {slot: remove_stages(dual) for slot, dual in duals.items() if dual is not None}
     if not outputs:
-        return _Plan(()), None
+        return _Plan(()), []
     parts = {part for dual in outputs.values() for part in unique_post_traversal(dual)}
     symbols = {slot: remove_stages(symbol) for slot, (_, symbol) in trials.items()}
     used = {slot: symbol for slot, symbol in symbols.items() if symbol in parts}
@@ -302,33 +305,14 @@ def _derived(
     scalars = Scalars(graph, leaves)
     code = taylor_code(graph, count, [node for dual in outputs.values() for node in scalars.of(dual)])
     plan = _Plan(tuple(outputs), tuple(used), tuple(loads), code.text, code.kept, code.choices, len(graph.inputs))
-    if not graph.inputs:
-        return plan, None
-    is_surface = integral.domains[0].normal is not None
-    positions = ufl.SpatialCoordinate(unknowns.mesh.ufl_domain()) if is_surface else ()  # for `_in_order`
-    vector = remove_stages(ufl.as_vector([*graph.inputs, *positions]))
-    taken = list(extract_coefficients(vector)), list(extract_constants(vector))
-    expression = compile_expression(unknowns.mesh.comm, vector, integral.cell_points, *taken, jit_options)
-    functions, constants = weak_form.residual.coefficients(), weak_form.residual.constants()
-    functions_taken, constants_taken = (
-        tuple(functions.index(f) for f in taken[0]),
-        tuple(constants.index(c) for c in taken[1]),
-    )
-    plan = replace(
-        plan, file=expression.file, symbol=expression.symbol, functions=functions_taken, constants=constants_taken
-    )
-    return plan, expression
+    return plan, graph.inputs
 
 
 class _TaylorKernel:
-    """Compiled Taylor arithmetic of duals.
+    """Compiled Taylor arithmetic of duals."""
 
-    Attributes:
-        inputs: evaluates the inputs at quadrature points, ``None`` if there are none.
-    """
-
-    def __init__(self, plan: _Plan, inputs: KernelExpression | None, comm: MPI.Intracomm) -> None:
-        self.plan, self.inputs = plan, inputs
+    def __init__(self, plan: _Plan, comm: MPI.Intracomm) -> None:
+        self.plan = plan
         self.leaves = sum(math.prod(slot.shape) for slot in plan.leaves) + len(plan.cases)
         self.outputs = sum(math.prod(slot.shape) for slot in plan.outputs)
         self.library = compile_library(comm, plan.text)
@@ -336,20 +320,15 @@ class _TaylorKernel:
         self.library.sweep.argtypes = [ctypes.c_int64, *2 * [ctypes.c_int], *3 * [doubles], masks, doubles]
 
 
-def _in_order(values: Floats, points: Floats) -> Floats:
-    """Return inputs (facets, points, n) in the order of points (facets, points, 3).
-
-    DOLFINx permutes the points of a facet by the numbers of its vertices. The last three inputs are positions.
-    """
-    distances = np.linalg.norm(points[:, :, None] - values[:, None, :, -3:], axis=-1)
-    return np.take_along_axis(values[..., :-3], distances.argmin(axis=2)[..., None], axis=1)
-
-
 class _KernelTerm:
-    """What one kernel adds to coefficients of the residual on one domain."""
+    """What one kernel adds to coefficients of the residual on one domain.
 
-    def __init__(self, kernel: _TaylorKernel, domain: _Domain, unknowns: Unknowns) -> None:
-        self._kernel, self._domain, self._mesh = kernel, domain, unknowns.mesh
+    Args:
+        inputs: evaluates the inputs at quadrature points, ``None`` if there are none.
+    """
+
+    def __init__(self, kernel: _TaylorKernel, inputs: PointKernel | None, domain: _Domain, unknowns: Unknowns) -> None:
+        self._kernel, self._input_kernel, self._domain, self._mesh = kernel, inputs, domain, unknowns.mesh
         self._dofs = [dofs[domain.cells] for dofs in unknowns.dofs_of_cells()]
         self._tables = [tabulated(element, domain.points) for element in unknowns.scalar_elements]
         self._count = len(domain.cells) * len(domain.points)
@@ -377,11 +356,8 @@ class _KernelTerm:
         self._leaves = np.zeros((self._blocks, kernel.leaves, stored, LANES))
         self._results = np.empty((self._blocks, kernel.outputs, LANES))
         self._inputs = np.zeros((self._blocks, kernel.plan.input_count, LANES))
-        if kernel.inputs is not None and self._count:
-            values = kernel.inputs.eval(self._mesh, domain.entities)
-            if domain.normal is not None:
-                values = _in_order(values, scalar_element(kind, degree).tabulate(0, domain.points)[0, :, :, 0] @ nodes)
-            self._inputs[:] = self._in_lanes(values)
+        if self._input_kernel is not None and self._count:
+            self._inputs[:] = self._in_lanes(self._input_kernel.eval(self._mesh, domain.cells))
 
     def put(self, k: int, x: npt.NDArray[np.float64] | None, loads: list[float]) -> None:
         if not self._count:

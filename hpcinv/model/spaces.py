@@ -80,6 +80,11 @@ class Unknowns:
         return int(self.space.dofmap.index_map.size_global * self.space.dofmap.index_map_bs)
 
     @property
+    def parts(self) -> tuple[int, ...]:
+        """Number of components of the displacement, and of the pressure in the mixed form."""
+        return (3,) if self.p is None else (3, 1)
+
+    @property
     def pressure_size(self) -> int:
         """Number of pressures over all ranks; 0 in the displacement form."""
         return 0 if self.p is None else int(self.pressure_space.dofmap.index_map.size_global)

@@ -20,14 +20,14 @@ import ctypes
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
 from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Self
+from typing import Any
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
@@ -38,7 +38,6 @@ import ffcx.codegeneration.jit as ffcx_jit
 import ffcx.compiler
 import numpy as np
 import numpy.typing as npt
-from dolfinx import cpp, fem
 from dolfinx.jit import get_options
 
 from hpcinv.errors import OutputError
@@ -159,7 +158,8 @@ def at_first_missing_kernel(action: Callable[[], None]) -> Iterator[None]:
         _AT_FIRST_MISSING.clear()
 
 
-def _note_missing(name: str) -> None:
+def note_missing(name: str) -> None:
+    """Note that a kernel or program has to be made."""
     NOT_FOUND.append(name)
     while _AT_FIRST_MISSING:
         _AT_FIRST_MISSING.pop()()
@@ -228,7 +228,7 @@ def _get_cached_module(name: str, objects: Sequence[str], directory: Path, _time
     """Load a kernel, or return (None, None), so that FFCx compiles it."""
     path = _find(name, Path(directory))
     if path is None:
-        _note_missing(name)
+        note_missing(name)
         return None, None
     return _load(path, objects)
 
@@ -327,7 +327,7 @@ def compile_library(comm: MPI.Intracomm, code: str, directory: Path = DIRECTORY)
 
     def load() -> ctypes.CDLL:
         if _find(name, directory) is None:
-            _note_missing(name)
+            note_missing(name)
             _publish(lambda: code, name, flags, directory)
         if (path := _find(name, directory)) is None:
             raise ModuleNotFoundError(f"{name} was removed from {directory} after its compilation")
@@ -340,65 +340,6 @@ def compile_library(comm: MPI.Intracomm, code: str, directory: Path = DIRECTORY)
 def array_type(dtype: npt.DTypeLike) -> Any:
     """Return the type of arguments of a C function that are arrays, contiguous and with entries of a type."""
     return np.ctypeslib.ndpointer(dtype, flags="C_CONTIGUOUS")
-
-
-class KernelExpression(fem.Expression):  # type: ignore[misc]  # without types
-    """A compiled expression.
-
-    Attributes:
-        file, symbol: of its kernel; empty if DOLFINx compiled it by itself.
-    """
-
-    file = symbol = ""
-
-    @classmethod
-    def loaded(cls, kernel: Any, module: Any, functions: Sequence[Any], constants: Sequence[Any]) -> Self:
-        """Return the expression of a kernel, whose functions and constants are known without its UFL."""
-        expression = cls.__new__(cls)
-        expression.file, (expression.symbol,) = module.file, module.symbols
-        expression._ufcx_expression, expression._argument_space = kernel, None
-        order = [kernel.original_coefficient_positions[i] for i in range(kernel.num_coefficients)]
-        expression._cpp_object = cpp.fem.create_expression_float64(
-            module.ffi.cast("uintptr_t", module.ffi.addressof(kernel)),
-            [functions[i]._cpp_object for i in order],
-            [constant._cpp_object for constant in constants],
-            [],
-            None,
-        )
-        return expression
-
-
-def compile_expression(
-    comm: MPI.Intracomm,
-    expression: Any,
-    points: npt.NDArray[np.float64],
-    functions: Sequence[Any],
-    constants: Sequence[Any],
-    jit_options: Mapping[str, Any],
-) -> KernelExpression:
-    """Compile a UFL expression at points of the reference cell; collective.
-
-    Args:
-        functions, constants: all of the expression, in UFL's order.
-    """
-    if dolfinx.jit.ffcx_jit is not _jit:
-        return KernelExpression(expression, points, comm=comm, jit_options=dict(jit_options), dtype=np.float64)
-    form_options = {"scalar_type": np.float64}
-    kernel, module, _ = _jit(
-        comm, (expression, points), form_compiler_options=form_options, jit_options=dict(jit_options)
-    )
-    return KernelExpression.loaded(kernel, module, functions, constants)
-
-
-def load_expression(
-    file: str, symbol: str, functions: Sequence[Any], constants: Sequence[Any], directory: Path
-) -> KernelExpression | None:
-    """Return an expression that `compile_expression` has compiled; ``None`` if its kernel is not there any more."""
-    path = _find(file, directory) if dolfinx.jit.ffcx_jit is _jit else None
-    if path is None:
-        return None
-    (kernel,), module = _load(path, [symbol])
-    return KernelExpression.loaded(kernel, module, functions, constants)
 
 
 def _get_node_symbols(numberer: Any, expression: Any) -> Any:

@@ -117,6 +117,50 @@ class Integrand:
         }
         return self._moduli(rows, seeds.values(), trial)
 
+    def moduli(
+        self, integrand: Any, test: Any, trial: Any, parts: Sequence[int]
+    ) -> tuple[Program, list[tuple[tuple[int, bool], tuple[int, bool]]]]:
+        """Return the program of the moduli of an integrand, times the volume of the cell per volume of reference.
+
+        Args:
+            trial: the unknown by which the duals are differentiated, or the trial function of a bilinear integrand.
+            parts: numbers of components of the parts of the test and the trial function, which are in one space.
+
+        Returns:
+            Program, and pairs of (part, whether it is a gradient) of test and trial function. The values of each pair
+            are in the order (component, direction) of test, then of trial function.
+        """
+        graph = self._graph
+        scalars = PointScalars(graph, () if isinstance(trial, Argument) else (trial,))
+        (root,) = scalars.of(integrand)
+        found = set(graph.needed_values([root]))
+        tests, trials = self._slots(scalars, test, found), self._slots(scalars, trial, found)
+        duals = coefficients(graph, root, scalars.volume, list(tests))
+        rows = {
+            (slot.component, slot.direction): dual
+            for slot, dual in zip(tests.values(), duals, strict=True)
+            if dual is not None
+        }
+        columns = {
+            (slot.component, slot.direction): dict(
+                zip(rows, slopes(graph, list(rows.values()), {node: graph.number(1.0)}), strict=True)
+            )
+            for node, slot in trials.items()
+        }
+        blocks = [(part, is_gradient) for part in range(len(parts)) for is_gradient in (True, False)]
+        members = {block: _members(block, parts) for block in blocks}
+        pairs, outputs = list[tuple[tuple[int, bool], tuple[int, bool]]](), list[Node]()
+        for row_block in blocks:
+            for column_block in blocks:
+                entries = [
+                    columns.get(column, {}).get(row) for row in members[row_block] for column in members[column_block]
+                ]
+                if any(entry is not None for entry in entries):
+                    pairs.append((row_block, column_block))
+                    outputs += [graph.number(0.0) if entry is None else entry for entry in entries]
+        program = self._program([(node, i, -1) for i, node in enumerate(outputs)], rank=-1, width=len(outputs))
+        return program, pairs
+
     def _derivatives(
         self, scalars: PointScalars, rows: Any, unknown: Any, step: Any, found: set[Node], rank: int
     ) -> Program:
@@ -235,6 +279,13 @@ class Integrand:
 
 def _table(rows: Sequence[tuple[int, ...]], columns: int) -> Any:
     return np.array(rows, dtype=np.int32) if rows else empty(columns)
+
+
+def _members(block: tuple[int, bool], parts: Sequence[int]) -> list[tuple[int, int]]:
+    """Return component and direction of the members of a block of `Integrand.moduli`."""
+    part, is_gradient = block
+    first = sum(parts[:part])
+    return [(first + i, b) for i in range(parts[part]) for b in (_DIRECTIONS[1:] if is_gradient else _DIRECTIONS[:1])]
 
 
 def _derivative(integrand: Any) -> tuple[Any, Any] | None:

@@ -64,7 +64,7 @@ class Tables:
         """Return all tables (entities, functions, padded points), and the size of those of one facet; 0 for cells."""
         empty = np.zeros((len(self._points), 0, self.lanes * self.blocks))
         array = np.ascontiguousarray(np.concatenate([empty, *self._parts], axis=1))
-        return array, (array[0].size if self._normals is not None else 0)
+        return array, (array[0].size if len(self._points) > 1 else 0)
 
     def _tabulated(self, element: Any, points: Doubles, order: int) -> Doubles:
         if element.is_quadrature:

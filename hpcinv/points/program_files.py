@@ -1,0 +1,111 @@
+"""Programs of a form or expression, kept as numbers in a file of the cache."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from hashlib import sha1
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.parallel import jit
+from hpcinv.parallel.ranks import wait_for_all
+from hpcinv.parallel.runtime import MPI
+from hpcinv.points.program import Program
+from hpcinv.points.scalar_graph import NotAnalytic
+
+_SOURCE = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+"""programs depend on the modules that make them"""
+
+
+@dataclass(frozen=True)
+class Integral:
+    """Programs of one domain of integration, or of an expression.
+
+    Attributes:
+        kind: of the integral, as UFL names it.
+        number: of the region; -1 for all cells or facets.
+        cell: number that Basix has for the kind of its cells or facets.
+        enabled: whether it takes each of the functions.
+        programs: one for each quadrature rule or derivative.
+    """
+
+    kind: str
+    number: int
+    cell: int
+    enabled: tuple[bool, ...]
+    programs: tuple[Program, ...]
+
+
+@dataclass(frozen=True)
+class Programs:
+    """Programs of a form or of an expression.
+
+    Attributes:
+        functions: those that they take, by their numbers in it.
+        integrals: their domains; one of an expression.
+        notes: what else was found when they were made; of the types that JSON has.
+    """
+
+    functions: list[int]
+    integrals: list[Integral]
+    notes: Any = None
+
+    @classmethod
+    def of_expression(cls, program: Program, functions: list[int], notes: Any = None) -> Programs:
+        """Return the program of an expression with the functions that it takes."""
+        return cls(functions, [Integral("expression", 0, 0, (True,) * len(functions), (program,))], notes)
+
+    def to_bytes(self) -> bytes:
+        """Return them as the content of a file."""
+        head = [(i.kind, i.number, i.cell, list(map(int, i.enabled)), len(i.programs)) for i in self.integrals]
+        arrays = {"head": np.array(json.dumps([self.functions, head, self.notes]))}
+        for n, integral in enumerate(self.integrals):
+            for k, program in enumerate(integral.programs):
+                arrays |= program.to_arrays(f"{n}_{k}_")
+        with io.BytesIO() as file:
+            np.savez(file, **arrays)  # type: ignore[arg-type]  # its stub takes the first for a flag
+            return file.getvalue()
+
+    @classmethod
+    def from_bytes(cls, content: bytes) -> Programs:
+        """Return those of a file; raise ``ValueError`` or ``KeyError`` for one that is damaged."""
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            functions, head, notes = json.loads(str(arrays["head"]))
+            integrals = []
+            for n, (kind, number, cell, enabled, count) in enumerate(head):
+                made = tuple(Program.from_arrays(arrays, f"{n}_{k}_") for k in range(count))
+                integrals.append(Integral(kind, number, cell, tuple(map(bool, enabled)), made))
+        return cls(functions, integrals, notes)
+
+
+def kept_programs(comm: MPI.Intracomm, description: bytes, make: Callable[[], Programs], directory: Path) -> Programs:
+    """Return programs, from the cache or made on rank 0; collective.
+
+    Args:
+        description: all on which they depend except the modules that make them.
+
+    Raises:
+        NotAnalytic: on all ranks, if `make` raises it.
+    """
+    content, fault = None, ""
+    name = f"points_{sha1(_SOURCE + description).hexdigest()}"
+    if comm.rank == 0 and (content := jit.read_data(name, directory)) is None:
+        jit.note_missing(name)
+        try:
+            content = make().to_bytes()
+        except NotAnalytic as reason:
+            fault = str(reason)
+        except Exception as error:
+            fault = f"{type(error).__name__}: {error}"
+        else:
+            jit.write_data(name, content, directory)
+    wait_for_all(comm)
+    content, fault = comm.bcast((content, fault))
+    if content is None:
+        raise NotAnalytic(fault)
+    return Programs.from_bytes(content)
