@@ -320,9 +320,11 @@ def _once(comm: MPI.Intracomm, load: Callable[[], Any]) -> Any:
     return compiled
 
 
-def compile_library(comm: MPI.Intracomm, code: str, directory: Path = DIRECTORY) -> ctypes.CDLL:
+def compile_library(
+    comm: MPI.Intracomm, code: str, directory: Path = DIRECTORY, optimisation: Sequence[str] = ("-O3",)
+) -> ctypes.CDLL:
     """Return the functions of C code, compiled unless that was done before; collective."""
-    flags = [*FLAGS, "-O3", *_environment()]
+    flags = [*FLAGS, *optimisation, *_environment()]
     name = f"hpcinv_{hashlib.sha1(f'{code}{flags}'.encode()).hexdigest()}"
 
     def load() -> ctypes.CDLL:

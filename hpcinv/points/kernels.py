@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -188,14 +189,10 @@ def _jit(comm: MPI.Intracomm, item: Any, form_compiler_options: Any = None, jit_
     directory = Path((jit_options or {}).get("cache_dir", jit.DIRECTORY))
     options: Mapping[str, Any] = form_compiler_options or {}
     if np.dtype(options.get("scalar_type", np.float64)) == np.float64:
-        try:
+        with suppress(NotAnalytic):
             return kernels_of(comm, item, directory)
-        except NotAnalytic as e:
-            import traceback
-
-            open("/tmp/fallback.log", "a").write(f"{e}\n" + "".join(traceback.format_stack(limit=9)[:-1]) + "\n---\n")
-    return _compiled(comm, item, form_compiler_options=form_compiler_options, jit_options=jit_options)
+    return compiled_by_ffcx(comm, item, form_compiler_options=form_compiler_options, jit_options=jit_options)
 
 
-_compiled = dolfinx.jit.ffcx_jit
+compiled_by_ffcx = dolfinx.jit.ffcx_jit
 dolfinx.jit.ffcx_jit = _jit

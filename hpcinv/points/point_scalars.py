@@ -169,7 +169,7 @@ class PointScalars(Scalars):
         return self._graph.divide(self._cofactor(i, b), self._determinant())
 
     def _normal(self, i: int) -> Node:
-        """Return a component of the normal, whose length is the area by the volume, per area and volume of reference."""
+        """Return a component of the normal; its length is the area by the `volume`, per area of the reference facet."""
         return self._sum(
             self._graph.multiply(self._inverse(b, i), self._graph.input(("normal", b))) for b in range(_DIM)
         )

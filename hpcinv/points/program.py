@@ -207,20 +207,25 @@ class Program:
 
     def check(self) -> None:
         """Raise ``ValueError`` if the interpreter would read or write outside the program's arrays."""
-        rows, functions = self.rows, self.tables.size // (self.lanes * self.blocks)
+        rows, functions = self.rows, self.tables.shape[1]
+        _check_bounds((rows[:, 0], len(OPERATIONS)), (rows[:, 4], self.slots))
         names = np.array(OPERATIONS)[rows[:, 0]]
-        arguments = rows[:, 1:4][~np.isin(names, _INDEXED)]
-        bounds = (
-            (rows[:, 0], len(OPERATIONS)),
-            (rows[:, 4], self.slots),
-            (arguments[:, 0], self.slots),
-            (rows[:, 1][names == "gather"], len(self.gathers)),
-            (rows[:, 1][names == "number"], len(self.numbers)),
-            (rows[:, 2][np.isin(names, _WITH_NUMBER)], len(self.numbers)),
-            (rows[:, 2:4][~np.isin(names, _INDEXED + _WITH_NUMBER)], self.slots),
+        takes_slots, takes_number = ~np.isin(names, _INDEXED), np.isin(names, _WITH_NUMBER)
+        _check_bounds(
+            (rows[takes_slots, 1], self.slots),
+            (rows[takes_slots & ~takes_number, 2:4], self.slots),
+            (rows[takes_number, 2], len(self.numbers)),
+            (rows[names == "number", 1], len(self.numbers)),
+            (rows[names == "gather", 1], len(self.gathers)),
+            (self.gathers[:, 4], functions),
             (self.gathers[:, 4] + self.gathers[:, 3] - 1, functions),
+            (self.bases[:, 3], functions),
             (self.bases[:, 3] + self.bases[:, 2] - 1, functions),
             (self.results[:, 0], self.slots),
         )
-        if any(len(numbers) and not (numbers.min() >= 0 and numbers.max() < bound) for numbers, bound in bounds):
-            raise ValueError("a program refers to what it does not have")
+
+
+def _check_bounds(*bounds: tuple[Integers, int]) -> None:
+    """Raise ``ValueError`` if numbers are negative, or not below their bound."""
+    if any(numbers.size and not 0 <= numbers.min() <= numbers.max() < bound for numbers, bound in bounds):
+        raise ValueError("a program refers to what it does not have")
