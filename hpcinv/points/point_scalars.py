@@ -99,6 +99,8 @@ class PointScalars(Scalars):
                 component, f = _flat(c[:-1], e.ufl_shape[:-1]), operands[0]
                 directions = (self.function(f, component, b) for b in range(_DIM))
                 return self._sum(graph.multiply(d, self._inverse(b, c[-1])) for b, d in enumerate(directions))
+            case Grad():
+                raise NotAnalytic("it has derivatives of functions other than their gradients")
             case Constant():
                 return graph.input(("constant", e, _flat(c, e.ufl_shape)))
             case SpatialCoordinate():

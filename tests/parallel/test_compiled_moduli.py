@@ -1,4 +1,4 @@
-"""Moduli of tangents: records of how they were derived, and products with vectors."""
+"""Moduli of tangents: files of their programs, and products with vectors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import ufl
 from helpers.verification import box, deform, job
 from petsc4py import PETSc
 
-from hpcinv.assembly import compiled_moduli as module
 from hpcinv.assembly import tangent_product
 from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.system import System
@@ -24,6 +23,7 @@ from hpcinv.mesh import build_body
 from hpcinv.mesh.cells import quadrature
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.points.integrands import Integrand
 from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
@@ -143,38 +143,34 @@ def test_moduli_are_refused_for_other_points_than_those_of_the_form(comm: MPI.In
         compiled_moduli(ufl.inner(ufl.grad(u), ufl.grad(unknowns.v)) * dx, unknowns, JIT_OPTIONS)
 
 
-def forget(directory: Path, pattern: str) -> None:
-    for path in directory.glob(pattern):
-        path.unlink()
-
-
 def damage(directory: Path) -> None:
-    for path in directory.glob("moduli_*.txt"):
+    for path in directory.glob("points_*.npz"):
         path.write_bytes(path.read_bytes()[:-60] + bytes(60))
 
 
 @pytest.mark.parallel([1, 2])
 def test_moduli_are_derived_once(comm: MPI.Intracomm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And again, where the record or a kernel is not there any more or is damaged, or for other points."""
+    """On rank 0, by region; and again, where their file is damaged or not there any more, or for other points."""
     directory = Path(comm.bcast(str(tmp_path)))
-    options = {"cffi_extra_compile_args": ["-O0", "-g0"], "cache_dir": directory}
-    derive = Mock(wraps=module.moduli_of)
-    monkeypatch.setattr(module, "moduli_of", derive)
+    options = {"cache_dir": directory}
+    derive = Mock(side_effect=Integrand.moduli, autospec=True)
+    monkeypatch.setattr(Integrand, "moduli", lambda *arguments: derive(*arguments))
 
     def values(degree: int = 2) -> tuple[int, Any]:
         """How often moduli are derived in a new model, and their values."""
         data = TWO_REGIONS | {"discretisation": {"displacement": 2, "quadrature": degree}}
         before, model = derive.call_count, model_of(data, comm)
         moduli = compiled_moduli(model.weak_form("inverse").residual, model.unknowns, options)
-        return derive.call_count - before, [part.expression.eval(model.unknowns.mesh, part.cells) for part in moduli]
+        count = comm.allreduce(derive.call_count - before)
+        return count, [part.kernel.eval(model.unknowns.mesh, part.cells) for part in moduli]
 
     count, first = values()
-    assert count == 1
+    assert count == 2
     changes: list[tuple[int, Callable[[], object]]] = [
         (0, lambda: None),
-        (1, lambda: forget(directory, "libffcx_expressions_*.so")),
-        (1, lambda: forget(directory, "moduli_*.txt")),
-        (1, lambda: damage(directory)),
+        (2, lambda: [path.unlink() for path in directory.glob("points_*.npz")]),
+        (2, lambda: damage(directory)),
+        (0, lambda: None),
     ]
     for expected, change in changes:
         comm.barrier()
@@ -185,5 +181,5 @@ def test_moduli_are_derived_once(comm: MPI.Intracomm, tmp_path: Path, monkeypatc
         assert count == expected
         assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
     count, finer = values(degree=4)
-    assert count == 1
+    assert count == 2
     assert [v.shape[1] for v in finer] == [14, 14]

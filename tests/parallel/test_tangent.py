@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
@@ -15,7 +14,6 @@ from helpers.verification import box, deform, job
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
-from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.system import System
 from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, tangent_of, tangents_for
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, gradient, remove_stages
@@ -157,22 +155,3 @@ def test_a_jacobian_through_a_stage_is_the_same(comm: MPI.Intracomm) -> None:
     assert np.abs(ours - expected).max() < 1e-13 * np.abs(expected).max()
     assert np.abs(expected).max() > 1
     assert Jacobian(h, local, H).differentiate(ufl.variable(ufl.tr(ufl.variable(constant)))) is None
-
-
-@pytest.mark.parallel([2])
-def test_a_rank_with_other_flags_takes_kernels_of_its_own(comm: MPI.Intracomm, tmp_path: Path) -> None:
-    """As on a node whose processor lacks instructions of rank 0's processor."""
-    given = job(**MIXED)
-    body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
-    weak_form = Equations(given, body, Timings()).weak_form("inverse")
-    deform(weak_form.unknowns)
-    flags = ["-O1", "-g0", f"-DRANK={comm.rank}"]
-    options = JIT_OPTIONS | {"cffi_extra_compile_args": flags, "cache_dir": Path(comm.bcast(str(tmp_path)))}
-    cells = np.arange(1, dtype=np.int32)
-    (usual,) = compiled_moduli(weak_form.residual, weak_form.unknowns, JIT_OPTIONS)
-    for _ in range(2):  # without a record, and with the record of rank 0
-        (moduli,) = compiled_moduli(weak_form.residual, weak_form.unknowns, options)
-        files = comm.allgather(moduli.expression.file)
-        assert files[0] != files[1]
-        expected = usual.expression.eval(weak_form.unknowns.mesh, cells)
-        assert np.array_equal(moduli.expression.eval(weak_form.unknowns.mesh, cells), expected)
