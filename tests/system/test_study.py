@@ -22,8 +22,8 @@ from hpcinv.errors import OutputError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import parse
 from hpcinv.output.progress import SilentProgress
-from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.study.directory import STORE, StudyDirectory
 from hpcinv.study.result_rows import rows_of
 from hpcinv.study.study_batch import StudyRunner, StudySchedule, StudyTask
