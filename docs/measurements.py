@@ -35,6 +35,7 @@ COMMANDS = {
     "solver-choice": "mpirun -n 1 python benchmarks/solver_choice.py",
     "memory-parts": "mpirun -n 1 python benchmarks/memory_parts.py --size 60000",
     "cold-kernels": "python benchmarks/cold_kernels.py",
+    "points": "python benchmarks/points.py",
     "cost-model": "mpirun -n 1 python benchmarks/cost_model.py",
     "scaling": "python benchmarks/scaling.py --per-rank 4000",
     "alternatives": "mpirun -n 1 python benchmarks/alternatives.py",

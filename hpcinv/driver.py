@@ -11,7 +11,6 @@ from hpcinv.files.untrusted import applied_to
 from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.sections import QuantityValue
 from hpcinv.job.state_differences import with_differences
-from hpcinv.kernels_ahead import certificate_kernels_ahead
 from hpcinv.methods.method import Guess, Start
 from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.progress import Progress
@@ -48,7 +47,6 @@ def run(
     stop_asked: Callable[[], bool] = lambda: False,
     workspace: Workspace | None = None,
     guesses: Sequence[Guess] = (),
-    compiles_ahead: bool = False,
     end_late: Callable[[], NoReturn] | None = None,
 ) -> Result:
     """Solve a job on all ranks of ``comm``; collective.
@@ -61,8 +59,6 @@ def run(
             and in the certificate if there is a directory for checkpoints; true saves a checkpoint and ends the run.
         workspace: body and equations of earlier runs on ``comm``, to be used again by this run and later ones.
         guesses: initial guesses of the first solves at full load; without one, or if it fails, the unloaded body.
-        compiles_ahead: whether a second process compiles kernels of the certificate, if kernels are missing. It costs
-            2 s of a processor: too much where many runs share the processors.
         end_late: ends all ranks, if a signal asks to stop and a check of the certificate takes too long to do so.
 
     Raises:
@@ -80,8 +76,6 @@ def run(
         if resume:
             store.lock(job)
         prepared = prepare(job, workspace, progress, timings, stop)
-        if compiles_ahead:
-            own.enter_context(certificate_kernels_ahead(prepared))
         own.enter_context(signals_recorded())
         guesses = guesses or predicted_guesses(prepared.job, prepared.equations, progress.note)
         outputs = _Outputs(prepared, store, progress, stop, guesses, overwrite=overwrite, resume=resume)

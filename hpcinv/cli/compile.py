@@ -1,4 +1,4 @@
-"""``hpcinv compile``: compile all kernels of jobs, studies and sweeps before they run."""
+"""``hpcinv compile``: make all programs of jobs, studies and sweeps before they run."""
 
 import argparse
 import os
@@ -22,7 +22,7 @@ def add_compile(commands: Any) -> None:
     command = add_command(
         commands,
         "compile",
-        "Compile the kernels of jobs without solving (in parallel under mpirun).",
+        "Make what jobs evaluate at points, without solving (in parallel under mpirun).",
         examples=("hpcinv compile jobs/pdms-beam.yaml\nmpirun -n 4 hpcinv compile sweep.yaml --cache /shared/kernels"),
         page="how-to/start-up.md",
     )
@@ -31,7 +31,7 @@ def add_compile(commands: Any) -> None:
         "--cache",
         type=Path,
         metavar="DIR",
-        help="directory of the kernels, for runs with HPCINV_KERNELS=DIR (default: $HPCINV_KERNELS)",
+        help="directory of the programs, for runs with HPCINV_KERNELS=DIR (default: $HPCINV_KERNELS)",
     )
     add_option(command)
     command.set_defaults(command=_compile)
@@ -62,7 +62,7 @@ def _compile(options: argparse.Namespace) -> int:
         except HpcinvError as found:
             error = found
         agree(comm, error)
-        on_root(comm, lambda: print(f"{_ready(DIRECTORY) - ready_before} kernels compiled; they are in {DIRECTORY}"))
+        on_root(comm, lambda: print(f"{_ready(DIRECTORY) - ready_before} programs made; they are in {DIRECTORY}"))
     return 0
 
 
@@ -98,4 +98,4 @@ def _differentiated(job: Job) -> Job:
 
 
 def _ready(directory: Path) -> int:
-    return sum(1 for _ in directory.glob("*.so"))
+    return sum(1 for pattern in ("*.so", "*.npz") for _ in directory.glob(pattern))

@@ -151,7 +151,6 @@ def _run_in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, 
                 resume=resume,
                 progress=progress,
                 stop_asked=stop,
-                compiles_ahead=True,
                 end_late=partial(abort, comm, STOPPED),
             )
     missing = OutputError.exit_code if result.statistics["unwritten"] else 0

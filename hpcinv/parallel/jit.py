@@ -1,4 +1,4 @@
-"""Compilation of kernels of forms and expressions by DOLFINx, and their cache.
+"""The cache of programs and kernels, and compilation of the kernels that programs do not have (`hpcinv.points`).
 
 The file name of a kernel is a hash of its form, of version and options of FFCx, of compiler flags, and of the Python
 version, so that a directory of kernels can be shared by any jobs, users and machines. HPCINV_KERNELS names the
@@ -9,8 +9,7 @@ This module replaces three functions of FFCx, once: for the search, the compilat
 DOLFINx's function that calls them on all ranks. FFCx's own compile in place, and mark a kernel under compilation by
 the file ``NAME.c`` without ``NAME.c.cached``: if the process is killed, all others wait for this kernel until they
 time out. The functions here (with `hpcinv.parallel.kernel_files`) have no such state. Kernels are code: files that
-another user could have written are not loaded. A fourth function of FFCx is replaced since it takes a time that is
-quadratic in the size of a form; the code that FFCx writes is the same.
+another user could have written are not loaded.
 
 They are replaced in the releases `KNOWN` only. Others keep their own functions, and one line on stderr says so: kernels
 then compile as DOLFINx does it, a shared directory that is read-only is not used, and forms are derived in each run.
@@ -20,8 +19,8 @@ import ctypes
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from contextvars import ContextVar
 from functools import cache
 from itertools import islice
@@ -145,24 +144,11 @@ JIT_OPTIONS = {"cffi_extra_compile_args": [*FLAGS, *_environment()], "cache_dir"
 
 NOT_FOUND: list[str] = []
 """names of the kernels that this process did not find in the cache, so that it had to compile them or to wait"""
-_AT_FIRST_MISSING = list[Callable[[], None]]()
-
-
-@contextmanager
-def at_first_missing_kernel(action: Callable[[], None]) -> Iterator[None]:
-    """Context in which an action is called once, when this process does not find a kernel."""
-    _AT_FIRST_MISSING.append(action)
-    try:
-        yield
-    finally:
-        _AT_FIRST_MISSING.clear()
 
 
 def note_missing(name: str) -> None:
     """Note that a kernel or program has to be made."""
     NOT_FOUND.append(name)
-    while _AT_FIRST_MISSING:
-        _AT_FIRST_MISSING.pop()()
 
 
 def _find(name: str, directory: Path, suffix: str = ".so") -> Path | None:
@@ -344,22 +330,14 @@ def array_type(dtype: npt.DTypeLike) -> Any:
     return np.ctypeslib.ndpointer(dtype, flags="C_CONTIGUOUS")
 
 
-def _get_node_symbols(numberer: Any, expression: Any) -> Any:
-    """Return the symbols of an expression, found by its hash; FFCx compares it with all others in turn."""
-    return numberer.V_symbols[numberer.G.e2i[expression]]
-
-
 def _replace_functions() -> None:
     """Replace the functions of the releases `KNOWN`; note on rank 0 that others keep theirs."""
     versions = {"DOLFINx": dolfinx.__version__, "FFCx": ffcx.__version__}
     if all(f"{version}.".startswith(f"{KNOWN}.") for version in versions.values()):
-        from ffcx.ir.analysis.valuenumbering import ValueNumberer
-
         dolfinx.jit.ffcx_jit = _jit
         ffcx_jit.get_cached_module = _get_cached_module
         ffcx_jit._compile_objects = _compile_objects
         ffcx_jit._load_objects = _load_objects
-        ValueNumberer.get_node_symbols = _get_node_symbols
     elif MPI.COMM_WORLD.rank == 0:
         installed = " and ".join(f"{name} {version}" for name, version in versions.items())
         note = f"{installed} compile kernels by themselves: hpcinv replaces functions of {KNOWN} only"

@@ -8,6 +8,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
 import basix
 import dolfinx.jit
 import numpy as np

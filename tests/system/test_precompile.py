@@ -1,4 +1,4 @@
-"""``hpcinv compile`` and the directory of kernels: what is compiled once need not be again, by anybody."""
+"""``hpcinv compile`` and the directory of kernels: what is made once need not be again, by anybody."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ READ_ONLY = "import os, runpy; os.access = lambda *_: False; runpy.run_module('h
 
 
 def kernels(directory: Path) -> set[str]:
-    return {path.name for path in directory.glob("*.so")}
+    return {path.name for pattern in ("*.so", "*.npz") for path in directory.glob(pattern)}
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     job = write_job(here / "job.yaml", EVERYTHING)
     done = hpcinv(1, "compile", job, "--cache", here / "kernels", cwd=here)
     assert done.returncode == 0, done.stderr
-    assert f"{len(kernels(here / 'kernels'))} kernels compiled" in done.stdout
+    assert f"{len(kernels(here / 'kernels'))} programs made" in done.stdout
     return job, here / "kernels"
 
 
@@ -76,7 +76,7 @@ def test_kernels_missing_in_a_read_only_directory_go_to_the_users_cache(
     done = subprocess.run(command, env=env, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert kernels(directory) == before
-    # The one kernel of the quantity: all others were found.
+    # The one program of the quantity: all others were found.
     assert len(kernels(tmp_path / "fenics")) == 1
 
 
