@@ -62,7 +62,7 @@ def best(action: Callable[[], object]) -> float:
 
 
 def measured(form: Any, jit: Any) -> tuple[float, float]:
-    """Return the seconds that a kernel takes to be made, and those of one assembly."""
+    """Return the seconds to make a kernel, and for one assembly."""
     dolfinx.jit.ffcx_jit = jit
     with tempfile.TemporaryDirectory() as directory:
         options = {**kernels.JIT_OPTIONS, "cache_dir": Path(directory)}

@@ -58,7 +58,7 @@ def compiled_moduli(
         degree: quadrature degree at whose points they are evaluated, if it is not the form's.
 
     Raises:
-        UnsupportedForm: if the form is another one than that of `tangent_moduli`, for example by an effect of a plugin.
+        UnsupportedForm: if the form is not as `tangent_moduli` says, for example by an effect of a plugin.
     """
     (moduli,) = _at_points(form, unknowns, jit_options, [degree])
     return moduli

@@ -151,7 +151,7 @@ class _Domain:
 
 @dataclass(frozen=True)
 class _Integral:
-    """An integrand and its domains; ``key`` tells it from the others of its form."""
+    """An integrand and its domains; ``key`` differs from the keys of the others of its form."""
 
     key: bytes
     integrand: Any

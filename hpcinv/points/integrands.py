@@ -29,7 +29,7 @@ class Sources:
     """Where the nodal values and constants of a form are, which its programs share.
 
     Args:
-        functions, constants: those of the form, in UFL's order.
+        functions, constants: all of the form, in UFL's order.
     """
 
     def __init__(self, functions: Sequence[Any], constants: Sequence[Any]) -> None:
@@ -298,7 +298,7 @@ def _derivative(integrand: Any) -> tuple[Any, Any] | None:
 
 
 def _component(element: Any, component: int) -> tuple[Any, int, int]:
-    """Return the scalar element of a component, and offset and stride of its values among those of the element."""
+    """Return the scalar element of a component, and offset and stride of its values among the element's."""
     if element.reference_value_size == 1 and element.block_size == 1 and str(element.pullback) == "IdentityPullback()":
         return element, 0, 1
     if element.block_size > 1 and not element.is_symmetric:

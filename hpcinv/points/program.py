@@ -172,7 +172,7 @@ class Program:
         rows, numbers: operations (`Code`).
         gathers: source, offset, stride, count, table of nodal values (n, 5).
         bases: offset, stride, count, table of basis functions (n, 4).
-        results: slot, row, column of the outputs (n, 3), those of a row together.
+        results: slot, row, column of the outputs (n, 3), row by row.
         tables: values of functions at the points (entities, functions, padded points).
         places: column of each basis function of the trial function.
     """

@@ -73,7 +73,7 @@ class Programs:
 
     @classmethod
     def from_bytes(cls, content: bytes) -> Programs:
-        """Return those of a file; raise ``ValueError`` or ``KeyError`` for one that is damaged."""
+        """Return the programs of a file; raise ``ValueError`` or ``KeyError`` for one that is damaged."""
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             functions, head, notes = json.loads(str(arrays["head"]))
             integrals = []

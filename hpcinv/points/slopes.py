@@ -14,7 +14,7 @@ def slopes(graph: ScalarGraph, outputs: Sequence[Node], seeds: Mapping[Node, Nod
     """Return the derivatives of nodes along a direction, ``None`` where they vanish.
 
     Args:
-        seeds: derivatives of the leaves along that direction; those of other leaves vanish.
+        seeds: derivatives of the leaves along that direction; for other leaves they vanish.
     """
     known: dict[Node, Node] = dict(seeds)
     for node in graph.needed_values(outputs):
