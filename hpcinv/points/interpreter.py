@@ -53,7 +53,7 @@ class Kernel:
         structures = (_Program * len(programs))(*map(self._structure, programs))
         self._kernel = _Kernel(len(programs), structures)
         _kernels(library)[number] = ctypes.addressof(self._kernel)
-        self.address: int = (ctypes.c_void_p * _MOST).in_dll(library, "functions")[number]
+        self.address = (ctypes.c_void_p * _MOST).in_dll(library, "functions")[number]
         weakref.finalize(self, free.append, number)
 
     def _structure(self, program: Program) -> _Program:

@@ -54,10 +54,10 @@ def _form_programs(form: Any) -> Programs:
         domain = cell if is_cell else basix.cell.subentity_types(cell)[2][0]
         domains.append((_TYPES[type_number], number, int(domain), functions, tuple(programs)))
     integrals = []
-    for name, number, cell, functions, programs in domains:
-        used = {sources.number(f) for f in functions}
+    for name, number, cell_number, taken, made in domains:
+        used = {sources.number(f) for f in taken}
         enabled = tuple(i in used for i in range(len(sources.used)))
-        integrals.append(Integral(name, number, cell, enabled, programs))
+        integrals.append(Integral(name, number, cell_number, enabled, made))
     return Programs(sources.used, integrals)
 
 
@@ -100,7 +100,7 @@ def _signature(item: Any) -> bytes:
     for functions in (extract_coefficients(expression), extract_constants(expression)):
         numbers |= {f: i for i, f in enumerate(functions)}
     text = ufl.algorithms.signature.compute_expression_signature(expression, numbers)
-    return f"{text} {points.shape}".encode() + points.tobytes()
+    return bytes(f"{text} {points.shape}".encode() + points.tobytes())
 
 
 class Structures:
@@ -170,7 +170,7 @@ class Structures:
 def kernels_of(comm: MPI.Intracomm, item: Any, directory: Path) -> tuple[Any, Any, tuple[str, Structures]]:
     """Return what DOLFINx' just-in-time compiler returns for a form, or for an expression and points; collective.
 
-    In place of the code, which DOLFINx keeps, are the structures.
+    DOLFINx keeps the structures, which it takes for the code.
 
     Raises:
         NotAnalytic: it has what programs do not have.

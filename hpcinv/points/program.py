@@ -200,8 +200,9 @@ class Program:
     @classmethod
     def from_arrays(cls, arrays: Any, prefix: str) -> Program:
         """Return the program of a file; raise ``ValueError`` or ``KeyError`` for one that is damaged."""
-        values = {field.name: arrays[f"{prefix}{field.name}"] for field in fields(cls)}
-        made = cls(**{name: int(value) if value.ndim == 0 else value for name, value in values.items()})
+        values: dict[str, Any] = {field.name: arrays[f"{prefix}{field.name}"] for field in fields(cls)}
+        values = {name: int(value) if value.ndim == 0 else value for name, value in values.items()}
+        made = cls(**values)
         made.check()
         return made
 

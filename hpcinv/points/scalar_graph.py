@@ -66,9 +66,9 @@ class ScalarGraph:
         self.inputs: list[Any] = []
         self._numbers: dict[tuple[Any, ...], Node] = {}
 
-    def leaf(self, number: int) -> Node:
-        """Return an unknown."""
-        return self._node("leaf", number, varies=True)
+    def leaf(self, key: Any) -> Node:
+        """Return an unknown: a number, or whatever names it."""
+        return self._node("leaf", key, varies=True)
 
     def input(self, scalar: Any) -> Node:
         """Return the value of a UFL scalar that does not depend on the unknowns."""

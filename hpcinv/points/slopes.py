@@ -41,13 +41,12 @@ def _slope(graph: ScalarGraph, node: Node, known: Mapping[Node, Node]) -> Node |
             return graph.multiply(derivative, known[x])
         case ("abs", x) if x in known:
             return graph.multiply(graph.sign(x), known[x])
-        case ("select" | "choose" as kind, *arguments):
-            condition, (a, b) = (arguments[:1], arguments[1:]) if kind == "select" else (arguments[:2], arguments[2:4])
-            if a not in known and b not in known:
-                return None
+        case ("select", condition, a, b) if a in known or b in known:
             zero = graph.number(0.0)
-            choice = graph.select if kind == "select" else graph.by_size
-            return choice(*condition, known.get(a, zero), known.get(b, zero))
+            return graph.select(condition, known.get(a, zero), known.get(b, zero))
+        case ("choose", x, bound, a, b, _) if a in known or b in known:
+            zero = graph.number(0.0)
+            return graph.by_size(x, bound, known.get(a, zero), known.get(b, zero))
     return None
 
 

@@ -61,7 +61,7 @@ class Tables:
         return self._known[key]
 
     def array(self) -> tuple[Doubles, int]:
-        """Return all tables (entities, functions, padded points), and the size of the part of one facet; 0 for cells."""
+        """Return all tables (entities, functions, padded points), and the size of a part of one facet; 0 for cells."""
         empty = np.zeros((len(self._points), 0, self.lanes * self.blocks))
         array = np.ascontiguousarray(np.concatenate([empty, *self._parts], axis=1))
         return array, (array[0].size if len(self._points) > 1 else 0)
