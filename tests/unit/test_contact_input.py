@@ -117,6 +117,18 @@ def test_signed_distance_and_direction(
     assert [float(towards[i](())) for i in range(3)] == pytest.approx(direction, abs=1e-12)
 
 
+@pytest.mark.parametrize(("shape", "point", "distance", "direction"), [s for s in SHAPES if "formula" in s[0]])
+def test_formulas_have_their_distance_at_points_of_arrays(
+    shape: dict[str, Any], point: list[float], distance: float, direction: list[float]
+) -> None:
+    """By differences; passages through obstacles are found by them."""
+    obstacle = TypeAdapter(AnyObstacle).validate_python(shape)
+    points = np.array(point)[:, None] / HALF
+    signed_distance, towards = obstacle.distance(points, SimpleNamespace(metre=1 / HALF))
+    assert signed_distance * HALF == pytest.approx([distance], rel=1e-6)
+    assert towards[:, 0] == pytest.approx(direction, abs=1e-6)
+
+
 def test_unit_of_triangles_is_written_like_a_meshs(tmp_path: Path) -> None:
     (file := tmp_path / "bed.stl").touch()
     given = [{"shape": "surface", "file": str(file), "unit": unit} for unit in ("mm", "1 mm", 1e-3)]
