@@ -7,18 +7,15 @@ tangent is the same for all laws (`hpcinv.assembly.element_matrices`).
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import ufl
-from ufl.algorithms import expand_derivatives
 from ufl.classes import Derivative, Variable
 from ufl.corealg.traversal import unique_post_traversal
 
-from hpcinv.kinematics.kinematics import LABEL
-from hpcinv.kinematics.staged_derivatives import Jacobian, Local, remove_stages
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
@@ -49,28 +46,13 @@ class Slot:
 
 
 @dataclass(frozen=True)
-class TangentModuli:
-    """Moduli of one of the `volume_parts`.
-
-    Attributes:
-        pairs: slots of test and trial function of the nonzero moduli.
-        expression: UFL vector of all moduli, each in the order (component, direction) of test, then of trial function,
-            times the volume of the cell per volume of the reference cell.
-    """
-
-    pairs: tuple[tuple[Slot, Slot], ...]
-    expression: Any
-
-
-@dataclass(frozen=True)
 class Term:
     """A bilinear form over the volume, which is added to a tangent.
 
     Attributes:
         form: the form, with symbols for its factors that are neither test nor trial function.
         trial: its trial function.
-        factors: UFL expressions of the symbols. They are left out while the moduli of the form are derived, which
-            spares UFL most of its work.
+        factors: UFL expressions of the symbols.
     """
 
     form: Any
@@ -121,28 +103,6 @@ def volume_parts(form: Any, unknowns: Unknowns) -> tuple[int, list[VolumePart]]:
     return degree, [VolumePart(cells[number], sum((*own[1:], *common), own[0])) for number, own in regions.items()]
 
 
-def moduli_of(form: Any, unknowns: Unknowns) -> list[TangentModuli]:
-    """Return the moduli of the volume integrals of a residual, or of a `Term`, part by part as `volume_parts`.
-
-    Raises:
-        UnsupportedForm: if the form is another one than that above, for example by an effect of a plugin.
-    """
-    state, factors = unknowns.state, dict[Any, Any]()
-    if isinstance(form, Term):
-        state, factors = ufl.Coefficient(unknowns.space), dict(form.factors)  # linear in it, whatever its value is
-        form = expand_derivatives(ufl.replace(form.form, {form.trial: state}))
-    _, parts = volume_parts(form, unknowns)
-    try:
-        moduli = [_moduli(part.integrand, unknowns, state) for part in parts]
-    except (UnsupportedForm, MemoryError):
-        raise
-    except Exception as error:  # UFL's errors have many types
-        raise UnsupportedForm(f"UFL fails on it: {error}") from error
-    return (
-        [replace(entry, expression=ufl.replace(entry.expression, factors)) for entry in moduli] if factors else moduli
-    )
-
-
 def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> None:
     """Check that regions contain each owned cell of the mesh once; collective."""
     mesh = unknowns.mesh
@@ -168,29 +128,6 @@ def slots_of(
             for where, f in ((tests, operator(test)), (trials, operator(trial))):
                 where[slot] = f, ufl.variable(ufl.Constant(unknowns.mesh, f.ufl_shape))
     return tests, trials
-
-
-def _moduli(integrand: Any, unknowns: Unknowns, state: Any) -> TangentModuli:
-    mesh = unknowns.mesh
-    tests, trials = slots_of(unknowns, state)
-    to_cell = ufl.JacobianInverse(mesh)
-    integrand = point_integrand(integrand, unknowns, state, tests, trials, to_cell)
-    local = Local(mesh.ufl_domain())
-    test_duals = {slot: Jacobian(symbol, local).differentiate(integrand) for slot, (_, symbol) in tests.items()}
-    duals = {slot: dual for slot, dual in test_duals.items() if dual is not None}
-    stages = (e for dual in duals.values() for e in unique_post_traversal(dual) if isinstance(e, Variable))
-    H = next((stage for stage in stages if stage.label() == LABEL), None)
-    jacobians = {slot: Jacobian(symbol, local, inner_stage=H) for slot, (_, symbol) in trials.items()}
-    there, entries = [], list[Any]()
-    for test, dual in duals.items():
-        for trial, jacobian in jacobians.items():
-            if (moduli := jacobian.differentiate(dual)) is not None:
-                there.append((test, trial))
-                entries += [moduli[index] for index in np.ndindex(moduli.ufl_shape)] if moduli.ufl_shape else [moduli]
-    J, volume = ufl.Jacobian(mesh), abs(ufl.JacobianDeterminant(mesh))
-    values = {symbol: ufl.dot(f, J) if slot.is_gradient else f for slot, (f, symbol) in trials.items()}
-    vector = ufl.replace(volume * ufl.as_vector(entries), values)
-    return TangentModuli(tuple(there), remove_stages(vector))
 
 
 def point_integrand(

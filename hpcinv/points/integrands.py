@@ -8,7 +8,7 @@ of the integrand (`hpcinv.points.slopes`), the same for every law.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,10 +17,10 @@ from ufl.algorithms.analysis import extract_arguments
 from ufl.classes import Argument, CoefficientDerivative
 
 from hpcinv.points.point_scalars import PointScalars
-from hpcinv.points.program import Program, code_of
+from hpcinv.points.program import Integers, Program, code_of
 from hpcinv.points.scalar_graph import Node, NotAnalytic, ScalarGraph
 from hpcinv.points.slopes import coefficients, slopes
-from hpcinv.points.tables import Tables, empty
+from hpcinv.points.tables import Tables
 
 _DIRECTIONS = (-1, 0, 1, 2)  # value, and derivatives by reference coordinates
 
@@ -88,34 +88,30 @@ class Integrand:
         return self._program(code_results, rank=-1, width=len(outputs))
 
     def form(self, integrand: Any, measure: str, rank: int) -> Program:
-        """Return the program of an integrand over cells (``measure`` is ``volume``) or facets (``area``)."""
-        test, trial, unknown, step = None, None, None, None
-        if isinstance(integrand, CoefficientDerivative) and (pair := _derivative(integrand)) is not None:
-            integrand, (unknown, step) = integrand.ufl_operands[0], pair
-        for argument in {*extract_arguments(integrand), *((step,) if isinstance(step, Argument) else ())}:
-            test, trial = (argument, trial) if argument.number() == 0 else (test, argument)
-        scalars = PointScalars(self._graph, () if unknown is None else (unknown,))
+        """Return the program of an integrand over cells (``measure`` is ``volume``) or facets (``area``).
+
+        If it is a derivative by one function, its integrand is made, and differentiated in its graph.
+        """
+        graph = self._graph
+        integrand, unknown, step = _undifferentiated(integrand)
+        scalars = PointScalars(graph, () if unknown is None else (unknown,))
         (root,) = scalars.of(integrand)
-        weight = self._graph.input(("weight",))
-        scale = self._graph.multiply(scalars.volume if measure == "volume" else scalars.area, weight)
-        found = set(self._graph.needed_values([root]))
-        tests = self._slots(scalars, test, found) if rank else {}
-        duals: list[Node | None] = [self._graph.multiply(scale, root)]
-        if rank:
-            duals = coefficients(self._graph, root, scale, list(tests))
-        rows = [
-            (slot, dual)
-            for slot, dual in zip(tests.values() if rank else [None], duals, strict=True)
-            if dual is not None
-        ]
+        found = set(graph.needed_values([root]))
+        arguments = {argument.number(): argument for argument in extract_arguments(integrand)}
+        if isinstance(step, Argument):
+            arguments[step.number()] = step
+        scale = graph.multiply(scalars.volume if measure == "volume" else scalars.area, graph.input(("weight",)))
+        rows = self._duals(scalars, root, scale, arguments.get(0), found)
+        if rank == 2:
+            places = self._slots(scalars, arguments[1] if unknown is None else unknown, found)
+            return self._moduli(rows, places, arguments[1])
+        if isinstance(step, Argument):
+            raise NotAnalytic("it is the derivative of a number")
         if unknown is not None:
-            return self._derivatives(scalars, rows, unknown, step, found, rank)
-        if rank < 2:
-            return self._program([(dual, self._basis(slot), -1) for slot, dual in rows], rank=rank)
-        seeds = {
-            node: (slot, {node: self._graph.number(1.0)}) for node, slot in self._slots(scalars, trial, found).items()
-        }
-        return self._moduli(rows, seeds.values(), trial)
+            places = self._slots(scalars, unknown, found)
+            direction = {node: scalars.function(step, slot.component, slot.direction) for node, slot in places.items()}
+            rows = _present(rows, slopes(graph, list(rows.values()), direction))
+        return self._program([(dual, self._basis(slot), -1) for slot, dual in rows.items()], rank=rank)
 
     def moduli(
         self, integrand: Any, test: Any, trial: Any, parts: Sequence[int]
@@ -134,18 +130,13 @@ class Integrand:
         scalars = PointScalars(graph, () if isinstance(trial, Argument) else (trial,))
         (root,) = scalars.of(integrand)
         found = set(graph.needed_values([root]))
-        tests, trials = self._slots(scalars, test, found), self._slots(scalars, trial, found)
-        duals = coefficients(graph, root, scalars.volume, list(tests))
-        rows = {
-            (slot.component, slot.direction): dual
-            for slot, dual in zip(tests.values(), duals, strict=True)
-            if dual is not None
-        }
+        duals = self._duals(scalars, root, scalars.volume, test, found)
+        rows = {(slot.component, slot.direction): dual for slot, dual in duals.items()}
         columns = {
-            (slot.component, slot.direction): dict(
-                zip(rows, slopes(graph, list(rows.values()), {node: graph.number(1.0)}), strict=True)
+            (slot.component, slot.direction): _present(
+                rows, slopes(graph, list(rows.values()), {node: graph.number(1.0)})
             )
-            for node, slot in trials.items()
+            for node, slot in self._slots(scalars, trial, found).items()
         }
         blocks = [(part, is_gradient) for part in range(len(parts)) for is_gradient in (True, False)]
         members = {block: _members(block, parts) for block in blocks}
@@ -161,35 +152,21 @@ class Integrand:
         program = self._program([(node, i, -1) for i, node in enumerate(outputs)], rank=-1, width=len(outputs))
         return program, pairs
 
-    def _derivatives(
-        self, scalars: PointScalars, rows: Any, unknown: Any, step: Any, found: set[Node], rank: int
-    ) -> Program:
-        """Return the program of the derivative by an unknown, along a trial function or a step."""
-        places = self._slots(scalars, unknown, found)
-        if isinstance(step, Argument):
-            seeds = [
-                (Slot(step, slot.component, slot.direction), {node: self._graph.number(1.0)})
-                for node, slot in places.items()
-            ]
-            if rank == 2:
-                return self._moduli(rows, seeds, step)
-            raise NotAnalytic("it is the derivative of a number")
-        direction = {node: scalars.function(step, slot.component, slot.direction) for node, slot in places.items()}
-        changes = slopes(self._graph, [dual for _, dual in rows], direction)
-        results = [
-            (change, self._basis(slot), -1)
-            for (slot, _), change in zip(rows, changes, strict=True)
-            if change is not None
-        ]
-        return self._program(results, rank=rank)
+    def _duals(self, scalars: PointScalars, root: Node, scale: Node, test: Any, found: set[Node]) -> dict[Any, Node]:
+        """Return the duals of a test function by its slots; the scaled integrand itself without one."""
+        if test is None:
+            return {None: self._graph.multiply(scale, root)}
+        tests = self._slots(scalars, test, found)
+        return _present(tests.values(), coefficients(self._graph, root, scale, list(tests)))
 
-    def _moduli(self, rows: Any, seeds: Any, trial: Any) -> Program:
+    def _moduli(self, rows: Mapping[Any, Node], places: Mapping[Node, Slot], trial: Any) -> Program:
+        """Return the program of the slopes of duals by the slots of the unknown, or of the trial function."""
         results, columns = dict[Any, list[tuple[Node, int]]](), self._columns(trial)
-        for slot, direction in seeds:
+        for node, slot in places.items():
             place = columns(slot)
-            for (row, _), modulus in zip(rows, slopes(self._graph, [dual for _, dual in rows], direction), strict=True):
-                if modulus is not None and self._graph.operations[modulus] != ("number", 0.0):
-                    results.setdefault(row, []).append((modulus, place))
+            changes = slopes(self._graph, list(rows.values()), {node: self._graph.number(1.0)})
+            for row, modulus in _present(rows, changes).items():
+                results.setdefault(row, []).append((modulus, place))
         ordered = [(node, self._basis(row), place) for row, entries in results.items() for node, place in entries]
         return self._program(ordered, rank=2, trial=trial)
 
@@ -277,8 +254,8 @@ class Integrand:
         )
 
 
-def _table(rows: Sequence[tuple[int, ...]], columns: int) -> Any:
-    return np.array(rows, dtype=np.int32) if rows else empty(columns)
+def _table(rows: Sequence[tuple[int, ...]], columns: int) -> Integers:
+    return np.array(rows, dtype=np.int32).reshape(-1, columns)
 
 
 def _members(block: tuple[int, bool], parts: Sequence[int]) -> list[tuple[int, int]]:
@@ -288,13 +265,24 @@ def _members(block: tuple[int, bool], parts: Sequence[int]) -> list[tuple[int, i
     return [(first + i, b) for i in range(parts[part]) for b in (_DIRECTIONS[1:] if is_gradient else _DIRECTIONS[:1])]
 
 
-def _derivative(integrand: Any) -> tuple[Any, Any] | None:
-    """Return the function by which an integrand is differentiated and the direction, if each is one function."""
-    _, unknowns, directions, others = integrand.ufl_operands
-    pairs = [*zip(unknowns.ufl_operands, directions.ufl_operands, strict=True)]
-    if len(pairs) != 1 or others.ufl_operands or pairs[0][1].ufl_function_space() != pairs[0][0].ufl_function_space():
-        return None
-    return pairs[0]
+def _present(keys: Iterable[Any], nodes: Sequence[Node | None]) -> dict[Any, Node]:
+    """Return the nodes that do not vanish, by their keys."""
+    return {key: node for key, node in zip(keys, nodes, strict=True) if node is not None}
+
+
+def _undifferentiated(integrand: Any) -> tuple[Any, Any, Any]:
+    """Return what an integrand differentiates, by which function, and the direction.
+
+    The last two are ``None`` for an integrand that is not such a derivative, or one by several functions at once.
+    """
+    if isinstance(integrand, CoefficientDerivative):
+        whole, unknowns, directions, others = integrand.ufl_operands
+        pairs = [*zip(unknowns.ufl_operands, directions.ufl_operands, strict=True)]
+        if len(pairs) == 1 and not others.ufl_operands:
+            ((unknown, direction),) = pairs
+            if direction.ufl_function_space() == unknown.ufl_function_space():
+                return whole, unknown, direction
+    return integrand, None, None
 
 
 def _component(element: Any, component: int) -> tuple[Any, int, int]:

@@ -7,7 +7,7 @@ from typing import Any
 import basix
 import numpy as np
 
-from hpcinv.points.program import Doubles, Integers, lanes_of
+from hpcinv.points.program import Doubles, lanes_of
 from hpcinv.points.scalar_graph import NotAnalytic
 
 
@@ -26,7 +26,7 @@ class Tables:
         self.blocks = -(-self.count // self.lanes)
         self._points = points.reshape(-1, self.count, 3)
         self._weights, self._normals = weights, normals
-        self._known: dict[Any, int] = {}
+        self._known: dict[Any, tuple[int, int]] = {}
         self._parts: list[Doubles] = []
         self._size = 0
 
@@ -38,8 +38,7 @@ class Tables:
             self._add(
                 key, np.stack([self._tabulated(element, points, order)[direction + 1] for points in self._points])
             )
-        place = self._known[key]
-        return place, self._parts[self._number(place)].shape[1]
+        return self._known[key]
 
     def normal(self, i: int) -> int:
         """Return the table of a component of the normal of the facet of the reference cell."""
@@ -48,17 +47,18 @@ class Tables:
         key = "normal", i
         if key not in self._known:
             self._add(key, np.repeat(self._normals[:, i, None, None], self.count, axis=1))
-        return self._known[key]
+        return self._known[key][0]
 
     @property
     def weight(self) -> int:
         """Table of the weights; the points that fill up have none."""
         key = "weight"
         if key not in self._known:
-            assert self._weights is not None
+            if self._weights is None:
+                raise NotAnalytic("it has the weight of a point outside an integral")
             weights = np.repeat(self._weights[None, :, None], len(self._points), axis=0)
             self._add(key, weights, filled=False)
-        return self._known[key]
+        return self._known[key][0]
 
     def array(self) -> tuple[Doubles, int]:
         """Return all tables (entities, functions, padded points), and the size of a part of one facet; 0 for cells."""
@@ -80,12 +80,9 @@ class Tables:
         table[:, :, : self.count] = values.transpose(0, 2, 1)
         if filled:
             table[:, :, self.count :] = table[:, :, self.count - 1, None]
-        self._known[key] = self._size
+        self._known[key] = self._size, table.shape[1]
         self._size += table.shape[1]
         self._parts.append(table)
-
-    def _number(self, place: int) -> int:
-        return list(self._known.values()).index(place)
 
 
 def cell_rule(kind: str, metadata: Any) -> tuple[Doubles, Doubles]:
@@ -116,7 +113,3 @@ def degree_of(metadata: Any) -> int:
     if not isinstance(degree, int) or rule != "default":
         raise NotAnalytic(f"its quadrature is '{rule}' of degree '{degree}'")
     return int(degree)
-
-
-def empty(columns: int) -> Integers:
-    return np.zeros((0, columns), dtype=np.int32)
