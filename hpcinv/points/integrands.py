@@ -271,7 +271,7 @@ def _present(keys: Iterable[Any], nodes: Sequence[Node | None]) -> dict[Any, Nod
 
 
 def _undifferentiated(integrand: Any) -> tuple[Any, Any, Any]:
-    """Return what an integrand differentiates, by which function, and the direction.
+    """Return what an integrand differentiates, the differentiating function, and the direction.
 
     The last two are ``None`` for an integrand that is not such a derivative, or one by several functions at once.
     """
