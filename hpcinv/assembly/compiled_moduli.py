@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import ufl
 
-from hpcinv.assembly.tangent_moduli import Slot, Term, UnsupportedForm, VolumePart, volume_parts
+from hpcinv.assembly.tangent_moduli import Slot, Term, UnsupportedForm, VolumePart, slots_of, volume_parts
 from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
@@ -93,23 +93,19 @@ def _at_points(
     def make(part: VolumePart) -> Programs:
         sources = Sources(functions, constants)
         maker = Integrand(mesh.ufl_domain(), Tables(points), sources)
-        program, pairs = maker.moduli(part.integrand, unknowns.test, trial, unknowns.parts)
+        program, pairs = maker.moduli(part.integrand, unknowns.test, trial, [slot.members for slot in slots])
         return Programs.of_expression(program, sources.used, pairs)
 
+    slots = slots_of(unknowns.parts)
     found, directory = [], Path(jit_options["cache_dir"])
     for number, part in enumerate(parts):
         try:
             kept = kept_programs(mesh.comm, description + b" %d" % number, partial(make, part), directory)
         except NotAnalytic as reason:
             raise UnsupportedForm(str(reason)) from None
-        pairs = tuple((_slot(test, unknowns), _slot(trial, unknowns)) for test, trial in kept.notes)
+        pairs = tuple((slots[i], slots[j]) for i, j in kept.notes)
         found.append((part.cells, pairs, PointKernel(kept, points, mesh.ufl_domain(), functions, constants)))
     return [
         [CompiledModuli(cells, *rule, pairs, kernel, int(first)) for cells, pairs, kernel in found]
         for rule, first in zip(rules, firsts, strict=False)
     ]
-
-
-def _slot(note: Sequence[Any], unknowns: Unknowns) -> Slot:
-    part, is_gradient = note
-    return Slot(part, unknowns.parts[part], bool(is_gradient))

@@ -6,15 +6,12 @@ where ``e`` are the unknowns and their gradients. The moduli ``∂s_a/∂e_b`` d
 tangent is the same for all laws (`hpcinv.assembly.element_matrices`).
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import ufl
-from ufl.classes import Derivative, Variable
-from ufl.corealg.traversal import unique_post_traversal
 
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.model.spaces import Unknowns
@@ -43,6 +40,12 @@ class Slot:
     def shape(self) -> tuple[int, ...]:
         """Shape of its dual: components, then directions of the gradient."""
         return (self.components, 3) if self.is_gradient else (self.components,)
+
+    @property
+    def members(self) -> list[tuple[int, int]]:
+        """Number of each component among all unknowns of a point, and direction of its derivative, -1 for its value."""
+        directions = range(3) if self.is_gradient else (-1,)
+        return [(3 * self.part + i, b) for i in range(self.components) for b in directions]
 
 
 @dataclass(frozen=True)
@@ -112,65 +115,6 @@ def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> No
         raise UnsupportedForm("its volume integrals over regions leave cells out, or count some twice")
 
 
-def slots_of(
-    unknowns: Unknowns, state: Any
-) -> tuple[dict[Slot, tuple[Any, Variable]], dict[Slot, tuple[Any, Variable]]]:
-    """Return test functions and unknowns with their gradients, each with a symbol, by slot."""
-    pairs = [(unknowns.v, state, 0, 3)]
-    if unknowns.p is not None:
-        u, p = ufl.split(state)
-        pairs = [(unknowns.v, u, 0, 3), (unknowns.q, p, 1, 1)]
-    tests: dict[Slot, tuple[Any, Variable]] = {}
-    trials: dict[Slot, tuple[Any, Variable]] = {}
-    for test, trial, part, components in pairs:
-        for is_gradient, operator in ((True, ufl.grad), (False, lambda f: f)):
-            slot = Slot(part, components, is_gradient)
-            for where, f in ((tests, operator(test)), (trials, operator(trial))):
-                where[slot] = f, ufl.variable(ufl.Constant(unknowns.mesh, f.ufl_shape))
-    return tests, trials
-
-
-def point_integrand(
-    integrand: Any,
-    unknowns: Unknowns,
-    state: Any,
-    tests: Mapping[Slot, tuple[Any, Variable]],
-    trials: Mapping[Slot, tuple[Any, Variable]],
-    K: Any,
-) -> Any:
-    """Return the integrand with symbols for unknowns, test functions and their gradients.
-
-    Symbols of gradients are derivatives by coordinates ``ξ`` with ``∂/∂x_l = K_bl ∂/∂ξ_b``. In derivatives, UFL splits
-    functions of a mixed space: the gradient of the displacement becomes rows of the gradient of all unknowns.
-    """
-    symbols: dict[Any, Any] = {}
-    for whole, slots in ((unknowns.test, tests), (state, trials)):
-        replacements = {slot: ufl.dot(symbol, K) if slot.is_gradient else symbol for slot, (_, symbol) in slots.items()}
-        symbols |= {f: replacements[slot] for slot, (f, _) in slots.items()}
-        if unknowns.p is not None:
-            values, gradients = (
-                [replacement for slot, replacement in replacements.items() if slot.is_gradient == wanted]
-                for wanted in (False, True)
-            )
-            symbols[whole] = ufl.as_vector([*values[0], values[1]])
-            symbols[ufl.grad(whole)] = ufl.as_tensor([*(gradients[0][i, :] for i in range(3)), gradients[1]])
-    if _has_other_derivatives(integrand, symbols, {unknowns.test, state}):
-        raise UnsupportedForm("it has derivatives of unknowns or test functions other than their gradients")
-    return ufl.replace(integrand, symbols)
-
-
-def _has_other_derivatives(expression: Any, known: Collection[Any], functions: Collection[Any]) -> bool:
-    """Return whether an expression has derivatives of ``functions`` other than the ``known`` ones.
-
-    A symbol is constant in space: its gradient would vanish without an error.
-    """
-    seen, left = set(), [expression]
-    while left:
-        node = left.pop()
-        if node in seen or node in known:
-            continue
-        seen.add(node)
-        if isinstance(node, Derivative) and any(part in functions for part in unique_post_traversal(node)):
-            return True
-        left.extend(node.ufl_operands)
-    return False
+def slots_of(parts: Sequence[int]) -> list[Slot]:
+    """Return the slots of parts with numbers of components, the gradient of each part before its value."""
+    return [Slot(part, count, is_gradient) for part, count in enumerate(parts) for is_gradient in (True, False)]

@@ -18,18 +18,14 @@ from typing import Any
 import basix
 import numpy as np
 import numpy.typing as npt
-import ufl
 from petsc4py import PETSc
-from ufl.corealg.traversal import unique_post_traversal
 
 from hpcinv.assembly import tangent_moduli
 from hpcinv.assembly import taylor_code as code_writer
 from hpcinv.assembly.derivation_record import DerivationRecord
 from hpcinv.assembly.element_matrices import directions_of, tabulated
-from hpcinv.assembly.tangent_moduli import Slot, UnsupportedForm, point_integrand, slots_of, volume_parts
+from hpcinv.assembly.tangent_moduli import Slot, UnsupportedForm, slots_of, volume_parts
 from hpcinv.assembly.taylor_code import LANES, taylor_code
-from hpcinv.kinematics import staged_derivatives
-from hpcinv.kinematics.staged_derivatives import Jacobian, Local, remove_stages
 from hpcinv.mesh.cells import FACET_KIND, jacobians, kind_and_degree, quadrature, sub_entities
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
@@ -40,12 +36,14 @@ from hpcinv.parallel.jit import (
     compile_library,
 )
 from hpcinv.parallel.runtime import MPI
-from hpcinv.points import scalar_graph
+from hpcinv.points import point_scalars, scalar_graph, slopes
 from hpcinv.points.integrands import Integrand, Sources
 from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.points.point_scalars import PointScalars
 from hpcinv.points.point_values import PointKernel
 from hpcinv.points.program_files import Programs, kept_programs
-from hpcinv.points.scalar_graph import NotAnalytic, ScalarGraph, Scalars
+from hpcinv.points.scalar_graph import Node, NotAnalytic, ScalarGraph
+from hpcinv.points.slopes import coefficients
 from hpcinv.points.tables import Tables
 from hpcinv.quantity.arrays import LocalIndices
 
@@ -234,7 +232,7 @@ def _plans(integrals: Sequence[_Integral], weak_form: WeakForm, jit_options: Map
     The reason why there is no Taylor series is recorded too.
     """
     description = _description(weak_form) + b"".join(integral.points for integral in integrals)
-    modules = tangent_moduli, staged_derivatives, scalar_graph, code_writer, sys.modules[__name__]
+    modules = scalar_graph, point_scalars, slopes, tangent_moduli, code_writer, sys.modules[__name__]
     record = DerivationRecord(weak_form.unknowns.mesh.comm, "taylor", description, modules, jit_options)
     data = record.read()
     if isinstance(data, str):
@@ -272,40 +270,51 @@ def _inputs(integral: _Integral, domain: _Domain, weak_form: WeakForm, jit_optio
     normals = None if domain.normal is None else domain.normal[None]
 
     def make() -> Programs:
-        vector = remove_stages(ufl.as_vector(_derived(integral.integrand, weak_form)[1]))
+        _, graph, nodes = _derived(integral.integrand, weak_form)
         sources = Sources(functions, constants)
-        maker = Integrand(mesh.ufl_domain(), Tables(domain.points, normals=normals), sources)
-        return Programs.of_expression(maker.expression(vector), sources.used)
+        maker = Integrand(mesh.ufl_domain(), Tables(domain.points, normals=normals), sources, graph)
+        return Programs.of_expression(maker.values(nodes), sources.used)
 
     description = b"inputs " + _description(weak_form) + domain.points.tobytes() + integral.key
     kept = kept_programs(mesh.comm, description, make, Path(jit_options["cache_dir"]))
     return PointKernel(kept, domain.points, mesh.ufl_domain(), functions, constants)
 
 
-def _derived(integrand: Any, weak_form: WeakForm) -> tuple[_Plan, list[Any]]:
-    """Derive the plan of an integrand, and its inputs: scalars that do not depend on the unknowns."""
-    unknowns, parameters = weak_form.unknowns, weak_form.parameters
-    tests, trials = slots_of(unknowns, unknowns.state)
-    at_point = point_integrand(integrand, unknowns, unknowns.state, tests, trials, ufl.Identity(3))
-    local = Local(unknowns.mesh.ufl_domain())
-    duals = {slot: Jacobian(symbol, local).differentiate(at_point) for slot, (_, symbol) in tests.items()}
-    outputs = {slot: remove_stages(dual) for slot, dual in duals.items() if dual is not None}
-    if not outputs:
-        return _Plan(()), []
-    parts = {part for dual in outputs.values() for part in unique_post_traversal(dual)}
-    symbols = {slot: remove_stages(symbol) for slot, (_, symbol) in trials.items()}
-    used = {slot: symbol for slot, symbol in symbols.items() if symbol in parts}
-    entries = (parameters.constant[i] for i in parameters.path_entries)
-    loads = {number: entry for number, entry in enumerate(entries) if entry in parts}
-    graph, leaves, count = ScalarGraph(), dict[Any, list[int]](), 0
-    for symbol in (*used.values(), *loads.values()):
-        size = math.prod(symbol.ufl_shape)
-        leaves[symbol] = [graph.leaf(count + i) for i in range(size)]
-        count += size
-    scalars = Scalars(graph, leaves)
-    code = taylor_code(graph, count, [node for dual in outputs.values() for node in scalars.of(dual)])
-    plan = _Plan(tuple(outputs), tuple(used), tuple(loads), code.text, code.kept, code.choices, len(graph.inputs))
-    return plan, graph.inputs
+def _derived(integrand: Any, weak_form: WeakForm) -> tuple[_Plan, ScalarGraph, list[Node]]:
+    """Derive the plan of an integrand; also return its graph, and the nodes that are inputs of Taylor arithmetic."""
+    state, parameters = weak_form.unknowns.state, weak_form.parameters
+    entries = [(parameters.constant, i) for i in parameters.path_entries]
+    graph = ScalarGraph()
+    scalars = PointScalars(graph, (state,), entries)
+    (root,) = scalars.of(integrand)
+    outputs = _duals(scalars, graph, root, weak_form.unknowns)
+    nodes = [node for own in outputs.values() for node in own]
+    needed = {graph.operations[node][1] for node in graph.needed(nodes) if graph.operations[node][0] == "leaf"}
+    slots = [slot for slot in slots_of(weak_form.unknowns.parts) if needed.intersection(_keys(slot, state))]
+    loads = [number for number, entry in enumerate(entries) if ("constant", *entry) in needed]
+    keys = [*(key for slot in slots for key in _keys(slot, state)), *(("constant", *entries[i]) for i in loads)]
+    reduced, inputs = graph.cut(nodes, {key: number for number, key in enumerate(keys)})
+    code = taylor_code(reduced, len(keys), nodes)
+    sizes = code.kept, code.choices, len(inputs)
+    return _Plan(tuple(outputs), tuple(slots), tuple(loads), code.text, *sizes), graph, inputs
+
+
+def _duals(scalars: PointScalars, graph: ScalarGraph, root: Node, unknowns: Unknowns) -> dict[Slot, list[Node]]:
+    """Return the duals of the test functions in an integrand, by the slots that it has."""
+    slots = slots_of(unknowns.parts)
+    tests = [scalars.function(unknowns.test, *member) for slot in slots for member in slot.members]
+    duals = iter(coefficients(graph, root, graph.number(1.0), tests))
+    outputs = {slot: [next(duals) for _ in slot.members] for slot in slots}
+    return {
+        slot: [graph.number(0.0) if dual is None else dual for dual in own]
+        for slot, own in outputs.items()
+        if any(dual is not None for dual in own)
+    }
+
+
+def _keys(slot: Slot, state: Any) -> list[Any]:
+    """Return the names of the unknowns of a slot among the leaves of a graph."""
+    return [("function", state, *member) for member in slot.members]
 
 
 class _TaylorKernel:
@@ -347,9 +356,8 @@ class _KernelTerm:
         nodes = self._mesh.geometry.x[self._mesh.geometry.dofmaps[0][domain.cells]]
         to_mesh = jacobians(kind, degree, nodes, domain.points)
         volumes = np.abs(np.linalg.det(to_mesh))
-        self._to_cell = np.linalg.inv(to_mesh)
         if domain.normal is not None:  # Nanson's formula
-            volumes = volumes * np.linalg.norm(domain.normal @ self._to_cell, axis=-1)
+            volumes = volumes * np.linalg.norm(domain.normal @ np.linalg.inv(to_mesh), axis=-1)
         self._weights = (domain.weights * volumes)[..., None]
         self._kept = np.empty((kernel.plan.kept, stored, LANES))
         self._choices = np.empty((kernel.plan.choices, LANES), dtype=np.int64)
@@ -377,7 +385,7 @@ class _KernelTerm:
         arrays = self._leaves, self._inputs, self._kept, self._choices, self._results
         self._kernel.library.sweep(self._blocks, self._stored, k, *arrays)
         points = self._results.transpose(0, 2, 1).reshape(-1, self._kernel.outputs)[: self._count]
-        duals: Floats = points.reshape(*self._to_cell.shape[:2], self._kernel.outputs) * self._weights
+        duals: Floats = points.reshape(*self._weights.shape[:2], self._kernel.outputs) * self._weights
         return duals
 
     def add(self, duals: Floats, b: npt.NDArray[np.float64]) -> None:
@@ -386,8 +394,6 @@ class _KernelTerm:
         for slot in self._kernel.plan.outputs if self._count else ():
             size = math.prod(slot.shape)
             values = duals[..., at : at + size].reshape(*duals.shape[:2], slot.components, -1)
-            if slot.is_gradient:
-                values = values @ self._to_cell.transpose(0, 1, 3, 2)
             table = self._tables[slot.part][directions_of(slot)]  # (directions, points, nodes)
             nodal = np.tensordot(values, table, axes=((3, 1), (0, 1)))  # (cells, components, nodes)
             dofs = self._dofs[slot.part].transpose(0, 2, 1)
@@ -395,14 +401,12 @@ class _KernelTerm:
             at += size
 
     def _at_points(self, slot: Slot, x: npt.NDArray[np.float64]) -> Floats:
-        """Return the values or gradients of unknowns, (cells, points, components of the slot)."""
+        """Return values of unknowns, or gradients by reference coordinates, (cells, points, components of the slot)."""
         table = self._tables[slot.part][directions_of(slot)]
         nodal = x[self._dofs[slot.part]]  # (cells, nodes, components)
         values = np.tensordot(nodal, table, axes=(1, 2)).transpose(
             0, 3, 1, 2
         )  # (cells, points, components, directions)
-        if slot.is_gradient:
-            values = values @ self._to_cell
         return values.reshape(*values.shape[:2], -1)
 
     def _in_lanes(self, values: Floats) -> Floats:

@@ -1,9 +1,8 @@
 """Derivatives of UFL expressions in stages, which keeps kernels small.
 
-UFL differentiates in forward mode: by each of the nine entries of ``H`` through the whole energy, and in second
-derivatives nine times nine times. Here the intermediate strains and invariants are variables (`stage`), and each of
-them is differentiated by its direct arguments only. A gradient of a scalar is then accumulated in reverse, from the
-energy to ``H``, at a few times the cost of the energy, and a Jacobian forward from ``H``, stage by stage.
+UFL differentiates in forward mode: by each of the nine entries of ``H`` through the whole energy. Here the intermediate
+strains and invariants are variables (`stage`), and each of them is differentiated by its direct arguments only. A
+gradient of a scalar is then accumulated in reverse, from the energy to ``H``, at a few times the cost of the energy.
 
 Source: Griewank & Walther, *Evaluating Derivatives*, 2008, ch. 3 and 9, doi:10.1137/1.9780898717761.
 """
@@ -45,50 +44,6 @@ def gradient(scalar: Any, variable: Variable) -> Any:
             share = slope if adjoint is None else _contracted(adjoint, len(stage.ufl_shape), slope)
             adjoints[part] = adjoints[part] + share if part in adjoints else share
     return adjoints.get(variable, ufl.zero(variable.ufl_shape))
-
-
-class Jacobian:
-    """Jacobians ``∂e/∂by`` of expressions, with the axes of ``e`` before the axes of ``by``.
-
-    Args:
-        local: derivatives of single stages, shared with Jacobians by other variables.
-        through: a stage on which most stages depend. ``∂e/∂through`` is then multiplied by ``∂through/∂by`` once, which
-            takes fewer products than one for each stage after it.
-    """
-
-    def __init__(self, variable: Variable, local: Local, inner_stage: Variable | None = None) -> None:
-        self._variable, self._local = variable, local
-        self._known: dict[Variable, Any] = {}  # of stages
-        self._inner_stage: tuple[int, Jacobian, Any] | None = None  # rank of that stage, Jacobians by it, and its own
-        if inner_stage is not None and (inner := self._stage_jacobian(inner_stage)) is not None:
-            self._inner_stage = len(inner_stage.ufl_shape), Jacobian(inner_stage, local), inner
-            self._known[inner_stage] = None  # fixed in what is added stage by stage from here on
-
-    def differentiate(self, expression: Any) -> Any:
-        """Return the Jacobian of an expression, ``None`` if it does not depend on the variable."""
-        total = self._stage_by_stage(expression)
-        if self._inner_stage is None:
-            return total
-        rank, outer_jacobian, inner = self._inner_stage
-        if (outer := outer_jacobian.differentiate(expression)) is None:
-            return total
-        share = _contracted(outer, rank, inner)
-        return share if total is None else total + share
-
-    def _stage_by_stage(self, expression: Any) -> Any:
-        total = None
-        for part, slope in self._local.derivatives(expression):
-            inner = self._stage_jacobian(part)
-            if inner is None and part != self._variable:
-                continue
-            share = slope if part == self._variable else _contracted(slope, len(part.ufl_shape), inner)
-            total = share if total is None else total + share
-        return total
-
-    def _stage_jacobian(self, stage: Variable) -> Any:
-        if stage != self._variable and stage not in self._known:
-            self._known[stage] = self._stage_by_stage(stage.ufl_operands[0])
-        return self._known.get(stage)
 
 
 class Local:

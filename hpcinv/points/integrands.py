@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -72,9 +73,9 @@ class Integrand:
         NotAnalytic: on an expression that programs do not have; the message names the reason.
     """
 
-    def __init__(self, mesh: Any, tables: Tables, sources: Sources) -> None:
+    def __init__(self, mesh: Any, tables: Tables, sources: Sources, graph: ScalarGraph | None = None) -> None:
         self._mesh, self._tables, self._sources = mesh, tables, sources
-        self._graph = ScalarGraph()
+        self._graph = graph or ScalarGraph()
         self._gathers: list[tuple[int, ...]] = []
         self._bases: list[tuple[int, ...]] = []
         self.functions = set[Any]()
@@ -83,9 +84,11 @@ class Integrand:
         """Return the program of all components of an expression."""
         if extract_arguments(expression):
             raise NotAnalytic("it has an argument")
-        outputs = PointScalars(self._graph).of(expression)
-        code_results = [(output, number, -1) for number, output in enumerate(outputs)]
-        return self._program(code_results, rank=-1, width=len(outputs))
+        return self.values(PointScalars(self._graph).of(expression))
+
+    def values(self, nodes: Sequence[Node]) -> Program:
+        """Return the program of the values of some nodes at points."""
+        return self._program([(node, number, -1) for number, node in enumerate(nodes)], rank=-1, width=len(nodes))
 
     def form(self, integrand: Any, measure: str, rank: int) -> Program:
         """Return the program of an integrand over cells (``measure`` is ``volume``) or facets (``area``).
@@ -114,17 +117,17 @@ class Integrand:
         return self._program([(dual, self._basis(slot), -1) for slot, dual in rows.items()], rank=rank)
 
     def moduli(
-        self, integrand: Any, test: Any, trial: Any, parts: Sequence[int]
-    ) -> tuple[Program, list[tuple[tuple[int, bool], tuple[int, bool]]]]:
+        self, integrand: Any, test: Any, trial: Any, blocks: Sequence[Sequence[tuple[int, int]]]
+    ) -> tuple[Program, list[tuple[int, int]]]:
         """Return the program of the moduli of an integrand, times the volume of the cell per volume of reference.
 
         Args:
             trial: the unknown by which the duals are differentiated, or the trial function of a bilinear integrand.
-            parts: numbers of components of the parts of the test and the trial function, which are in one space.
+            blocks: components and directions of test and trial function, which are in one space.
 
         Returns:
-            Program, and pairs of (part, whether it is a gradient) of test and trial function. The values of each pair
-            are in the order (component, direction) of test, then of trial function.
+            Program, and pairs of blocks of test and trial function. The values of each pair are in the order of the
+            block of the test, then of the trial function.
         """
         graph = self._graph
         scalars = PointScalars(graph, () if isinstance(trial, Argument) else (trial,))
@@ -138,19 +141,13 @@ class Integrand:
             )
             for node, slot in self._slots(scalars, trial, found).items()
         }
-        blocks = [(part, is_gradient) for part in range(len(parts)) for is_gradient in (True, False)]
-        members = {block: _members(block, parts) for block in blocks}
-        pairs, outputs = list[tuple[tuple[int, bool], tuple[int, bool]]](), list[Node]()
-        for row_block in blocks:
-            for column_block in blocks:
-                entries = [
-                    columns.get(column, {}).get(row) for row in members[row_block] for column in members[column_block]
-                ]
-                if any(entry is not None for entry in entries):
-                    pairs.append((row_block, column_block))
-                    outputs += [graph.number(0.0) if entry is None else entry for entry in entries]
-        program = self._program([(node, i, -1) for i, node in enumerate(outputs)], rank=-1, width=len(outputs))
-        return program, pairs
+        pairs, outputs = list[tuple[int, int]](), list[Node]()
+        for (i, row_block), (j, column_block) in product(enumerate(blocks), repeat=2):
+            entries = [columns.get(column, {}).get(row) for row in row_block for column in column_block]
+            if any(entry is not None for entry in entries):
+                pairs.append((i, j))
+                outputs += [graph.number(0.0) if entry is None else entry for entry in entries]
+        return self.values(outputs), pairs
 
     def _duals(self, scalars: PointScalars, root: Node, scale: Node, test: Any, found: set[Node]) -> dict[Any, Node]:
         """Return the duals of a test function by its slots; the scaled integrand itself without one."""
@@ -256,13 +253,6 @@ class Integrand:
 
 def _table(rows: Sequence[tuple[int, ...]], columns: int) -> Integers:
     return np.array(rows, dtype=np.int32).reshape(-1, columns)
-
-
-def _members(block: tuple[int, bool], parts: Sequence[int]) -> list[tuple[int, int]]:
-    """Return component and direction of the members of a block of `Integrand.moduli`."""
-    part, is_gradient = block
-    first = sum(parts[:part])
-    return [(first + i, b) for i in range(parts[part]) for b in (_DIRECTIONS[1:] if is_gradient else _DIRECTIONS[:1])]
 
 
 def _present(keys: Iterable[Any], nodes: Sequence[Node | None]) -> dict[Any, Node]:

@@ -36,6 +36,7 @@ from ufl.classes import (
     Conditional,
     Constant,
     FacetNormal,
+    FloatValue,
     Grad,
     Jacobian,
     JacobianDeterminant,
@@ -59,12 +60,15 @@ class PointScalars(Scalars):
     """Components of UFL expressions on cells of a three-dimensional mesh.
 
     Args:
-        unknowns: functions by which the components are differentiated.
+        unknowns: functions that vary; their components are leaves of the graph.
+        entries: constants that vary, each with the number of its component.
     """
 
-    def __init__(self, graph: ScalarGraph, unknowns: Collection[Any] = ()) -> None:
+    def __init__(
+        self, graph: ScalarGraph, unknowns: Collection[Any] = (), entries: Collection[tuple[Any, int]] = ()
+    ) -> None:
         super().__init__(graph, {})
-        self._unknowns = frozenset(unknowns)
+        self._unknowns, self._entries = frozenset(unknowns), frozenset(entries)
 
     def of(self, expression: Any) -> list[Node]:
         lowered = apply_derivatives(apply_algebra_lowering(expression))
@@ -102,7 +106,8 @@ class PointScalars(Scalars):
             case Grad():
                 raise NotAnalytic("it has derivatives of functions other than their gradients")
             case Constant():
-                return graph.input(("constant", e, _flat(c, e.ufl_shape)))
+                entry = e, _flat(c, e.ufl_shape)
+                return graph.leaf(("constant", *entry)) if entry in self._entries else graph.input(("constant", *entry))
             case SpatialCoordinate():
                 return graph.input(("position", *c, -1))
             case Jacobian():
@@ -120,6 +125,8 @@ class PointScalars(Scalars):
                 return graph.select(graph.compare("<", a, b), *((a, b) if isinstance(e, MinValue) else (b, a)))
             case Conditional():
                 branches = (self._node(branch, c, indices) for branch in operands[1:])
+                if (sizes := _by_size(operands[0])) is not None:
+                    return graph.by_size(*(self._node(scalar, (), indices) for scalar in sizes), *branches)
                 return graph.select(self._condition(operands[0], indices), *branches)
         return super()._new(e, c, indices)
 
@@ -179,6 +186,15 @@ class PointScalars(Scalars):
     def _length(self) -> Node:
         squares = (self._graph.multiply(n, n) for n in map(self._normal, range(_DIM)))
         return self._graph.function("sqrt", self._sum(squares))
+
+
+def _by_size(condition: Any) -> tuple[Any, Any] | None:
+    """Return ``x`` and ``c`` of a condition ``|x| < c`` with a number ``c`` (`hpcinv.kinematics.stable_functions`)."""
+    if isinstance(condition, LT):
+        size, bound = condition.ufl_operands
+        if isinstance(size, Abs) and isinstance(bound, FloatValue):
+            return size.ufl_operands[0], bound
+    return None
 
 
 def _flat(c: tuple[int, ...], shape: tuple[int, ...]) -> int:

@@ -133,6 +133,8 @@ class _Coder:
                 return relation, a, b
             case ("select", condition, a, b):
                 return "select", condition, a, b
+            case ("choose", _, _, series, closed, _):
+                return "select", graph.conditions[node], series, closed
             case ("abs" | "sign" as name, x):
                 return name, x
         raise NotAnalytic(f"it has the operation {graph.operations[node][:2]}")

@@ -57,13 +57,15 @@ class ScalarGraph:
     Attributes:
         operations: operation and arguments of each node; see `hpcinv.assembly.taylor_code` for their meaning.
         varies: whether each node depends on the unknowns.
-        inputs: UFL scalars that do not depend on the unknowns.
+        inputs: what does not depend on the unknowns: UFL scalars, or their names.
+        conditions: by nodes that are a series or a closed form, the node that is 1 where they are the series.
     """
 
     def __init__(self) -> None:
         self.operations: list[tuple[Any, ...]] = []
         self.varies: list[bool] = []
         self.inputs: list[Any] = []
+        self.conditions: dict[Node, Node] = {}
         self._numbers: dict[tuple[Any, ...], Node] = {}
 
     def leaf(self, key: Any) -> Node:
@@ -173,7 +175,10 @@ class ScalarGraph:
         """
         if series == closed:
             return closed
-        return self._node("choose", x, bound, series, closed, self._divides(closed, x))
+        condition = self.compare("<", self.absolute(x), bound)  # before the node, as all that its value takes
+        node = self._node("choose", x, bound, series, closed, self._divides(closed, x))
+        self.conditions[node] = condition
+        return node
 
     def _divides(self, node: Node, x: Node) -> bool:
         """Return whether a node has a quotient by ``x``, or by a multiple of it."""
@@ -199,7 +204,35 @@ class ScalarGraph:
         match self.operations[node]:
             case ("integral", _, x, _):
                 return (x,)
+            case ("choose", _, _, series, closed, _):
+                return self.conditions[node], series, closed
         return self.arguments(node)
+
+    def cut(self, outputs: Sequence[Node], leaves: Mapping[Any, int]) -> tuple[ScalarGraph, list[Node]]:
+        """Return a graph with the same nodes whose inputs are all that varying nodes take of the others, and these.
+
+        Args:
+            leaves: numbers of the leaves in it.
+
+        Raises:
+            NotAnalytic: a varying node is a switch.
+        """
+        reduced, inputs = ScalarGraph(), list[Node]()
+        reduced.operations, reduced.varies = list(self.operations), list(self.varies)
+        needed = self.needed(outputs)
+        varying = [node for node in needed if self.varies[node]]
+        taken = {*outputs, *(argument for node in varying for argument in self.arguments(node))}
+        for node in needed:
+            operation = self.operations[node]
+            if operation[0] == "leaf":
+                reduced.operations[node] = "leaf", leaves[operation[1]]
+            elif not self.varies[node] and node in taken and operation[0] != "number":
+                reduced.operations[node] = "input", len(inputs)
+                inputs.append(node)
+            elif self.varies[node] and operation[0] in ("select", "compare", "abs", "sign"):
+                raise NotAnalytic("it has a switch that depends on the displacement")
+        reduced.inputs = list(inputs)
+        return reduced, inputs
 
     def needed_values(self, outputs: Sequence[Node]) -> list[Node]:
         """Return the nodes from which the values of some are computed, in order."""

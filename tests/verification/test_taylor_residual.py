@@ -151,7 +151,7 @@ def exact_coefficients(
         roots = mp.unitroots(points)
         paths = [[mp.mpf(c) for c in path] for path in leaves.T.tolist()]
         at = ([sum(c * (radius * root) ** k for k, c in enumerate(path)) for path in paths] for root in roots)
-        values = [evaluated(graph, moved, inputs) for moved in at]
+        values = [evaluated(graph, outputs, moved, inputs) for moved in at]
         return [
             np.array(
                 [
@@ -165,29 +165,29 @@ def exact_coefficients(
         ]
 
 
-def evaluated(graph: ScalarGraph, leaves: list[Any], inputs: np.ndarray) -> list[Any]:
-    """Values of all nodes in the arithmetic of the leaves, functions in their closed forms."""
-    values: list[Any] = []
-    for operation in graph.operations:
-        match operation:
+def evaluated(graph: ScalarGraph, outputs: list[int], leaves: list[Any], inputs: np.ndarray) -> dict[int, Any]:
+    """Values of the needed nodes in the arithmetic of the leaves, functions in their closed forms."""
+    values = dict[int, Any]()
+    for node in graph.needed(outputs):
+        match operation := graph.operations[node]:
             case ("leaf", number):
-                values.append(leaves[number])
+                values[node] = leaves[number]
             case ("input", number):
-                values.append(mp.mpf(inputs[number]))
+                values[node] = mp.mpf(inputs[number])
             case ("number", value):
-                values.append(mp.mpf(value))
+                values[node] = mp.mpf(value)
             case ("add", a, b):
-                values.append(values[a] + values[b])
+                values[node] = values[a] + values[b]
             case ("multiply", a, b):
-                values.append(values[a] * values[b])
+                values[node] = values[a] * values[b]
             case ("divide", a, b):
-                values.append(values[a] / values[b])
+                values[node] = values[a] / values[b]
             case ("power", a, n):
-                values.append(values[a] ** values[n])
+                values[node] = values[a] ** values[n]
             case ("function" | "integral", name, x, *_):
-                values.append(getattr(mp, name)(values[x]))
+                values[node] = getattr(mp, name)(values[x])
             case ("choose", _, _, _, closed, _):
-                values.append(values[closed])
+                values[node] = values[closed]
             case _:
                 raise AssertionError(operation)
     return values
