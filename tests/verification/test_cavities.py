@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -73,17 +72,17 @@ def test_inverse_with_a_given_unloaded_volume(comm: MPI.Intracomm) -> None:
     assert solution.factorizations < 12
 
 
-def test_cavities_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A job without cavities has the kernels of one with a volume as a quantity, and of one with unknown pressure."""
-    names, load = list[str](), jit._load
+def test_cavities_need_no_programs_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A job without cavities has the programs of one with a volume as a quantity, and of one with unknown pressure."""
+    names, read = list[str](), jit.read_data
 
-    def recorded(path: Path, objects: Sequence[str]) -> Any:
-        names.append(path.stem)
-        return load(path, objects)
+    def recorded(name: str, directory: Path) -> bytes | None:
+        names.append(name)
+        return read(name, directory)
 
-    monkeypatch.setattr(jit, "_load", recorded)
+    monkeypatch.setattr(jit, "read_data", recorded)
     pressed = {"effects": [{"effect": "pressure", "region": "inner", "pressure": PRESSURE}]}
-    kernels = []
+    programs = []
     for changes in (
         pressed | {"quantities": []},
         pressed | {"quantities": VOLUMES, "cavities": {"hole": HOLE}},
@@ -91,8 +90,8 @@ def test_cavities_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     ):
         names.clear()
         hpcinv.run(job(**data(**changes)), MPI.COMM_SELF)
-        kernels.append(set(names))
-    assert kernels[0] == kernels[1] == kernels[2] != set()
+        programs.append(set(names))
+    assert programs[0] == programs[1] == programs[2] != set()
 
 
 @pytest.mark.parallel([2, 1])
