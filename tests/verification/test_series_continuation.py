@@ -84,7 +84,7 @@ def test_series_and_load_steps_end_in_the_same_state(name: str, comm: MPI.Intrac
 def test_factors_of_an_earlier_tangent_serve_where_new_ones_take_longer(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(series_continuation, "_REFINEMENTS", 20)  # 12, by which it contracts to 7e-11, just suffice
+    monkeypatch.setattr(series_continuation, "_REFINEMENTS", 20)  # 12 just suffice: they contract to 7e-11
     runs = []
     for seconds in (1e-30, 1e30):  # of a solve by factors
         monkeypatch.setattr(Forecast, "back_substitution", seconds)
