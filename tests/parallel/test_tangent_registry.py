@@ -134,7 +134,8 @@ def test_programs_of_the_registry_are_what_ffcx_compiles(
         matrix.axpy(-1.0, theirs, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         errors.append(matrix.norm(PETSc.NormType.INFINITY) / size)
     print("residual, moduli, form:", *(f"{error:.1e}" for error in errors))
-    assert max(errors) < 1e-13
+    assert errors[0] < 1e-12  # forces of neighbouring cells cancel in it
+    assert max(errors[1:]) < 1e-13
 
 
 def vector(form: Any, options: Any = JIT_OPTIONS) -> np.ndarray:
