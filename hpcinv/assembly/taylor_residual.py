@@ -15,7 +15,6 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
-import basix
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
@@ -26,7 +25,7 @@ from hpcinv.assembly.derivation_record import DerivationRecord
 from hpcinv.assembly.element_matrices import directions_of, tabulated
 from hpcinv.assembly.tangent_moduli import Slot, UnsupportedForm, slots_of, volume_parts
 from hpcinv.assembly.taylor_code import LANES, taylor_code
-from hpcinv.mesh.cells import FACET_KIND, jacobians, kind_and_degree, quadrature, sub_entities
+from hpcinv.mesh.cells import jacobians, kind_and_degree, quadrature
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
@@ -44,7 +43,7 @@ from hpcinv.points.point_values import PointKernel
 from hpcinv.points.program_files import Programs, kept_programs
 from hpcinv.points.scalar_graph import Node, NotAnalytic, ScalarGraph
 from hpcinv.points.slopes import coefficients
-from hpcinv.points.tables import Tables
+from hpcinv.points.tables import Tables, facet_rule
 from hpcinv.quantity.arrays import LocalIndices
 
 _SHARE = 0.4
@@ -133,8 +132,8 @@ class _Domain:
     Attributes:
         entities: cells (n,), or pairs of cell and local facet (n, 2).
         points: quadrature points in coordinates of the reference cell, (points, 3).
-        weights: their weights on the reference cell, or on its facet.
-        normal: unit normal of the facet of the reference cell, ``None`` for cells.
+        weights: their weights on the reference cell, or on the reference facet.
+        normal: normal of the facet of the reference cell times its area, ``None`` for cells.
     """
 
     entities: LocalIndices
@@ -185,17 +184,13 @@ def _surface(weak_form: WeakForm) -> Iterator[_Integral]:
         entities[region] = np.asarray(dict(integral.subdomain_data())[region], dtype=np.int32).reshape(-1, 2)
         key = region, degree
         integrands[key] = integrands[key] + integral.integrand() if key in integrands else integral.integrand()
-    cell = basix.CellType[kind]
-    corners, normals = basix.geometry(cell), basix.cell.facet_outward_normals(cell)
     for (region, degree), integrand in integrands.items():
-        points, weights = basix.make_quadrature(basix.CellType[FACET_KIND[kind]], degree)
-        domains = []
-        for number, vertices in enumerate(sub_entities(kind, 2)):
-            origin, *ends = corners[vertices[:3]]
-            axes = np.stack(ends) - origin
-            own = entities[region][entities[region][:, 1] == number]
-            area = np.linalg.norm(np.cross(*axes))
-            domains.append(_Domain(own, origin + points @ axes, area * weights, normals[number]))
+        points, weights, normals = facet_rule(kind, {"quadrature_degree": degree})
+        local = entities[region][:, 1]
+        domains = [
+            _Domain(entities[region][local == number], points[number], weights, normal)
+            for number, normal in enumerate(normals)
+        ]
         yield _Integral(b"region %d, degree %d" % (region, degree), integrand, domains)
 
 

@@ -58,17 +58,14 @@ class Kernel:
 
     def _structure(self, program: Program) -> _Program:
         lanes, columns = program.lanes, (program.columns + 3) & ~3
-        work = np.empty(program.slots * lanes), np.empty(columns * lanes)
-        arrays = program.rows, program.gathers, program.bases, program.results, program.numbers, program.tables
-        kept = [*map(np.ascontiguousarray, arrays), np.ascontiguousarray(program.places), *work]
-        self._kept += kept
-        pointers = [array.ctypes.data for array in kept]
-        places = np.append(program.places, np.zeros(4, dtype=np.int32))
-        self._kept.append(places)
-        pointers[6] = places.ctypes.data
+        data = program.rows, program.gathers, program.bases, program.results, program.numbers, program.tables
+        room = program.places, np.empty(program.slots * lanes), np.empty(columns * lanes)
+        arrays = [np.ascontiguousarray(array) for array in (*data, *room)]
+        self._kept += arrays
+        pointers = [array.ctypes.data for array in arrays]
         numbers = lanes, program.blocks, program.points, program.rank
         sizes = len(program.rows), len(program.results), program.width, program.columns
-        return _Program(*numbers, *sizes, *pointers[:6], program.entity_size, *pointers[6:])
+        return _Program(*numbers, *sizes, *pointers[: len(data)], program.entity_size, *pointers[len(data) :])
 
 
 def _kernels(library: ctypes.CDLL) -> Any:

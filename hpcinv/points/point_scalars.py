@@ -7,7 +7,7 @@ Inputs of the graph are tuples:
                                     coordinate ``b``, or its value for ``b = -1``
 ``("position", i, b)``              the same of the position
 ``("constant", c, i)``              component ``i`` of a constant
-``("normal", i)``                   unit normal of the facet of the reference cell
+``("normal", i)``                   normal of the facet of the reference cell, times its area
 ``("weight",)``                     weight of the quadrature point
 ==================================  ========================================================================
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha1
 from pathlib import Path
@@ -92,15 +93,18 @@ def kept_programs(comm: MPI.Intracomm, description: bytes, make: Callable[[], Pr
     Raises:
         NotAnalytic: on all ranks, if `make` raises it.
     """
-    content, fault = None, ""
     name = f"points_{sha1(_SOURCE + description).hexdigest()}"
-    if comm.rank == 0 and (content := jit.read_data(name, directory)) is None:
+    if (content := comm.bcast(jit.read_data(name, directory) if comm.rank == 0 else None)) is not None:
+        with suppress(ValueError, KeyError, TypeError):  # it is another's, or refers to what it does not have
+            return Programs.from_bytes(content)
+    content, fault = None, ""
+    if comm.rank == 0:
         jit.note_missing(name)
         try:
             content = make().to_bytes()
         except NotAnalytic as reason:
             fault = str(reason)
-        except Exception as error:
+        except Exception as error:  # UFL's errors have many types; FFCx, which is tried next, reports what is wrong
             fault = f"{type(error).__name__}: {error}"
         else:
             jit.write_data(name, content, directory)

@@ -9,7 +9,7 @@ Conditionals ``|x| < c`` choose between a series and the closed form of one anal
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import ufl
@@ -191,13 +191,7 @@ class ScalarGraph:
 
     def needed(self, outputs: Sequence[Node]) -> list[Node]:
         """Return the nodes on which some depend, in order."""
-        nodes, left = set[Node](), list(outputs)
-        while left:
-            node = left.pop()
-            if node not in nodes:
-                nodes.add(node)
-                left += self.arguments(node)
-        return sorted(nodes)
+        return _reached(outputs, self.arguments)
 
     def value_arguments(self, node: Node) -> tuple[Node, ...]:
         """Return the nodes from which the value of one is computed: not the derivative of an elementary function."""
@@ -236,13 +230,7 @@ class ScalarGraph:
 
     def needed_values(self, outputs: Sequence[Node]) -> list[Node]:
         """Return the nodes from which the values of some are computed, in order."""
-        nodes, left = set[Node](), list(outputs)
-        while left:
-            node = left.pop()
-            if node not in nodes:
-                nodes.add(node)
-                left += self.value_arguments(node)
-        return sorted(nodes)
+        return _reached(outputs, self.value_arguments)
 
     def arguments(self, node: Node) -> tuple[Node, ...]:
         """Return the nodes on which one depends directly."""
@@ -299,6 +287,17 @@ class ScalarGraph:
         self.varies.append(False)
         self.varies[node] = any(self.varies[a] for a in self.arguments(node)) if varies is None else varies
         return node
+
+
+def _reached(outputs: Sequence[Node], arguments: Callable[[Node], Sequence[Node]]) -> list[Node]:
+    """Return some nodes and all from which they are reached by arguments, in order."""
+    nodes, left = set[Node](), list(outputs)
+    while left:
+        node = left.pop()
+        if node not in nodes:
+            nodes.add(node)
+            left += arguments(node)
+    return sorted(nodes)
 
 
 class Scalars:

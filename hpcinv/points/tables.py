@@ -17,7 +17,7 @@ class Tables:
     Args:
         points: of the reference cell (n, 3), or of each of its facets (facets, n, 3).
         weights: of the points (n,), per volume of the cell or per area of the reference facet; ``None`` without.
-        normals: outward unit normals of the facets of the reference cell (facets, 3).
+        normals: outward normals of the facets of the reference cell (facets, 3), times their areas in integrals.
     """
 
     def __init__(self, points: Doubles, weights: Doubles | None = None, normals: Doubles | None = None) -> None:
@@ -94,7 +94,7 @@ def cell_rule(kind: str, metadata: Any) -> tuple[Doubles, Doubles]:
 
 
 def facet_rule(kind: str, metadata: Any) -> tuple[Doubles, Doubles, Doubles]:
-    """Return points (facets, n, 3), weights (n,) and normals (facets, 3) of an integral over facets."""
+    """Return points (facets, n, 3) and weights (n,) of an integral over facets, and normals times areas (facets, 3)."""
     cell = basix.CellType[kind]
     corners, normals = basix.geometry(cell), basix.cell.facet_outward_normals(cell)
     facet = basix.cell.subentity_types(cell)[2][0]

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +13,6 @@ from helpers.studies import STUDY, plan
 from helpers.study_runs import BAD, Begin, drain, good, records_in, reused
 
 from hpcinv.__main__ import main
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.batch.task import Pause
 from hpcinv.errors import OutputError
 from hpcinv.job.fingerprint import content_key
@@ -24,22 +20,9 @@ from hpcinv.job.job import parse
 from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.runtime import MPI
 from hpcinv.points.kernels import JIT_OPTIONS
-from hpcinv.study.directory import STORE, StudyDirectory
+from hpcinv.study.directory import StudyDirectory
 from hpcinv.study.result_rows import rows_of
-from hpcinv.study.study_batch import StudyRunner, StudySchedule, StudyTask
-from hpcinv.study.study_plan import StudyPlan
-
-
-@pytest.fixture
-def begin() -> Iterator[Begin]:
-    """Begins a study in a directory, as a process does on one rank or more; the holders live as long as the test."""
-    with ExitStack() as held:
-
-        def schedule(plan: StudyPlan, directory: Path, ranks: int = 1) -> StudySchedule:
-            store = StudyDirectory(directory / "out", plan.study.study).path / STORE
-            return StudySchedule(plan, Ledger(store, held.enter_context(Holder(store))), 0.0, ranks)
-
-        yield schedule
+from hpcinv.study.study_batch import StudyRunner, StudyTask
 
 
 def titles(tasks: list[StudyTask]) -> list[str]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +12,12 @@ from helpers.studies import plan
 from helpers.study_runs import BAD, Begin, drain, good, reused
 
 from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.errors import JobError, SolveError
 from hpcinv.study.convergence import fitted_order, orders, richardson
-from hpcinv.study.directory import STORE, StudyDirectory
+from hpcinv.study.directory import StudyDirectory
 from hpcinv.study.findings import accuracy, front
 from hpcinv.study.result_rows import rows_of
-from hpcinv.study.study_batch import StudySchedule, StudyTask
+from hpcinv.study.study_batch import StudyTask
 from hpcinv.study.study_plan import StudyPlan
 from hpcinv.study.study_report import not_refined
 from hpcinv.study.study_run import conclude
@@ -66,18 +62,6 @@ def test_orders_are_slopes_between_runs_and_through_all() -> None:
     # ln e = 0, 2, 1 at ln h = 0, 1, 2: covariance 1 over variance 2.
     assert fitted_order(np.exp([0, 1, 2]), np.exp([0, 2, 1])) == pytest.approx(0.5)
     assert fitted_order([0.1, 0.1], [1.0, 2.0]) is None
-
-
-@pytest.fixture
-def begin() -> Iterator[Begin]:
-    """Begins a study in a directory, as a process does on one rank or more; the holders live as long as the test."""
-    with ExitStack() as held:
-
-        def schedule(plan: StudyPlan, directory: Path, ranks: int = 1) -> StudySchedule:
-            store = StudyDirectory(directory / "out", plan.study.study).path / STORE
-            return StudySchedule(plan, Ledger(store, held.enter_context(Holder(store))), 0.0, ranks)
-
-        yield schedule
 
 
 def test_values_are_taken_from_the_same_case_of_an_earlier_series(begin: Begin, tmp_path: Path) -> None:

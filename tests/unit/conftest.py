@@ -1,4 +1,4 @@
-"""Fixtures of several files: the job of a beam that is edited, and what is wrong with it then."""
+"""Fixtures of several files: the job of a beam that is edited, what is wrong with it then, and reading in-process."""
 
 from __future__ import annotations
 
@@ -6,14 +6,18 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 from helpers.job_cases import BEAM, GENERATOR, Edit, Loader
 
 import hpcinv
-from hpcinv.errors import JobError
+from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job
+from hpcinv.mesh.io import elements, vtu
+from hpcinv.reading import isolated_reader
+from hpcinv.reading.fault import Fault
 
 
 @pytest.fixture
@@ -47,3 +51,18 @@ def problems(load: Loader) -> Callable[[Edit], list[str]]:
         return [prefix.sub("", p, count=1) for p in caught.value.problems]
 
     return problems
+
+
+@pytest.fixture
+def same_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read without a process for each file, which takes half a second."""
+
+    def read_here(action: str, path: Path, *_: str) -> Any:
+        try:
+            return isolated_reader.ACTIONS[action](path, isolated_reader.Limits(0, 0))
+        except Fault as fault:
+            raise MeshError(f"{path}: {fault.text}", fault.advice) from None
+
+    monkeypatch.setattr(isolated_reader, "limit", lambda _: None)
+    monkeypatch.setattr(elements, "read_isolated", read_here)
+    monkeypatch.setattr(vtu, "read_isolated", read_here)

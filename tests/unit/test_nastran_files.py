@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,24 +10,6 @@ from helpers.other_format_cases import BDF, TEXTS, cdb, read, volume
 
 from hpcinv.errors import MeshError
 from hpcinv.formats import FORMATS
-from hpcinv.mesh.io import elements, vtu
-from hpcinv.reading import isolated_reader
-from hpcinv.reading.fault import Fault
-
-
-@pytest.fixture
-def same_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read without a process for each file, which takes half a second."""
-
-    def read_here(action: str, path: Path, *_: str) -> Any:
-        try:
-            return isolated_reader.ACTIONS[action](path, isolated_reader.Limits(0, 0))
-        except Fault as fault:
-            raise MeshError(f"{path}: {fault.text}", fault.advice) from None
-
-    monkeypatch.setattr(isolated_reader, "limit", lambda _: None)
-    monkeypatch.setattr(elements, "read_isolated", read_here)
-    monkeypatch.setattr(vtu, "read_isolated", read_here)
 
 
 @pytest.mark.usefixtures("same_process")

@@ -15,30 +15,12 @@ from helpers.other_format_cases import TEXTS, UNV, read, volume
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.checks import check
-from hpcinv.mesh.io import elements, vtu
 from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.mesh_files import UnstorableMesh, save
 from hpcinv.mesh.source import Group, MeshSource
-from hpcinv.reading import isolated_reader
-from hpcinv.reading.fault import Fault
 
 KINDS = [(False, 1), (False, 2), (True, 1), (True, 2)]
 """hexahedra or tetrahedra, and the degree of their geometry"""
-
-
-@pytest.fixture
-def same_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read without a process for each file, which takes half a second."""
-
-    def read_here(action: str, path: Path, *_: str) -> Any:
-        try:
-            return isolated_reader.ACTIONS[action](path, isolated_reader.Limits(0, 0))
-        except Fault as fault:
-            raise MeshError(f"{path}: {fault.text}", fault.advice) from None
-
-    monkeypatch.setattr(isolated_reader, "limit", lambda _: None)
-    monkeypatch.setattr(elements, "read_isolated", read_here)
-    monkeypatch.setattr(vtu, "read_isolated", read_here)
 
 
 @cache

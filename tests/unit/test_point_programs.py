@@ -13,6 +13,7 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 
+from hpcinv.parallel import kernel_files
 from hpcinv.parallel.runtime import MPI
 from hpcinv.points import kernels
 from hpcinv.points.integrands import Integrand, Sources
@@ -146,6 +147,10 @@ def test_programs_are_kept_and_read_again() -> None:
         file.write_bytes(file.read_bytes()[:-80] + bytes(80))  # damaged: made again
         kept_programs(MPI.COMM_SELF, b"a text", make, directory)
         assert len(made) == 2
+        other = Programs.of_expression(replace(program, slots=0), sources.used)  # complete, but of no use
+        kernel_files.publish(file, other.to_bytes())
+        kept_programs(MPI.COMM_SELF, b"a text", make, directory)
+        assert len(made) == 3
 
 
 def test_what_programs_do_not_have_is_named() -> None:

@@ -1,0 +1,28 @@
+"""A fixture of several files: the begin of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from helpers.study_runs import Begin
+
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.study.directory import STORE, StudyDirectory
+from hpcinv.study.study_batch import StudySchedule
+from hpcinv.study.study_plan import StudyPlan
+
+
+@pytest.fixture
+def begin() -> Iterator[Begin]:
+    """Begins a study in a directory, as a process does on one rank or more; the holders live as long as the test."""
+    with ExitStack() as held:
+
+        def schedule(plan: StudyPlan, directory: Path, ranks: int = 1) -> StudySchedule:
+            store = StudyDirectory(directory / "out", plan.study.study).path / STORE
+            return StudySchedule(plan, Ledger(store, held.enter_context(Holder(store))), 0.0, ranks)
+
+        yield schedule
