@@ -37,10 +37,17 @@ class StopRequest:
         _watch()
 
     def set_end_in_library(self, end: Callable[[], NoReturn] | None) -> None:
-        """Set the function that a signal calls within ``ended_by_signals``; ``None`` only records the signal."""
+        """Set the function that a signal calls within ``ended_by_signals``; ``None`` only records the signal.
+
+        Signals that arrived before count only where their handlers recorded them: another command of this process may
+        have had them.
+        """
         global _end
-        _end = end
-        _stop_requests[:] = [self]
+        with _noting:
+            while _arrived is not None and _next_signal(_arrived):
+                pass
+            _end = end
+            _stop_requests[:] = [self]
 
     def ignore(self) -> None:
         """Ignore the signals: the run is over, and a late signal could end the process during the exit of Python."""
@@ -60,6 +67,8 @@ _end: Callable[[], NoReturn] | None = None
 _interrupt: Callable[[], NoReturn] | None = None
 _is_in_library = False
 _watcher: threading.Thread | None = None
+_arrived: int | None = None  # end of a pipe from which the signals are read
+_noting = threading.Lock()  # a signal is noted before a command begins, or within it
 _HANDLED = (*ASK_TO_STOP, signal.SIGINT)
 _GRACE = 0.2  # seconds for the main thread to handle a signal itself
 
@@ -134,35 +143,54 @@ def ended_late(end: Callable[[], None] | None) -> Iterator[None]:
 
 def _watch() -> None:
     """Start the thread that waits for signals, if it is not running."""
-    global _watcher
+    global _watcher, _arrived
     if _watcher is None and threading.current_thread() is threading.main_thread():
-        read_end, write_end = os.pipe()
-        os.set_blocking(write_end, False)
+        _arrived, write_end = os.pipe()
+        for end in (_arrived, write_end):
+            os.set_blocking(end, False)
         signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
-        _watcher = threading.Thread(target=_wait_for_signals, args=(read_end,), name="signals", daemon=True)
+        _watcher = threading.Thread(target=_wait_for_signals, args=(_arrived,), name="signals", daemon=True)
         _watcher.start()
 
 
-def _wait_for_signals(read_end: int) -> None:
+def _next_signal(arrived: int) -> bytes | None:
+    """Return the number of the next signal to note; ``None`` without one, nothing at the end of the pipe."""
+    try:
+        return os.read(arrived, 1)
+    except BlockingIOError:
+        return None
+
+
+def _wait_for_signals(arrived: int) -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())  # signals go to the main thread
     while True:
         late_end = _late_end
         left = None if late_end.due == math.inf else max(0.0, late_end.due - time.monotonic())
-        if not select.select([read_end], [], [], left)[0]:
+        if not select.select([arrived], [], [], left)[0]:
             _late_end.call_if_due()
             continue
-        if not (received := os.read(read_end, 1)):
+        with _noting:
+            received, asked = _next_signal(arrived), list(_stop_requests)
+            if received and received[0] in ASK_TO_STOP:
+                _late_end.set_due()
+        if received is None:  # it was for an earlier command
+            continue
+        if not received:
             return
-        if received[0] in ASK_TO_STOP:
-            _late_end.set_due()
         time.sleep(_GRACE)
-        if received[0] == signal.SIGINT:
-            if _interrupt is not None:
-                _interrupt()
-            elif _is_in_library:
-                os._exit(130)
-        elif _is_in_library and _end is not None:
-            _end()
+        if asked == _stop_requests:
+            _end_in_library(received[0])
+
+
+def _end_in_library(number: int) -> None:
+    """End the process for a signal that the main thread has not handled."""
+    if number == signal.SIGINT:
+        if _interrupt is not None:
+            _interrupt()
+        elif _is_in_library:
+            os._exit(130)
+    elif _is_in_library and _end is not None:
+        _end()
 
 
 _LAUNCHED = ("PMI_RANK", "PMI_ID", "PMIX_RANK", "OMPI_COMM_WORLD_RANK", "SLURM_PROCID")
