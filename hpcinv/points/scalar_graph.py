@@ -1,7 +1,6 @@
-"""Graphs of scalar operations of UFL expressions, as Taylor arithmetic takes them.
+"""Graphs of scalar operations, as programs and Taylor arithmetic take them.
 
 Each node is an operation on earlier nodes. Equal operations are one node, and operations on numbers are carried out.
-What does not depend on the unknowns is an input, evaluated at quadrature points by FFCx.
 
 Conditionals ``|x| < c`` choose between a series and the closed form of one analytic function
 (`hpcinv.kinematics.stable_functions`). All others are switches.
@@ -12,39 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import ufl
-from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
-from ufl.algorithms.apply_derivatives import apply_derivatives
-from ufl.classes import (
-    LT,
-    Abs,
-    ComponentTensor,
-    Condition,
-    Conditional,
-    Conj,
-    Division,
-    FixedIndex,
-    FloatValue,
-    Identity,
-    Indexed,
-    IndexSum,
-    IntValue,
-    ListTensor,
-    MathFunction,
-    MultiIndex,
-    Power,
-    Product,
-    Real,
-    Sum,
-    Variable,
-    Zero,
-)
-from ufl.corealg.traversal import unique_post_traversal
-
 type Node = int
 
 _LARGEST_PRODUCT = 4  # integer powers up to this are products, which need no division by the base
-_LITERALS = (Zero, IntValue, FloatValue, Identity, MultiIndex)
 
 
 class NotAnalytic(Exception):
@@ -57,7 +26,7 @@ class ScalarGraph:
     Attributes:
         operations: operation and arguments of each node; see `hpcinv.assembly.taylor_code` for their meaning.
         varies: whether each node depends on the unknowns.
-        inputs: what does not depend on the unknowns: UFL scalars, or their names.
+        inputs: names of what does not depend on the unknowns.
         conditions: by nodes that are a series or a closed form, the node that is 1 where they are the series.
     """
 
@@ -72,12 +41,12 @@ class ScalarGraph:
         """Return an unknown: a number, or whatever names it."""
         return self._node("leaf", key, varies=True)
 
-    def input(self, scalar: Any) -> Node:
-        """Return the value of a UFL scalar that does not depend on the unknowns."""
-        key = "input", scalar
+    def input(self, name: Any) -> Node:
+        """Return a value that does not depend on the unknowns."""
+        key = "input", name
         if key not in self._numbers:
             self._numbers[key] = self._append(("input", len(self.inputs)), varies=False)
-            self.inputs.append(scalar)
+            self.inputs.append(name)
         return self._numbers[key]
 
     def number(self, value: float) -> Node:
@@ -105,6 +74,13 @@ class ScalarGraph:
         if (self.varies[a] and u != a) or (self.varies[b] and v != b):  # fewer nodes whose coefficients enter sums
             return self.multiply(self.multiply(c, d), self.multiply(u, v))
         return self._node("multiply", *sorted((a, b)))
+
+    def minus(self, a: Node) -> Node:
+        return self.multiply(self.number(-1.0), a)
+
+    def negated(self, condition: Node) -> Node:
+        """Return 1 where a condition is 0, and 0 where it is 1."""
+        return self.add(self.number(1.0), self.minus(condition))
 
     def divide(self, a: Node, b: Node) -> Node:
         if (y := self._value(b)) is not None:
@@ -298,96 +274,3 @@ def _reached(outputs: Sequence[Node], arguments: Callable[[Node], Sequence[Node]
             nodes.add(node)
             left += arguments(node)
     return sorted(nodes)
-
-
-class Scalars:
-    """Components of UFL expressions as nodes of a graph.
-
-    Args:
-        leaves: nodes of the components of symbols, the last index fastest.
-
-    Raises:
-        NotAnalytic: by `of`.
-    """
-
-    def __init__(self, graph: ScalarGraph, leaves: Mapping[Any, Sequence[Node]]) -> None:
-        self._graph, self._leaves = graph, leaves
-        self._known: dict[tuple[Any, ...], Node] = {}
-        self._varies: dict[Any, bool] = {}
-        self._is_number: dict[Any, bool] = {}
-
-    def of(self, expression: Any) -> list[Node]:
-        """Return the nodes of all components of an expression without free indices."""
-        lowered = apply_derivatives(apply_algebra_lowering(expression))
-        for part in unique_post_traversal(lowered):
-            operands = part.ufl_operands
-            self._is_number[part] = all(map(self._is_number.get, operands)) if operands else isinstance(part, _LITERALS)
-            self._varies[part] = part in self._leaves or any(self._varies[o] for o in operands)
-            if self._varies[part] and not part.ufl_free_indices and not isinstance(part, Condition | Abs):
-                nodes = self._components(part)  # operands first, which keeps the recursion short
-        return nodes if self._varies[lowered] else self._components(lowered)
-
-    def _components(self, expression: Any) -> list[Node]:
-        return [self._node(expression, c, {}) for c in ufl.permutation.compute_indices(expression.ufl_shape)]
-
-    def _node(self, e: Any, c: tuple[int, ...], indices: Mapping[int, int]) -> Node:
-        """Return the node of component ``c`` of an expression, for values of its free indices."""
-        key = e, c, tuple(indices[i] for i in e.ufl_free_indices)
-        if key not in self._known:
-            self._known[key] = self._new(e, c, indices)
-        return self._known[key]
-
-    def _new(self, e: Any, c: tuple[int, ...], indices: Mapping[int, int]) -> Node:
-        graph = self._graph
-        if e in self._leaves:
-            place = 0
-            for i, size in zip(c, e.ufl_shape, strict=True):
-                place = size * place + i
-            return self._leaves[e][place]
-        if not (self._varies[e] or e.ufl_free_indices or self._is_number[e] or isinstance(e, ListTensor)):
-            return graph.input(e[c] if c else e)
-        operands = e.ufl_operands
-        match e:
-            case Zero():
-                return graph.number(0.0)
-            case IntValue() | FloatValue():
-                return graph.number(float(e))
-            case Identity():
-                return graph.number(float(c[0] == c[1]))
-            case Variable() | Conj() | Real():
-                return self._node(operands[0], c, indices)
-            case Indexed():
-                chosen = tuple(int(i) if isinstance(i, FixedIndex) else indices[i.count()] for i in operands[1])
-                return self._node(operands[0], chosen, indices)
-            case ComponentTensor():
-                bound = {i.count(): value for i, value in zip(operands[1], c, strict=True)}
-                return self._node(operands[0], (), {**indices, **bound})
-            case ListTensor():
-                return self._node(operands[c[0]], c[1:], indices)
-            case IndexSum():
-                (index,) = operands[1]
-                total = graph.number(0.0)
-                for value in range(e.dimension()):
-                    total = graph.add(total, self._node(operands[0], c, {**indices, index.count(): value}))
-                return total
-            case Sum():
-                return graph.add(*(self._node(o, c, indices) for o in operands))
-            case Product():
-                return graph.multiply(*(self._node(o, (), indices) for o in operands))
-            case Division():
-                return graph.divide(self._node(operands[0], c, indices), self._node(operands[1], (), indices))
-            case Power():
-                return graph.power(*(self._node(o, (), indices) for o in operands))
-            case MathFunction():
-                return graph.function(e._name, self._node(operands[0], (), indices))
-            case Conditional():
-                return self._choice(e, c, indices)
-        raise NotAnalytic(f"it has '{type(e).__name__.lower()}' of the displacement")
-
-    def _choice(self, e: Any, c: tuple[int, ...], indices: Mapping[int, int]) -> Node:
-        condition, *branches = e.ufl_operands
-        size, bound = condition.ufl_operands[0], condition.ufl_operands[-1]
-        if not (isinstance(condition, LT) and isinstance(size, Abs) and isinstance(bound, FloatValue)):
-            raise NotAnalytic("it has a switch that depends on the displacement")
-        compared = (self._node(scalar, (), indices) for scalar in (size.ufl_operands[0], bound))
-        return self._graph.by_size(*compared, *(self._node(branch, c, indices) for branch in branches))

@@ -28,7 +28,8 @@ from hpcinv.materials.isochoric import DILATATIONS
 from hpcinv.model.weak_form import LABEL
 from hpcinv.parallel.jit import JIT_OPTIONS, array_type, compile_library
 from hpcinv.parallel.runtime import MPI
-from hpcinv.points.scalar_graph import NotAnalytic, ScalarGraph, Scalars
+from hpcinv.points.point_scalars import PointScalars
+from hpcinv.points.scalar_graph import NotAnalytic, ScalarGraph
 from hpcinv.quantity.expressions import Expression
 
 DIGITS = 60
@@ -264,24 +265,25 @@ def test_taylor_coefficients_of_stress_agree_with_the_energy(name: str) -> None:
     k = Deformation(H, {f: ufl.as_vector(list(THIRDS[i] / 3)) for i, f in enumerate(law.families)})
     psi = law.isochoric_energy(k, par) + law.volumetric_modulus(par) * law.dilatation(k) ** 2 / 2
     graph, entries = ScalarGraph(), [e for e in vars(par).values() for e in (e if e.ufl_shape else [e])]
-    count = 9 + len(entries)
-    leaves_of: dict[Any, list[int]] = {symbol: [graph.leaf(i) for i in range(9)]}
-    leaves_of |= {entry: [graph.leaf(i)] for i, entry in enumerate(entries, 9)}
-    scalars = Scalars(graph, leaves_of)
-    stress = remove_stages(gradient(psi, H))
+    varied = [*((symbol, i) for i in range(9)), *((e.ufl_operands[0], int(e.ufl_operands[1][0])) for e in entries)]
+    count = len(varied)
+    outputs = PointScalars(graph, entries=varied).of(remove_stages(gradient(psi, H)))
+    leaves_of = {("constant", *entry): number for number, entry in enumerate(varied)}
     if any(word in law.energy_formula for word in SWITCHES):
         with pytest.raises(NotAnalytic, match="switch"):
-            scalars.of(stress)
+            graph.cut(outputs, leaves_of)
         return
-    outputs = scalars.of(stress)
+    for node, operation in enumerate(graph.operations):
+        if operation[0] == "leaf":
+            graph.operations[node] = "leaf", leaves_of[operation[1]]
     code = taylor_code(graph, count, outputs)
     sweep = compile_library(MPI.COMM_SELF, code.text).sweep
     doubles, masks = array_type(np.float64), array_type(np.int64)
     sweep.argtypes = [ctypes.c_int64, *2 * [ctypes.c_int], *3 * [doubles], masks, doubles]
     stored, random = ORDER + 1, np.random.default_rng(5)
     numbers = np.array([float(value) for value in reference.parameters.values()])
-    varied = numbers * [not parameter.startswith("_") for parameter in reference.parameters]  # not units of formulas
-    paths = np.concatenate([random.normal(size=(2, 9)), random.uniform(-1, 1, (2, len(numbers))) * varied], axis=1)
+    changed = numbers * [not parameter.startswith("_") for parameter in reference.parameters]  # not units of formulas
+    paths = np.concatenate([random.normal(size=(2, 9)), random.uniform(-1, 1, (2, len(numbers))) * changed], axis=1)
     paths *= np.array([[0.15], [0.05]])  # coefficients of orders 1 and 2
     D, errors = random.normal(size=(3, 3)), []
     for H0 in (0.4 * paths[0, :9], np.zeros(9)):
