@@ -21,6 +21,7 @@ import yaml
 
 from hpcinv import __main__ as command_line
 from hpcinv import errors
+from hpcinv.certificate import TOPICS
 from hpcinv.cli.formula_guide import OPERATORS, PLACES, varying
 from hpcinv.effects import effects
 from hpcinv.job.fibre_rules import FibreRule
@@ -28,13 +29,13 @@ from hpcinv.job.job import Job, json_schema
 from hpcinv.materials import MaterialLaw, laws
 from hpcinv.materials.isochoric import DILATATIONS
 from hpcinv.materials.moduli import Moduli
+from hpcinv.output import run_report  # noqa: F401  (registers topics of lines)
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.docstrings import meanings
 from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import ARITHMETIC, members_of, metadata_in
 from hpcinv.quantity.spatial_fields import VaryingQuantity
-from hpcinv.reports.wording import LINE_REMEDIES, MEANINGS
 from hpcinv.solver.diagnosis import Diagnosis
 from hpcinv.study.study_spec import Study
 from hpcinv.sweep.sweep_spec import Sweep
@@ -448,7 +449,7 @@ def _failures() -> Iterator[str]:
         """
     )
     yield ""
-    rows = [(f"{name} …", MEANINGS[name], remedy) for name, remedy in LINE_REMEDIES.items()]
+    rows = [(topic.name, topic.meaning, topic.remedy) for _, topic in sorted(TOPICS.items())]
     yield from _table(("line", "what it means", "what to do"), rows)
 
 

@@ -5,13 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from hpcinv.certificate.certify import DISCRETISATION
-from hpcinv.certificate.check import Line, Verdict
+from hpcinv.certificate.check import Line, Verdict, topic
+from hpcinv.certificate.discretisation_check import DISCRETISATION
 from hpcinv.certificate.volume import UNACCOUNTED
 from hpcinv.quantity.written_units import as_shown
 
 JUDGES_OF_MESHES = (DISCRETISATION, UNACCOUNTED)
-"""Names of the lines of the certificate that doubt a promise if they do not pass."""
+"""Topics of the lines of the certificate that doubt a promise if they do not pass."""
+ERROR = topic("error of …", "Bound of the estimated error, against what the job demands.")
 _DOUBTS = (Verdict.UNDECIDED, Verdict.WARN, Verdict.FAIL)
 
 
@@ -107,7 +108,7 @@ class AccuracyRecord:
             checked: lines of the certificate. A promise is not decided while one of them doubts the mesh.
         """
         lines = [self._line(name, demand, units.get(name, ""), symbols) for name, demand in self.demands.items()]
-        doubts = [line.name for line in checked if line.name in JUDGES_OF_MESHES and line.verdict in _DOUBTS]
+        doubts = [line.name for line in checked if line.topic in JUDGES_OF_MESHES and line.verdict in _DOUBTS]
         if not doubts:
             return lines
         why = f"the certificate doubts the mesh: {', '.join(dict.fromkeys(doubts))}"
@@ -128,7 +129,7 @@ class AccuracyRecord:
                 texts.append(f"estimated as {as_shown(error, unit, symbols, 3)}")
             texts.append(f"{self.ending.text}: {self.ending.advice}")
         note = "; ".join(filter(None, [("; ".join(texts) + row.left_out).removeprefix(", "), row.limit]))
-        return Line(f"error of {name}", bound, unit, rule, verdict, note)
+        return Line(ERROR.at(name), bound, unit, rule, verdict, note)
 
     def as_data(self) -> dict[str, Any]:
         data = asdict(self)

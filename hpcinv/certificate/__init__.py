@@ -1,23 +1,41 @@
-"""Certificate of a run: checks of its result that are independent of the solve."""
+"""Certificate of a run: checks of its result that are independent of the solve, registered by subclassing `Check`."""
 
 from __future__ import annotations
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
-from hpcinv.certificate.certify import certify
-from hpcinv.certificate.certify_all import certify_all
-from hpcinv.certificate.check import Certificate, Line, Verdict, lower_bound_line, skipped, upper_bound_line
+from hpcinv.certificate.certify import Check, Evidence, certify, certify_all, checks
+from hpcinv.certificate.check import (
+    TOPICS,
+    Certificate,
+    Line,
+    Topic,
+    Verdict,
+    lower_bound_line,
+    skipped,
+    topic,
+    upper_bound_line,
+)
 from hpcinv.certificate.discretisation_error import Estimate
+from hpcinv.quantity.schema import import_modules
+
+import_modules(__name__, __path__)
 
 __all__ = [
+    "TOPICS",
     "Certificate",
+    "Check",
     "Estimate",
+    "Evidence",
     "Line",
+    "Topic",
     "Verdict",
     "certify",
     "certify_all",
+    "checks",
     "lower_bound_line",
     "skipped",
+    "topic",
     "upper_bound_line",
 ]

@@ -18,11 +18,10 @@ from dataclasses import replace
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.certificate.check import Line, Verdict
+from hpcinv.certificate.check import Line, Verdict, judged_with_given_numbers
 from hpcinv.certificate.confirmation import assembled, potential_note
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.inertia import SymmetricFactors, factorize_symmetric
-from hpcinv.certificate.unknown_loads_check import judged_with_given_numbers
 from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.results.solution import Solution
 from hpcinv.results.unknown_numbers import solved_cavities

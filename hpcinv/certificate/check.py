@@ -1,10 +1,11 @@
-"""Parts of a certificate: lines, each with its thresholds and verdict, and the verdict on the run."""
+"""Parts of a certificate: lines, each with its topic, thresholds and verdict, and the verdict on the run."""
 
 from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 
@@ -31,11 +32,42 @@ _SEVERITY = {verdict: i for i, verdict in enumerate(Verdict)}
 
 
 @dataclass(frozen=True)
+class Topic:
+    """What lines of one kind are about, as certificate, report and documentation have it.
+
+    Attributes:
+        name: beginning of a line; "…" in it is a place, such as the name of a region.
+        meaning: one sentence.
+        remedy: what to do about a line that does not pass.
+        remedy_if_undecided: the same of a line that is not decided, if that is something else.
+    """
+
+    name: str
+    meaning: str
+    remedy: str = ""
+    remedy_if_undecided: str = ""
+
+    def at(self, place: str) -> Topic:
+        """Return the topic with the place of a line in its name."""
+        return replace(self, name=self.name.replace("…", place))
+
+
+TOPICS: dict[str, Topic] = {}
+"""topics of lines by their names"""
+
+
+def topic(name: str, meaning: str, remedy: str = "", remedy_if_undecided: str = "") -> Topic:
+    """Register a `Topic`."""
+    TOPICS[name] = Topic(name, meaning, remedy, remedy_if_undecided)
+    return TOPICS[name]
+
+
+@dataclass(frozen=True)
 class Line:
     """One check and its result.
 
     Attributes:
-        name: what was checked.
+        topic: what was checked.
         value: the result, in ``unit`` (SI; empty for ratios and counts); ``None`` if there is none.
         rule: the thresholds in words.
         note: an explanation, or a remedy.
@@ -44,7 +76,7 @@ class Line:
         state: name of the state of the body; empty in a job without states.
     """
 
-    name: str
+    topic: Topic
     value: float | None
     unit: str
     rule: str
@@ -53,24 +85,50 @@ class Line:
     seconds: float | None = None
     state: str = ""
 
+    @property
+    def name(self) -> str:
+        """What was checked, in words."""
+        return self.topic.name
 
-def upper_bound_line(name: str, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
+    @property
+    def remedy(self) -> str:
+        """What to do about the line; empty if it passes, was not checked, or nothing is known."""
+        if self.verdict in (Verdict.PASS, Verdict.SKIPPED):
+            return ""
+        other = self.topic.remedy_if_undecided if self.verdict is Verdict.UNDECIDED else ""
+        return other or self.topic.remedy
+
+
+def upper_bound_line(topic: Topic, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
     """Return the line of a value that should be small; a value that is not finite fails."""
     verdict = Verdict.PASS if value <= warn else Verdict.WARN if value <= fail else Verdict.FAIL
     rule = f"warning above {warn:g}" + (f", fail above {fail:g}" if fail < math.inf else "")
-    return Line(name, value, unit, rule, verdict, note)
+    return Line(topic, value, unit, rule, verdict, note)
 
 
-def lower_bound_line(name: str, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
+def lower_bound_line(topic: Topic, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
     """Return the line of a value that must exceed ``fail``; a value that is not finite fails."""
     verdict = Verdict.PASS if value >= warn else Verdict.WARN if value > fail else Verdict.FAIL
     rule = f"warning below {warn:g}" + (f", fail at {fail:g} and below" if fail > -math.inf else "")
-    return Line(name, value, unit, rule, verdict, note)
+    return Line(topic, value, unit, rule, verdict, note)
 
 
-def skipped(name: str, note: str) -> Line:
+def skipped(topic: Topic, note: str) -> Line:
     """Return the line of a check that was not made, with the reason."""
-    return Line(name, None, "", "", Verdict.SKIPPED, note)
+    return Line(topic, None, "", "", Verdict.SKIPPED, note)
+
+
+def judged_with_given_numbers(lines: Iterable[Line]) -> Iterator[Line]:
+    """Yield lines of checks that keep pressures of cavities, and motions; what they do not pass is not decided.
+
+    A body that is stable under a given pressure is stable with a given volume too, but not the other way round.
+    """
+    for line in lines:
+        if line.verdict in (Verdict.PASS, Verdict.SKIPPED):
+            yield line
+        else:
+            note = "checked with the pressure or motion that was found, not with the given volume, gas or load"
+            yield replace(line, verdict=Verdict.UNDECIDED, note="; ".join(filter(None, [line.note, note])))
 
 
 @dataclass(frozen=True)
@@ -90,11 +148,13 @@ class Certificate:
         lines = [
             {
                 "name": line.name,
+                "meaning": line.topic.meaning,
                 "value": line.value,
                 "unit": line.unit,
                 "rule": line.rule,
                 "verdict": line.verdict.value,
                 "note": line.note,
+                "remedy": line.remedy,
                 "seconds": line.seconds,
             }
             | ({"state": line.state} if line.state else {})

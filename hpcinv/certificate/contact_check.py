@@ -8,7 +8,8 @@ from math import inf, log
 import numpy as np
 
 from hpcinv.assembly.system import System
-from hpcinv.certificate.check import Line, Verdict, upper_bound_line
+from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.check import Line, Verdict, topic, upper_bound_line
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.inertia import SymmetricFactors
 from hpcinv.certificate.multigrid_solver import MultigridSolver
@@ -20,6 +21,12 @@ from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
+CONTACT = topic(
+    "contact on '…'",
+    "What was found where the body touches an obstacle.",
+    "Refine the mesh where the body touches, and check the place of the obstacle.",
+)
+PENALTY = topic(f"{CONTACT.name}: change of the shape if the penalty is doubled", CONTACT.meaning, CONTACT.remedy)
 _RIGID = 16.0  # tolerated penetrations
 _GIVEN = 1e-2  # of the body's length
 _STEP = 2.0**-8  # of differences by the logarithm of the penalty; larger ones reach points that come into contact
@@ -28,10 +35,31 @@ _SETTLED = 0.05  # change of the rate by an update, relative to it
 _PENALTY = 0.05  # of the displacement, as for the error of the discretisation
 
 
-def contacts(equations: Equations, solution: Solution) -> Iterator[Line]:
-    """Yield a line for each contact of a solution."""
-    for contact in solution.contacts:
-        yield _line(contact, _GIVEN * equations.body.length * equations.body.length_scale)
+class ContactCheck(Check):
+    """Check the place where the body touches each obstacle."""
+
+    name, order = "contact", 30
+
+    def lines(self, evidence: Evidence) -> Iterator[Line]:
+        body = evidence.equations.body
+        for contact in evidence.solution.contacts:
+            yield _line(contact, _GIVEN * body.length * body.length_scale)
+
+    def applies(self, evidence: Evidence) -> bool:
+        return super().applies(evidence) and bool(evidence.solution.contacts)
+
+
+class PenaltyCheck(Check):
+    """Check how much the shape depends on the penalties of rigid obstacles, by the factors of stability's check."""
+
+    name, order = "penalty", 130
+
+    def lines(self, evidence: Evidence) -> Iterator[Line]:
+        return penalties(evidence.equations, evidence.solution, evidence.forward)
+
+    def applies(self, evidence: Evidence) -> bool:
+        is_asked = super().applies(evidence) and evidence.solution.job.certificate.stability
+        return is_asked and any(contact.tolerance is not None for contact in evidence.solution.contacts)
 
 
 def penalties(equations: Equations, solution: Solution, forward: ForwardFactors) -> Iterator[Line]:
@@ -50,15 +78,15 @@ def penalties(equations: Equations, solution: Solution, forward: ForwardFactors)
         for obstacle in equilibrium.system.weak_form.contacts.rigid():
             contact = contacts[obstacle.where]
             if contact.largest_pressure:
-                name = f"contact on '{contact.region}': change of the shape if the penalty is doubled"
+                about = PENALTY.at(contact.region)
                 rate = _rate(equilibrium.system, solver, obstacle)
                 if rate is None:
                     note = "the pressures that follow it do not settle"
-                    yield Line(name, None, "", "must be known", Verdict.UNDECIDED, note)
+                    yield Line(about, None, "", "must be known", Verdict.UNDECIDED, note)
                     continue
                 change = log(2) * rate * equations.scales.length
                 note = f"{readable(change, 'm')}, relative to the displacement"
-                yield upper_bound_line(name, change / size if size else 0.0, _PENALTY, inf, note=note)
+                yield upper_bound_line(about, change / size if size else 0.0, _PENALTY, inf, note=note)
 
 
 def _rate(system: System, solver: SymmetricFactors | MultigridSolver, obstacle: PenaltyDirection) -> float | None:
@@ -104,20 +132,20 @@ def _rate(system: System, solver: SymmetricFactors | MultigridSolver, obstacle: 
 
 
 def _line(contact: ContactReport, far: float) -> Line:
-    name = f"contact on '{contact.region}'"
+    about = CONTACT.at(contact.region)
     if contact.largest_pressure == 0.0:
         note = f"{contact.assumption}; the body does not touch the obstacle"
-        return Line(name, 0.0, "m²", "area in contact; warning if there is none", Verdict.WARN, note)
+        return Line(about, 0.0, "m²", "area in contact; warning if there is none", Verdict.WARN, note)
     if contact.tolerance is not None:
         limit, note = _RIGID * contact.tolerance, "penetration between vertices"
         rule = f"penetration; warning above {readable(limit, 'm')}"
         verdict = Verdict.PASS if contact.penetration <= limit else Verdict.WARN
         note = contact.assumption if verdict is Verdict.PASS else f"{contact.assumption}; {note}"
-        return Line(name, contact.penetration, "m", rule, verdict, note)
+        return Line(about, contact.penetration, "m", rule, verdict, note)
     if contact.is_given:
         verdict = Verdict.PASS if contact.distance <= far else Verdict.WARN
         rule = f"distance from the obstacle where the pressure acts; warning above {readable(far, 'm')}"
-        return Line(name, contact.distance, "m", rule, verdict, contact.assumption)
+        return Line(about, contact.distance, "m", rule, verdict, contact.assumption)
     return Line(
-        name, contact.penetration, "m", "penetration of the layer; no threshold", Verdict.PASS, contact.assumption
+        about, contact.penetration, "m", "penetration of the layer; no threshold", Verdict.PASS, contact.assumption
     )

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hpcinv.certificate.check import Line, Verdict, upper_bound_line
+from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.check import Line, Verdict, topic, upper_bound_line
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
@@ -15,7 +16,11 @@ from hpcinv.results.displacement_scale import FLOOR, nominal_sizes
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
-NAME = "equilibrium residual, relative to the load"
+EQUILIBRIUM = topic(
+    "equilibrium residual, relative to the load",
+    "Unbalanced forces in the loaded body, relative to the load.",
+    "Remove slivers of the mesh, or lower solver.tolerance unless a law is near its limit.",
+)
 WARN = 1e-7
 _GROWTH = 1e-6
 """Growth of displacements, whose forces are compared; lowered, these are rounding errors."""
@@ -25,6 +30,15 @@ loads of a thin body"""
 _ROUNDED = 1e-11
 """Share of the same below which a residual may be rounding errors, which prove nothing; raised, fewer lines fail"""
 _FAIL = 1e-3
+
+
+class EquilibriumCheck(Check):
+    """Check that the solution satisfies the discrete equations."""
+
+    name, order = "equilibrium", 10
+
+    def lines(self, evidence: Evidence) -> Iterator[Line]:
+        return equilibrium_residual(evidence.equations, evidence.solution)
 
 
 def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[Line]:
@@ -60,9 +74,9 @@ def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[L
             load, text = FLOOR * nominal, "loads and inelastic strains balance at each point: this is relative to"
             balanced = f"{text} {FLOOR:g} of the sum of their forces, without regard to direction"
     if load == 0.0:
-        yield Line(NAME, 0.0, "", "", Verdict.PASS, "nothing loads the body")
+        yield Line(EQUILIBRIUM, 0.0, "", "", Verdict.PASS, "nothing loads the body")
         return
-    line = upper_bound_line(NAME, left / load, warn=WARN, fail=_FAIL, note=balanced)
+    line = upper_bound_line(EQUILIBRIUM, left / load, warn=WARN, fail=_FAIL, note=balanced)
     if line.verdict is Verdict.FAIL and is_rounded:
         note = "the load is so small for this stiffness that rounding errors of the forces may be as large"
         line = replace(line, verdict=Verdict.UNDECIDED, note=note)

@@ -7,12 +7,26 @@ from collections.abc import Iterator
 import numpy as np
 from dolfinx import fem
 
-from hpcinv.certificate.check import Line, Verdict
+from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.check import Line, Verdict, topic
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
-NAME = "loads on parts that are held altogether"
+INEFFECTIVE = topic(
+    "loads on parts that are held altogether",
+    "Loads without effect, since supports hold all of their region.",
+    "Remove the load or the support.",
+)
+
+
+class IneffectiveLoadCheck(Check):
+    """Look for loads that cannot change the shape."""
+
+    name, order = "ineffective loads", 150
+
+    def lines(self, evidence: Evidence) -> Iterator[Line]:
+        return ineffective_loads(evidence.equations, evidence.solution)
 
 
 def ineffective_loads(equations: Equations, solution: Solution) -> Iterator[Line]:
@@ -27,7 +41,7 @@ def ineffective_loads(equations: Equations, solution: Solution) -> Iterator[Line
     if loads:
         rule = "number; warning above 0"
         note = f"{', '.join(loads)}: the shape does not depend on it"
-        yield Line(NAME, float(len(loads)), "", rule, Verdict.WARN, note)
+        yield Line(INEFFECTIVE, float(len(loads)), "", rule, Verdict.WARN, note)
 
 
 def _is_held(equations: Equations, region: str) -> bool:

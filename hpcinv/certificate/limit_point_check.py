@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from hpcinv.certificate.check import Line, Verdict, skipped
+from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.check import Line, Verdict, skipped, topic
+from hpcinv.certificate.stability_check import StabilityCheck
 from hpcinv.methods.method import NESTED
 from hpcinv.results.solution import Solution
 from hpcinv.solver.branch_switching import STRATEGY as SWITCHED
@@ -14,7 +16,29 @@ from hpcinv.solver.equations import Equations
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.series_continuation import STRATEGY as SERIES
 
-LIMIT_POINTS = "limit points of the path"
+LIMIT_POINTS = topic(
+    "limit points of the path",
+    "Whether the load rose steadily on the way, so that the solution belongs to the unloaded body.",
+    "Compare with smaller steps (solver.initial_step), or with 'limit_points: 0'.",
+    "Compare with smaller steps, or with a path without 'start' or 'start_shape'.",
+)
+_RULE = "the determinant of the tangent must keep its sign from the unloaded body to the loaded one"
+_OTHER = "another shape may carry the same load"
+
+
+class LimitPointCheck(Check):
+    """Look for limit points of the path."""
+
+    name, order = "limit points", 140
+
+    def lines(self, evidence: Evidence) -> Iterator[Line]:
+        evidence.free()  # this check may need the memory
+        if evidence.solution.remote_loads:
+            yield skipped(LIMIT_POINTS, "with remote loads they are not looked for")
+        elif evidence.solution.cavities:
+            yield skipped(LIMIT_POINTS, "the pressure is unknown, and its limit points do not end the path")
+        else:
+            yield from limit_points(evidence.equations, evidence.solution, *evidence.lines[StabilityCheck])
 
 
 def limit_points(equations: Equations, solution: Solution, stability: Line) -> Iterator[Line]:
@@ -30,12 +54,7 @@ def limit_points(equations: Equations, solution: Solution, stability: Line) -> I
         return
     is_stability_known = stability.verdict not in (Verdict.UNDECIDED, Verdict.SKIPPED)
     may_be_spurious = equations.unknowns.p is not None and not is_stability_known
-    line = _line(
-        solution,
-        equations.unknowns.unloaded_sign,
-        may_be_spurious=may_be_spurious,
-        precise_sign=lambda: _precise_sign(equations, solution),
-    )
+    line = _known_line(solution) or _sign_line(equations, solution, may_be_spurious=may_be_spurious)
     yield _removal_line(line, solution.start) if solution.start else line
 
 
@@ -81,65 +100,68 @@ def _precise_sign(equations: Equations, solution: Solution) -> int:
     return sign
 
 
-def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool, precise_sign: Callable[[], int]) -> Line:
-    """Return the line, for the sign of the unloaded body's tangent.
+def _known_line(solution: Solution) -> Line | None:
+    """Return the line where the solves name limit points or branches, or there is no path; else ``None``."""
+    if turned := sum(s.limit_point for s in solution.solves):
+        note = _OTHER
+        if passed := _earlier_passes([s.load for s in _accepted(solution)]):
+            points, times = "point" if turned == 1 else "points", "once" if passed == 1 else f"{passed} times"
+            note = f"the path passes {turned} limit {points}; it reaches the full load {times} before"
+        return Line(LIMIT_POINTS, float(turned), "", _RULE, Verdict.WARN, note)
+    if branches := [s for s in solution.solves if s.bifurcation is not None]:
+        mode = ", ".join(f"{component:.2g}" for component in branches[0].mode)
+        does = "leaves the first one" if branches[0].strategy == SWITCHED else "passes others, which branch off"
+        note = f"the path {does} at load factor {branches[0].bifurcation:.6g}, with displacements along ({mode})"
+        return Line(LIMIT_POINTS, float(len(branches)), "", _RULE, Verdict.WARN, note)
+    if not any(s.factorizations or s.signs for s in solution.solves):
+        return Line(LIMIT_POINTS, 0.0, "", _RULE, Verdict.PASS, "nothing moves the body")
+    return None
+
+
+def _sign_line(equations: Equations, solution: Solution, *, may_be_spurious: bool) -> Line:
+    """Return the line by the signs of the tangent's determinant.
 
     Only the last tangent of a solve counts: it has the sign at the solution, since corrections with it have contracted.
     Other tangents belong to states that Newton's method passed. The first tangent of a path belongs to the undeformed
     body under the load of its first step, which is not an equilibrium. It counts on a path from another state only.
-
-    Args:
-        precise_sign: returns the sign at the solution by factors in double precision, 0 if it is not known.
     """
-    rule = "the determinant of the tangent must keep its sign from the unloaded body to the loaded one"
-    turned = sum(s.limit_point for s in solution.solves)
-    if turned:
-        note = "another shape may carry the same load"
-        if passed := _earlier_passes([s.load for s in solution.solves if s.outcome.accepted]):
-            times = "once" if passed == 1 else f"{passed} times"
-            note = (
-                f"the path passes {turned} limit {'point' if turned == 1 else 'points'}; it reaches the full load"
-                f" {times} before"
-            )
-        return Line(LIMIT_POINTS, float(turned), "", rule, Verdict.WARN, note)
-    branches = [s for s in solution.solves if s.bifurcation is not None]
-    if branches:
-        mode = ", ".join(f"{component:.2g}" for component in branches[0].mode)
-        along = f"at load factor {branches[0].bifurcation:.6g}, with displacements along ({mode})"
-        is_other = branches[0].strategy == SWITCHED
-        note = f"the path {'leaves the first one' if is_other else 'passes others, which branch off'} {along}"
-        return Line(LIMIT_POINTS, float(len(branches)), "", rule, Verdict.WARN, note)
-    if not any(s.factorizations or s.signs for s in solution.solves):
-        return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "nothing moves the body")
-    signs = [s.signs for s in solution.solves if s.outcome.accepted and s.signs]
+    signs = [s.signs for s in _accepted(solution) if s.signs]
     # A series whose load has a maximum is not followed beyond it.
-    rises = all(s.strategy == SERIES for s in solution.solves if s.outcome.accepted)
+    rises = all(s.strategy == SERIES for s in _accepted(solution))
     if not signs and rises:
         rule = "the load must rise along the path from the unloaded body to the loaded one"
         return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "the load rises all along the power series")
     if not signs:
         return skipped(LIMIT_POINTS, "an iterative solver does not provide the sign of the tangent's determinant")
-    start_sign = signs[0][0] if solution.start else unloaded
+    start_sign = signs[0][0] if solution.start else equations.unknowns.unloaded_sign
     if all(solve_signs[-1] == start_sign for solve_signs in signs):
-        if (load := _load_of_jump(solution.solves, start_sign)) is not None:
-            note = (
-                f"the step to load factor {load:.4g} may have left the path: the body moved farther than the tangent"
-                " predicts, or Newton's method passed states with another sign (continuation: series follows it)"
-            )
-            return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.UNDECIDED, note)
-        # A coarse solve with a limit point on its path, or another sign at the end of it, is not used.
-        nested = any(s.strategy == NESTED and s.outcome.accepted for s in solution.solves)
-        note = "the same sign at each load that was solved" + (", on coarser cells along the path" if nested else "")
-        note += ", and the load rises all along the power series" if rises else ""
-        return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, note)
-    if signs[-1][-1] != start_sign and precise_sign() == start_sign:
+        return _same_sign_line(solution, start_sign, rises=rises)
+    if signs[-1][-1] != start_sign and _precise_sign(equations, solution) == start_sign:
         note = "at the full load, factors in single precision have another sign than those in double precision"
-        return Line(LIMIT_POINTS, 1.0, "", rule, Verdict.UNDECIDED, note)
-    note = "another shape may carry the same load"
+        return Line(LIMIT_POINTS, 1.0, "", _RULE, Verdict.UNDECIDED, note)
     if may_be_spurious:
-        note = f"a mode that may be spurious (see the line on stability), or {note}"
-        return Line(LIMIT_POINTS, 1.0, "", rule, Verdict.UNDECIDED, note)
-    return Line(LIMIT_POINTS, 1.0, "", rule, Verdict.WARN, note)
+        note = f"a mode that may be spurious (see the line on stability), or {_OTHER}"
+        return Line(LIMIT_POINTS, 1.0, "", _RULE, Verdict.UNDECIDED, note)
+    return Line(LIMIT_POINTS, 1.0, "", _RULE, Verdict.WARN, _OTHER)
+
+
+def _same_sign_line(solution: Solution, sign: int, *, rises: bool) -> Line:
+    """Return the line of a path with the same sign at each solution."""
+    if (load := _load_of_jump(solution.solves, sign)) is not None:
+        note = (
+            f"the step to load factor {load:.4g} may have left the path: the body moved farther than the tangent"
+            " predicts, or Newton's method passed states with another sign (continuation: series follows it)"
+        )
+        return Line(LIMIT_POINTS, 0.0, "", _RULE, Verdict.UNDECIDED, note)
+    # A coarse solve with a limit point on its path, or another sign at the end of it, is not used.
+    nested = any(s.strategy == NESTED for s in _accepted(solution))
+    note = "the same sign at each load that was solved" + (", on coarser cells along the path" if nested else "")
+    note += ", and the load rises all along the power series" if rises else ""
+    return Line(LIMIT_POINTS, 0.0, "", _RULE, Verdict.PASS, note)
+
+
+def _accepted(solution: Solution) -> list[Solve]:
+    return [solve for solve in solution.solves if solve.outcome.accepted]
 
 
 def _load_of_jump(solves: Sequence[Solve], sign: int) -> float | None:

@@ -9,13 +9,49 @@ doi:10.1017/S030821050002014X.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.check import Line, Verdict, skipped, topic
+from hpcinv.certificate.shape import point_text
 from hpcinv.mesh import Body
 from hpcinv.mesh.crossing_facets import Overlap, find_overlap
+from hpcinv.mesh.regions import BOUNDARY
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import gather_surface
 from hpcinv.parallel.runtime import on_root
 
 MOST_FACETS = 500_000  # that are gathered on one rank: about 2 GB
+
+
+OVERLAP = topic(
+    "boundary facets that cross each other",
+    "Whether the computed body passes through itself.",
+    "Check load and stiffness; where parts touch, the job needs their contact.",
+)
+
+
+class OverlapCheck(Check):
+    """Check that the computed body does not pass through itself."""
+
+    name, order = "overlap", 90
+    has_switch = True
+
+    def lines(self, evidence: Evidence) -> Iterator[Line]:
+        body = evidence.equations.body
+        if not evidence.solution.job.certificate.overlap:
+            yield skipped(OVERLAP, "switched off: certificate.overlap")
+            return
+        if (facets := body.regions[BOUNDARY].facet_count) > MOST_FACETS:
+            yield skipped(OVERLAP, f"there are {facets} of them, and one rank searches no more than {MOST_FACETS}")
+            return
+        crossings = overlap(body, evidence.solution.other_nodes)
+        rule = "number of pairs; fail above 0"
+        if crossings.point is None:
+            yield Line(OVERLAP, 0.0, "", rule, Verdict.PASS, "the body does not pass through itself")
+        else:
+            note = f"the body passes through itself, such as at ({point_text(crossings.point)}) m"
+            yield Line(OVERLAP, float(crossings.pairs), "", rule, Verdict.FAIL, note)
 
 
 def overlap(body: Body, nodes: Floats) -> Overlap:

@@ -27,6 +27,8 @@ from hpcinv.mesh.cells import jacobians, quadrature, scalar_element
 from hpcinv.mesh.checks import CHUNK, det
 from hpcinv.mesh.source import Floats
 
+CURVATURE = "curvature"
+
 
 @dataclass(frozen=True)
 class Worst:
@@ -54,7 +56,7 @@ def worst_cells(body: Body, mesh_nodes: Floats, other_nodes: Floats, quadrature_
         points, _ = quadrature(kind, quadrature_degree)
         samples = np.concatenate([points, scalar_element(kind, degree).points])
         cells.append(
-            _worst("curvature", lambda nodes: curvature(kind, degree, nodes, samples), body, mesh_nodes, other_nodes)
+            _worst(CURVATURE, lambda nodes: curvature(kind, degree, nodes, samples), body, mesh_nodes, other_nodes)
         )
     return tuple(cells)
 

@@ -15,14 +15,17 @@ settle, Newton's method takes over.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
+from math import isfinite
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
 from hpcinv.assembly.system import System
-from hpcinv.certificate.check import Line, Verdict, skipped, upper_bound_line
+from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.check import Line, Verdict, judged_with_given_numbers, skipped, topic, upper_bound_line
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.inertia import SymmetricFactors
 from hpcinv.certificate.multigrid_solver import MultigridSolver
@@ -39,7 +42,12 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, IterationObserver, Observer, stop_if_asked
 
-ROUND_TRIP = "round trip, relative to the displacement"
+ROUND_TRIP = topic(
+    "round trip, relative to the displacement",
+    "The computed body is solved back; its distance from the given body must vanish.",
+    "Read the line on stability: the return solve may lead to another state.",
+    "Try 'certificate: {round_trip: path}', or a smaller solver.initial_step.",
+)
 WARN, FAIL = 1e-3, 0.1
 
 _CORRECTIONS = 15  # of one return solve, with the same factors
@@ -48,6 +56,34 @@ _ACCURACY = 1e-6  # of the return solve near the solution, relative to the displ
 _KNOWN, _ROUGHLY_KNOWN = 0.1, 0.25  # share of its value to which the line is known, by factors or by multigrid
 _ROUND_OFF = 1e-9  # size of a step, relative to the displacement; below it the ratio of steps means nothing
 _GROWTH = 1.0  # of a step over the first one; above it the corrections are given up: they do not contract
+
+
+class RoundTripCheck(Check):
+    """Check that the given body comes back, judged by the largest other error of the shape."""
+
+    name, order = "round trip", 100
+    has_switch = True
+
+    def lines(self, evidence: Evidence) -> Iterator[Line]:
+        equations, solution, estimate = evidence.equations, evidence.solution, evidence.estimate
+        if len(evidence.solutions) > 1:
+            checked = iter([closure_error(equations, solution, evidence.solutions[1].u)])
+        else:
+            checked = round_trip(equations, solution, evidence.forward, evidence.observer)
+            if evidence.has_unknown_loads:
+                checked = judged_with_given_numbers(checked)
+        error = 0.0 if estimate is None or not isfinite(estimate.shape) else estimate.shape
+        for line in checked:
+            scale = displacement_scale(equations, solution).length
+            yield _judged(line, scale, max(evidence.deviation, error))
+
+
+def _judged(line: Line, scale: float, largest: float) -> Line:
+    """Return the line, relative to ``scale``, judged by the largest other error of the shape (m)."""
+    if line.verdict is not Verdict.WARN or (line.value or 0.0) * scale > largest:
+        return line
+    note = f"{line.note}; the shape has a larger error of {readable(largest, 'm')}"
+    return replace(line, verdict=Verdict.PASS, note=note)
 
 
 def round_trip(

@@ -1,21 +1,43 @@
-"""Checks of the computed body: cells, planes of symmetry, self-overlap."""
+"""Checks of the computed body: cells and planes of symmetry."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 
-from hpcinv.certificate.check import Line, Verdict, lower_bound_line, skipped, upper_bound_line
-from hpcinv.certificate.overlap import MOST_FACETS, overlap
-from hpcinv.certificate.quality import worst_cells
+from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.check import Line, lower_bound_line, topic, upper_bound_line
+from hpcinv.certificate.quality import CURVATURE, worst_cells
 from hpcinv.certificate.symmetry import symmetry_planes
-from hpcinv.mesh.regions import BOUNDARY
 from hpcinv.quantity.units import readable
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
 _STRAIGHT = "the straight cell between its corners is inside out, the curved one is not"
-OVERLAP = "boundary facets that cross each other"
+CURVED_CELLS = topic(
+    f"worst cell, by its {CURVATURE}",
+    "Least over largest Jacobian within a curved element; below zero it is folded.",
+    "Refine the mesh at this place; corners of supports and loads are singular.",
+)
+CELLS = topic(
+    "worst cell, by its …",
+    "Quality of the worst element of the computed body; near zero it is flat or folded.",
+    "Mesh this place again or finer; 'mesh: {geometry_degree: 2}' writes curved cells of solids.",
+)
+SYMMETRY = topic(
+    "depth beyond the plane of symmetry '…', relative to the body",
+    "How far the body reaches through a support that may be its plane of symmetry.",
+    "If this is a plane of symmetry, check load and stiffness.",
+)
+
+
+class CellCheck(Check):
+    """Check the cells of the computed body, and its planes of symmetry."""
+
+    name, order = "cells", 80
+
+    def lines(self, evidence: Evidence) -> Iterator[Line]:
+        return cells(evidence.equations, evidence.solution)
 
 
 def cells(equations: Equations, solution: Solution) -> Iterator[Line]:
@@ -26,39 +48,23 @@ def cells(equations: Equations, solution: Solution) -> Iterator[Line]:
     for worst in measures:
         # The moved mesh need not be better than the given one.
         enough = 0.1 * min(max(worst.given_value, 0.0), 1.0)
-        note = f"{worst.given_value:.3g} in the {given_name}; at ({_point(worst.point)}) m of the computed body"
+        note = f"{worst.given_value:.3g} in the {given_name}; at ({point_text(worst.point)}) m of the computed body"
         decides = worst is measures[-1]  # curved cells can be valid where straight ones between their corners are not
         if worst.value <= 0 < measures[-1].value:
             note += f"; {_STRAIGHT}"
         fail = 0.0 if decides else -math.inf
-        yield lower_bound_line(f"worst cell, by its {worst.measure}", worst.value, warn=enough, fail=fail, note=note)
+        about = CURVED_CELLS if worst.measure == CURVATURE else CELLS.at(worst.measure)
+        yield lower_bound_line(about, worst.value, warn=enough, fail=fail, note=note)
     for plane in symmetry_planes(solution.job, body, mesh_nodes, other_nodes):
-        name = f"depth beyond the plane of symmetry '{plane.region}', relative to the body"
         note = (
             f"{readable(plane.crossed, 'm')} inside of its mirror image, unless this is a wall that the body may pass"
         )
         # A rest that is not larger than the region is held in the same way.
         depth = plane.crossed / body.length_scale
-        yield upper_bound_line(name, depth, warn=1e-9, fail=math.inf, note=note if plane.crossed else "")
+        about = SYMMETRY.at(plane.region)
+        yield upper_bound_line(about, depth, warn=1e-9, fail=math.inf, note=note if plane.crossed else "")
 
 
-def self_overlap(equations: Equations, solution: Solution) -> Iterator[Line]:
-    """Check that the body that a solution found does not pass through itself; collective."""
-    body = equations.body
-    if not solution.job.certificate.overlap:
-        yield skipped(OVERLAP, "switched off: certificate.overlap")
-        return
-    if (facets := body.regions[BOUNDARY].facet_count) > MOST_FACETS:
-        yield skipped(OVERLAP, f"there are {facets} of them, and one rank searches no more than {MOST_FACETS}")
-        return
-    crossings = overlap(body, solution.other_nodes)
-    rule = "number of pairs; fail above 0"
-    if crossings.point is None:
-        yield Line(OVERLAP, 0.0, "", rule, Verdict.PASS, "the body does not pass through itself")
-    else:
-        note = f"the body passes through itself, such as at ({_point(crossings.point)}) m"
-        yield Line(OVERLAP, float(crossings.pairs), "", rule, Verdict.FAIL, note)
-
-
-def _point(point: tuple[float, float, float]) -> str:
+def point_text(point: tuple[float, float, float]) -> str:
+    """Return a point for a note."""
     return ", ".join(f"{c:.4g}" for c in point)

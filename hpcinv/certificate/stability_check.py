@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from hpcinv.certificate.cavity_stability import with_cavities
-from hpcinv.certificate.check import Line, Verdict, skipped
+from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.check import Line, Verdict, judged_with_given_numbers, skipped, topic
 from hpcinv.certificate.confirmation import MARGIN, Confirmed, assembled, confirm, given_u_of, potential_note
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.lowest_eigenvalue import lowest_eigenvalue
@@ -17,8 +18,24 @@ from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, freeing
 from hpcinv.solver.support_checks import barely_held
 
-STABILITY = "stability: unstable directions"
+STABILITY = topic(
+    "stability: unstable directions",
+    "Whether the loaded body is in stable equilibrium, or would buckle or snap away.",
+    "Check supports, direction of the load and stiffness.",
+    "Refine the mesh; solids of tetrahedra have fewer spurious modes.",
+)
 _RULE = "no negative eigenvalue of the forward tangent; fail if some are confirmed as instabilities of the body"
+
+
+class StabilityCheck(Check):
+    """Check that the loaded body is stable."""
+
+    name, order = "stability", 110
+    has_switch = True
+
+    def lines(self, evidence: Evidence) -> Iterable[Line]:
+        checked = stability(evidence.equations, evidence.forward, evidence.observer)
+        return judged_with_given_numbers(checked) if evidence.solution.remote_loads else checked
 
 
 def stability(equations: Equations, forward: ForwardFactors, observer: Observer = SILENT) -> Iterator[Line]:

@@ -10,13 +10,27 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hpcinv.certificate.check import Line, upper_bound_line
+from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.check import Line, topic, upper_bound_line
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
-NAME = "force on supports at vertices, relative to the load"
+VERTEX_FORCES = topic(
+    "force on supports at vertices, relative to the load",
+    "A solid has no finite displacement under a force at a point.",
+    "Let the loads balance, or hold a spot of facets (how-to/supports.md).",
+)
 _WARN = 1e-3  # of the load: its error of the displacement is far below what the discretisation error may be
+
+
+class VertexForceCheck(Check):
+    """Compare reactions at vertices with the load."""
+
+    name, order = "forces at vertices", 20
+
+    def lines(self, evidence: Evidence) -> Iterator[Line]:
+        return vertex_forces(evidence.equations, evidence.solution)
 
 
 def vertex_forces(equations: Equations, solution: Solution) -> Iterator[Line]:
@@ -39,4 +53,4 @@ def vertex_forces(equations: Equations, solution: Solution) -> Iterator[Line]:
     elsewhere = equations.supports.held_part(full, facets)  # a vertex may also be on a facet that is held
     share = total(equations.supports.held_part(full - elsewhere, held)) / load if load else 0.0
     equations.release(equilibrium)
-    yield upper_bound_line(NAME, share, _WARN, math.inf, note=f"on {', '.join(sorted(held))}")
+    yield upper_bound_line(VERTEX_FORCES, share, _WARN, math.inf, note=f"on {', '.join(sorted(held))}")

@@ -22,7 +22,8 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
-from hpcinv.certificate.check import Line, Verdict, lower_bound_line, upper_bound_line
+from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.check import Line, Verdict, lower_bound_line, topic, upper_bound_line
 from hpcinv.mesh.cells import jacobians, quadrature, scalar_element
 from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.model.weak_form import WeakForm
@@ -32,7 +33,21 @@ from hpcinv.solver.equations import Equations
 
 type Reals = npt.NDArray[np.floating[Any]]
 
-UNACCOUNTED = "volume ratio not explained by the pressure, exceeded in 1 % of the volume"
+SMALLEST_RATIO = topic(
+    "smallest volume ratio J",
+    "Strongest compression of the material anywhere; at zero an element is inverted.",
+    "Check load and moduli, or refine the mesh where J is small ('hpcinv show --colour J').",
+)
+LARGEST_RATIO = topic(
+    "largest volume ratio J",
+    "Strongest swelling of the material anywhere.",
+    "Check load and moduli, or refine the mesh where J is large ('hpcinv show --colour J').",
+)
+UNACCOUNTED = topic(
+    "volume ratio not explained by the pressure, exceeded in 1 % of the volume",
+    "Volume change of nearly incompressible material that its pressure does not cause.",
+    "Use smaller cells, or in solids 'discretisation: {displacement: 3}'.",
+)
 SHARE = 0.01
 SMALLEST, LARGEST = 0.1, 10.0
 """Volume ratios beyond which no elastic law of a solid was measured; farther apart, fewer runs warn"""
@@ -40,13 +55,22 @@ WARN = 0.05  # as the discretisation error of the shape
 STIFF = 10.0  # bulk over shear modulus (Poisson's ratio 0.45) from which linear displacements lock noticeably
 
 
+class VolumeCheck(Check):
+    """Check the volume ratio."""
+
+    name, order = "volume", 50
+
+    def lines(self, evidence: Evidence) -> Iterator[Line]:
+        return volume(evidence.equations, evidence.solution)
+
+
 def volume(equations: Equations, solution: Solution) -> Iterator[Line]:
     """Yield the lines on the volume ratio of a solution; collective."""
     smallest, largest = solution.J_range
     squeezed = _where(equations, solution, -1) if 0.0 < smallest < SMALLEST else ""
     swollen = _where(equations, solution, 1) if LARGEST < largest < np.inf else ""
-    yield lower_bound_line("smallest volume ratio J", smallest, warn=SMALLEST, fail=0.0, note=squeezed)
-    yield upper_bound_line("largest volume ratio J", largest, warn=LARGEST, fail=float("inf"), note=swollen)
+    yield lower_bound_line(SMALLEST_RATIO, smallest, warn=SMALLEST, fail=0.0, note=squeezed)
+    yield upper_bound_line(LARGEST_RATIO, largest, warn=LARGEST, fail=float("inf"), note=swollen)
     strain = unexplained_strain(equations, solution)
     if strain is None:  # compressible: any volume ratio may be right
         return

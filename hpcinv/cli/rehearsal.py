@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hpcinv.assembly.tangent import tangents_for
-from hpcinv.certificate import certify, two_level
+from hpcinv.certificate import Evidence, certify, two_level
 from hpcinv.certificate.confirmation import given_u_of, second_variation
 from hpcinv.certificate.discretisation_error import finer_equations
 from hpcinv.certificate.round_trip import opposite_direction
@@ -125,7 +125,8 @@ def _rehearse(
 
 def _certify(equations: Equations, solutions: list[Solution]) -> None:
     """Compile what evaluates and checks a solution, or both of an analysis, on a mesh of this size."""
-    certify(equations, solutions, evaluate(solutions[0].job.quantities, equations.body, solutions[0], equations))
+    values = evaluate(solutions[0].job.quantities, equations.body, solutions[0], equations)
+    certify(Evidence(equations, solutions, values))
 
 
 def _certify_after_return(equations: Equations, solutions: list[Solution]) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from hpcinv.accuracy import AccuracyRecord
 from hpcinv.certificate import Certificate, Estimate, Verdict
-from hpcinv.certificate.shape import OVERLAP
+from hpcinv.certificate.overlap import OVERLAP
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
@@ -137,7 +137,7 @@ class Result:
     def boundary(self) -> Boundary | None:
         """Gather the boundary with the results on rank 0, ``None`` on others; collective."""
         overlapping = {
-            line.state for line in self.certificate.lines if line.name == OVERLAP and line.verdict is Verdict.FAIL
+            line.state for line in self.certificate.lines if line.topic == OVERLAP and line.verdict is Verdict.FAIL
         }
         return boundary_of(self.body, self.solutions, self.estimate, self.job.fibres, overlapping=overlapping)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from hpcinv.accuracy import AccuracyRecord
-from hpcinv.certificate import Certificate, Line, Verdict
+from hpcinv.certificate import Certificate, Line, Verdict, topic
 from hpcinv.effects import Direction
 from hpcinv.errors import HpcinvError, Interrupted, OutputError, SolveError
 from hpcinv.job.job import Job
@@ -35,6 +35,14 @@ from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.newton import is_given_up
 from hpcinv.solver.observer import Observer, SolvedDirection
+
+LOAD_FACTOR = topic("load factor", "Share of the load that was reached.")
+POSITION = topic("position residual", "Distance of the loaded body from the given one, which must vanish.")
+END = topic("run", "Whether the run reached its end.")
+COMPLETENESS = topic("certificate", "Whether all checks were made.")
+NOT_FINITE_VALUES = topic(
+    "quantities without a finite value", "Quantities of interest that are infinite, or not a number."
+)
 
 
 @dataclass
@@ -96,10 +104,10 @@ class RunReport(Observer):
         why = solution.solves[-1].outcome if residuals else diagnose(solution.direction, solution.solves)
         if residuals:
             where = f"stopped {residuals[-1]:.3g} m from the given shape"
-            line = Line("position residual", residuals[-1], "m", "must vanish", Verdict.FAIL, why.text)
+            line = Line(POSITION, residuals[-1], "m", "must vanish", Verdict.FAIL, why.text)
         else:
             where = f"stopped at load factor {solution.load:.6g} of 1"
-            line = Line("load factor", solution.load, "", "must reach 1", Verdict.FAIL, why.text)
+            line = Line(LOAD_FACTOR, solution.load, "", "must reach 1", Verdict.FAIL, why.text)
         if solution.state:
             where, line = f"state '{solution.state}': {where}", replace(line, state=solution.state)
         patience = self.job.solver.patience
@@ -122,7 +130,7 @@ class RunReport(Observer):
         where = f"{why} in the {solved.direction} solve{state_text} at load factor {solved.load:.6g}"
         if self.store.path is None:
             raise Interrupted(f"{where}; nothing was saved")
-        line = Line("load factor", solved.load, "", "must reach 1", Verdict.FAIL, why, state=state)
+        line = Line(LOAD_FACTOR, solved.load, "", "must reach 1", Verdict.FAIL, why, state=state)
         self._write(self._unfinished(earlier, line), why)
         saved = not job.accuracy and (bool(earlier) or solved.can_restart)
         raise Interrupted(
@@ -139,7 +147,7 @@ class RunReport(Observer):
             raise
         except HpcinvError as error:
             if solutions:
-                line = Line("run", None, "", "must reach its end", Verdict.FAIL, error.message)
+                line = Line(END, None, "", "must reach its end", Verdict.FAIL, error.message)
                 unfinished = replace(self._unfinished(solutions, line), quantities=dict(quantities))
                 with suppress(OutputError):  # the first error is the one to show
                     self._write(unfinished, error.message, error.advice)
@@ -220,7 +228,7 @@ class RunReport(Observer):
 
 _STOPPED = "stopped by a signal"
 _STOPPED_THERE = f"{_STOPPED} in the certificate; the solution is saved"
-_INCOMPLETE = Line("certificate", None, "", "must be complete", Verdict.UNDECIDED, _STOPPED)
+_INCOMPLETE = Line(COMPLETENESS, None, "", "must be complete", Verdict.UNDECIDED, _STOPPED)
 
 
 def _not_finite(result: Result) -> Iterator[Line]:
@@ -228,11 +236,5 @@ def _not_finite(result: Result) -> Iterator[Line]:
     known = [(q, result.quantities[q.name]) for q in result.job.quantities if q.name in result.quantities]
     if faults := [fault for quantity, value in known if (fault := fault_of(quantity, value))]:
         rule = "number; warning above 0"
-        yield Line(
-            "quantities without a finite value",
-            float(len(faults)),
-            "",
-            rule,
-            Verdict.WARN,
-            f"{'; '.join(faults)}; {NOT_FINITE}",
-        )
+        note = f"{'; '.join(faults)}; {NOT_FINITE}"
+        yield Line(NOT_FINITE_VALUES, float(len(faults)), "", rule, Verdict.WARN, note)

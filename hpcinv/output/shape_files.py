@@ -6,10 +6,14 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from hpcinv.certificate import Line, upper_bound_line
+from hpcinv.certificate import Line, topic, upper_bound_line
 from hpcinv.quantity.units import readable
 
-NAME = "shape files: largest distance from the computed body, relative to the displacement"
+SHAPE_FILES = topic(
+    "shape files: largest distance from the computed body, relative to the displacement",
+    "Distance of the written files, which may have fewer nodes, from the computed body.",
+    "Use smaller cells, or for solids 'mesh: {geometry_degree: 2}'; if it is set, write msh or vtu.",
+)
 _VISIBLE = 1e-3
 """Share of the displacement below which a file is the computed body; raised, log and certificate are silent of more."""
 _LARGE = 0.05
@@ -57,7 +61,7 @@ def lines_of(files: Mapping[str, ShapeFile]) -> Iterator[Line]:
         if groups := _alike(file for file in files.values() if file.state == state):
             worst = max(groups, key=lambda group: group[0].left_out)
             note = f"{readable(worst[0].left_out, 'm', 3)}; {_names(worst)}: {worst[0].why}"
-            line = upper_bound_line(NAME, worst[0].share, _LARGE, math.inf, note=note)
+            line = upper_bound_line(SHAPE_FILES, worst[0].share, _LARGE, math.inf, note=note)
             yield replace(line, state=state)
 
 

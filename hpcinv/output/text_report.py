@@ -10,7 +10,6 @@ from typing import Any
 from hpcinv.job.sections import REACTIONS, is_of_nodes
 from hpcinv.quantity.written_units import as_shown
 from hpcinv.reports.shape_error import shape_error
-from hpcinv.reports.wording import remedy
 
 _ERRORS = {
     "round_trip": "round trip: closes to {max} ({relative:.1g} of the body's length)",
@@ -168,7 +167,7 @@ def _certificate(certificate: Mapping[str, Any], symbols: Mapping[str, str]) -> 
         seconds = f", {line['seconds']:.1f} s" if (line["seconds"] or 0.0) >= _SHOWN else ""
         state = f"{line['state']}: " if "state" in line else ""
         lines.append(f"  {line['verdict']}: {state}{line['name']}{value_text}{note}{seconds}")
-        if text := remedy(line):
+        if text := line.get("remedy"):
             lines.append(f"    {text}")
     return lines
 

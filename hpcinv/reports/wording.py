@@ -8,61 +8,6 @@ from typing import Any
 from hpcinv.quantity.units import readable
 from hpcinv.reports.shape_error import CAUSES, REMEDIES, ShapeError, shape_error
 
-MEANINGS: Mapping[str, str] = {
-    "equilibrium residual": "Unbalanced forces in the loaded body, relative to the load.",
-    "force on supports at vertices": "A solid has no finite displacement under a force at a point.",
-    "smallest volume ratio": "Strongest compression of the material anywhere; at zero an element is inverted.",
-    "largest volume ratio": "Strongest swelling of the material anywhere.",
-    "volume ratio not explained": "Volume change of nearly incompressible material that its pressure does not cause.",
-    "equation of cavity": "How well the pressure that was found meets the given volume, gas or windkessel of a cavity.",
-    "balance of the remote load": "How well force and moment on a rigid region are balanced by the computed motion.",
-    "discretisation error": "Estimated distance of the nodes from their places on an infinitely fine mesh.",
-    "worst cell, by its curvature": "Least over largest Jacobian within a curved element; below zero it is folded.",
-    "worst cell": "Quality of the worst element of the computed body; near zero it is flat or folded.",
-    "depth beyond the plane": "How far the body reaches through a support that may be its plane of symmetry.",
-    "boundary facets that cross": "Whether the computed body passes through itself.",
-    "round trip": "The computed body is solved back; its distance from the given body must vanish.",
-    "stability": "Whether the loaded body is in stable equilibrium, or would buckle or snap away.",
-    "limit points": "Whether the load rose steadily on the way, so that the solution belongs to the unloaded body.",
-    "shape files": "Distance of the written files, which may have fewer nodes, from the computed body.",
-    "loads on parts": "Loads without effect, since supports hold all of their region.",
-    "load factor": "Share of the load that was reached.",
-    "position residual": "Distance of the loaded body from the given one, which must vanish.",
-    "penetration": "How deep the body lies within an obstacle.",
-    "contact": "What was found where the body touches an obstacle.",
-    "error of": "Bound of the estimated error, against what the job demands.",
-}
-"""what a line of the certificate means, by the beginning of its name"""
-
-LINE_REMEDIES: Mapping[str, str] = {
-    "equilibrium residual": "Remove slivers of the mesh, or lower solver.tolerance unless a law is near its limit.",
-    "force on supports at vertices": "Let the loads balance, or hold a spot of facets (how-to/supports.md).",
-    "smallest volume ratio": "Check load and moduli, or refine the mesh where J is small ('hpcinv show --colour J').",
-    "largest volume ratio": "Check load and moduli, or refine the mesh where J is large ('hpcinv show --colour J').",
-    "volume ratio not explained": "Use smaller cells, or in solids 'discretisation: {displacement: 3}'.",
-    "equation of cavity": "Lower solver.tolerance.",
-    "balance of the remote load": "Lower solver.tolerance.",
-    "discretisation error": "Use smaller cells, 'geometry_degree: 2' on a curved solid, or demand an accuracy.",
-    "worst cell, by its curvature": "Refine the mesh at this place; corners of supports and loads are singular.",
-    "worst cell": "Mesh this place again or finer; 'mesh: {geometry_degree: 2}' writes curved cells of solids.",
-    "depth beyond the plane": "If this is a plane of symmetry, check load and stiffness.",
-    "boundary facets that cross": "Check load and stiffness; where parts touch, the job needs their contact.",
-    "round trip": "Read the line on stability: the return solve may lead to another state.",
-    "stability": "Check supports, direction of the load and stiffness.",
-    "limit points": "Compare with smaller steps (solver.initial_step), or with 'limit_points: 0'.",
-    "shape files": "Use smaller cells, or for solids 'mesh: {geometry_degree: 2}'; if it is set, write msh or vtu.",
-    "loads on parts": "Remove the load or the support.",
-    "contact": "Refine the mesh where the body touches, and check the place of the obstacle.",
-}
-"""what to do about a line that does not pass, by the beginning of its name"""
-
-_UNDECIDED: Mapping[str, str] = {
-    "round trip": "Try 'certificate: {round_trip: path}', or a smaller solver.initial_step.",
-    "stability": "Refine the mesh; solids of tetrahedra have fewer spurious modes.",
-    "limit points": "Compare with smaller steps, or with a path without 'start' or 'start_shape'.",
-}
-"""what to do about a line that is not decided, where that is something else"""
-
 _NEXT = {
     "pass": "Use the shape. All files are in the directory of the run.",
     "not checked": "Nothing was checked: run the job with certificate: standard before you rely on the shape.",
@@ -105,7 +50,7 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
         sure += _accuracy(summary, error)
     doubts = [line for line in checked if line not in passed]
     sure += [
-        " ".join(filter(None, [f"{_named(line)}: {line['verdict']}.", _sentence(line["note"]), remedy(line)]))
+        " ".join(filter(None, [f"{_named(line)}: {line['verdict']}.", _sentence(line["note"]), line.get("remedy")]))
         for line in doubts
     ]
     advice = [_NEXT[verdict]]
@@ -123,19 +68,6 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
     if verdict == "fail":
         finding = f"The certificate fails: the result is not to be relied on. {finding}"
     return Words(verdict, finding, sure, advice)
-
-
-def meaning(name: str) -> str:
-    """Return what a line of the certificate means; empty for an unknown one."""
-    return next((text for head, text in MEANINGS.items() if name.startswith(head) or f" {head}" in name), "")
-
-
-def remedy(line: Mapping[str, Any]) -> str:
-    """Return what to do about a line of the certificate; empty if it passes or was not checked."""
-    if line["verdict"] in ("pass", "not checked"):
-        return ""
-    remedies = {**LINE_REMEDIES, **(_UNDECIDED if line["verdict"] == "not decided" else {})}
-    return next((text for head, text in remedies.items() if line["name"].startswith(head)), "")
 
 
 def _found(summary: Mapping[str, Any]) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from dolfinx import fem, la
 from dolfinx.mesh import entities_to_geometry, exterior_facet_indices
 
-from hpcinv.certificate.check import Line, Verdict, skipped
+from hpcinv.certificate.check import Line, Verdict, skipped, topic
 from hpcinv.certificate.symmetry import symmetry_planes
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job
@@ -34,7 +34,10 @@ from hpcinv.results.solution import Solution
 from hpcinv.sensitivity.analysis import Sensitivities, joined_sensitivities, sensitivities
 from hpcinv.solver.equations import Equations
 
-SPREAD = "standard deviation of the shape by errors of the given surface"
+SPREAD = topic(
+    "standard deviation of the shape by errors of the given surface",
+    "How uncertain the shape is, since the given surface is known to some accuracy only.",
+)
 
 _OF_VOXEL = 0.12  # standard deviation that meshes of labels without errors have, in voxels
 _OF_SD = 10.0  # correlation length by default, in standard deviations

@@ -19,7 +19,6 @@ from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.output.shape_files import ShapeFile, lines_of, notes_of
 from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.reports.wording import remedy
 
 pytestmark = pytest.mark.usefixtures("warm_reader")
 
@@ -86,6 +85,6 @@ def test_lines_name_the_files_and_the_remedy() -> None:
     lines = list(lines_of(files))
     assert [(line.state, line.verdict.value) for line in lines] == [("", "pass"), ("rest", "warning")]
     (line,) = lines_of({"shape.msh": replace(straight[0], left_out=6e-4)})
-    assert "for solids 'mesh: {geometry_degree: 2}'" in remedy({"name": line.name, "verdict": line.verdict.value})
+    assert "for solids 'mesh: {geometry_degree: 2}'" in line.remedy
     assert "mesh: {geometry_degree: 2}" in lines[0].note
     assert not list(lines_of({"shape.vtu": near, "shape.msh": replace(straight[0], left_out=1e-6)}))

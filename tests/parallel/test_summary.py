@@ -16,7 +16,9 @@ from helpers.solutions import made_up
 from helpers.verification import HERE
 
 from hpcinv.certificate import Certificate, Estimate, skipped, upper_bound_line
+from hpcinv.certificate.equilibrium_residual import EQUILIBRIUM
 from hpcinv.certificate.layer_errors import LayerError
+from hpcinv.certificate.overlap import OVERLAP
 from hpcinv.errors import OutputError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job, parse
@@ -66,7 +68,7 @@ def result(comm: MPI.Intracomm) -> Result:
     quantities = {"tip": [1.0, -2.0, np.nan], "volume": np.float64(2.5)}
     closure = {"max": 1e-12, "rms": 1e-13, "relative": 1e-12}
     certificate = Certificate(
-        (upper_bound_line("residual", np.float64(1e-9), 1e-8, 1e-6), skipped("overlap", "switched off"))
+        (upper_bound_line(EQUILIBRIUM, np.float64(1e-9), 1e-8, 1e-6), skipped(OVERLAP, "switched off"))
     )
     layer = {"volume": LayerError(np.float64(0.02), "by the tractions on its faces")}
     estimate = Estimate({"volume": 0.1}, {"volume": 2.6}, 1e-4, zero(body.mesh.geometry.x[:, 0]), 300, layer=layer)

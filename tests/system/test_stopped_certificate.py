@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
+import pkgutil
 import signal
 import time
 from pathlib import Path
@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 from helpers.command_line import BLOCK, hpcinv, hpcinv_here, write_job
 from helpers.sweeps import records_of, write_sweep
+
+from hpcinv.certificate import checks
 
 # One rank sends itself a signal when a function of hpcinv is called.
 SENDING = """
@@ -54,7 +56,7 @@ runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 BUSY = """
 import os, runpy, signal, sys, time
 import hpcinv.parallel.runtime
-import hpcinv.certificate.certify
+import hpcinv.certificate.overlap
 import hpcinv.parallel.signals
 
 def busy(*_):
@@ -64,7 +66,7 @@ def busy(*_):
         time.sleep(100)
 
 hpcinv.parallel.signals.PATIENCE = 1.0
-sys.modules["hpcinv.certificate.certify"].self_overlap = busy
+hpcinv.certificate.overlap.OverlapCheck.lines = busy
 runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 """
 CERTIFIED: dict[str, Any] = {"certificate": {}, "checkpoint": {"every": 100}}
@@ -79,15 +81,14 @@ def sending(directory: Path, where: str) -> Path:
 
 def send_at(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Send SIGTERM to this process at calls of a function, which a command in this process makes."""
-    name = where.rpartition(".")[2]
-    module = importlib.import_module(where.rpartition(".")[0])
-    function = getattr(module, name)
+    holder, name = pkgutil.resolve_name(where.rpartition(".")[0]), where.rpartition(".")[2]
+    function = getattr(holder, name)
 
     def send(*arguments: Any, **options: Any) -> Any:
         os.kill(os.getpid(), signal.SIGTERM)
         return function(*arguments, **options)
 
-    monkeypatch.setattr(module, name, send)
+    monkeypatch.setattr(holder, name, send)
 
 
 def summary(run: Path) -> dict[str, Any]:
@@ -104,15 +105,19 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return summary(place / "run")
 
 
-CHECKS = ["equilibrium_residual", "estimate", "self_overlap", "round_trip", "stability", "ineffective_loads"]
+CHECKS = [f"{check.__module__}.{check.__name__}.lines" for check in checks() if "applies" not in vars(check)]
+"""what all bodies have"""
 
 
-@pytest.mark.parametrize(("check", "ranks"), [*((check, 1) for check in CHECKS), ("estimate", 2)])
+@pytest.mark.parametrize(
+    ("where", "ranks"),
+    [*((where, 1) for where in CHECKS), ("hpcinv.certificate.discretisation_check.estimate", 2)],
+)
 def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_again(
-    check: str, ranks: int, whole: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    where: str, ranks: int, whole: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The signal comes while the check before, or this one, is made."""
-    job, where = write_job(tmp_path / "job.yaml", BLOCK, **CERTIFIED), f"hpcinv.certificate.certify.{check}"
+    job = write_job(tmp_path / "job.yaml", BLOCK, **CERTIFIED)
     if ranks == 1:
         with monkeypatch.context() as patch:
             send_at(where, patch)
@@ -121,7 +126,7 @@ def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_aga
         script = sending(tmp_path, where)
         stopped = hpcinv(ranks, "run", job, "--output", "run", cwd=tmp_path, script=script)
     run = tmp_path / "run"
-    if check == "ineffective_loads":  # the last one: a complete certificate is kept
+    if where == CHECKS[-1]:  # a complete certificate is kept
         assert stopped.returncode == 0, stopped.stderr
         return
     assert stopped.returncode == 75, stopped.stderr
@@ -145,7 +150,7 @@ def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_aga
 def test_a_signal_in_the_certificate_keeps_both_directions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     job = write_job(tmp_path / "job.yaml", BLOCK, analysis="round_trip", **CERTIFIED)
     with monkeypatch.context() as patch:
-        send_at("hpcinv.certificate.certify.self_overlap", patch)
+        send_at("hpcinv.certificate.overlap.OverlapCheck.lines", patch)
         stopped = hpcinv_here("run", job, "--output", "run", cwd=tmp_path)
     assert stopped.returncode == 75, stopped.stderr
     done = hpcinv_here("resume", "run", "--certificate", "quick", cwd=tmp_path)
@@ -177,7 +182,7 @@ def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_aga
 ) -> None:
     sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000]}}], job={**BLOCK, **CERTIFIED})
     with monkeypatch.context() as patch:
-        send_at("hpcinv.certificate.certify.self_overlap", patch)
+        send_at("hpcinv.certificate.overlap.OverlapCheck.lines", patch)
         stopped = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
     assert stopped.returncode == 75, stopped.stdout + stopped.stderr
     assert [*records_of(sweep).values()] == [None]

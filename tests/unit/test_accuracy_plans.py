@@ -28,7 +28,8 @@ from hpcinv.accuracy.refinement_forecast import (
     nodes,
 )
 from hpcinv.certificate import Verdict
-from hpcinv.certificate.check import Line
+from hpcinv.certificate.check import Line, Topic
+from hpcinv.certificate.round_trip import ROUND_TRIP
 from hpcinv.errors import JobError
 
 GOOD: dict[str, Any] = {
@@ -351,14 +352,14 @@ def test_errors_of_a_layer_enter_the_bound() -> None:
     assert assess([trial], {"q": 1e-3}, None).layer_excess == 0.0
 
 
-@pytest.mark.parametrize("name", JUDGES_OF_MESHES)
-def test_a_certificate_that_doubts_the_mesh_leaves_a_promise_undecided(name: str) -> None:
+@pytest.mark.parametrize("topic", JUDGES_OF_MESHES)
+def test_a_certificate_that_doubts_the_mesh_leaves_a_promise_undecided(topic: Topic) -> None:
     step = AccuracyStep("as it is", 48, 2, 375, {}, {}, {}, None, "", 3, 1.0)
     bounds, certain = {"a": 0.5, "b": 4.0}, {"a": 0.1, "b": 1.2}
     record = AccuracyRecord({"a": 1.0, "b": 1.0}, [step], 0, bounds, certain, Ending.LIMIT, 1.0)
-    doubt = Line(name, 0.08, "", "warning above 0.05", Verdict.WARN)
+    doubt = Line(topic, 0.08, "", "warning above 0.05", Verdict.WARN)
     met, missed = record.lines({}, {}, [doubt])
     assert (met.verdict, missed.verdict) == (Verdict.UNDECIDED, Verdict.FAIL)
-    assert met.note == f"the certificate doubts the mesh: {name}"
-    sure, _ = record.lines({}, {}, [replace(doubt, verdict=Verdict.PASS), replace(doubt, name="round trip")])
+    assert met.note == f"the certificate doubts the mesh: {topic.name}"
+    sure, _ = record.lines({}, {}, [replace(doubt, verdict=Verdict.PASS), replace(doubt, topic=ROUND_TRIP)])
     assert sure.verdict is Verdict.PASS

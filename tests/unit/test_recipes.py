@@ -75,6 +75,7 @@ def summary(copy: Path) -> dict[str, Any]:
     )
     done = typed(copy, "-m", "hpcinv", "run", job, "--output", "results")
     assert done.returncode == 0, done.stdout + done.stderr
+    (copy / "screen.txt").write_text(done.stdout)
     content: dict[str, Any] = json.loads((copy / "results" / "summary.json").read_text())
     return content
 
@@ -104,9 +105,15 @@ def test_a_command(copy: Path, generated: Path) -> None:
     assert "## hpcinv gravity" in (generated / "commands.md").read_text()
 
 
-def test_a_line_of_the_certificate(summary: dict[str, Any], copy: Path) -> None:
+def test_a_line_of_the_certificate(summary: dict[str, Any], copy: Path, generated: Path) -> None:
     lines = {line["name"]: line for line in summary["certificate"]["lines"]}
     line = lines["displacement relative to the body"]
     assert line["verdict"] == "pass"
     assert 0 < line["value"] < 1e-3
-    assert '"displacement relative"' in (copy / "hpcinv/reports/wording.py").read_text()
+    assert line["meaning"] == "How far the body moves, relative to its size."
+    assert typed(copy, "-m", "hpcinv", "report", "results").returncode == 0
+    assert line["meaning"] in (copy / "results" / "report.html").read_text()
+    assert "displacement relative to the body" in (copy / "screen.txt").read_text()
+    assert (
+        "| displacement relative to the body |" in (generated.parent / "how-to" / "when-a-solve-fails.md").read_text()
+    )

@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 from helpers.run_directories import SIZE, boundary, cube, interior, run_directory, summary
 
+from hpcinv.certificate import TOPICS, Line, Verdict
+from hpcinv.certificate.stability_check import STABILITY
 from hpcinv.errors import OutputError
 from hpcinv.job.sections import is_of_nodes
 from hpcinv.pictures.boundary_surface import NAME, read_boundary
@@ -24,7 +26,7 @@ from hpcinv.pictures.snapshots import Snapshot, read_snapshots, write_snapshot
 from hpcinv.reports.charts import convergence_chart, load_chart
 from hpcinv.reports.packed_arrays import PackedArrays
 from hpcinv.reports.run_page import run_page, write_run_report
-from hpcinv.reports.wording import LINE_REMEDIES, MEANINGS, meaning, remedy, words
+from hpcinv.reports.wording import words
 
 
 def decoded(spec: dict[str, Any], text: str) -> np.ndarray:
@@ -228,25 +230,17 @@ def test_mesh_and_surface_are_compared_where_both_errors_are_known(estimate: Any
     assert any("finer mesh does not help" in text for text in words(content, overlapping=False).next) == is_said
 
 
-def test_lines_of_the_certificate_have_a_meaning() -> None:
-    guide = (Path(__file__).parents[2] / "docs" / "how-to" / "certificate.md").read_text()
-    names = re.findall(r"^  (?:pass|warning|fail): ([^\d(]+?) [\d(]", guide, flags=re.MULTILINE)
-    assert len(names) > 8
-    assert [name for name in names if not meaning(name)] == []
-
-
 def test_lines_that_do_not_pass_have_one_remedy_of_one_row() -> None:
-    assert LINE_REMEDIES.keys() <= MEANINGS.keys()
-    for head in LINE_REMEDIES:
-        for verdict in ("fail", "warning", "not decided"):
-            text = remedy({"name": f"{head} of something", "verdict": verdict})
+    for topic in TOPICS.values():
+        assert topic.meaning.endswith(".")
+        for verdict in (Verdict.FAIL, Verdict.WARN, Verdict.UNDECIDED):
+            text = Line(topic.at("x0"), None, "", "", verdict).remedy
             assert text.count(". ") == 0
-            assert text.endswith(".")
+            assert text.endswith(".") or not topic.remedy
             assert len(text) <= 96
-        assert remedy({"name": head, "verdict": "pass"}) == ""
-    assert remedy({"name": "stability: …", "verdict": "fail"}) != remedy(
-        {"name": "stability: …", "verdict": "not decided"}
-    )
+        assert Line(topic, None, "", "", Verdict.PASS).remedy == ""
+    failed = Line(STABILITY, None, "", "", Verdict.FAIL)
+    assert failed.remedy != replace(failed, verdict=Verdict.UNDECIDED).remedy
 
 
 def test_charts_show_each_iteration_and_leave_out_what_has_no_place() -> None:

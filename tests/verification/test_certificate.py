@@ -19,8 +19,8 @@ from helpers.verification import box, job
 
 import hpcinv
 from hpcinv.certificate import Line, Verdict, lower_bound_line, upper_bound_line
-from hpcinv.certificate.certify import DISCRETISATION
 from hpcinv.certificate.check import Certificate
+from hpcinv.certificate.discretisation_check import DISCRETISATION
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
 from hpcinv.certificate.shape import cells
 from hpcinv.mesh import build_body
@@ -97,7 +97,7 @@ def test_a_failure_is_an_error_that_was_found(comm: MPI.Intracomm, monkeypatch: 
     coarse = locked(comm)
     assert coarse.estimate is not None
     assert coarse.estimate.is_solved
-    assert line(coarse, DISCRETISATION).verdict is Verdict.FAIL
+    assert line(coarse, DISCRETISATION.name).verdict is Verdict.FAIL
     exact = locked(comm, NO_CERTIFICATE, degree=2).quantities["tip"]
     assert coarse.estimate.corrected["tip"] == pytest.approx(exact, rel=1e-6)
     for name in ("SHARE", "LEAST"):
@@ -106,8 +106,8 @@ def test_a_failure_is_an_error_that_was_found(comm: MPI.Intracomm, monkeypatch: 
     assert coarse.estimate is not None
     assert coarse.estimate.is_too_dear
     assert not coarse.estimate.is_solved
-    assert line(coarse, DISCRETISATION).verdict is Verdict.UNDECIDED
-    assert "raise discretisation.displacement" in line(coarse, DISCRETISATION).note
+    assert line(coarse, DISCRETISATION.name).verdict is Verdict.UNDECIDED
+    assert "raise discretisation.displacement" in line(coarse, DISCRETISATION.name).note
     assert coarse.estimate.corrected["tip"] != pytest.approx(exact, rel=1e-3)
     # Given up on the way, which leaves no trace.
     monkeypatch.setattr("hpcinv.certificate.discretisation_error._tangents_of_finer_solve", lambda *_: 1)
@@ -244,19 +244,19 @@ def test_a_body_that_hangs_next_to_its_rest_does_not_fail(comm: MPI.Intracomm) -
 
 def test_verdicts() -> None:
     nan = float("nan")
-    assert [upper_bound_line("", v, 1, 2).verdict.value for v in (1, 1.5, 2.5, nan)] == [
+    assert [upper_bound_line(DISCRETISATION, v, 1, 2).verdict.value for v in (1, 1.5, 2.5, nan)] == [
         "pass",
         "warning",
         "fail",
         "fail",
     ]
-    assert [lower_bound_line("", v, 2, 1).verdict.value for v in (2, 1.5, 1, nan)] == [
+    assert [lower_bound_line(DISCRETISATION, v, 2, 1).verdict.value for v in (2, 1.5, 1, nan)] == [
         "pass",
         "warning",
         "fail",
         "fail",
     ]
-    lines = [Line("", None, "", "", verdict) for verdict in Verdict]
+    lines = [Line(DISCRETISATION, None, "", "", verdict) for verdict in Verdict]
     assert [Certificate(tuple(lines[:n])).verdict.value for n in (0, 1, 2, 3, 4, 5)] == [
         "not checked",
         "pass",
@@ -312,7 +312,17 @@ def test_verdict_on_screen_in_the_summary_and_in_the_exit_code(
     assert ended.returncode == code, ended.stdout + ended.stderr
     assert summary["verdict"] == verdict
     assert f"certificate: {verdict}" in ended.stdout
-    assert summary["lines"][0].keys() == {"name", "value", "unit", "rule", "verdict", "note", "seconds"}
+    assert summary["lines"][0].keys() == {
+        "name",
+        "meaning",
+        "value",
+        "unit",
+        "rule",
+        "verdict",
+        "note",
+        "remedy",
+        "seconds",
+    }
 
 
 @pytest.mark.parametrize(
@@ -347,7 +357,7 @@ def test_levels(certificate: Any, checked: set[str], not_checked: set[str], comm
 
 def test_without_a_load_unknown_surface_errors_are_not_mentioned(comm: MPI.Intracomm) -> None:
     unloaded = column(2).model_copy(update={"effects": ()})
-    error_line = line(hpcinv.run(unloaded, comm), DISCRETISATION)
+    error_line = line(hpcinv.run(unloaded, comm), DISCRETISATION.name)
     assert (error_line.value, error_line.verdict) == (0.0, Verdict.PASS)
     assert "surface" not in error_line.note
 

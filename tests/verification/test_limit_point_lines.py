@@ -13,6 +13,7 @@ import hpcinv
 from hpcinv.certificate import Verdict, limit_point_check
 from hpcinv.certificate.check import skipped
 from hpcinv.certificate.limit_point_check import LIMIT_POINTS, limit_points
+from hpcinv.certificate.stability_check import STABILITY
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.linear.factorization import Direct
@@ -33,7 +34,7 @@ def test_free_growth_has_no_limit_point(stretch: float, pressures: dict[str, int
         supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
         certificate={},
     )
-    limit_line = line(hpcinv.run(grown, comm), LIMIT_POINTS)
+    limit_line = line(hpcinv.run(grown, comm), LIMIT_POINTS.name)
     assert (limit_line.value, limit_line.verdict) == (0.0, Verdict.PASS)
 
 
@@ -58,7 +59,7 @@ def test_signs_of_the_tangent_are_compared_between_equilibria(
     model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=unloaded, p=None))
     own = SimpleNamespace(solver=SimpleNamespace(start_shape=None))
     solution: Any = SimpleNamespace(solves=solves, start=start, job=own)
-    (path_line,) = limit_points(model, solution, skipped("stability", ""))
+    (path_line,) = limit_points(model, solution, skipped(STABILITY, ""))
     assert path_line.verdict is verdict
 
 
@@ -80,7 +81,7 @@ def test_path_from_a_rough_shape_is_not_decided_where_there_may_be_others(
     model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=1, p=None))
     own = SimpleNamespace(solver=SimpleNamespace(start_shape="rough.msh"))
     solution: Any = SimpleNamespace(solves=solves, start="rough.msh", job=own)
-    (path_line,) = limit_points(model, solution, skipped("stability", ""))
+    (path_line,) = limit_points(model, solution, skipped(STABILITY, ""))
     assert path_line.verdict is verdict
     assert "rough.msh" in path_line.note
 
@@ -93,7 +94,7 @@ def test_sign_of_single_precision_is_compared_with_double(
     monkeypatch.setattr(wrong, "sign_of_determinant", lambda *_: -1)
     single = {"linear": "direct", "continuation": "steps", "petsc": {"pc_precision": "single"}}
     lines = hpcinv.run(column(1, certificate={"estimate": False}, solver=single)).certificate.lines
-    assert next(line for line in lines if line.name == LIMIT_POINTS).verdict is verdict
+    assert next(line for line in lines if line.topic == LIMIT_POINTS).verdict is verdict
 
 
 @pytest.mark.parametrize(
@@ -111,7 +112,7 @@ def test_shortened_steps_that_passed_another_sign_are_not_decided(
     solves = [Solve(0.5, ends[end], (), 1, of_solve) for end, of_solve in zip(outcomes.split(), signs, strict=True)]
     model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=1, p=None))
     solution: Any = SimpleNamespace(solves=solves, start="")
-    (path_line,) = limit_points(model, solution, skipped("stability", ""))
+    (path_line,) = limit_points(model, solution, skipped(STABILITY, ""))
     assert path_line.verdict is verdict
 
 
@@ -130,5 +131,5 @@ def test_load_rises_along_power_series(
     solves = tuple(Solve(1.0, Outcome.CONVERGED, (), 1, signs, strategy=strategy) for strategy in strategies)
     model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=1, p=None))
     solution: Any = SimpleNamespace(solves=solves, start="")
-    (path_line,) = limit_points(model, solution, skipped("stability", ""))
+    (path_line,) = limit_points(model, solution, skipped(STABILITY, ""))
     assert path_line.verdict is verdict

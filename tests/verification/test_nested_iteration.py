@@ -70,7 +70,7 @@ def strategies(result: Result) -> list[str]:
 
 
 def note_on_limit_points(result: Result) -> str:
-    return next(line.note for line in result.certificate.lines if line.name == LIMIT_POINTS)
+    return next(line.note for line in result.certificate.lines if line.topic == LIMIT_POINTS)
 
 
 def coarse_of(result: Result) -> nested_iteration.CoarseSolve:

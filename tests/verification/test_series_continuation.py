@@ -204,7 +204,7 @@ def test_jump_in_the_first_load_step_is_seen(
     (solve,) = result.solutions[0].solves
     assert solve.outcome.accepted
     assert set(solve.signs) == {1}
-    (line,) = (line for line in result.certificate.lines if line.name == LIMIT_POINTS)
+    (line,) = (line for line in result.certificate.lines if line.topic == LIMIT_POINTS)
     assert line.verdict is verdict
     if share > 1:
         last = arch_path(run_directory, 0.6281884 * share, {"continuation": "auto"}, comm)[-1]

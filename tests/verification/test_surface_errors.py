@@ -12,8 +12,8 @@ from helpers.thick_sphere import INNER, OUTER, PRESSURE
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.certificate.certify import DISCRETISATION
 from hpcinv.certificate.check import Line, Verdict
+from hpcinv.certificate.discretisation_check import DISCRETISATION
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh import read_source, reorder_to_source
@@ -151,7 +151,7 @@ def test_samples_have_the_covariance_that_is_asked_for(comm: MPI.Intracomm) -> N
 def test_the_certificate_reports_surface_errors(comm: MPI.Intracomm) -> None:
     known = block(mesh={**box((2, 2, 2)), "surface_error": {"sd": "1 cm", "correlation": 100, "samples": 400}})
     result = hpcinv.run(known, comm)
-    lines = [line for line in result.certificate.lines if line.name == SPREAD]
+    lines = [line for line in result.certificate.lines if line.topic == SPREAD]
     assert [line.state for line in lines] == ["standing", "lying"]
     assert "surface known to 10 mm over 100 m; 400 samples, to 4 %" in lines[0].note
     spread = result.statistics["surface_errors"]
@@ -171,7 +171,7 @@ def test_a_mesh_need_not_be_better_than_its_surface(comm: MPI.Intracomm, tmp_pat
         weight = [WEIGHT | {"acceleration": [0, 0, -9.81]}]
         plain = block(mesh=box((2, 2, 2)) | mesh, certificate=checks, states=[], effects=weight, quantities=[])
         result = hpcinv.run(plain, comm, directory=tmp_path / f"run-{len(mesh)}")
-        return next(line for line in result.certificate.lines if line.name == DISCRETISATION)
+        return next(line for line in result.certificate.lines if line.topic == DISCRETISATION)
 
     assert line().verdict is Verdict.WARN
     rough = line(surface_error={"sd": "10 cm", "samples": 4})

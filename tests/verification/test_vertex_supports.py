@@ -12,7 +12,7 @@ from helpers.verification import box, job
 
 import hpcinv
 from hpcinv.certificate import Line, Verdict
-from hpcinv.certificate.vertex_forces import NAME
+from hpcinv.certificate.vertex_forces import VERTEX_FORCES
 from hpcinv.errors import JobError, MeshError
 from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
@@ -40,7 +40,7 @@ def pulled(traction: float, *ends: str) -> list[dict[str, Any]]:
 
 
 def line_of(result: hpcinv.Result) -> Line:
-    (line,) = (line for line in result.certificate.lines if line.name == NAME)
+    (line,) = (line for line in result.certificate.lines if line.topic == VERTEX_FORCES)
     return line
 
 

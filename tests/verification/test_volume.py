@@ -30,7 +30,7 @@ def nearly(poisson: float) -> dict[str, Any]:
 
 def unaccounted(job: hpcinv.Job, comm: MPI.Intracomm) -> Line | None:
     certificate = hpcinv.run(job, comm).certificate
-    lines = [line for line in certificate.lines if line.name == UNACCOUNTED]
+    lines = [line for line in certificate.lines if line.topic == UNACCOUNTED]
     print(*(f"{line.name} {line.value}" for line in certificate.lines if "volume" in line.name))
     return lines[0] if lines else None
 
