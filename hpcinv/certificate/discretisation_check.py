@@ -51,7 +51,7 @@ class DiscretisationCheck(Check):
 
 
 def _lack(equations: Equations) -> str:
-    """Return why there is no estimate, of which memory is the cause."""
+    """Return why memory does not suffice for an estimate."""
     forecast, tried = finer_forecast(equations), ""
     if equations.job.mesh.shell is not None:
         tried = f" {halved_cells.DESCRIPTION}"

@@ -1,7 +1,7 @@
 """Components of UFL expressions at points of a cell as nodes of a graph, down to nodal values and constants.
 
-The components of a part of an expression are an array of nodes: first the axes of its shape, then those of its free
-indices, in UFL's order.
+The components of a part of an expression are an array of nodes: first the axes of its shape, then the axes of its
+free indices, in UFL's order.
 
 Inputs of the graph are tuples:
 
