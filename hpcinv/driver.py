@@ -23,6 +23,7 @@ from hpcinv.output.snapshot_writer import SnapshotWriter
 from hpcinv.parallel.runtime import MPI, compilation_explained
 from hpcinv.parallel.signals import ended_late, signals_recorded
 from hpcinv.parallel.timings import Timings
+from hpcinv.points.interpreter import note_on_speed
 from hpcinv.preparation import Prepared, prepare
 from hpcinv.results.quantities_of_interest import carried, evaluate
 from hpcinv.results.shape_distance import differences
@@ -75,6 +76,8 @@ def run(
         stop, timings = StopSignal(stop_asked), Timings()
         if resume:
             store.lock(job)
+        if slow := note_on_speed():
+            progress.note(slow)
         prepared = prepare(job, workspace, progress, timings, stop)
         own.enter_context(signals_recorded())
         guesses = guesses or predicted_guesses(prepared.job, prepared.equations, progress.note)

@@ -78,7 +78,7 @@ class CheckpointError(HpcinvError):
 
 
 class SystemPartMissing(HpcinvError):
-    """Something that hpcinv needs is missing: a C compiler, an X library, a Python package."""
+    """Something that hpcinv needs is missing: an X library, a Python package, a C compiler for a plugin's operator."""
 
     exit_code = 5
 

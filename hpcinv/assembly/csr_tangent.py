@@ -18,6 +18,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
+from hpcinv.assembly.array_code import CsrCode
 from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.assembly.element_matrices import Block, ElementMatrices
@@ -26,14 +27,29 @@ from hpcinv.assembly.tangent_moduli import Term, UnsupportedForm
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.jit import array_type, compile_library
+from hpcinv.parallel.jit import NoLibrary, array_type, compile_library
 from hpcinv.parallel.malloc import release_freed_memory
+from hpcinv.parallel.runtime import MPI
 from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.quantity.arrays import LocalIndices
 
 _CODE = Path(__file__).with_suffix(".c")
 
 type FilledTerm = list[ElementMatrices] | fem.Form
+type _Code = ctypes.CDLL | type[CsrCode]
+
+
+def _code(comm: MPI.Intracomm) -> _Code:
+    """Return the functions of this module in C, or in NumPy where there is no compiler; collective."""
+    try:
+        code = compile_library(comm, _CODE.read_text())
+    except NoLibrary:
+        return CsrCode
+    doubles, integers = array_type(np.float64), array_type(np.int32)
+    sizes = ctypes.c_int64, *4 * (ctypes.c_int,)
+    code.add.argtypes = [*sizes, doubles, integers, integers, ctypes.c_int, doubles]
+    code.find.argtypes = [ctypes.c_int64, *5 * (integers,)]
+    return code
 
 
 class FilledTangent:
@@ -55,11 +71,7 @@ class FilledTangent:
         unknowns, options = weak_form.unknowns, self._options
         moduli = compiled_moduli(weak_form.residual, unknowns, options)
         self._volume = [ElementMatrices(part, unknowns, director) for part in moduli]
-        self._code = compile_library(unknowns.mesh.comm, _CODE.read_text())
-        doubles, integers = array_type(np.float64), array_type(np.int32)
-        sizes = ctypes.c_int64, *4 * (ctypes.c_int,)
-        self._code.add.argtypes = [*sizes, doubles, integers, integers, ctypes.c_int, doubles]
-        self._code.find.argtypes = [ctypes.c_int64, *5 * (integers,)]
+        self._code = _code(unknowns.mesh.comm)
         surface = surface_tangent(weak_form.residual, unknowns.state)
         self._surface = None if surface is None else fem.form(surface, jit_options=options)
 
@@ -131,7 +143,7 @@ class _Places:
     first: LocalIndices
     row: LocalIndices
 
-    def add(self, code: ctypes.CDLL, cells: slice, entries: Floats, values: Floats) -> None:
+    def add(self, code: _Code, cells: slice, entries: Floats, values: Floats) -> None:
         """Add the entries of some cells, (cells, *block.shape), to the values of the matrix."""
         first, row = self.first[cells], self.row[cells]
         code.add(len(first), *self.block.shape, entries, first, row, row.shape == first.shape, values)
@@ -144,7 +156,7 @@ class _SparseRows:
     Rows of ghosts follow, whose values are sent to other ranks.
     """
 
-    def __init__(self, unknowns: Unknowns, code: ctypes.CDLL) -> None:
+    def __init__(self, unknowns: Unknowns, code: _Code) -> None:
         dofmap = unknowns.space.dofmap
         self._find = code.find
         self._nodes, self._bs = nodes, bs = dofmap.index_map, dofmap.index_map_bs

@@ -15,13 +15,15 @@ from pathlib import Path
 import numpy as np
 from dolfinx import la
 
+from hpcinv.assembly.array_code import ProductCode, SlotNumbers
 from hpcinv.assembly.compiled_moduli import CompiledModuli
 from hpcinv.assembly.element_matrices import directions_of, tabulated
 from hpcinv.assembly.tangent_moduli import Slot
 from hpcinv.mesh.cells import quadrature, scalar_element
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.jit import array_type, compile_library
+from hpcinv.parallel.jit import NoLibrary, array_type, compile_library
+from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.arrays import LocalIndices, Singles
 
 _CODE = Path(__file__).with_suffix(".c")
@@ -123,20 +125,31 @@ class _ModuliTerm:
             moduli, form_unknowns, lanes, extended if are_given else np.eye(len(moduli.points))
         )
         self._moduli[-1:, ..., _LANES - (len(lanes) - len(self.cells)) :] = 0.0
+        slots = (_slot_numbers(own, tables, nodes.firsts) for own in (self._tests, self._trials))
+        self._code = self._made(form_unknowns.mesh.comm, *slots, are_points_given=are_given)
+
+    def _made(
+        self, comm: MPI.Intracomm, tests: list[SlotNumbers], trials: list[SlotNumbers], *, are_points_given: bool
+    ) -> ctypes.CDLL | ProductCode:
+        """Return the product in C, or in NumPy where there is no compiler; collective."""
         constants = {
-            "POINTS": len(nodes.points),
+            "POINTS": len(self._shares),
             "GIVEN": self._moduli.shape[1],
-            "ARE_POINTS_GIVEN": int(are_given),
-            "UNKNOWNS": places.shape[2],
+            "ARE_POINTS_GIVEN": int(are_points_given),
+            "UNKNOWNS": self._places.shape[1],
             "ROWS": self._moduli.shape[2],
             "COLUMNS": self._moduli.shape[3],
-            "TESTS": _initializer(self._tests, tables, nodes.firsts),
-            "TRIALS": _initializer(self._trials, tables, nodes.firsts),
+            "TESTS": _initializer(tests),
+            "TRIALS": _initializer(trials),
         }
         definitions = "".join(f"#define {name} {value}\n" for name, value in constants.items())
-        self._code = compile_library(form_unknowns.mesh.comm, definitions + _CODE.read_text())
+        try:
+            code = compile_library(comm, definitions + _CODE.read_text())
+        except NoLibrary:
+            return ProductCode(tests, trials, are_points_given=are_points_given)
         singles, integers = array_type(np.float32), array_type(np.int32)
-        self._code.multiply.argtypes = [ctypes.c_int64, *3 * [singles], integers, singles, singles]
+        code.multiply.argtypes = [ctypes.c_int64, *3 * [singles], integers, singles, singles]
+        return code
 
     def add_product(self, x: Singles, y: Singles) -> None:
         """Add the product with ``x`` to ``y``, both at the local unknowns."""
@@ -186,15 +199,18 @@ def _entries(slots: Iterable[Slot]) -> dict[Slot, slice]:
     return places
 
 
-def _initializer(slots: Iterable[Slot], tables: Mapping[Slot, Floats], firsts: tuple[int, int]) -> str:
+def _slot_numbers(slots: Iterable[Slot], tables: Mapping[Slot, Floats], firsts: tuple[int, int]) -> list[SlotNumbers]:
     """Return the slots as the code has them; their tables are one after the other."""
     sizes = [table.size for table in tables.values()]
-    offsets = dict(zip(tables, np.cumsum([0, *sizes]), strict=False))
-    slot_data = (
+    offsets = dict(zip(tables, np.cumsum([0, *sizes]).tolist(), strict=False))
+    return [
         (firsts[slot.part], slot.components, tables[slot].shape[2], tables[slot].shape[1], offsets[slot])
         for slot in slots
-    )
-    return f"{{{', '.join(f'{{{", ".join(map(str, numbers))}}}' for numbers in slot_data)}}}"
+    ]
+
+
+def _initializer(slots: Iterable[SlotNumbers]) -> str:
+    return f"{{{', '.join(f'{{{", ".join(map(str, numbers))}}}' for numbers in slots)}}}"
 
 
 def _singles(values: Floats) -> Singles:

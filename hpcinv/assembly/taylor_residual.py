@@ -30,10 +30,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.available_memory import available
-from hpcinv.parallel.jit import (
-    array_type,
-    compile_library,
-)
+from hpcinv.parallel.jit import NoLibrary, array_type, compile_library
 from hpcinv.parallel.runtime import MPI
 from hpcinv.points import point_scalars, scalar_graph, slopes
 from hpcinv.points.integrands import Integrand, Sources
@@ -319,7 +316,10 @@ class _TaylorKernel:
         self.plan = plan
         self.leaves = sum(math.prod(slot.shape) for slot in plan.leaves) + len(plan.cases)
         self.outputs = sum(math.prod(slot.shape) for slot in plan.outputs)
-        self.library = compile_library(comm, plan.text)
+        try:
+            self.library = compile_library(comm, plan.text)
+        except NoLibrary as reason:
+            raise NotAnalytic(str(reason)) from None
         doubles, masks = array_type(np.float64), array_type(np.int64)
         self.library.sweep.argtypes = [ctypes.c_int64, *2 * [ctypes.c_int], *3 * [doubles], masks, doubles]
 

@@ -18,6 +18,7 @@ then compile as DOLFINx does it, a shared directory that is read-only is not use
 import ctypes
 import hashlib
 import os
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -53,7 +54,7 @@ from hpcinv.parallel.kernel_files import (
 )
 from hpcinv.parallel.ownership import foreign_writer, foreign_writer_above
 from hpcinv.parallel.ranks import wait_for_all
-from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.runtime import MPI, c_compiler
 
 KNOWN = "0.11"
 """Releases of DOLFINx and FFCx whose functions are replaced; of another one, compare those functions with its own."""
@@ -257,13 +258,17 @@ def _publish(code: Callable[[], str], name: str, flags: Sequence[str], directory
             return ""
         with private_directory() as private:
             written = code()
-            try:
-                made = compile_kernel(written, name, flags, private)
-            except (NotCompiled, OSError):
-                check_room(private)
-                raise
-            publish(directory / f"{name}.so", made)
+            publish(directory / f"{name}.so", _compiled(written, name, flags, private))
         return written
+
+
+def _compiled(code: str, name: str, flags: Sequence[str], private: Path) -> bytes:
+    """Compile C code in a private directory; name the reason where it has no room."""
+    try:
+        return compile_kernel(code, name, flags, private)
+    except (NotCompiled, OSError):
+        check_room(private)
+        raise
 
 
 _jit_here: Callable[..., Any] = getattr(dolfinx.jit.ffcx_jit, "__wrapped__", dolfinx.jit.ffcx_jit)
@@ -306,23 +311,67 @@ def _once(comm: MPI.Intracomm, load: Callable[[], Any]) -> Any:
     return compiled
 
 
+class NoLibrary(Exception):
+    """C code cannot be compiled, or not be loaded; the message is the reason."""
+
+
 def compile_library(
-    comm: MPI.Intracomm, code: str, directory: Path = DIRECTORY, optimisation: Sequence[str] = ("-O3",)
+    comm: MPI.Intracomm,
+    code: str,
+    directory: Path = DIRECTORY,
+    optimisation: Sequence[str] = ("-O3",),
+    *,
+    is_separate: bool = False,
 ) -> ctypes.CDLL:
-    """Return the functions of C code, compiled unless that was done before; collective."""
+    """Return the functions of C code, compiled unless that was done before; collective.
+
+    It is kept in the cache if that can be written.
+
+    Args:
+        is_separate: whether its variables are others than before in this process.
+
+    Raises:
+        NoLibrary: on all ranks.
+    """
     flags = [*FLAGS, *optimisation, *_environment()]
     name = f"hpcinv_{hashlib.sha1(f'{code}{flags}'.encode()).hexdigest()}"
 
     def load() -> ctypes.CDLL:
-        if _find(name, directory) is None:
-            note_missing(name)
-            _publish(lambda: code, name, flags, directory)
-        if (path := _find(name, directory)) is None:
-            raise ModuleNotFoundError(f"{name} was removed from {directory} after its compilation")
-        return ctypes.CDLL(str(path))
+        path = _find(name, directory)
+        if path is not None and not is_separate:
+            return ctypes.CDLL(str(path))
+        with private_directory() as private:
+            if path is None:
+                note_missing(name)
+                path = _made_library(code, name, flags, directory, private)
+            if is_separate:
+                path = shutil.copyfile(path, private / "copy.so")
+            return ctypes.CDLL(str(path))
 
-    library: ctypes.CDLL = _once(comm, load)
+    try:
+        library: ctypes.CDLL = _once(comm, load)
+    except RuntimeError as error:
+        raise NoLibrary(_reason(str(error))) from None
     return library
+
+
+def _made_library(code: str, name: str, flags: Sequence[str], directory: Path, private: Path) -> Path:
+    """Compile C code; return the file in the cache, or the one in the private directory if it cannot be kept."""
+    if _leaves_compilation.get():
+        raise _Missing
+    with locked(directory, name):
+        if (path := _find(name, directory)) is not None:  # another process was faster
+            return path
+        made = _compiled(code, name, flags, private)
+        with suppress(NotWritten):
+            publish(directory / f"{name}.so", made)
+        return _find(name, directory) or private / f"{name}.so"
+
+
+def _reason(fault: str) -> str:
+    """Return in a few words why C code was not compiled."""
+    compiler = c_compiler()[0]
+    return f"no C compiler '{compiler}'" if shutil.which(compiler) is None else fault.partition(": ")[2].rstrip(".")
 
 
 def array_type(dtype: npt.DTypeLike) -> Any:

@@ -6,18 +6,20 @@ import ctypes
 import weakref
 from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hpcinv.parallel.jit import compile_library
+from hpcinv.parallel.jit import NoLibrary, compile_library
 from hpcinv.parallel.runtime import MPI
+from hpcinv.points.array_interpreter import ArrayKernel, Place
 from hpcinv.points.program import Program
 
 _MOST = 1024
-"""kernels that one process can have at a time: `functions` of interpreter.c"""
+"""kernels that one copy of the interpreter can have at a time: `functions` of interpreter.c"""
 
 _OPTIMISATION = "-O2", "-ftree-vectorize", "-fvect-cost-model=unlimited"
 """-O3 takes 1.5 times as long to compile, and the interpreter then 1.4 times as long"""
@@ -37,6 +39,34 @@ class _Kernel(ctypes.Structure):
     _fields_ = (("count", ctypes.c_int32), ("programs", ctypes.POINTER(_Program)))
 
 
+def kernel_of(programs: Sequence[Program], place: Place) -> Kernel | ArrayKernel:
+    """Return the kernel of programs: in C, or in NumPy where there is no compiler.
+
+    Args:
+        place: of the integral in its form.
+    """
+    if not reason_against_c():
+        with suppress(NoLibrary):
+            return Kernel(programs)
+    return ArrayKernel(programs, place)
+
+
+@cache
+def reason_against_c() -> str:
+    """Return why the interpreter cannot be in C on this machine; "" if it can."""
+    try:
+        _copy(0)
+    except NoLibrary as reason:
+        return str(reason)
+    return ""
+
+
+def note_on_speed() -> str:
+    """Return the line that a run prints where NumPy is the interpreter; "" where it is not."""
+    reason = reason_against_c()
+    return reason and f"{reason}: NumPy evaluates laws and loads, which takes longer (docs/how-to/start-up.md)"
+
+
 class Kernel:
     """Programs that together make an element's number, vector, matrix or the values of an expression.
 
@@ -45,16 +75,13 @@ class Kernel:
     """
 
     def __init__(self, programs: Sequence[Program]) -> None:
-        library, free = _library()
-        if not free:
-            raise MemoryError(f"more than {_MOST} forms at a time")
-        number = free.popleft()
+        library, number = _take_function()
         self._kept: list[Any] = []
         structures = (_Program * len(programs))(*map(self._structure, programs))
         self._kernel = _Kernel(len(programs), structures)
-        _kernels(library)[number] = ctypes.addressof(self._kernel)
+        (ctypes.c_void_p * _MOST).in_dll(library, "kernels")[number] = ctypes.addressof(self._kernel)
         self.address = (ctypes.c_void_p * _MOST).in_dll(library, "functions")[number]
-        weakref.finalize(self, free.append, number)
+        weakref.finalize(self, _free.append, (library, number))
 
     def _structure(self, program: Program) -> _Program:
         lanes, columns = program.lanes, (program.columns + 3) & ~3
@@ -68,12 +95,22 @@ class Kernel:
         return _Program(*numbers, *sizes, *pointers[: len(data)], program.entity_size, *pointers[len(data) :])
 
 
-def _kernels(library: ctypes.CDLL) -> Any:
-    return (ctypes.c_void_p * _MOST).in_dll(library, "kernels")
+_free: deque[tuple[ctypes.CDLL, int]] = deque()
+"""functions that no kernel has: copies of the interpreter with their numbers"""
+_copies: list[ctypes.CDLL] = []
+"""copies of the interpreter whose functions are free or taken"""
+
+
+def _take_function() -> tuple[ctypes.CDLL, int]:
+    """Return a function that no kernel has, of a further copy of the interpreter if all have one."""
+    if not _free:
+        _copies.append(_copy(len(_copies)))
+        _free.extend((_copies[-1], number) for number in range(_MOST))
+    return _free.popleft()
 
 
 @cache
-def _library() -> tuple[ctypes.CDLL, deque[int]]:
-    """Return the interpreter, and the numbers of its functions that are free."""
+def _copy(number: int) -> ctypes.CDLL:
+    """Return a copy of the interpreter, with functions of its own."""
     code = Path(__file__).with_name("interpreter.c").read_text()
-    return compile_library(MPI.COMM_SELF, code, optimisation=_OPTIMISATION), deque(range(_MOST))
+    return compile_library(MPI.COMM_SELF, code, optimisation=_OPTIMISATION, is_separate=number > 0)

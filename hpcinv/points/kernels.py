@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -23,8 +24,9 @@ from ufl.classes import CoefficientDerivative
 from hpcinv.parallel import jit
 from hpcinv.parallel.runtime import MPI
 from hpcinv.points import point_scalars
+from hpcinv.points.array_interpreter import EXPRESSION, Place
 from hpcinv.points.integrands import Integrand, Sources
-from hpcinv.points.interpreter import Kernel
+from hpcinv.points.interpreter import kernel_of
 from hpcinv.points.program import Program
 from hpcinv.points.program_files import Integral, Programs, kept_programs
 from hpcinv.points.scalar_graph import NotAnalytic
@@ -115,10 +117,12 @@ class Structures:
         ffi, integrals = self.ffi, programs.integrals
         mesh_hash = form.ufl_domains()[0].ufl_coordinate_element().basix_hash()
         parts = []
+        counts = Counter[str]()
         for integral in integrals:
             part = ffi.new("ufcx_integral *")
             part.enabled_coefficients = self._array("bool", integral.enabled)
-            part.tabulate_tensor_float64 = self._kernel(integral.programs)
+            part.tabulate_tensor_float64 = self._kernel(integral.programs, (integral.kind, counts[integral.kind]))
+            counts[integral.kind] += 1
             part.coordinate_element_hash = mesh_hash
             part.domain = integral.cell
             parts.append(part)
@@ -134,8 +138,7 @@ class Structures:
         made.finite_element_hashes = self._array("uint64_t", [0] * (made.rank + len(programs.functions)))
         made.form_integrals = self._array("ufcx_integral *", parts)
         made.form_integral_ids = self._array("int", [integral.number for integral in integrals])
-        counts = [sum(integral.kind == kind for integral in integrals) for kind in _TYPES]
-        made.form_integral_offsets = self._array("int", np.cumsum([0, *counts]).tolist())
+        made.form_integral_offsets = self._array("int", np.cumsum([0, *(counts[kind] for kind in _TYPES)]).tolist())
         self._kept += [*parts, made]
         return made[0]
 
@@ -144,7 +147,7 @@ class Structures:
     ) -> Any:
         """Return the structure of an expression with a number of constants, on cells of a UFL mesh."""
         made = self.ffi.new("ufcx_expression *")
-        made.tabulate_tensor_float64 = self._kernel(programs.integrals[0].programs)
+        made.tabulate_tensor_float64 = self._kernel(programs.integrals[0].programs, EXPRESSION)
         made.num_coefficients = len(programs.functions)
         made.original_coefficient_positions = self._array("int", programs.functions)
         made.num_constants = constants
@@ -161,8 +164,8 @@ class Structures:
         self._kept.append(made)
         return made
 
-    def _kernel(self, programs: Sequence[Program]) -> Any:
-        kernel = Kernel(programs)
+    def _kernel(self, programs: Sequence[Program], place: Place) -> Any:
+        kernel = kernel_of(programs, place)
         self._kept.append(kernel)
         return self.ffi.cast("ufcx_tabulate_tensor_float64 *", kernel.address)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 import ufl
 from helpers.verification import box, deform, job
+from helpers.without_compiler import without_compiler
 from petsc4py import PETSc
 
 from hpcinv.assembly import tangent_product
@@ -79,14 +81,16 @@ def test_products_agree_with_the_matrix(data: dict[str, Any], comm: MPI.Intracom
     expected = x.duplicate()
     system.matrix.mult(x, expected)
     moduli = compiled_moduli(weak_form.residual, unknowns, JIT_OPTIONS)
-    product = TangentProduct(moduli, unknowns, unknowns, model.quadrature_degree)
-    products = expected.duplicate()
-    products.array[:] = product(np.array(x.array, dtype=np.float32))
-    products.array[held[: x.local_size]] = 0.0
-    products.axpy(-1.0, expected)
-    error = products.norm(PETSc.NormType.INFINITY) / expected.norm(PETSc.NormType.INFINITY)
-    print(f"{error:.1e}")
-    assert error < 1e-5
+    for compiler in (nullcontext(), without_compiler()):
+        with compiler:
+            product = TangentProduct(moduli, unknowns, unknowns, model.quadrature_degree)
+        products = expected.duplicate()
+        products.array[:] = product(np.array(x.array, dtype=np.float32))
+        products.array[held[: x.local_size]] = 0.0
+        products.axpy(-1.0, expected)
+        error = products.norm(PETSc.NormType.INFINITY) / expected.norm(PETSc.NormType.INFINITY)
+        print(f"{error:.1e}")
+        assert error < 1e-5
 
 
 @pytest.mark.parallel([1, 3, 2])
@@ -114,12 +118,14 @@ def test_moduli_of_straight_cells_at_rest_serve_finer_spaces(
     x.array[~free] = 0.0
     system.matrix.mult(x, y)
     moduli = compiled_moduli(model.weak_form(direction).residual, model.unknowns, JIT_OPTIONS)
-    product = TangentProduct(moduli, model.unknowns, finer.unknowns, finer.quadrature_degree)
-    products = product(np.array(x.array, dtype=np.float32))
-    errors = comm.allgather((np.abs(products - y.array)[free].max(initial=0.0), np.abs(y.array).max(initial=0.0)))
-    worst, size = np.max(errors, axis=0)
-    print(f"{worst / size:.1e}")
-    assert worst < 1e-5 * size
+    for compiler in (nullcontext(), without_compiler()):
+        with compiler:
+            product = TangentProduct(moduli, model.unknowns, finer.unknowns, finer.quadrature_degree)
+        products = product(np.array(x.array, dtype=np.float32))
+        errors = comm.allgather((np.abs(products - y.array)[free].max(initial=0.0), np.abs(y.array).max(initial=0.0)))
+        worst, size = np.max(errors, axis=0)
+        print(f"{worst / size:.1e}")
+        assert worst < 1e-5 * size
 
 
 @pytest.mark.parametrize(("kind", "of", "to"), [("tetrahedron", 2, 4), ("tetrahedron", 1, 4), ("hexahedron", 4, 6)])

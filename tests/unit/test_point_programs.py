@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import tempfile
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +14,12 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from helpers.without_compiler import without_compiler
 
 from hpcinv.parallel import kernel_files
 from hpcinv.parallel.runtime import MPI
-from hpcinv.points import kernels
+from hpcinv.points import array_interpreter, interpreter, kernels
+from hpcinv.points.array_interpreter import ArrayKernel
 from hpcinv.points.integrands import Integrand, Sources
 from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.points.program import Program
@@ -63,6 +67,12 @@ def test_functions_and_their_slopes_are_those_of_ufl(name: str) -> None:
     slope = fem.Expression(ufl.derivative(f(u), u, du), POINTS, jit_options=JIT_OPTIONS)
     cells = np.arange(6, dtype=np.int32)
     values, slopes_there = value.eval(CUBE, cells), slope.eval(CUBE, cells)
+    with without_compiler():
+        arrays = [
+            fem.Expression(g, POINTS, jit_options=JIT_OPTIONS).eval(CUBE, cells) for g in (f(x), slope.ufl_expression)
+        ]
+    for numpy, c in zip(arrays, (values, slopes_there), strict=True):
+        np.testing.assert_array_max_ulp(numpy, c, maxulp=8)
     nodes = CUBE.geometry.x[CUBE.geometry.dofmaps[0]]
     weights = np.column_stack([1 - POINTS.sum(axis=1), POINTS])
     places = np.einsum("qn,cni->cqi", weights, nodes)
@@ -163,3 +173,85 @@ def test_what_programs_do_not_have_is_named() -> None:
     ):
         with pytest.raises(NotAnalytic, match=reason):
             kernels._expression_programs(expression, POINTS)
+
+
+def forms_of_every_rank() -> list[Any]:
+    """Forms with regions of cells and of facets, functions, constants and nodes that DOLFINx reads."""
+    space = fem.functionspace(CUBE, ("P", 2, (3,)))
+    u, v, du = fem.Function(space), ufl.TestFunction(space), ufl.TrialFunction(space)
+    u.interpolate(lambda x: 0.05 * np.sin(x + x[::-1]))
+    cells = mesh.meshtags(CUBE, 3, np.arange(6, dtype=np.int32), np.array([7, 3, 3, 7, 3, 7], dtype=np.int32))
+    CUBE.topology.create_connectivity(2, 3)
+    faces = mesh.exterior_facet_indices(CUBE.topology)
+    facets = mesh.meshtags(CUBE, 2, faces, (4 + 5 * (np.arange(len(faces)) % 2)).astype(np.int32))
+    dx = ufl.Measure("dx", CUBE, subdomain_data=cells, metadata={"quadrature_degree": 2})
+    ds = ufl.Measure("ds", CUBE, subdomain_data=facets, metadata={"quadrature_degree": 3})
+    F, c = ufl.Identity(3) + ufl.grad(u), fem.Constant(CUBE, 2.0)
+    volume = ufl.det(F)
+    stress = c * F + ufl.ln(volume) * ufl.inv(F).T
+    load = ufl.dot(ufl.inv(F).T * ufl.FacetNormal(CUBE), v)
+    work = ufl.inner(stress, ufl.grad(v))
+    residual = work * dx(7) + 2 * work * dx(3) + u[0] * load * ds(9) - u[1] * load * ds(4)
+    return [volume * dx(3) + volume * ds(9), residual, ufl.derivative(residual, u, du)]
+
+
+def assembled(form: Any) -> np.ndarray:
+    compiled = fem.form(form, jit_options=JIT_OPTIONS)
+    match len(form.arguments()):
+        case 0:
+            return np.array([fem.assemble_scalar(compiled)])
+        case 1:
+            return np.asarray(fem.assemble_vector(compiled).array)
+    return np.asarray(fem.assemble_matrix(compiled).to_dense())
+
+
+@pytest.mark.parametrize("rank", [0, 1, 2])
+def test_forms_are_the_same_without_a_compiler(rank: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    form = forms_of_every_rank()[rank]
+    expected = assembled(form)
+    calls: list[int] = []
+    evaluate = ArrayKernel.evaluate
+
+    def counted(kernel: ArrayKernel, w: Any, *others: Any) -> Any:
+        calls.append(len(w))
+        return evaluate(kernel, w, *others)
+
+    monkeypatch.setattr(ArrayKernel, "evaluate", counted)
+    with without_compiler():
+        np.testing.assert_allclose(assembled(form), expected, rtol=0, atol=4e-16 * np.abs(expected).max())
+    assert len(calls) == len(form.integrals())  # all cells of each at once
+    assert sum(calls) > len(calls)
+
+
+def test_cells_that_come_unexpectedly_are_computed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    form = forms_of_every_rank()[1]
+    expected = assembled(form)
+    monkeypatch.setattr(array_interpreter, "_cells_of", lambda _arguments: (np.zeros(0), {}))
+    with without_compiler():
+        np.testing.assert_allclose(assembled(form), expected, rtol=0, atol=4e-16 * np.abs(expected).max())
+
+
+def test_what_is_raised_in_a_kernel_is_raised_by_the_assembly(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ArrayKernel, "evaluate", interrupted)
+    with without_compiler(), pytest.raises(KeyboardInterrupt):
+        assembled(forms_of_every_rank()[1])
+
+
+def test_more_kernels_than_functions_take_another_copy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The table of an interpreter is full; forms that are gone leave their places."""
+    monkeypatch.setattr(interpreter, "_MOST", 3)
+    monkeypatch.setattr(interpreter, "_free", deque())
+    monkeypatch.setattr(interpreter, "_copies", [])
+    program, _ = program_of(ufl.SpatialCoordinate(CUBE)[0])
+    kernels = [interpreter.Kernel([program]) for _ in range(7)]
+    assert len({kernel.address for kernel in kernels}) == 7
+    assert len(interpreter._copies) == 3
+    assert len(interpreter._free) == 2
+    del kernels
+    gc.collect()
+    assert len(interpreter._free) == 9
+    values = fem.Expression(ufl.SpatialCoordinate(CUBE)[0], POINTS, jit_options=JIT_OPTIONS)
+    assert values.eval(CUBE, np.array([0], dtype=np.int32)).shape == (1, 5)
