@@ -24,6 +24,7 @@ from hpcinv.assembly import taylor_code as code_writer
 from hpcinv.assembly.derivation_record import DerivationRecord
 from hpcinv.assembly.element_matrices import directions_of, tabulated
 from hpcinv.assembly.tangent_moduli import Slot, UnsupportedForm, slots_of, volume_parts
+from hpcinv.assembly.taylor_arrays import TaylorArrays
 from hpcinv.assembly.taylor_code import LANES, taylor_code
 from hpcinv.mesh.cells import jacobians, kind_and_degree, quadrature
 from hpcinv.mesh.source import Floats
@@ -77,7 +78,7 @@ class TaylorResidual:
             raise NotAnalytic(str(reason)) from None
         for integral, plan in zip(integrals, plans, strict=True):
             if plan.outputs:
-                kernel = _TaylorKernel(plan, self._unknowns.mesh.comm)
+                kernel = _TaylorKernel(plan, integral, weak_form)
                 for domain in integral.domains:
                     inputs = _inputs(integral, domain, weak_form, jit_options) if plan.input_count else None
                     self._parts.append(_KernelTerm(kernel, inputs, domain, self._unknowns))
@@ -232,7 +233,7 @@ def _plans(integrals: Sequence[_Integral], weak_form: WeakForm, jit_options: Map
     if isinstance(data, list):
         return [_Plan.from_data(entry) for entry in data]
     try:
-        plans = [_derived(integral.integrand, weak_form)[0] for integral in integrals]
+        plans = [_derived(integral.integrand, weak_form).plan() for integral in integrals]
     except NotAnalytic as reason:
         record.write(str(reason))
         raise
@@ -262,18 +263,46 @@ def _inputs(integral: _Integral, domain: _Domain, weak_form: WeakForm, jit_optio
     normals = None if domain.normal is None else domain.normal[None]
 
     def make() -> Programs:
-        _, graph, nodes = _derived(integral.integrand, weak_form)
-        sources = Sources(functions, constants)
-        maker = Integrand(mesh.ufl_domain(), Tables(domain.points, normals=normals), sources, graph)
-        return Programs.of_expression(maker.values(nodes), sources.used)
+        duals, sources = _derived(integral.integrand, weak_form), Sources(functions, constants)
+        maker = Integrand(mesh.ufl_domain(), Tables(domain.points, normals=normals), sources, duals.graph)
+        return Programs.of_expression(maker.values(duals.inputs), sources.used)
 
     description = b"inputs " + _description(weak_form) + domain.points.tobytes() + integral.key
     kept = kept_programs(mesh.comm, description, make, Path(jit_options["cache_dir"]))
     return PointKernel(kept, domain.points, mesh.ufl_domain(), functions, constants)
 
 
-def _derived(integrand: Any, weak_form: WeakForm) -> tuple[_Plan, ScalarGraph, list[Node]]:
-    """Derive the plan of an integrand; also return its graph, and the nodes that are inputs of Taylor arithmetic."""
+@dataclass(frozen=True)
+class _Duals:
+    """Duals of test functions in an integrand, as a graph.
+
+    Attributes:
+        graph: of the integrand.
+        nodes: the duals.
+        reduced: graph with the same nodes, which has what does not depend on the unknowns as inputs.
+        inputs: nodes of the first graph that are inputs of the second.
+        outputs, leaves, cases: as in a plan.
+    """
+
+    graph: ScalarGraph
+    nodes: list[Node]
+    reduced: ScalarGraph
+    inputs: list[Node]
+    outputs: tuple[Slot, ...]
+    leaves: tuple[Slot, ...]
+    cases: tuple[int, ...]
+
+    def plan(self) -> _Plan:
+        code = taylor_code(self.reduced, _leaf_count(self.leaves, self.cases), self.nodes)
+        return _Plan(self.outputs, self.leaves, self.cases, code.text, code.kept, code.choices, len(self.inputs))
+
+
+def _leaf_count(leaves: Sequence[Slot], cases: Sequence[int]) -> int:
+    return sum(math.prod(slot.shape) for slot in leaves) + len(cases)
+
+
+def _derived(integrand: Any, weak_form: WeakForm) -> _Duals:
+    """Derive the duals of an integrand; raise ``NotAnalytic`` if they have no Taylor series."""
     state, parameters = weak_form.unknowns.state, weak_form.parameters
     entries = [(parameters.constant, i) for i in parameters.path_entries]
     graph = ScalarGraph()
@@ -286,9 +315,7 @@ def _derived(integrand: Any, weak_form: WeakForm) -> tuple[_Plan, ScalarGraph, l
     loads = [number for number, entry in enumerate(entries) if ("constant", *entry) in needed]
     keys = [*(key for slot in slots for key in _keys(slot, state)), *(("constant", *entries[i]) for i in loads)]
     reduced, inputs = graph.cut(nodes, {key: number for number, key in enumerate(keys)})
-    code = taylor_code(reduced, len(keys), nodes)
-    sizes = code.kept, code.choices, len(inputs)
-    return _Plan(tuple(outputs), tuple(slots), tuple(loads), code.text, *sizes), graph, inputs
+    return _Duals(graph, nodes, reduced, inputs, tuple(outputs), tuple(slots), tuple(loads))
 
 
 def _duals(scalars: PointScalars, graph: ScalarGraph, root: Node, unknowns: Unknowns) -> dict[Slot, list[Node]]:
@@ -309,19 +336,55 @@ def _keys(slot: Slot, state: Any) -> list[Any]:
     return [("function", state, *member) for member in slot.members]
 
 
-class _TaylorKernel:
-    """Compiled Taylor arithmetic of duals."""
+class _CompiledTaylor:
+    """Taylor arithmetic of duals in C; collective.
 
-    def __init__(self, plan: _Plan, comm: MPI.Intracomm) -> None:
-        self.plan = plan
-        self.leaves = sum(math.prod(slot.shape) for slot in plan.leaves) + len(plan.cases)
-        self.outputs = sum(math.prod(slot.shape) for slot in plan.outputs)
-        try:
-            self.library = compile_library(comm, plan.text)
-        except NoLibrary as reason:
-            raise NotAnalytic(str(reason)) from None
+    Raises:
+        NoLibrary: on all ranks.
+    """
+
+    kept = ()
+    """nodes with coefficients at all points: a block's fit in the cache"""
+
+    def __init__(self, plan: _Plan, outputs: int, comm: MPI.Intracomm) -> None:
+        self.plan, self.outputs = plan, outputs
+        self.library = compile_library(comm, plan.text)
         doubles, masks = array_type(np.float64), array_type(np.int64)
         self.library.sweep.argtypes = [ctypes.c_int64, *2 * [ctypes.c_int], *3 * [doubles], masks, doubles]
+
+    def begin(self, blocks: int, stored: int) -> _CompiledSeries:
+        return _CompiledSeries(self, blocks, stored)
+
+
+class _CompiledSeries:
+    """Coefficients of duals in C."""
+
+    def __init__(self, taylor: _CompiledTaylor, blocks: int, stored: int) -> None:
+        self._library, self._stored = taylor.library, stored
+        self._kept = np.empty((taylor.plan.kept, stored, LANES))
+        self._choices = np.empty((taylor.plan.choices, LANES), dtype=np.int64)
+        self._results = np.empty((blocks, taylor.outputs, LANES))
+
+    def sweep(self, order: int, leaves: Floats, inputs: Floats) -> Floats:
+        """Return the coefficients of an order of the outputs, (blocks, outputs, lanes)."""
+        arrays = leaves, inputs, self._kept, self._choices, self._results
+        self._library.sweep(len(leaves), self._stored, order, *arrays)
+        return self._results
+
+
+class _TaylorKernel:
+    """Taylor arithmetic of duals: in C, or in NumPy where there is no compiler; collective."""
+
+    def __init__(self, plan: _Plan, integral: _Integral, weak_form: WeakForm) -> None:
+        self.plan = plan
+        self.leaves = _leaf_count(plan.leaves, plan.cases)
+        self.outputs = sum(math.prod(slot.shape) for slot in plan.outputs)
+        self.arithmetic: _CompiledTaylor | TaylorArrays
+        try:
+            self.arithmetic = _CompiledTaylor(plan, self.outputs, weak_form.unknowns.mesh.comm)
+        except NoLibrary:
+            duals = _derived(integral.integrand, weak_form)
+            self.arithmetic = TaylorArrays(duals.reduced, duals.nodes)
 
 
 class _KernelTerm:
@@ -340,13 +403,12 @@ class _KernelTerm:
 
     @property
     def order_bytes(self) -> float:
-        """Memory of the coefficients of the unknowns at quadrature points, for one order."""
-        return 8.0 * LANES * self._blocks * self._kernel.leaves
+        """Memory of the coefficients that are kept at quadrature points, for one order."""
+        return 8.0 * LANES * self._blocks * (self._kernel.leaves + len(self._kernel.arithmetic.kept))
 
     def begin(self, stored: int) -> None:
         """Evaluate inputs and the geometry of the cells, and make room for coefficients of the unknowns."""
         kernel, domain = self._kernel, self._domain
-        self._stored = stored
         kind, degree = kind_and_degree(self._mesh)
         nodes = self._mesh.geometry.x[self._mesh.geometry.dofmaps[0][domain.cells]]
         to_mesh = jacobians(kind, degree, nodes, domain.points)
@@ -354,10 +416,8 @@ class _KernelTerm:
         if domain.normal is not None:  # Nanson's formula
             volumes = volumes * np.linalg.norm(domain.normal @ np.linalg.inv(to_mesh), axis=-1)
         self._weights = (domain.weights * volumes)[..., None]
-        self._kept = np.empty((kernel.plan.kept, stored, LANES))
-        self._choices = np.empty((kernel.plan.choices, LANES), dtype=np.int64)
+        self._series = kernel.arithmetic.begin(self._blocks, stored)
         self._leaves = np.zeros((self._blocks, kernel.leaves, stored, LANES))
-        self._results = np.empty((self._blocks, kernel.outputs, LANES))
         self._inputs = np.zeros((self._blocks, kernel.plan.input_count, LANES))
         if self._input_kernel is not None and self._count:
             self._inputs[:] = self._in_lanes(self._input_kernel.eval(self._mesh, domain.cells))
@@ -377,9 +437,8 @@ class _KernelTerm:
 
     def sweep(self, k: int) -> Floats:
         """Return the ``k``-th coefficients of the duals times weights, (cells, points, components of all slots)."""
-        arrays = self._leaves, self._inputs, self._kept, self._choices, self._results
-        self._kernel.library.sweep(self._blocks, self._stored, k, *arrays)
-        points = self._results.transpose(0, 2, 1).reshape(-1, self._kernel.outputs)[: self._count]
+        results = self._series.sweep(k, self._leaves, self._inputs)
+        points = results.transpose(0, 2, 1).reshape(-1, self._kernel.outputs)[: self._count]
         duals: Floats = points.reshape(*self._weights.shape[:2], self._kernel.outputs) * self._weights
         return duals
 

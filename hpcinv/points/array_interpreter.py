@@ -40,39 +40,24 @@ def _erf(x: _Values) -> _Values:
     return erf(x)
 
 
-_TWO: Mapping[str, Callable[[_Values, _Values], _Values]] = {
-    "add": np.add,
-    "subtract": np.subtract,
-    "multiply": np.multiply,
-    "divide": np.divide,
-    "power": np.power,
-    "<": lambda a, b: np.less(a, b) * 1.0,
-    "<=": lambda a, b: np.less_equal(a, b) * 1.0,
-    "==": lambda a, b: np.equal(a, b) * 1.0,
+ELEMENTARY: Mapping[str, tuple[int, Callable[..., _Values]]] = {
+    **{name: (2, f) for name, f in (("add", np.add), ("subtract", np.subtract), ("multiply", np.multiply))},
+    **{name: (2, f) for name, f in (("divide", np.divide), ("power", np.power))},
+    "<": (2, lambda a, b: np.less(a, b) * 1.0),
+    "<=": (2, lambda a, b: np.less_equal(a, b) * 1.0),
+    "==": (2, lambda a, b: np.equal(a, b) * 1.0),
+    "multiply_add": (3, lambda a, b, c: a * b + c),
+    "subtract_product": (3, lambda a, b, c: c - a * b),
+    "select": (3, lambda condition, a, b: np.where(np.not_equal(condition, 0), a, b)),
+    "negate": (1, np.negative),
+    "abs": (1, np.abs),
+    "sign": (1, _sign),
+    "erf": (1, _erf),
+    "ln": (1, np.log),
+    **{name: (1, getattr(np, name)) for name in ("sqrt", "exp", "sin", "cos", "tan", "sinh", "cosh", "tanh")},
+    **{name: (1, getattr(np, f"arc{name[1:]}")) for name in ("asin", "acos", "atan")},
 }
-_THREE: Mapping[str, Callable[[_Values, _Values, _Values], _Values]] = {
-    "multiply_add": lambda a, b, c: a * b + c,
-    "subtract_product": lambda a, b, c: c - a * b,
-    "select": lambda condition, a, b: np.where(np.not_equal(condition, 0), a, b),
-}
-_ONE: Mapping[str, Callable[[_Values], _Values]] = {
-    "negate": np.negative,
-    "abs": np.abs,
-    "sign": _sign,
-    "sqrt": np.sqrt,
-    "exp": np.exp,
-    "ln": np.log,
-    "erf": _erf,
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "sinh": np.sinh,
-    "cosh": np.cosh,
-    "tanh": np.tanh,
-    "asin": np.arcsin,
-    "acos": np.arccos,
-    "atan": np.arctan,
-}
+"""operations on numbers: how many they take, and their function"""
 
 
 class ArrayKernel:
@@ -202,12 +187,9 @@ class _Evaluation:
         slots: list[_Values] = [0.0] * self._program.slots
         numbers = self._program.numbers
         for name, a, b, c, result in self._rows:
-            if name in _TWO:
-                slots[result] = _TWO[name](slots[a], slots[b])
-            elif name in _THREE:
-                slots[result] = _THREE[name](slots[a], slots[b], slots[c])
-            elif name in _ONE:
-                slots[result] = _ONE[name](slots[a])
+            if name in ELEMENTARY:
+                count, function = ELEMENTARY[name]
+                slots[result] = function(*(slots[argument] for argument in (a, b, c)[:count]))
             elif name == "scale":
                 slots[result] = numbers[b] * slots[a]
             elif name == "shift":

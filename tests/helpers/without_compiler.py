@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hpcinv.assembly import csr_tangent, tangent_product
+from hpcinv.assembly import csr_tangent, tangent_product, taylor_residual
 from hpcinv.parallel.jit import NoLibrary
 from hpcinv.points import interpreter
 
@@ -20,6 +20,6 @@ def without_compiler() -> Iterator[None]:
     """Context in which NumPy does what C code does."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(interpreter, "reason_against_c", lambda: "no C compiler 'cc'")
-        for module in (csr_tangent, tangent_product):
+        for module in (csr_tangent, tangent_product, taylor_residual):
             patch.setattr(module, "compile_library", _refuse)
         yield
