@@ -41,7 +41,7 @@ DISPLACEMENT: dict[str, Any] = {
     "supports": [{"region": "x0", "displacement": ["0.1*y", "-0.05*z", 0]}],
 }
 CUBIC: dict[str, Any] = MIXED | {
-    "mesh": box((3, 2, 4)),
+    "mesh": box((2, 1, 2)),
     "discretisation": {"displacement": 3, "pressure": 2},
     "supports": [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
 }

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from threading import Event, Thread
 
 import pytest
-from helpers.batches import Batch
+from helpers.batches import Batch, _alone, _among_others
 
 
 class Pretended(Batch):
@@ -41,3 +42,28 @@ def test_a_batch_that_fails_as_it_ends_names_its_last_test(tmp_path: Path) -> No
     batch = Pretended(set())
     batch._run = lambda tests, prefix: Pretended._run(batch, tests, prefix) or 1  # type: ignore[method-assign]
     assert [test for test in "abcdef" if not batch.has_passed(test, tmp_path)] == ["f"]
+
+
+def test_a_batch_with_all_processors_waits_for_others_and_they_for_it(tmp_path: Path) -> None:
+    begins, end, later = Event(), Event(), Event()
+
+    def batch() -> None:
+        with _alone(tmp_path):
+            begins.set()
+            end.wait(5)
+
+    def other() -> None:
+        with _among_others(tmp_path):
+            later.set()
+
+    threads = [Thread(target=batch), Thread(target=other)]
+    with _among_others(tmp_path), _among_others(tmp_path):
+        threads[0].start()
+        assert not begins.wait(0.05)
+    assert begins.wait(5)
+    threads[1].start()
+    assert not later.wait(0.05)
+    end.set()
+    assert later.wait(5)
+    for thread in threads:
+        thread.join()

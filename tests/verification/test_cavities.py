@@ -116,7 +116,7 @@ def stability_line(result: hpcinv.Result) -> Line:
     return lines[0]
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.everyday("gas")
 @pytest.mark.parametrize("held", ["volume", "gas"])
 def test_balloons_beyond_their_largest_pressure_are_stable_with_given_volume_or_gas(
@@ -225,7 +225,7 @@ def test_windkessel(comm: MPI.Intracomm) -> None:
     assert (back.pressure, back.unloaded_volume) == pytest.approx((there.pressure, there.unloaded_volume), rel=1e-9)
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_states_with_given_volumes(comm: MPI.Intracomm) -> None:
     volume = hpcinv.run(job(**data(cavities={"hole": HOLE}, analysis="forward", quantities=VOLUMES)), comm).quantities
     states = [

@@ -32,7 +32,7 @@ def closing(result: Result) -> float:
     return float(result.errors["round_trip"]["max"])
 
 
-@pytest.mark.parallel([1, 3, 2])
+@pytest.mark.parallel([3, 2, 1])
 def test_pressed_ball_is_as_hertz_found(comm: MPI.Intracomm) -> None:
     """Radius and largest pressure of the contact area, from the force; cells there are a third of its radius."""
     given = load(ROOT / "jobs" / "pressed-ball.yaml")
@@ -213,7 +213,7 @@ def sagging(comm: MPI.Intracomm, obstacle: dict[str, Any], **changes: Any) -> Re
 PEG = {"shape": "cylinder", "point": [0.38, 0, -0.036], "axis": [0, 1, 0], "radius": 0.01}
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_beam_does_not_pass_through_a_peg_in_one_step(comm: MPI.Intracomm) -> None:
     """Euler–Bernoulli; its error at this sag equals the error of the other beam on a peg."""
     length, at, bending, load = 0.4, 0.38, 2e6 * 0.02**4 / 12, 200 * 9.81 * 0.02**2
@@ -294,7 +294,7 @@ def pressed_by_a_ball(
     return hpcinv.run(job(**given | changes), comm, directory=directory)
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_return_solve_on_straight_cells_has_the_force_of_the_solve(comm: MPI.Intracomm) -> None:
     """The recovered body has all nodes of the displacement; their gaps are the same in both directions."""
     result = pressed_by_a_ball(comm)

@@ -104,7 +104,7 @@ def test_around_along_and_across_a_tube_with_an_axis(comm: MPI.Intracomm) -> Non
     assert angle(normal, np.cross(fibre, radial)).max() < 1e-7
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_a_tube_with_a_rule_moves_as_one_with_formulas(comm: MPI.Intracomm, run_directory: Path) -> None:
     def given(fibre: dict[str, Any]) -> Job:
         return job(
@@ -134,7 +134,7 @@ def test_a_tube_with_a_rule_moves_as_one_with_formulas(comm: MPI.Intracomm, run_
 # ventricles
 
 
-@pytest.mark.parallel([1, 3, 2])
+@pytest.mark.parallel([3, 2, 1])
 def test_a_ventricle_has_the_prescribed_angles_at_its_surfaces(comm: MPI.Intracomm) -> None:
     mesh = {"file": "../meshes/ventricle.py", "unit": "mm", "parameters": {"size": "8 mm"}, "geometry_degree": 2}
     given = with_rule(mesh, VENTRICLE | {"sheet": ["-65 deg", "25 deg"]}, "base")

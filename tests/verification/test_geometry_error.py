@@ -110,7 +110,7 @@ def test_the_error_of_straight_cells_on_a_cylinder(direction: str, comm: MPI.Int
     assert 0.8 < ratio < 1.25
 
 
-@pytest.mark.parallel([1, 3, 2])
+@pytest.mark.parallel([3, 2, 1])
 @pytest.mark.parametrize("many", [math.inf, 0.0])
 def test_the_error_of_straight_cells_that_turn(
     many: float, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch

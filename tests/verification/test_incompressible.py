@@ -16,7 +16,7 @@ LAWS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_bent_block_keeps_its_volume_and_comes_back(comm: MPI.Intracomm) -> None:
     for number, (law, material) in enumerate(LAWS.items()):
         for hexahedra in (False, True):

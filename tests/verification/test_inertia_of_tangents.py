@@ -91,7 +91,7 @@ def test_factors_of_a_forward_solve_give_its_inertia(comm: MPI.Intracomm) -> Non
 
 
 @pytest.mark.everyday("inverse-pressure")
-@pytest.mark.parallel([1, 3, 2])
+@pytest.mark.parallel([3, 2, 1])
 @pytest.mark.parametrize(
     ("analysis", "load"), [("inverse", "gravity"), ("inverse", "pressure"), ("forward", "pressure")]
 )

@@ -81,7 +81,7 @@ def sequence(*cases: str, **data: Any) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_the_path_meets_the_end_of_each_case_and_ends_where_all_loads_at_once_end(comm: MPI.Intracomm) -> None:
     fixed = {"solver": {"strategy": "fixed", "steps": 2}}
     together = LoadPath.of(comm, effects=[WEIGHT, PUSH], supports=[HELD, MOVED])

@@ -98,7 +98,7 @@ def stress_error(result: Result, lower: np.ndarray, upper: np.ndarray) -> float:
     return largest(result.body.mesh.comm, (stress_values - np.where(is_lower[:, None, None], lower, upper))[:owned])
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize(
     "rest", ["elsewhere", pytest.param("block", marks=pytest.mark.release), "block of a partitioned mesh"]
 )

@@ -80,7 +80,7 @@ def coarse_of(result: Result) -> nested_iteration.CoarseSolve:
 
 
 @pytest.mark.everyday("forward")
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_answer_is_the_same_with_fewer_factorizations(analysis: str, comm: MPI.Intracomm) -> None:
     alone, nested = (

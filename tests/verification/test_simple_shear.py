@@ -97,7 +97,7 @@ def test_stress_energy_and_shape_are_exact(
 
 @pytest.mark.parallel([3])
 def test_shears_are_exact_on_more_ranks(comm: MPI.Intracomm) -> None:
-    """Each shear in both directions, each of two cases in both directions."""
-    for direction, cases in (("forward", CASES[1:3]), ("inverse", CASES[2:0:-1])):
-        for k, (_, material, exact, mesh, discretisation) in zip((1e-6, 1.0), cases, strict=True):
-            check(solve(direction, k, material, mesh, discretisation, comm), k, *exact)
+    """A small shear of one case, and a large one of another, in different directions."""
+    for direction, k, case in (("forward", 1e-6, CASES[1]), ("inverse", 1.0, CASES[2])):
+        _, material, exact, mesh, discretisation = case
+        check(solve(direction, k, material, mesh, discretisation, comm), k, *exact)

@@ -293,7 +293,7 @@ def test_a_half_of_a_column_says_that_it_cannot_buckle_sideways(is_half: bool, c
 # Laws, effects and fibres together
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize(("share", "unstable"), [(0.7, 0), (1.5, 2)])
 def test_a_column_of_all_sorts_buckles(share: float, unstable: int, comm: MPI.Intracomm) -> None:
     """Euler's column, clamped below, of equal small-strain stiffness throughout.

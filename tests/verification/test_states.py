@@ -31,7 +31,7 @@ def farthest(solution: Solution, points: np.ndarray, others: np.ndarray) -> floa
     return float(comm.allreduce(float(np.abs(points - others).max(initial=0.0)), op=MPI.MAX))
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_loaded_again_a_body_is_the_given_one(comm: MPI.Intracomm) -> None:
     """On curved cells, with moduli, densities and fibres given on the given body; directly, and by way of others."""
     soft = {"law": "neo-hookean", "mu": "10 kPa*(1 + x/(1 m) + z*z/(1 m)/(1 m))", "lam": "40 kPa"}

@@ -46,7 +46,7 @@ EXAMPLES = {
 
 def case(**data: Any) -> Job:
     common: dict[str, Any] = {
-        "mesh": box((2, 2, 2), hexahedra=True),
+        "mesh": box((1, 1, 1), hexahedra=True),
         "material": FORMS["displacement"],
         "effects": [HEATED],
         "supports": HELD,

@@ -100,7 +100,7 @@ PAIRS = {
 }
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("names", [("0.066 m", "0.133 m"), ("0.133 m", "0.066 m")], ids=["up", "down"])
 def test_a_region_moves_with_a_name_that_is_swept(
     names: tuple[str, str], run_directory: Path, comm: MPI.Intracomm
@@ -134,10 +134,18 @@ def differs(first: Result, other: Result) -> float:
 
 
 @pytest.mark.everyday("name in a region", "term of a law", "fields", "round trip")
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("pair", PAIRS)
 def test_a_run_after_another_finds_what_it_finds_alone(pair: str, comm: MPI.Intracomm) -> None:
-    before, after = PAIRS[pair]
+    check_as_alone(*PAIRS[pair], comm)
+
+
+@pytest.mark.parallel([2])
+def test_a_run_after_another_on_two_ranks_finds_what_it_finds_alone(comm: MPI.Intracomm) -> None:
+    check_as_alone(*PAIRS["numbers"], comm)
+
+
+def check_as_alone(before: Job, after: Job, comm: MPI.Intracomm) -> None:
     alone = run(after, comm)
     with Workspace(comm) as workspace:
         run(before, comm, workspace=workspace)
@@ -257,7 +265,7 @@ def test_only_numbers_may_differ_within_a_reuse_group() -> None:
     ]
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_a_run_from_a_guess_ends_where_it_ends_without(comm: MPI.Intracomm) -> None:
     near, wanted = block(9.8e3), block()
     alone, there = run(wanted, comm), run(near, comm).solutions[0]
