@@ -99,19 +99,25 @@ def _read_blocks(data: _Variables, tags: Any, blocks: Blocks, sets: dict[str, li
         own = numbers[start : start + len(table)]
         start += len(table)
         nodes = tags[_valid(table, len(tags), f"block '{shown(name)}'")].tolist()
-        solid = next((allowed for prefix, allowed in _SIZES.items() if kind.startswith(prefix)), None)
-        if solid is None and not kind.startswith(_FLAT):
-            raise Fault(f"block '{shown(name)}' has elements {shown(kind)}", f"Elements are {_KINDS}.")
-        if solid is not None and table.shape[1] not in solid:
-            raise Fault(f"block '{shown(name)}' has elements {shown(kind)} of {table.shape[1]} nodes")
-        sizes += [0 if solid is None else solid[0]] * len(table)
+        vertices = _vertices_of_kind(kind, table.shape[1], name)
+        sizes += [vertices] * len(table)
         for tag, entry in zip(own, nodes, strict=True):
-            if solid is None:
+            if not vertices:
                 blocks.add_facet(tag, vertices_of(entry), name)
             else:
                 blocks.add(tag, [entry[i] for i in BRICK.get(len(entry), range(len(entry)))])
                 sets.setdefault(f"cells:{name}", []).append(tag)
     return numbers, sizes
+
+
+def _vertices_of_kind(kind: str, nodes: int, block: str) -> int:
+    """Return the number of vertices of the elements of a block, 0 if they are not solid."""
+    solid = next((allowed for prefix, allowed in _SIZES.items() if kind.startswith(prefix)), None)
+    if solid is None and not kind.startswith(_FLAT):
+        raise Fault(f"block '{shown(block)}' has elements {shown(kind)}", f"Elements are {_KINDS}.")
+    if solid is not None and nodes not in solid:
+        raise Fault(f"block '{shown(block)}' has elements {shown(kind)} of {nodes} nodes")
+    return 0 if solid is None else solid[0]
 
 
 def _points(data: _Variables) -> Any:

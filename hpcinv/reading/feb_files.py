@@ -30,9 +30,7 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     nodes, sets = _nodes(mesh)
     cells, cell_tags, blocks = _elements(mesh)
     if not cells:
-        has_shells = any(part.get("type", "").lower().startswith(_FLAT) for part in mesh.iter("Elements"))
-        remedy = " Save shells as .vtu or .inp, with 'mesh: {shell: …}'." if has_shells else ""
-        raise Fault("has no solid elements", f"Elements are {', '.join(_SOLID)}.{remedy}")
+        raise _without_solids(mesh)
     for part in mesh.iter("NodeSet"):
         sets.setdefault(f"nodes:{_name(part)}", []).extend(_members(part))
     for part in mesh.iter("ElementSet"):
@@ -44,10 +42,7 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         "cells": _rows(row, cells, "an element"),
         "cell_tags": integers(cell_tags, "numbers of elements"),
     }
-    cell_row = {tag: i for i, tag in enumerate(cell_tags)}
-    for name, tags in blocks.items():
-        if members := [cell_row[tag] for tag in tags if tag in cell_row]:  # others are shells
-            arrays[f"cells:{name}"] = np.unique(members)
+    arrays |= _cell_sets(blocks, cell_tags)
     arrays |= {key: np.unique([_row(row, tag, "a node set") for tag in tags]) for key, tags in sets.items() if tags}
     arrays |= {key: _rows(row, facets, "a surface") for key, facets in _surfaces(mesh, cells).items() if facets}
     for nodes_of_fibre in _local_fibres(root):
@@ -55,6 +50,19 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         arrays[f"values:{local_name(nodes_of_fibre)}"] = second - first
     ignored = [part.tag for part in root if part is not mesh and part.tag not in _GENERAL and len(part)]
     return {"ignored": ignored}, arrays
+
+
+def _without_solids(mesh: ET.Element) -> Fault:
+    has_shells = any(part.get("type", "").lower().startswith(_FLAT) for part in mesh.iter("Elements"))
+    remedy = " Save shells as .vtu or .inp, with 'mesh: {shell: …}'." if has_shells else ""
+    return Fault("has no solid elements", f"Elements are {', '.join(_SOLID)}.{remedy}")
+
+
+def _cell_sets(blocks: dict[str, list[int]], cell_tags: list[int]) -> dict[str, Any]:
+    """Return the rows of the solid elements of each set that has some; other elements are shells."""
+    row = {tag: i for i, tag in enumerate(cell_tags)}
+    members = {name: [row[tag] for tag in tags if tag in row] for name, tags in blocks.items()}
+    return {f"cells:{name}": np.unique(rows) for name, rows in members.items() if rows}
 
 
 def _model(path: Path) -> tuple[ET.Element, ET.Element]:

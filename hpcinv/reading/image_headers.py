@@ -17,6 +17,7 @@ from hpcinv.reading.door import admitted
 from hpcinv.reading.fault import Fault
 from hpcinv.reading.suffix import suffix_of
 
+type Reals = tuple[float, ...]
 type Encoding = Literal["raw", "zlib", "gzip", "bzip2", "text", "hex"]
 
 METAIMAGE, NRRD = (".mha", ".mhd"), (".nrrd",)
@@ -55,9 +56,9 @@ class ImageHeader:
 
     shape: tuple[int, ...]
     type: str
-    spacing: tuple[float, ...]
-    axes: tuple[tuple[float, ...], ...]
-    origin: tuple[float, ...]
+    spacing: Reals
+    axes: tuple[Reals, ...]
+    origin: Reals
     encoding: Encoding
     source: Source
     skip: int = 0
@@ -122,7 +123,7 @@ def _once(fields: dict[str, str], key: str, value: str) -> None:
         raise Fault(f"its header has two values of '{key}'", _AGAIN)
 
 
-def _numbers(fields: Mapping[str, str], key: str, count: int | None = None) -> tuple[float, ...]:
+def _numbers(fields: Mapping[str, str], key: str, count: int | None = None) -> Reals:
     try:
         values = tuple(float(word) for word in fields[key].split())
     except ValueError:
@@ -336,11 +337,8 @@ def _nrrd_source(fields: Mapping[str, str], more: list[str]) -> Source:
     return Source(_names([value]), "a file")
 
 
-def read_nrrd(file: IO[bytes]) -> ImageHeader:
-    """Read the header of a NRRD file, up to the empty line after it."""
-    fields, more = _nrrd_fields(file)
-    count = _whole_numbers(fields, _needed(fields, "dimension"), 1)[0]
-    shape = _shape(fields, _needed(fields, "sizes"), count)
+def _nrrd_numbers(fields: Mapping[str, str]) -> tuple[str, Encoding]:
+    """Return numpy's code of the type of numbers, and how they are written."""
     kind = fields[_needed(fields, "type")].lower()
     code = next((code for code, names in _NRRD_TYPES.items() if kind in names.split(", ")), None)
     if code is None:
@@ -348,42 +346,62 @@ def read_nrrd(file: IO[bytes]) -> ImageHeader:
     encoding = fields[_needed(fields, "encoding")].lower()
     if encoding not in _NRRD_ENCODINGS:
         raise Fault(f"'encoding' in its header is '{encoding[:60]}', which is not known", _AGAIN)
-    if code[1:] != "1" and _NRRD_ENCODINGS[encoding] != "text":
-        endian = fields[_needed(fields, "endian")].lower()
-        if endian not in ("little", "big"):
-            raise Fault(f"'endian' in its header is '{endian[:60]}', not little or big", _AGAIN)
-        code = (">" if endian == "big" else "<") + code
+    form = _NRRD_ENCODINGS[encoding]
+    if code[1:] == "1" or form == "text":
+        return code, form
+    endian = fields[_needed(fields, "endian")].lower()
+    if endian not in ("little", "big"):
+        raise Fault(f"'endian' in its header is '{endian[:60]}', not little or big", _AGAIN)
+    return (">" if endian == "big" else "<") + code, form
+
+
+def _nrrd_axes(fields: Mapping[str, str], count: int, flip: Reals) -> tuple[Reals, tuple[Reals, ...]]:
+    """Return the size of voxels along each axis, and the axes."""
+    if "spacedirections" not in fields:
+        spacing = _numbers(fields, _needed(fields, "spacings"), count)
+        return spacing, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    rows = [_vector(fields, "spacedirections", text) for text in _vectors(fields["spacedirections"])]
+    if len(rows) != count:
+        raise Fault(f"'space directions' in its header has {len(rows)} directions", _AGAIN)
+    spacing = tuple(math.hypot(*row) for row in rows)
+    axes = tuple(
+        tuple(f * x / (length or 1.0) for f, x in zip(flip, row, strict=True))
+        for row, length in zip(rows, spacing, strict=True)
+    )
+    return spacing, axes
+
+
+def _nrrd_origin(fields: Mapping[str, str], count: int, spacing: Reals, flip: Reals) -> Reals:
+    """Return the middle of the first voxel."""
+    origin: Reals = (0.0, 0.0, 0.0)
+    if "axismins" in fields and "nan" not in fields["axismins"].lower():
+        centred = [*fields.get("centers", fields.get("centerings", "")).split(), *("cell",) * 3]
+        mins = zip(_numbers(fields, "axismins", count), spacing, centred, strict=False)
+        origin = tuple(low + (0.0 if where == "node" else 0.5 * size) for low, size, where in mins)
+    if "spaceorigin" in fields:
+        position = _vector(fields, "spaceorigin", fields["spaceorigin"])
+        origin = tuple(f * x for f, x in zip(flip, position, strict=True))
+    return origin
+
+
+def read_nrrd(file: IO[bytes]) -> ImageHeader:
+    """Read the header of a NRRD file, up to the empty line after it."""
+    fields, more = _nrrd_fields(file)
+    count = _whole_numbers(fields, _needed(fields, "dimension"), 1)[0]
+    shape = _shape(fields, _needed(fields, "sizes"), count)
+    code, form = _nrrd_numbers(fields)
     if count != 3:
         advice = "Give one number in each voxel, in three dimensions, such as one time of a series."
         if any(map(_SEGMENT.fullmatch, fields)):
             advice = "Segments overlap: export them from 3D Slicer as a label map, or remove the overlap."
         raise Fault(f"has {count} dimensions, or several numbers in each voxel", advice)
     flip = _FLIPS.get(fields.get("space", "").lower(), (1.0, 1.0, 1.0))
-    if "spacedirections" in fields:
-        rows = [_vector(fields, "spacedirections", text) for text in _vectors(fields["spacedirections"])]
-        if len(rows) != count:
-            raise Fault(f"'space directions' in its header has {len(rows)} directions", _AGAIN)
-        spacing = tuple(math.hypot(*row) for row in rows)
-        axes = tuple(
-            tuple(f * x / (length or 1.0) for f, x in zip(flip, row, strict=True))
-            for row, length in zip(rows, spacing, strict=True)
-        )
-    else:
-        spacing = _numbers(fields, _needed(fields, "spacings"), count)
-        axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    origin = (0.0, 0.0, 0.0)
-    if "axismins" in fields and "nan" not in fields["axismins"].lower():
-        centred = [*fields.get("centers", fields.get("centerings", "")).split(), *("cell",) * 3]
-        mins = zip(_numbers(fields, "axismins", count), spacing, centred, strict=False)
-        x, y, z = (low + (0.0 if where == "node" else 0.5 * size) for low, size, where in mins)
-        origin = (x, y, z)
-    if "spaceorigin" in fields:
-        position = _vector(fields, "spaceorigin", fields["spaceorigin"])
-        origin = (flip[0] * position[0], flip[1] * position[1], flip[2] * position[2])
+    spacing, axes = _nrrd_axes(fields, count, flip)
+    origin = _nrrd_origin(fields, count, spacing, flip)
     bytes_skipped, lines_skipped = (
         _whole_numbers(fields, key, 1)[0] if key in fields else 0 for key in ("byteskip", "lineskip")
     )
-    source, names, form = _nrrd_source(fields, more), _segment_names(fields), _NRRD_ENCODINGS[encoding]
+    source, names = _nrrd_source(fields, more), _segment_names(fields)
     return ImageHeader(shape, code, spacing, axes, origin, form, source, bytes_skipped, lines_skipped, names)
 
 

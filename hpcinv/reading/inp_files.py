@@ -205,20 +205,13 @@ def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[s
         points += [moved(position) for position in part.nodes.values()]
         tags += part.nodes
         cell_tags += part.elements
-        for tag, nodes in part.elements.items():
-            if missing := [node for node in nodes if node not in node_row]:
-                raise Fault(f"element {tag} has node {missing[0]}, which is not defined")
-            cells.append([node_row[node] for node in nodes])
+        cells += _cells(part, node_row)
         thickness += _thickness(part)
         face = solid_face if kinds is _SOLID else shell_edge
-        for (kind, key), spelled in part.names.items():
+        for kind, key in part.names:
             rows = rows_of_set(part, kind, key, node_row, cell_row, cells, face)
             if len(rows):
-                prefix = f"{name}." if len(placed) > 1 and (kind, key) not in part.shared else ""
-                called = f"{prefix}{spelled}"
-                if kind == NODE_SURFACE:  # which may have the name of a node set
-                    called += "" if ("nodes", key) not in part.names else "-surface"
-                sets.setdefault(f"{'nodes' if kind == NODE_SURFACE else kind}:{called}", []).extend(rows)
+                sets.setdefault(_name_of_set(part, kind, key, name if len(placed) > 1 else ""), []).extend(rows)
     if len(placed) > 1:  # numbers of several instances repeat
         tags, cell_tags = list(range(1, len(tags) + 1)), list(range(1, len(cell_tags) + 1))
     arrays: dict[str, Any] = {
@@ -231,6 +224,23 @@ def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[s
     if kinds is _SHELL and any(part.thickness for part, _, _ in placed):
         arrays[_THICKNESS] = np.array(thickness)
     return {"ignored": sorted(file.ignored)}, arrays, cells
+
+
+def _cells(part: Part, node_row: dict[int, int]) -> list[list[int]]:
+    """Return the rows of the nodes of each element."""
+    for tag, nodes in part.elements.items():
+        if missing := [node for node in nodes if node not in node_row]:
+            raise Fault(f"element {tag} has node {missing[0]}, which is not defined")
+    return [[node_row[node] for node in nodes] for nodes in part.elements.values()]
+
+
+def _name_of_set(part: Part, kind: str, key: str, instance: str) -> str:
+    """Return the name of the array of a set; instances of a part have their own ones, but of shared sets."""
+    prefix = f"{instance}." if instance and (kind, key) not in part.shared else ""
+    called = f"{prefix}{part.names[kind, key]}"
+    if kind != NODE_SURFACE:
+        return f"{kind}:{called}"
+    return f"nodes:{called}" + ("-surface" if ("nodes", key) in part.names else "")
 
 
 def _thickness(part: Part) -> list[float]:
@@ -423,18 +433,8 @@ def _read_elements(part: Part, card: Keyword, kinds: re.Pattern[str]) -> list[st
     """
     kind = needed(card, "TYPE").upper()
     match = kinds.fullmatch(kind)
-    if match is None and kinds is _SHELL and _SOLID.fullmatch(kind):
-        text = f"{card.place}: a shell cannot be tied to solid elements, such as {shown(kind)}"
-        raise Fault(text, "Save the surface alone, or mesh all of it as a solid.")
     if match is None:
-        if _NOT_SOLID.fullmatch(kind):  # such as the surface elements of mesh programs, springs and masses
-            tags = [whole_tags(row[:1], place)[0] for place, row in card.rows if row[0]]
-            part.others.update(tags)
-            if card.options.get("ELSET"):
-                part.members("cells", card.options["ELSET"]).extend((str(tag), "") for tag in tags)
-            return [f"elements {shown(kind)}"] if _STIFF.fullmatch(kind) else []
-        text = f"{card.place}: elements {shown(kind)} are not supported"
-        raise Fault(text, "Use C3D4, C3D10, C3D8, C3D20 or C3D27, also with H, R, I or M.")
+        return _note_others(part, card, kind, kinds)
     count = int(match[1])
     group = part.members("cells", card.options["ELSET"]) if card.options.get("ELSET") else []
     pending: list[int] = []
@@ -454,6 +454,21 @@ def _read_elements(part: Part, card: Keyword, kinds: re.Pattern[str]) -> list[st
     if pending:
         raise Fault(f"{card.rows[-1][0]}: element {pending[0]} has {len(pending) - 1} nodes, not {count}")
     return [f"entries after the {count} nodes of elements {shown(kind)}"] if is_longer else []
+
+
+def _note_others(part: Part, card: Keyword, kind: str, kinds: re.Pattern[str]) -> list[str]:
+    """Note elements of another kind, such as springs, masses and surfaces of mesh programs; return what is ignored."""
+    if kinds is _SHELL and _SOLID.fullmatch(kind):
+        text = f"{card.place}: a shell cannot be tied to solid elements, such as {shown(kind)}"
+        raise Fault(text, "Save the surface alone, or mesh all of it as a solid.")
+    if not _NOT_SOLID.fullmatch(kind):
+        text = f"{card.place}: elements {shown(kind)} are not supported"
+        raise Fault(text, "Use C3D4, C3D10, C3D8, C3D20 or C3D27, also with H, R, I or M.")
+    tags = [whole_tags(row[:1], place)[0] for place, row in card.rows if row[0]]
+    part.others.update(tags)
+    if card.options.get("ELSET"):
+        part.members("cells", card.options["ELSET"]).extend((str(tag), "") for tag in tags)
+    return [f"elements {shown(kind)}"] if _STIFF.fullmatch(kind) else []
 
 
 def _read_set(part: Part, kind: str, name: str, card: Keyword) -> None:

@@ -140,6 +140,23 @@ def _check_ply(content: bytes) -> int:
     begin = body.find(b"\n") + 1
     if not content.startswith(b"ply") or not mark or not begin or len(head) > 1 << 20:
         raise Fault("has no header of PLY", _IS_IT_COMPLETE)
+    form, elements = _ply_header(head)
+    if form not in ("ascii", "binary_little_endian", "binary_big_endian"):
+        raise Fault(f"has the format '{form[:40]}', which is not one of PLY")
+    named = {element.name: element for element in elements}
+    if not {"x", "y", "z"} <= {*named["vertex"].names} if "vertex" in named else True:
+        raise Fault("has no vertices with x, y and z")
+    if len(named) < len(elements) or min(element.count for element in elements) < 0:
+        raise Fault("has a header that contradicts itself")
+    if form == "ascii":
+        _check_ply_text(body[begin:], elements)
+    else:
+        _check_ply_bytes(memoryview(body)[begin:], elements, "<" if "little" in form else ">")
+    return named["face"].count if "face" in named else 0
+
+
+def _ply_header(head: bytes) -> tuple[str, list[_Element]]:
+    """Return the format and the elements that a header says."""
     form, elements = "", list[_Element]()
     for line in head.decode("latin-1").splitlines()[1:]:
         words = line.split()
@@ -161,18 +178,7 @@ def _check_ply(content: bytes) -> int:
                     raise ValueError
         except (ValueError, KeyError, IndexError):
             raise Fault(f"has the line '{line[:60]}' in its header, which is not one of PLY") from None
-    if form not in ("ascii", "binary_little_endian", "binary_big_endian"):
-        raise Fault(f"has the format '{form[:40]}', which is not one of PLY")
-    named = {element.name: element for element in elements}
-    if not {"x", "y", "z"} <= {*named["vertex"].names} if "vertex" in named else True:
-        raise Fault("has no vertices with x, y and z")
-    if len(named) < len(elements) or min(element.count for element in elements) < 0:
-        raise Fault("has a header that contradicts itself")
-    if form == "ascii":
-        _check_ply_text(body[begin:], elements)
-    else:
-        _check_ply_bytes(memoryview(body)[begin:], elements, "<" if "little" in form else ">")
-    return named["face"].count if "face" in named else 0
+    return form, elements
 
 
 def _check_ply_text(body: bytes, elements: list[_Element]) -> None:

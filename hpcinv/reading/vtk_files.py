@@ -119,19 +119,11 @@ def _check_image_header(path: Path) -> None:
         raise Fault(f"cannot be read as an image: {fault}", _FORMATS)
     whole, pieces = list[list[int]](), list[list[int]]()
     for tag, attributes in elements_of(path):
-        if tag not in ("ImageData", "Piece"):
-            continue
-        text = attributes.get("WholeExtent" if tag == "ImageData" else "Extent", "")
-        if not re.fullmatch(r"\s*(-?\d{1,9}\s+){5}-?\d{1,9}\s*", text):
-            raise Fault(f"its header says the extent '{text[:60]}'", _FORMATS)
-        (whole if tag == "ImageData" else pieces).append(extent := [int(word) for word in text.split()])
-        if any(high < low for low, high in zip(extent[::2], extent[1::2], strict=True)):
-            raise Fault(f"its header says the extent '{text[:60]}'", _FORMATS)
-        if tag == "ImageData" and "Spacing" not in attributes:
-            raise Fault("its header does not say 'Spacing'", _FORMATS)
-        for key, count in (("Spacing", 3), ("Origin", 3), ("Direction", 9)) if tag == "ImageData" else ():
-            if key in attributes and not _are_numbers(attributes[key], count):
-                raise Fault(f"'{key}' in its header is '{attributes[key][:60]}', not {count} numbers", _FORMATS)
+        if tag == "Piece":
+            pieces.append(_extent(attributes.get("Extent", "")))
+        elif tag == "ImageData":
+            whole.append(_extent(attributes.get("WholeExtent", "")))
+            _check_axes(attributes)
     if len(whole) != 1 or not pieces:
         raise Fault("cannot be read as an image: is it VTK image data?", _FORMATS)
     # VTK takes memory for the whole grid before it reads: of each voxel there is a byte at least.
@@ -140,6 +132,22 @@ def _check_image_header(path: Path) -> None:
     is_whole = pieces == whole if len(pieces) == 1 else sum(_cells(piece, 0) for piece in pieces) == _cells(whole[0], 0)
     if not is_whole:
         raise Fault("its pieces do not fill the grid that its header says: voxels are missing", "Is the file complete?")
+
+
+def _extent(text: str) -> list[int]:
+    """Return the first and last point along each axis."""
+    extent = [int(word) for word in text.split()] if re.fullmatch(r"\s*(-?\d{1,9}\s+){5}-?\d{1,9}\s*", text) else []
+    if not extent or any(high < low for low, high in zip(extent[::2], extent[1::2], strict=True)):
+        raise Fault(f"its header says the extent '{text[:60]}'", _FORMATS)
+    return extent
+
+
+def _check_axes(attributes: dict[str, str]) -> None:
+    if "Spacing" not in attributes:
+        raise Fault("its header does not say 'Spacing'", _FORMATS)
+    for key, count in (("Spacing", 3), ("Origin", 3), ("Direction", 9)):
+        if key in attributes and not _are_numbers(attributes[key], count):
+            raise Fault(f"'{key}' in its header is '{attributes[key][:60]}', not {count} numbers", _FORMATS)
 
 
 def _are_numbers(text: str, count: int) -> bool:
