@@ -118,23 +118,8 @@ def _new(options: argparse.Namespace) -> int:
     kind, output = options.kind, options.output
     _check(options)
     if kind == "job":
-        from hpcinv.cli.new_from import job_from
-
-        text = job_from(options)
-        if output.exists() and not options.force:
-            raise OutputError(f"{output}: exists", "Choose another name, or replace it by --force.")
-        write_output(output, text.encode())
-        try:
-            parse(read_text(text, str(output)), output)
-        except JobError as error:  # such as a body that only forces hold
-            print("\n".join(["The file does not say all that a job needs:", *error.problems]))
-        return _say_next(output, f"the job of {options.source}")
-    if options.image is not None:
-        source = _wall_source(options) if kind in _WALLS else _image_source(options)
-    elif options.surface is not None:
-        source = _surface_source(options)
-    else:
-        source = _example(options)
+        return _new_from_file(options)
+    source = _source(options)
     values = {
         "command": escaped_line(" ".join(["hpcinv new", kind, *_typed(options), shlex.quote(str(output))])),
         "file": escaped_line(shlex.quote(str(output))),
@@ -158,6 +143,26 @@ def _new(options: argparse.Namespace) -> int:
             source.mesh_file.unlink(missing_ok=True)
         raise
     return _say_next(output, f"a job for {_article(kind)}", "identify" if options.klotz else "run")
+
+
+def _new_from_file(options: argparse.Namespace) -> int:
+    from hpcinv.cli.new_from import job_from
+
+    output, text = options.output, job_from(options)
+    if output.exists() and not options.force:
+        raise OutputError(f"{output}: exists", "Choose another name, or replace it by --force.")
+    write_output(output, text.encode())
+    try:
+        parse(read_text(text, str(output)), output)
+    except JobError as error:  # such as a body that only forces hold
+        print("\n".join(["The file does not say all that a job needs:", *error.problems]))
+    return _say_next(output, f"the job of {options.source}")
+
+
+def _source(options: argparse.Namespace) -> _Source:
+    if options.image is not None:
+        return _wall_source(options) if options.kind in _WALLS else _image_source(options)
+    return _example(options) if options.surface is None else _surface_source(options)
 
 
 def _say_next(output: Path, what: str, last: str = "run") -> int:

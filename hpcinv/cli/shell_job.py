@@ -122,18 +122,8 @@ class ShellJob(FileJob):
             return
         values = dict(zip("xyz", plain.get("displacement", (None,) * 3), strict=True))
         held = [axis for axis in "xyz" if values[axis] is not None] or list(plain.get("fix", ()))
-        about = {axis: self._turning_axes(region, axis) for axis in "xyz"}
-        is_clamped = set(held) == turns == set("xyz")
-        bands = [axis for axis in held if (about[axis] or is_clamped) and about[axis] <= turns]
+        bands = self._bands(name, region, held, turns)
         hinges = [axis for axis in held if axis not in bands]
-        if loose := [axis for axis in hinges if about[axis] & turns]:
-            text = f"rotations of '{name}' about {', '.join(sorted(turns))}: the director turns with {', '.join(loose)}"
-            self._deck.unused.append(f"{text} in this job")
-        used = set[str]().union(*(about[axis] for axis in [*bands, *loose]))
-        moving = set[str]().union(*(self._turning_axes(region, axis, _DRILLING) for axis in "xyz"))
-        if extra := sorted((turns - used) & moving):
-            text = f"rotations of '{name}' about {', '.join(extra)}, where displacements of the director are free"
-            self._deck.unused.append(text)
         for axes, hinge in ((bands, {}), (hinges, {"hinge": True})):
             if axes and "displacement" in plain:
                 parts = [values[axis] if axis in axes else None for axis in "xyz"]
@@ -142,6 +132,21 @@ class ShellJob(FileJob):
                 yield {"region": region, "fix": axes, **hinge}
         if held:
             yield from self._vertex_supports(plain)
+
+    def _bands(self, name: str, region: str, held: Sequence[str], turns: set[str]) -> list[str]:
+        """Return the held axes along which the director is held too; list the rotations that are not taken."""
+        about = {axis: self._turning_axes(region, axis) for axis in "xyz"}
+        is_clamped = set(held) == turns == set("xyz")
+        bands = [axis for axis in held if (about[axis] or is_clamped) and about[axis] <= turns]
+        if loose := [axis for axis in held if axis not in bands and about[axis] & turns]:
+            text = f"rotations of '{name}' about {', '.join(sorted(turns))}: the director turns with {', '.join(loose)}"
+            self._deck.unused.append(f"{text} in this job")
+        used = set[str]().union(*(about[axis] for axis in [*bands, *loose]))
+        moving = set[str]().union(*(self._turning_axes(region, axis, _DRILLING) for axis in "xyz"))
+        if extra := sorted((turns - used) & moving):
+            text = f"rotations of '{name}' about {', '.join(extra)}, where displacements of the director are free"
+            self._deck.unused.append(text)
+        return bands
 
     def _named_vertices(self, name: str, tags: list[int]) -> str:
         own = name.removesuffix("_vertices")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,46 +75,52 @@ def show(options: argparse.Namespace) -> int:
     if not given.exists():
         raise OutputError(f"{given}: no such file or directory", "Give a job file, a mesh, or the directory of a run.")
     is_run = given.is_dir() and given.suffix != ".bp"
-    chosen = (options.colour, f"section-{options.section[0]}" if getattr(options, "section", None) else None)
-    colour = "".join(f"-{text}" for text in chosen if text and is_run)  # pictures of several colours are kept
-    kind = f"-result{colour}" if is_run else "" if given.suffix in JOBS else "-mesh"
-    is_page = getattr(options, "html", False)
-    suffix = "html" if is_page else "png"
-    path = options.output or Path(f"{given.resolve().stem}{kind}.{suffix}")  # a job, its mesh and its run have one name
-
-    if getattr(options, "edit", False):
-        for name in ("html", "output", "unit", "colour", "section"):
-            if getattr(options, name):
-                raise OutputError(f"{given}: --edit cannot be combined with --{name}")
+    chosen = vars(options)  # commands that show their results have some of the options
+    _check_options(given, chosen, is_run=is_run)
+    if chosen.get("edit"):
         return _edit(given, options.port or 0)
-    if getattr(options, "port", None) is not None:
-        raise OutputError(f"{given}: --port is for --edit")
+    colour, section, is_page = options.colour, chosen.get("section"), chosen.get("html", False)
+    kind = "" if given.suffix in JOBS else "-mesh"
+    if is_run:  # pictures of several colours are kept
+        kind = "-result" + (f"-{colour}" if colour else "") + (f"-section-{section[0]}" if section else "")
+    # A job, its mesh and its run have one name.
+    path = options.output or Path(f"{given.resolve().stem}{kind}.{'html' if is_page else 'png'}")
     if is_page:
+        from hpcinv.reports.page import write_page
+
         _check_page(given, path, is_run=is_run)
+        check_one_process("show")
+        write_page(path, _page(given, options.unit))
     else:
         from hpcinv.pictures.drawing import check_png
 
         check_png(path)
-    check_one_process("show")
-    if options.colour and not is_run:
-        raise OutputError(f"{given}: --colour is for results, and this is not the directory of a run")
-    section = getattr(options, "section", None)
-    if section and not is_run:
-        raise OutputError(f"{given}: --section is for results, and this is not the directory of a run")
-    if options.unit and (is_run or given.suffix in JOBS):
-        raise OutputError(f"{given}: --unit is for meshes; jobs and results state theirs")
-    if is_page:
-        from hpcinv.reports.page import write_page
-
-        write_page(path, _page(given, options.unit))
-        print(path)
-        return 0
-    picture = (
-        _run_picture(given, options.colour or "displacement", section) if is_run else _body_picture(given, options.unit)
-    )
-    picture.save(path)
+        check_one_process("show")
+        if is_run:
+            picture = _run_picture(given, colour or "displacement", section)
+        else:
+            picture = _body_picture(given, options.unit)
+        picture.save(path)
     print(path)
     return 0
+
+
+def _check_options(given: Path, chosen: Mapping[str, Any], *, is_run: bool) -> None:
+    """Raise an error if options do not fit each other, or what is given."""
+    if chosen.get("edit"):
+        for name in ("html", "output", "unit", "colour", "section"):
+            if chosen.get(name):
+                raise OutputError(f"{given}: --edit cannot be combined with --{name}")
+        return
+    if chosen.get("port") is not None:
+        raise OutputError(f"{given}: --port is for --edit")
+    for name, is_valid, purpose in (
+        ("colour", is_run, "results, and this is not the directory of a run"),
+        ("section", is_run, "results, and this is not the directory of a run"),
+        ("unit", not is_run and given.suffix not in JOBS, "meshes; jobs and results state theirs"),
+    ):
+        if chosen.get(name) and not is_valid:
+            raise OutputError(f"{given}: --{name} is for {purpose}")
 
 
 def _plane(text: str) -> tuple[str, float | None]:

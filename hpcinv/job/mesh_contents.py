@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -85,17 +86,25 @@ def _read(action: str, path: Path) -> Contents:
     if fault:
         text, advice, is_missing = fault
         return Contents(is_read=False) if is_missing else Contents(f"{text.rstrip('.')}. {advice}")
-    names = [name for name, _, _ in head["arrays"]]
     if action in ("vtu", "vtk"):
-        fault_of_grid = "" if "types" in names else "has no unstructured grid with cells"
-        sets = [name.removeprefix(f"cells:{_REGION}") for name in names if name.startswith(f"cells:{_REGION}")]
-        whole = [name.partition(":")[2] for name, code, _ in head["arrays"] if code[1] in "iu" and ":" in name]
-        kept = tuple(name for name in whole if name not in ("node_tag", "cell_tag") and not name.startswith(_REGION))
-        return Contents(fault_of_grid, Groups(frozenset(sets), arrays=kept))
-    sets = [name for place, separator, name in (key.partition(":") for key in names) if separator and place in _SETS]
-    surfaces = {key.partition(":")[2] for key in names if key.startswith(_SURFACES)}
-    sets += [f"{name}{OF_NODES}" for name in surfaces if f"nodes:{name}" in names]
-    return Contents(groups=Groups(frozenset(sets)) if action in _COMPLETE else None)
+        return _grid({name: code for name, code, _ in head["arrays"]})
+    return Contents(groups=_groups([name for name, _, _ in head["arrays"]]) if action in _COMPLETE else None)
+
+
+def _grid(codes: Mapping[str, str]) -> Contents:
+    """Return the contents of a grid of VTK, by the codes of the types of its arrays."""
+    fault = "" if "types" in codes else "has no unstructured grid with cells"
+    sets = [name.removeprefix(f"cells:{_REGION}") for name in codes if name.startswith(f"cells:{_REGION}")]
+    whole = [name.partition(":")[2] for name, code in codes.items() if code[1] in "iu" and ":" in name]
+    kept = tuple(name for name in whole if name not in ("node_tag", "cell_tag") and not name.startswith(_REGION))
+    return Contents(fault, Groups(frozenset(sets), arrays=kept))
+
+
+def _groups(arrays: Sequence[str]) -> Groups:
+    """Return the regions of a mesh by the names of its arrays."""
+    sets = [name for place, separator, name in (key.partition(":") for key in arrays) if separator and place in _SETS]
+    surfaces = {key.partition(":")[2] for key in arrays if key.startswith(_SURFACES)}
+    return Groups(frozenset([*sets, *(f"{name}{OF_NODES}" for name in surfaces if f"nodes:{name}" in arrays)]))
 
 
 _COMPLETE = ("bdf", "cdb", "exodus", "med", "medit", "unv", "feb", "inp")

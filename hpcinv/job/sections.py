@@ -551,29 +551,34 @@ class MeshSpec(MeshFile):
         if self.geometry_degree is not None and self.is_partitioned:
             text = "is the degree of the partitioned mesh; pass it to 'hpcinv mesh partition' as --geometry-degree"
             yield ("geometry_degree",), text
-        for key in ("labels", "orientation", "neighbours"):
-            if key in self.model_fields_set and getattr(self, key) and not self.is_image:
-                yield (key,), "is for segmented images only"
-        is_read = suffix_of(self.file) in MESHES and not self.is_partitioned
-        for key in ("array_labels", "faces"):
-            if getattr(self, key) and not is_read:
-                yield (key,), "is for mesh files that are read whole"
+        yield from self._faults_of_kind()
         yield from self._faults_of_labels()
         if self.is_image and not self.labels:
             yield ("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"
         if self.is_cad and (suffix_of(self.file) == ".brep") != ("unit" in self.model_fields_set):
             stated = "is needed: BREP files do not have one"
             yield ("unit",), stated if "unit" not in self.model_fields_set else "is in the file already; leave it out"
-        if self.glue is not None and not self.is_cad:
-            yield ("glue",), "is for CAD files only"
         yield from self._faults_of_vessel()
-        is_meshed = self.is_image or self.is_surface or self.is_cad or self.wall is not None
-        if is_meshed and self.size is None and self.shell is None:
+        if self._is_meshed and self.size is None and self.shell is None:
             yield ("size",), "is needed: the largest length of edges, as 5 mm"
-        if self.size is not None and not is_meshed:
-            yield ("size",), "is for CAD files, images and surfaces only; give a generator's among its 'parameters'"
-        if self.grade is not None and not is_meshed:
-            yield ("grade",), "is for CAD files, images and surfaces only"
+
+    @property
+    def _is_meshed(self) -> bool:
+        return self.is_image or self.is_surface or self.is_cad or self.wall is not None
+
+    def _faults_of_kind(self) -> Faults:
+        """Yield the keys that belong to other kinds of files."""
+        is_read = suffix_of(self.file) in MESHES and not self.is_partitioned
+        meshed = "is for CAD files, images and surfaces only"
+        for is_kind, keys, text in (
+            (self.is_image, ("labels", "orientation", "neighbours"), "is for segmented images only"),
+            (is_read, ("array_labels", "faces"), "is for mesh files that are read whole"),
+            (self.is_cad, ("glue",), "is for CAD files only"),
+            (self._is_meshed, ("size",), f"{meshed}; give a generator's among its 'parameters'"),
+            (self._is_meshed, ("grade",), meshed),
+        ):
+            given = [key for key in keys if key in self.model_fields_set and getattr(self, key) not in (None, {}, ())]
+            yield from (((key,), text) for key in given if not is_kind)
 
     def _faults_of_vessel(self) -> Faults:
         is_centreline = suffix_of(self.file) == CENTRELINE
