@@ -224,7 +224,7 @@ def test_two_cubes_cross_where_no_plane_separates_them(hexahedra: bool, comm: MP
 def test_arms_tubes_slabs_and_spheres_that_pass_through_themselves(
     comm: MPI.Intracomm, meshes: Path, run_directory: Path
 ) -> None:
-    for degree, hexahedra in ((1, False), (2, False), (1, True), (2, True)):
+    for degree, hexahedra in ((2, False), (1, True)):
         shape = {"lx": 12.0, "nx": 24, "ny": 2, "nz": 2, "hexahedra": hexahedra}
         bar = body_of(meshes / "box.py", comm, degree, **shape)
         alone = body_of(meshes / "box.py", MPI.COMM_SELF, degree, **shape)

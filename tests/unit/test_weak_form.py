@@ -93,7 +93,12 @@ def variants(case: Job, section: str) -> Iterator[Job]:
 
 
 @pytest.mark.everyday(
-    "law neo-hookean", "law holzapfel-ogden", "law formula", "effect gravity", "effect pressure", "effect prestrain"
+    "law neo-hookean",
+    "law transversely-isotropic",
+    "law formula",
+    "effect gravity",
+    "effect pressure",
+    "effect prestrain",
 )
 @pytest.mark.parametrize("name", INGREDIENTS)
 def test_jobs_of_a_reuse_group_have_the_same_forms(name: str, comm: MPI.Intracomm) -> None:

@@ -62,7 +62,7 @@ def test_the_error_of_the_column_is_estimated(divisions: int, comm: MPI.Intracom
     assert 0.5 < ratios["length"] < 2
 
 
-@pytest.mark.parallel([2])  # tests of the sphere and the column run on one rank
+@pytest.mark.parallel([2, 1])
 def test_the_error_of_the_beam_is_estimated(comm: MPI.Intracomm) -> None:
     """The exact tip is taken from cubic displacements."""
 

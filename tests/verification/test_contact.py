@@ -368,7 +368,7 @@ def test_triangles_of_a_sphere_press_as_the_sphere(
 
     file = run_directory / "sphere.stl"
     if comm.rank == 0:
-        pyvista.Sphere(radius=1000, center=(500, 500, 2000), theta_resolution=120, phi_resolution=120).save(file)
+        pyvista.Sphere(radius=1000, center=(500, 500, 2000), theta_resolution=90, phi_resolution=90).save(file)
     comm.Barrier()
     result = indented(comm, {"shape": "surface", "file": str(file), "unit": "1 mm"})
     missed = closing(result)

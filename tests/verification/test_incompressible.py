@@ -20,9 +20,9 @@ LAWS: dict[str, dict[str, Any]] = {
 def test_bent_block_keeps_its_volume_and_comes_back(comm: MPI.Intracomm) -> None:
     for number, (law, material) in enumerate(LAWS.items()):
         for hexahedra in (False, True):
-            # On several ranks one direction first: each law and each kind of cells has both.
-            for first in ("inverse", "forward") if comm.size == 1 else (("inverse", "forward")[number ^ hexahedra],):
-                mesh = box((4, 2, 2), lx=2.0, hexahedra=hexahedra) | {"geometry_degree": 2}
+            # One direction first: each law and each kind of cells has both.
+            for first in (("inverse", "forward")[number ^ hexahedra],):
+                mesh = box((3, 1, 2), lx=2.0, hexahedra=hexahedra) | {"geometry_degree": 2}
                 result = hpcinv.run(
                     job(
                         analysis="round_trip",

@@ -128,6 +128,7 @@ def test_the_way_forward(hexahedra: bool, comm: MPI.Intracomm) -> None:
 GROWN = {"core": 1.06, "elsewhere": 0.97}
 
 
+@pytest.mark.everyday("growth", "prestrain")
 @pytest.mark.parametrize(
     "effect",
     [

@@ -47,7 +47,7 @@ def test_one_symbolic_analysis_serves_the_run(solver: dict[str, Any], comm: MPI.
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 def test_reuse_and_steps_do_not_change_the_answer(direction: str, comm: MPI.Intracomm) -> None:
     default = beam(comm, direction=direction)
-    careful = beam(comm, direction=direction, strategy="fixed", steps=10, reuse_tangent=False)
+    careful = beam(comm, direction=direction, strategy="fixed", steps=6, reuse_tangent=False)
     assert default.solutions[0].factorizations * 3 < careful.solutions[0].factorizations
     assert np.abs(default.shape - careful.shape).max() < 1e-10 * silicone_beam.LENGTH
 
@@ -85,6 +85,7 @@ def test_step_is_cut_where_newton_fails_and_the_load_is_still_reached(comm: MPI.
     assert np.abs(sheared.shape - small_steps.shape).max() < 1e-10
 
 
+@pytest.mark.everyday("1.0", "8.0")
 @pytest.mark.parametrize(("load", "most"), [(1.0, 8), (2.0, 14), (4.0, 18), (8.0, 20)])
 def test_forward_beam_takes_few_factorizations(load: float, most: int, comm: MPI.Intracomm) -> None:
     assert beam(comm, load=load).solutions[0].factorizations <= most

@@ -104,7 +104,7 @@ def test_a_case_that_crashes_once_is_solved(tmp_path: Path) -> None:
 def test_a_case_whose_process_is_killed_is_tried_more_often(tmp_path: Path) -> None:
     """The system may have been out of memory because of a neighbour."""
     sweep = crashing(tmp_path, ["killed"], good=1)
-    ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+    ended = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
     assert ended.returncode == 3, ended.stdout + ended.stderr
     good, killed = statuses(sweep)
     assert good == "converged"
