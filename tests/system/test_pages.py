@@ -110,6 +110,9 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(ROOT / name, directory / name)
     (directory / "docs" / "pictures").mkdir(parents=True)
     (directory / "meshes").symlink_to(ROOT / "meshes")
+    carotid = directory / "jobs" / "carotid.yaml"
+    carotid.write_text(carotid.read_text().replace("size: 3 mm", "size: 4 mm"))
+    write_job(directory / "jobs" / "pdms-beam.yaml", BLOCK)
     (directory / "download").mkdir()
     tip = [{"name": "tip", "of": "uz", "at": [0.5, 0.5, 1]}]
     write_job(directory / "job.yaml", BLOCK, quantities=tip)

@@ -210,7 +210,7 @@ def test_a_signal_at_any_moment_of_the_start_ends_with_its_code(
     job = meshing(tmp_path, "Python")
     (tmp_path / "marking.py").write_text(MARKING)
     launcher = [str(Path(sys.executable).parent / "mpirun"), "-n", str(ranks)] if ranks else []
-    for delay in (0.0, 0.3, 0.8, 1.6):
+    for delay in (0.0, 0.3, 0.8, 1.6)[bool(ranks) :: 2]:
         mark = tmp_path / f"mark-{delay}"
         program = [sys.executable, "marking.py", str(mark), "run", str(job), "--output", "run"]
         started = subprocess.Popen(
@@ -228,9 +228,7 @@ def test_a_signal_at_any_moment_of_the_start_ends_with_its_code(
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize(
-    ("where", "ranks"), [("generator", 1), ("generator", 2), ("plugin", 2), ("generator in a thread", 1)]
-)
+@pytest.mark.parametrize(("where", "ranks"), [("generator", 2), ("plugin", 2), ("generator in a thread", 1)])
 def test_exit_code_0_from_code_of_a_job_does_not_count(where: str, ranks: int, tmp_path: Path) -> None:
     (tmp_path / "ends.py").write_text(
         {

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import BLOCK, write_job
-from helpers.command_line import hpcinv as command
+from helpers.command_line import BLOCK, hpcinv_here, write_job
 from helpers.linear_cases import BEAM, MATERIALS, SHELF
 from helpers.silicone_beam import LENGTH
 from helpers.verification import Solved, job
@@ -88,7 +87,7 @@ def test_a_chosen_solver_that_fails_is_replaced_and_the_summary_says_so(
 
 def test_a_solver_that_the_job_names_is_not_exchanged(tmp_path: Path) -> None:
     path = write_job(tmp_path / "job.yaml", BLOCK, solver={"linear": "iterative", "petsc": {"ksp_max_it": 1}})
-    done = command(2, "run", path, cwd=tmp_path)
+    done = hpcinv_here("run", path, cwd=tmp_path)
     assert done.returncode == 3
     assert "inverse:\n  iterative linear solver: the job asks for it\n" in done.stdout
     assert "from there on" not in done.stdout

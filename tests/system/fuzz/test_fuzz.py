@@ -14,17 +14,17 @@ import pytest
 FUZZER = Path(__file__).with_name("fuzz.py")
 
 
-@pytest.mark.everyday("jobs-100", "meshes-8", "scans-40", "decks-100")
+@pytest.mark.everyday("jobs-50", "meshes-5", "scans-20", "decks-60")
 @pytest.mark.parametrize(
     ("kind", "count"),
     [
-        ("jobs", 100),
+        ("jobs", 50),
         ("jobs", 300),
-        ("meshes", 8),
+        ("meshes", 5),
         ("meshes", 24),
-        ("scans", 40),
+        ("scans", 20),
         ("scans", 120),
-        ("decks", 100),
+        ("decks", 60),
         ("decks", 500),
     ],
 )

@@ -22,7 +22,7 @@ from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.driver import run
-from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.sweep.sweep_plan import load_sweep
 
 GRID = [{"grid": {"material.mu": ["8 kPa", "10 kPa", "14 kPa"], "effects[0].density": [100, 200]}}]
@@ -115,8 +115,10 @@ def test_a_case_that_fails_is_reported_and_the_others_go_on(tmp_path: Path) -> N
     assert "floor" in ended.stdout
 
 
-def test_ranks_must_fit_into_groups(tmp_path: Path) -> None:
-    ended = hpcinv(3, "sweep", "run", write_sweep(tmp_path, GRID), "--ranks-per-case", 2, cwd=tmp_path)
+@pytest.mark.parallel([3])
+def test_ranks_must_fit_into_groups(run_directory: Path, comm: MPI.Intracomm) -> None:
+    sweep = on_root(comm, lambda: write_sweep(run_directory, GRID))
+    ended = hpcinv_here("sweep", "run", sweep, "--ranks-per-case", 2, cwd=run_directory)
     assert ended.returncode == 2
     assert "3 ranks cannot be divided" in ended.stderr
     assert ended.stderr.count("--ranks-per-case") == 1
@@ -317,16 +319,22 @@ def test_finished_sweeps_start_no_solver_process(tmp_path: Path) -> None:
         assert f"{len(load_sweep(sweep).cases)} of {len(load_sweep(sweep).cases)} cases finished" in done.stdout
 
 
-def test_a_store_that_cannot_be_one_is_refused(tmp_path: Path) -> None:
-    sweep = write_sweep(tmp_path, GRID)
-    (tmp_path / "store").mkdir()
-    (tmp_path / "store" / "letter.txt").write_text("dear all")
-    ended = hpcinv(2, "sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
+@pytest.mark.parallel([2])
+def test_a_store_with_other_files_is_refused_on_all_ranks(run_directory: Path, comm: MPI.Intracomm) -> None:
+    def write() -> Path:
+        (run_directory / "store").mkdir()
+        (run_directory / "store" / "letter.txt").write_text("dear all")
+        return write_sweep(run_directory, GRID)
+
+    sweep = on_root(comm, write)
+    ended = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=run_directory)
     assert ended.returncode == 2
     assert "holds files that are not of a store" in ended.stderr
     assert ended.stderr.count("not of a store") == 1
-    (tmp_path / "store" / "letter.txt").unlink()
-    (tmp_path / "store").rmdir()
+
+
+def test_a_file_is_refused_as_a_store(tmp_path: Path) -> None:
+    sweep = write_sweep(tmp_path, GRID)
     (tmp_path / "store").write_text("")
     assert hpcinv_here("sweep", "run", sweep, cwd=tmp_path).returncode == 2
 
@@ -337,7 +345,7 @@ def test_kills_at_random_moments_lose_nothing_and_repeat_nothing(tmp_path: Path)
     A hundred of them: benchmarks/sweep_kills.py.
     """
     chance = random.Random(5)
-    steps, count = {"strategy": "fixed", "steps": 40}, 14
+    steps, count = {"strategy": "fixed", "steps": 20}, 14
     sweep = write_sweep(
         tmp_path, [{"grid": {"material.mu": [8000 + 200 * i for i in range(count)]}}], set={"solver": steps}
     )
