@@ -24,6 +24,7 @@ from hpcinv.parallel.runtime import MPI, compilation_explained
 from hpcinv.parallel.signals import ended_late, signals_recorded
 from hpcinv.parallel.timings import Timings
 from hpcinv.points.interpreter import note_on_speed
+from hpcinv.points.kernels import notes_on_ffcx
 from hpcinv.preparation import Prepared, prepare
 from hpcinv.results.quantities_of_interest import carried, evaluate
 from hpcinv.results.shape_distance import differences
@@ -136,6 +137,8 @@ class _Outputs(StepObserver):
         with progress.phase("compiling"):
             totals = totals_of(first, job.plan[0])
         progress.body(totals)
+        for line in notes_on_ffcx():
+            progress.note(f"  {line}")
         self.report = RunReport(job, first, store, progress, totals, prepared.record, prepared.unused_options)
         self.checkpoints = CheckpointWriter(checkpoints, store, first, self.restart)
         self.snapshots = SnapshotWriter(store, first, self.restart)

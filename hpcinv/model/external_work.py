@@ -11,6 +11,7 @@ import ufl
 from hpcinv.effects import Effect
 from hpcinv.errors import HpcinvError, JobError, described
 from hpcinv.kinematics.kinematics import Kinematics
+from hpcinv.model.plugin_terms import noted
 
 ADVICE = (
     "  Return a sum of integrals that are linear in v: k.dV(f) or k.dv(f) over the reference or current volume,"
@@ -46,4 +47,4 @@ def external_work(where: str, effect: Effect, k: Kinematics, v: Any, load: Any, 
         is_linear = False
     if not is_linear:
         raise JobError(f"{where}: {source}: virtual_work is not linear in v", ADVICE)
-    return work
+    return noted(where, effect.virtual_work, work)

@@ -42,6 +42,7 @@ from hpcinv.model.measures import Integration
 from hpcinv.model.nominal_displacement import NominalDisplacement
 from hpcinv.model.obstacle_passage import Passages
 from hpcinv.model.parameters import ParameterDerivative, Parameters
+from hpcinv.model.plugin_terms import noted
 from hpcinv.model.spaces import Unknowns
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.nondimensional import Scales
@@ -152,11 +153,17 @@ class WeakForm:
         self._own = own
         self._reference_elastic = _elastic(Deformation(ufl.zero(3, 3), directions), own)[0] if own else None
         self._laws = tuple(job.laws.values())
-        potentials = [w for e, load, p in effect_data if (w := e.potential(total, load, p)) is not None]
+        potentials = [
+            w
+            for where, (e, load, p) in named
+            if (w := noted(where, e.potential, e.potential(total, load, p))) is not None
+        ]
         self.parts = tuple(
             _part(law, par.quantities(i), elastic, J_g, potentials, unknowns.p, H, cells[i] if cells else None)
             for i, law in enumerate(job.laws.values())
         )
+        for (where, law), part in zip(job.laws.items(), self.parts, strict=True):
+            noted(where, law.isochoric_energy, part.energy)
         self._strains, self._potentials, self._works = [strain for _, strain in strains], potentials, list[Any]()
         residual: Any = 0
         for number, part in enumerate(self.parts):

@@ -81,7 +81,7 @@ def compilation_explained(comm: MPI.Intracomm) -> Iterator[None]:
         modules = {frame.f_globals.get("__name__") for frame, _ in traceback.walk_tb(exc.__traceback__)}
         if modules & {"dolfinx.jit", "hpcinv.parallel.jit"}:  # a failure on rank 0 is raised on all ranks
             text = str(exc)
-            on_root(comm, lambda: _explain_compilation(text))
+            on_root(comm, lambda: explain_compilation(text))
         raise
 
 
@@ -93,12 +93,17 @@ def c_compiler() -> list[str]:
     return own if shutil.which(own[0]) else ["cc"]
 
 
-def _explain_compilation(text: str) -> None:
+def explain_compilation(text: str, what: str = "kernels that were not compiled before") -> None:
+    """Raise ``SystemPartMissing`` if the text of a failed compilation has a known cause.
+
+    Args:
+        what: needs a compiler.
+    """
     install = "nstall one (Debian, Ubuntu: apt-get install gcc libc6-dev), or set CC to yours."
     compiler = c_compiler()[0]
     if shutil.which(compiler) is None:
         raise SystemPartMissing(
-            f"no C compiler '{compiler}' on {os.uname().nodename}, which kernels need that were not compiled before",
+            f"no C compiler '{compiler}' on {os.uname().nodename}, which is needed for {what}",
             f"Elsewhere 'hpcinv compile JOB --cache DIR', then set HPCINV_KERNELS=DIR. Or i{install}",
         )
     if unwritten := re.search(r"(kernels cannot be written|the compiler cannot write) to .*", text):
@@ -110,4 +115,4 @@ def _explain_compilation(text: str) -> None:
         raise SystemPartMissing(failed[0], f"I{install}")
 
 
-__all__ = ["MPI", "agree", "c_compiler", "compilation_explained", "on_root"]
+__all__ = ["MPI", "agree", "c_compiler", "compilation_explained", "explain_compilation", "on_root"]

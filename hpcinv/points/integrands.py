@@ -104,17 +104,27 @@ class Integrand:
         if isinstance(step, Argument):
             arguments[step.number()] = step
         scale = graph.multiply(scalars.volume if measure == "volume" else scalars.area, graph.input(("weight",)))
+        if rank == 1 and isinstance(step, Argument):
+            slots = self._slots(scalars, unknown, found)
+            return self._slopes_of_number(graph.multiply(scale, root), slots, step)
         rows = self._duals(scalars, root, scale, arguments.get(0), found)
         if rank == 2:
             places = self._slots(scalars, arguments[1] if unknown is None else unknown, found)
             return self._moduli(rows, places, arguments[1])
-        if isinstance(step, Argument):
-            raise NotAnalytic("it is the derivative of a number")
         if unknown is not None:
             places = self._slots(scalars, unknown, found)
             direction = {node: scalars.function(step, slot.component, slot.direction) for node, slot in places.items()}
             rows = _present(rows, slopes(graph, list(rows.values()), direction))
         return self._program([(dual, self._basis(slot), -1) for slot, dual in rows.items()], rank=rank)
+
+    def _slopes_of_number(self, number: Node, places: Mapping[Node, Slot], test: Any) -> Program:
+        """Return the program of the derivative of a number by an unknown, along a test function."""
+        results = []
+        for node, slot in places.items():
+            (dual,) = slopes(self._graph, [number], {node: self._graph.number(1.0)})
+            if dual is not None:
+                results.append((dual, self._basis(Slot(test, slot.component, slot.direction)), -1))
+        return self._program(results, rank=1)
 
     def moduli(
         self, integrand: Any, test: Any, trial: Any, blocks: Sequence[Sequence[tuple[int, int]]]

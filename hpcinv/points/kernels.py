@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,10 +18,10 @@ import numpy.typing as npt
 import ufl
 from dolfinx.fem import IntegralType
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
-from ufl.classes import CoefficientDerivative
+from ufl.classes import CoefficientDerivative, Jacobian
 
 from hpcinv.parallel import jit
-from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.runtime import MPI, explain_compilation, on_root
 from hpcinv.points import point_scalars
 from hpcinv.points.array_interpreter import EXPRESSION, Place
 from hpcinv.points.integrands import Integrand, Sources
@@ -30,7 +29,7 @@ from hpcinv.points.interpreter import kernel_of
 from hpcinv.points.program import Program
 from hpcinv.points.program_files import Integral, Programs, kept_programs
 from hpcinv.points.scalar_graph import NotAnalytic
-from hpcinv.points.tables import Tables, cell_rule, facet_rule
+from hpcinv.points.tables import Tables, cell_rule, facet_rule, on_facets
 
 JIT_OPTIONS = jit.JIT_OPTIONS
 _TYPES = tuple(IntegralType.__members__)
@@ -66,7 +65,7 @@ def _form_programs(form: Any) -> Programs:
 def _by_domain(form: Any) -> dict[tuple[int, int], dict[str, tuple[Any, list[Any]]]]:
     """Return metadata and integrands by quadrature rule, by type and region of the integral; -1 is everywhere."""
     found: dict[tuple[int, int], dict[str, tuple[Any, list[Any]]]] = {}
-    for integral in form.integrals():
+    for integral in _with_degrees(form.integrals()):
         if integral.integral_type() not in ("cell", "exterior_facet"):
             raise NotAnalytic(f"it has integrals over {integral.integral_type()}s")
         regions = integral.subdomain_id()
@@ -75,6 +74,27 @@ def _by_domain(form: Any) -> dict[tuple[int, int], dict[str, tuple[Any, list[Any
             rules = found.setdefault(place, {})
             rules.setdefault(repr(integral.metadata()), (integral.metadata(), []))[1].append(integral.integrand())
     return found
+
+
+def _with_degrees(integrals: Sequence[Any]) -> list[Any]:
+    """Return integrals of which those without a quadrature degree have the one that UFL estimates, as by FFCx."""
+    given = [
+        i for i in integrals if i.metadata().get("quadrature_degree", -1) != -1 or "quadrature_rule" in i.metadata()
+    ]
+    others = [i for i in integrals if i not in given]
+    if not others:
+        return given
+    data = ufl.algorithms.compute_form_data(
+        ufl.Form(others),
+        do_apply_function_pullbacks=True,
+        do_apply_integral_scaling=True,
+        do_apply_geometry_lowering=True,
+        preserve_geometry_types=(Jacobian,),
+        do_append_everywhere_integrals=False,
+    )
+    parts = [part for group in data.integral_data for part in group.integrals]
+    degree = max(int(np.max(part.metadata()["estimated_polynomial_degree"])) for part in parts)
+    return [*given, *(i.reconstruct(metadata=i.metadata() | {"quadrature_degree": degree}) for i in others)]
 
 
 def _joined(integrands: Sequence[Any]) -> list[Any]:
@@ -86,10 +106,15 @@ def _joined(integrands: Sequence[Any]) -> list[Any]:
 
 def _expression_programs(expression: Any, points: npt.NDArray[np.float64]) -> Programs:
     domains = ufl.domain.extract_domains(expression)
-    if len(domains) != 1 or not point_scalars.is_supported(domains[0]) or points.shape[1] != 3:
-        raise NotAnalytic("its mesh is not one of solids, or its points are on facets")
+    if len(domains) != 1 or not point_scalars.is_supported(domains[0]):
+        raise NotAnalytic("its mesh is not one of solids")
     sources = Sources(extract_coefficients(expression), extract_constants(expression))
-    program = Integrand(domains[0], Tables(points), sources).expression(expression)
+    if points.shape[1] == 3:
+        tables = Tables(points)
+    else:
+        places, normals = on_facets(domains[0].ufl_coordinate_element().cell_type.name, points)
+        tables = Tables(places, normals=normals)
+    program = Integrand(domains[0], tables, sources).expression(expression)
     return Programs.of_expression(program, sources.used)
 
 
@@ -191,13 +216,54 @@ def kernels_of(comm: MPI.Intracomm, item: Any, directory: Path) -> tuple[Any, An
 
 
 def _jit(comm: MPI.Intracomm, item: Any, form_compiler_options: Any = None, jit_options: Any = None) -> Any:
-    """Interpret a form or expression; compile what programs do not have."""
+    """Interpret a form or expression; compile what programs do not have.
+
+    Raises:
+        SystemPartMissing: on all ranks, if it has to be compiled, and there is no compiler.
+    """
     directory = Path((jit_options or {}).get("cache_dir", jit.DIRECTORY))
     options: Mapping[str, Any] = form_compiler_options or {}
+    missing = "its numbers are not of double precision"
     if np.dtype(options.get("scalar_type", np.float64)) == np.float64:
-        with suppress(NotAnalytic):
+        try:
             return kernels_of(comm, item, directory)
-    return compiled_by_ffcx(comm, item, form_compiler_options=form_compiler_options, jit_options=jit_options)
+        except NotAnalytic as reason:
+            missing = str(reason)
+    place = term_places.get(missing, "a form")
+    _notes.setdefault(f"{place}: {missing}, which programs do not have: FFCx compiles it", True)
+    try:
+        return compiled_by_ffcx(comm, item, form_compiler_options=form_compiler_options, jit_options=jit_options)
+    except RuntimeError as error:
+        text = str(error)
+        on_root(comm, lambda: explain_compilation(text, f"{place}: {missing}"))
+        raise
+
+
+term_places: dict[str, str] = {}
+"""files and lines of terms of plugins, by what they have and programs do not"""
+_notes: dict[str, bool] = {}
+"""lines on what FFCx compiled, and whether they are new"""
+
+
+def notes_on_ffcx() -> list[str]:
+    """Return lines on what FFCx compiled in this process, each of them once."""
+    new = [line for line, is_new in _notes.items() if is_new]
+    _notes.update(dict.fromkeys(new, False))
+    return new
+
+
+def missing_in_programs(item: Any) -> str:
+    """Return what a form, or an expression, has and programs do not; "" if they have all."""
+    try:
+        if isinstance(item, ufl.Form):
+            _form_programs(item)
+        else:
+            _expression_programs(item, np.full((1, 3), 0.25))
+    except NotAnalytic as reason:
+        return str(reason)
+    except Exception as error:  # UFL's errors have many types; whoever compiles the item reports it
+        return f"{type(error).__name__}: {error}"
+    return ""
 
 
 compiled_by_ffcx = dolfinx.jit.ffcx_jit

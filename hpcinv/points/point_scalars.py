@@ -89,7 +89,7 @@ class PointScalars:
             if kind in _COMPONENTS:
                 nodes = [_COMPONENTS[kind](self, e, c) for c in product(*map(range, e.ufl_shape))]
                 return np.array(nodes, dtype=np.int64).reshape(e.ufl_shape)
-        raise NotAnalytic(f"it has '{type(e).__name__.lower()}'")
+        raise NotAnalytic(f"it has '{type(e).__name__}'")
 
     def _elementwise(self, operation: Callable[..., Node], e: Any) -> Nodes:
         """Return an operation on the components of operands, each of which has the shape of the result or none."""
@@ -147,7 +147,7 @@ class PointScalars:
     def _gradient(self, e: Any, c: tuple[int, ...]) -> Node:
         (f,) = e.ufl_operands
         if not isinstance(f, classes.Coefficient | classes.Argument):
-            raise NotAnalytic("it has derivatives of functions other than their gradients")
+            raise NotAnalytic("it has second derivatives of a function")
         directions = (self.function(f, _flat(c[:-1], f.ufl_shape), b) for b in range(_DIM))
         return self._sum(self._graph.multiply(d, self._inverse[b][c[-1]]) for b, d in enumerate(directions))
 
@@ -232,6 +232,7 @@ _COMPONENTS: dict[type, Callable[[PointScalars, Any, tuple[int, ...]], Node]] = 
     classes.Jacobian: lambda scalars, _, c: scalars._jacobian(*c),
     classes.JacobianInverse: lambda scalars, _, c: scalars._inverse[c[0]][c[1]],
     classes.JacobianDeterminant: lambda scalars, _, __: scalars._determinant,
+    classes.FacetJacobianDeterminant: lambda scalars, _, __: scalars.area,
     classes.FacetNormal: PointScalars._unit_normal,
     classes.MathFunction: PointScalars._elementary,
 }

@@ -137,7 +137,7 @@ class _Coder:
                 return "select", graph.conditions[node], series, closed
             case ("abs" | "sign" as name, x):
                 return name, x
-        raise NotAnalytic(f"it has the operation {graph.operations[node][:2]}")
+        raise NotAnalytic(f"it has '{' '.join(map(str, graph.operations[node][:2]))}'")
 
     def _sum(self, a: Node, b: Node) -> tuple[Any, ...]:
         """Return a sum; a product that is used nowhere else becomes part of it."""

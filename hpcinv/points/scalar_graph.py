@@ -8,6 +8,7 @@ Conditionals ``|x| < c`` choose between a series and the closed form of one anal
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -246,6 +247,9 @@ class ScalarGraph:
             case "asin" | "acos":
                 root = self.power(less(unity, self.multiply(x, x)), self.number(-0.5))
                 return root if name == "asin" else self.multiply(minus, root)
+            case "erf":
+                bell = self.function("exp", self.multiply(minus, self.multiply(x, x)))
+                return self.multiply(self.number(2 / math.sqrt(math.pi)), bell)
         raise NotAnalytic(f"it has the function '{name}'")
 
     def _value(self, node: Node) -> float | None:

@@ -95,17 +95,23 @@ def cell_rule(kind: str, metadata: Any) -> tuple[Doubles, Doubles]:
 
 def facet_rule(kind: str, metadata: Any) -> tuple[Doubles, Doubles, Doubles]:
     """Return points (facets, n, 3) and weights (n,) of an integral over facets, and normals times areas (facets, 3)."""
+    facet = basix.cell.subentity_types(basix.CellType[kind])[2][0]
+    points, weights = basix.make_quadrature(facet, degree_of(metadata))
+    places, normals = on_facets(kind, points)
+    return places, weights, normals
+
+
+def on_facets(kind: str, points: Doubles) -> tuple[Doubles, Doubles]:
+    """Return points (n, 2) of the reference facet on each facet (facets, n, 3), and normals times areas (facets, 3)."""
     cell = basix.CellType[kind]
     corners, normals = basix.geometry(cell), basix.cell.facet_outward_normals(cell)
-    facet = basix.cell.subentity_types(cell)[2][0]
-    points, weights = basix.make_quadrature(facet, degree_of(metadata))
     places, areas = [], []
     for vertices in basix.topology(cell)[2]:
         origin, *ends = corners[vertices[:3]]
         axes = np.stack(ends) - origin
         places.append(origin + points @ axes)
         areas.append(np.linalg.norm(np.cross(*axes)))
-    return np.stack(places), weights, normals * np.array(areas)[:, None]
+    return np.stack(places), normals * np.array(areas)[:, None]
 
 
 def degree_of(metadata: Any) -> int:

@@ -8,6 +8,7 @@ effects in another one.
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +25,14 @@ from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, tangent_of, tangents_for
 from hpcinv.driver import run
 from hpcinv.effects import effects
+from hpcinv.errors import SystemPartMissing
 from hpcinv.job.job import Job, parse
 from hpcinv.materials import laws
 from hpcinv.mesh import build_body
 from hpcinv.output.progress import Progress
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.points import kernels
 from hpcinv.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
@@ -180,27 +183,48 @@ class SecondGradient(Effect):
 '''
 
 
-def test_a_residual_without_moduli_has_the_compiled_tangent_and_says_so(tmp_path: Path, comm: MPI.Intracomm) -> None:
-    """On a large mesh an effect of a plugin, of whatever form, is solved as on a small one, and the log says how."""
-    (tmp_path / "bending.py").write_text(SECOND_GRADIENT)
+def job_of_second_gradient(directory: Path, effect: str = "second-gradient") -> Job:
+    """A cube whose plugin has an operator that programs do not have, in an effect of a given name."""
+    (directory / "bending.py").write_text(SECOND_GRADIENT.replace("second-gradient", effect))
     given = {
         "mesh": box((2, 2, 2)) | {"file": str(HERE / BOX)},
         "plugins": ["bending.py"],
         "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
         "effects": [
-            {"effect": "second-gradient", "stiffness": "100 Pa"},
+            {"effect": effect, "stiffness": "100 Pa"},
             {"effect": "traction", "region": "x1", "traction": [0, 0, "500 Pa"], "area_in": "reference"},
         ],
         "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
         "certificate": NO_CERTIFICATE,
         "analysis": "forward",
     }
-    log = io.StringIO()
-    small = run(parse(given, tmp_path / "job.yaml"), comm)
+    return parse(given, directory / "job.yaml")
+
+
+def test_an_operator_of_a_plugin_is_named_where_nothing_compiles_it(
+    tmp_path: Path, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any, **__: Any) -> Any:
+        raise RuntimeError("Failed JIT compilation of form: cc")
+
+    monkeypatch.setenv("CC", "no-such-cc")
+    monkeypatch.setattr(kernels, "compiled_by_ffcx", fail)
+    place = re.escape(f"effects[0]: {tmp_path / 'bending.py'}, line 18: it has second derivatives of a function")
+    with pytest.raises(SystemPartMissing, match=rf"no C compiler 'no-such-cc' on .* needed for {place}"):
+        run(job_of_second_gradient(tmp_path, "third-gradient"), comm)
+
+
+def test_a_residual_without_moduli_has_the_compiled_tangent_and_says_so(tmp_path: Path, comm: MPI.Intracomm) -> None:
+    """On a large mesh an effect of a plugin, of whatever form, is solved as on a small one, and the log says how."""
+    given = job_of_second_gradient(tmp_path)
+    logs = io.StringIO(), io.StringIO()
+    small = run(given, comm, progress=Progress(comm, logs[0]))
     with tangents_for(cells=1_000_000):
-        large = run(parse(given, tmp_path / "job.yaml"), comm, progress=Progress(comm, log))
-    note = "the tangent is assembled by DOLFINx, which takes two to three times as long: it has derivatives"
-    assert note in log.getvalue()
+        large = run(given, comm, progress=Progress(comm, logs[1]))
+    place = f"effects[0]: {tmp_path / 'bending.py'}, line 18: it has second derivatives of a function"
+    assert f"{place}, which programs do not have: FFCx compiles it" in logs[0].getvalue().replace("\n", "")
+    note = "the tangent is assembled by DOLFINx, which takes two to three times as long: it has second derivatives"
+    assert note in logs[1].getvalue()
     assert large.statistics["solutions"][0]["linear"]["note"].startswith(note)
     assert small.statistics["solutions"][0]["linear"]["note"] == ""
     assert np.array_equal(small.solutions[0].u, large.solutions[0].u)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from helpers.reference_kernels import kernels_of_ffcx
 from helpers.without_compiler import without_compiler
 
 from hpcinv.parallel import kernel_files
@@ -167,9 +168,9 @@ def test_what_programs_do_not_have_is_named() -> None:
     space = fem.functionspace(CUBE, ("N1curl", 1))
     for expression, reason in (
         (fem.Function(space)[0], "element"),
-        (ufl.CellVolume(CUBE), "cellvolume"),
+        (ufl.CellVolume(CUBE), "CellVolume"),
         (ufl.FacetNormal(CUBE)[0], "normal"),
-        (ufl.bessel_J(1, ufl.SpatialCoordinate(CUBE)[0]), "bessel"),
+        (ufl.bessel_J(1, ufl.SpatialCoordinate(CUBE)[0]), "BesselJ"),
     ):
         with pytest.raises(NotAnalytic, match=reason):
             kernels._expression_programs(expression, POINTS)
@@ -255,3 +256,46 @@ def test_more_kernels_than_functions_take_another_copy(monkeypatch: pytest.Monke
     assert len(interpreter._free) == 9
     values = fem.Expression(ufl.SpatialCoordinate(CUBE)[0], POINTS, jit_options=JIT_OPTIONS)
     assert values.eval(CUBE, np.array([0], dtype=np.int32)).shape == (1, 5)
+
+
+def test_the_derivative_of_a_potential_is_its_virtual_work() -> None:
+    """Also without a quadrature degree: UFL's estimate for products of quadratic functions is exact."""
+    space = fem.functionspace(CUBE, ("P", 2, (3,)))
+    u, v, du = fem.Function(space), ufl.TestFunction(space), ufl.TrialFunction(space)
+    u.interpolate(lambda x: 0.05 * np.sin(x + x[::-1]))
+    energy = (ufl.inner(ufl.grad(u), ufl.grad(u)) / 2 + ufl.inner(u, u) * u[0] / 3) * ufl.dx(CUBE)
+    work = ufl.inner(ufl.grad(u), ufl.grad(v)) + (2 * ufl.inner(u, v) * u[0] + ufl.inner(u, u) * v[0]) / 3
+    forms = [ufl.derivative(energy, u, v), ufl.derivative(ufl.derivative(energy, u, v), u, du)]
+    expected = work * ufl.dx(CUBE, degree=6)
+    for form, other in zip(forms, (expected, ufl.derivative(expected, u, du)), strict=True):
+        kernels._form_programs(form)
+        assert assembled(form) == pytest.approx(assembled(other), rel=0, abs=1e-14)
+
+
+@pytest.mark.parametrize("cell", [mesh.CellType.tetrahedron, mesh.CellType.hexahedron])
+def test_expressions_on_facets_are_what_ffcx_compiles(cell: mesh.CellType) -> None:
+    """At the middle of each facet: DOLFINx orders several points by the facet's vertices, and programs do not."""
+    body = mesh.create_unit_cube(MPI.COMM_SELF, 1, 1, 1, cell)
+    body.geometry.x[:] += 0.1 * np.sin(3 * body.geometry.x[:, ::-1])
+    u = fem.Function(fem.functionspace(body, ("P", 2, (3,))))
+    u.interpolate(lambda x: 0.1 * np.sin(x + 2 * x[::-1]))
+    n, F = ufl.FacetNormal(body), ufl.Identity(3) + ufl.grad(u)
+    ratio = abs(ufl.classes.FacetJacobianDeterminant(body)) * ufl.det(F)
+    expression = ufl.as_vector([*ufl.SpatialCoordinate(body), *n, *ufl.dot(F, n), ratio])
+    corners = 3 if cell == mesh.CellType.tetrahedron else 2
+    entities = np.array([*np.ndindex(body.topology.index_map(3).size_local, 2 * (5 - corners))], dtype=np.int32)
+    body.topology.create_connectivity(2, 3)
+    body.topology.create_connectivity(3, 2)
+
+    def values(points: np.ndarray) -> np.ndarray:
+        return np.asarray(fem.Expression(expression, points, jit_options=JIT_OPTIONS).eval(body, entities))
+
+    middle, more = np.full((1, 2), 1 / corners), np.array([[1 / corners, 1 / corners], [0.1, 0.2], [0.7, 0.1]])
+    kernels._expression_programs(expression, more)
+    with kernels_of_ffcx():
+        expected = values(middle)
+    assert values(middle) == pytest.approx(expected, rel=0, abs=1e-15 * 8)
+    several = values(more)
+    assert several[:, :1] == pytest.approx(expected, rel=0, abs=1e-15 * 8)
+    with without_compiler():
+        assert values(more) == pytest.approx(several, rel=0, abs=1e-15 * 8)
