@@ -73,7 +73,8 @@ def stable_motions(equations: Equations, forward: ForwardFactors) -> Iterator[Li
     """
     solution = forward.solution
     with forward.tangent() as equilibrium:
-        bordered = BorderedSolver(equilibrium, solved_motions(equations, solution, equilibrium.system))
+        motions = solved_motions(equations, solution, equilibrium.system)
+        bordered = BorderedSolver(equilibrium.system, equilibrium.linear, motions)
         is_solved = bordered.linearise(1.0)
         stiffness = bordered.condensed
         bordered.destroy()

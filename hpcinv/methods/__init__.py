@@ -1,7 +1,6 @@
 """Solution methods: the direct method, and for inverse problems fixed-point methods with forward solves."""
 
 from hpcinv.effects import Direction
-from hpcinv.methods.bordered_method import BorderedMethod
 from hpcinv.methods.direct_method import DirectMethod
 from hpcinv.methods.fixed_point import FixedPointMethod
 from hpcinv.methods.method import Method, Start
@@ -18,8 +17,6 @@ _FAILURES = 4
 
 def method_for(equations: Equations, direction: Direction, observer: Observer = SILENT) -> Method:
     """Return the method of the equations' job; forward problems are always solved directly."""
-    if equations.job.controlled_cavities or equations.job.remote_loads:
-        return BorderedMethod(equations, direction, observer)
     if direction == "forward" or equations.job.method == "direct":
         return DirectMethod(equations, direction, observer)
     return FixedPointMethod(equations, observer)
@@ -55,14 +52,18 @@ def solve_direction(equations: Equations, direction: Direction, start: Start, ob
         failures += not solve.outcome.accepted
         ends = not solve.outcome.accepted and is_given_up(solves, equations.job.solver.patience)
         is_time = failures == _FAILURES and not solve.outcome.accepted
-        if (is_time or (ends and failures < _FAILURES)) and isinstance(method, DirectMethod):
+        if (
+            (is_time or (ends and failures < _FAILURES))
+            and isinstance(method, DirectMethod)
+            and not method.equilibrium.numbers.count
+        ):
             lines = failing_motion(equations.job, equations.body, method.equilibrium, method.reached_load, failures)
             observer.failing(lines)
         if ends:
             break
-    bordered = method if isinstance(method, BorderedMethod) and method.reached_load else None
-    cavities, remote_loads = ((), ()) if bordered is None else (bordered.cavities(), bordered.remote_loads())
-    equilibrium = method.equilibrium
+    equilibrium, load = method.equilibrium, method.reached_load
+    loads = method.unknown_loads if isinstance(method, DirectMethod) and load else None
+    cavities, remote_loads = ((), ()) if loads is None else (loads.cavities(load), loads.remote_loads(load))
     # If nothing was solved, PETSc has used no options.
     unused = tuple(equilibrium.linear.options.unused()) if start.load != 1.0 else None
     equations.release(equilibrium)

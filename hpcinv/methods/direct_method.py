@@ -6,6 +6,7 @@ from dataclasses import replace
 from hpcinv.effects import Direction
 from hpcinv.methods.fallbacks import Problem, reach
 from hpcinv.methods.method import UNLOADED, Method, Start
+from hpcinv.methods.unknown_loads import UnknownLoads
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equations import Equations
@@ -26,6 +27,7 @@ class DirectMethod(Method):
     def __init__(self, equations: Equations, direction: Direction, observer: Observer = SILENT) -> None:
         self.equilibrium = equations.equilibrium(equations.weak_form(direction), observer)
         self.problem = Problem(equations, direction, self.equilibrium, observer)
+        self.unknown_loads = UnknownLoads(equations, self.equilibrium)
         self.steps = equations.steps
         if isinstance(self.steps, ArcLengthSteps) and direction != equations.job.directions[0]:
             self.steps = replace(self.steps, limit_points=0)  # the second direction has none
@@ -34,6 +36,8 @@ class DirectMethod(Method):
         self.reached_load = start.load
         contacts, tolerance = self.equilibrium.system.weak_form.contacts, self.problem.equations.job.solver.tolerance
         self.check_start(start)
+        if start.load > 0.0:
+            self.equilibrium.numbers.recover(start.load)
         if contacts.is_iterated:
             contacts.reset()
             if start.load == 1.0:  # a checkpoint has no contact pressures

@@ -44,6 +44,9 @@ _FARTHEST, _FARTHEST_COMPACT, _FARTHEST_SMALL = 0.3, 0.5, 300.0
 compact and small bodies. Above 0.3, Newton's method makes new tangents, which earlier factors of a compact body can
 solve up to about 0.5 and more. Above about 400 it fails."""
 
+_WITH_NUMBERS = ("arc-length", "line-search")
+"""Fallbacks that know of unknown pressures and motions."""
+
 _SIDES = {"first": 0, "positive": 1, "negative": -1}
 
 type Solves = Generator[Solve, None, None]
@@ -97,6 +100,8 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
     if isinstance(steps, FixedSteps) or last is None:
         return
     names: Sequence[str] = solver.rescue
+    if problem.equilibrium.numbers.count:
+        names = [name for name in names if name in _WITH_NUMBERS]
     ended_early = stop_early and isinstance(steps, AdaptiveSteps) and last.load - load >= 2 * steps.least
     if ended_early:  # at a likely limit point
         names = ["arc-length", "load steps", *(name for name in names if name != "arc-length")]
@@ -124,6 +129,8 @@ def _automatic_series(problem: Problem, steps: AdaptiveSteps) -> SeriesSolver | 
     """Return the continuation by power series after a solve that failed, if factors solve the equations."""
     if problem.equilibrium.linear.configuration.name != "direct":
         return None  # each order would take a solve by multigrid to 1e-10
+    if problem.equilibrium.numbers.count:
+        return None  # a series has no orders of them
 
     def series(load: float, failed: Solve) -> Iterator[Solve]:
         return _series(problem, steps, load, failed)

@@ -24,6 +24,6 @@ def solved_motions(equations: Equations, solution: Solution, system: System) -> 
     motions = []
     for report in solution.remote_loads:
         motion = RemoteBorder(system, report.support, report.load, equations.scales)
-        motion.recover()
+        motion.recover(1.0)
         motions.append(motion)
     return motions

@@ -43,7 +43,7 @@ class FollowedNumbers:
         self._pressures = CavityBorder(self._system, self._cavities) if self._cavities else None
         self._borders = [*self._motions, *([self._pressures] if self._pressures else [])]
         self.count = sum(border.count for border in self._borders)
-        self._bordered = BorderedSolver(equilibrium, self._borders)
+        self._bordered = BorderedSolver(equilibrium.system, equilibrium.linear, self._borders)
         if not self._bordered.linearise(1.0):
             raise _singular()
 

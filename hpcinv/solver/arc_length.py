@@ -3,6 +3,7 @@
 import math
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -75,6 +76,7 @@ class _Point:
     load: float
     tangent: BorderedTangent
     sign: int  # of the determinant of K, 0 if not known
+    numbers: Any  # unknown numbers there, without the load factor
 
     def ahead(self, s: float) -> PETSc.Vec:
         """Return the predicted state at a distance along the tangent."""
@@ -130,7 +132,14 @@ class _Path:
         if tangent is None:
             return None
         self.last_point = None
-        return _Point(x, load, tangent, self.equations.linear.sign_of_determinant())
+        sign = self.equations.linear.sign_of_determinant()
+        return _Point(x, load, tangent, sign, self.equations.numbers.kept_numbers())
+
+    def _return_to(self, point: _Point) -> None:
+        """Return to a point after a solve that failed, or whose state is not taken."""
+        self.equations.system.set_state(point.x)
+        self.equations.numbers.restore(point.numbers)
+        self.equations.depart(point.load)
 
     def _land(self, point: _Point, end: float, predicted: PETSc.Vec, step: float) -> Moves:
         """Solve at a fixed load from a predicted state; a distant solution may belong to another path."""
@@ -146,7 +155,7 @@ class _Path:
             if crossed or (distance > step and not equations.floor().exceeds(distance, NewtonMonitor.round_off)):
                 solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
         if not solve.outcome.accepted:
-            equations.system.set_state(point.x)
+            self._return_to(point)
         yield self._charged(solve)
         self.ended = solve.outcome.is_final or (solve.outcome.accepted and end == 1.0)
         self.easy = False
@@ -160,13 +169,8 @@ class _Path:
         solve = corrected.solve
         if solve.outcome.accepted and norm(predicted) > step:
             solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
-        passages = self.equations.system.weak_form.passages
-        if solve.outcome.accepted:
-            self._move_to(corrected.x, solve.load)
-            if passages.has_passed():
-                solve = replace(solve, outcome=Outcome.PASSED_THROUGH)
         if corrected.g is None or not solve.outcome.accepted:
-            self.equations.system.set_state(point.x)
+            self._return_to(point)
             yield self._charged(solve)
             self.ended = solve.outcome.is_final
             return None
@@ -185,15 +189,16 @@ class _Path:
         self.easy = len(solve.iterations) <= self.steps.easy
         self.last_point = point
         sign = solve.signs[-1] if solve.signs else point.sign
-        next_point = _Point(corrected.x, solve.load, tangent_along(corrected.g, chord), sign)
+        numbers = self.equations.numbers.kept_numbers()
+        next_point = _Point(corrected.x, solve.load, tangent_along(corrected.g, chord), sign, numbers)
         self._move_to(corrected.x, solve.load)
-        passages.depart()
         yield self._charged(solve)
         return next_point
 
     def _move_to(self, x: PETSc.Vec, load: float) -> None:
-        self.equations.system.set_load(load)
+        self.equations.numbers.put(load)
         self.equations.system.set_state(x)
+        self.equations.depart(load)
 
     def _corrected(self, x: PETSc.Vec, load: float, t: PETSc.Vec, scale: float) -> Corrected:
         """Return a point of the path from a predicted state, or the fault of that state."""
@@ -214,10 +219,10 @@ class _Path:
 
     def _pass_limit_point(self, point: _Point, corrected: Corrected, falling_tangent: BorderedTangent | None) -> Moves:
         """Find the limit point before a point, and continue from there if more limit points may be passed."""
+        self._return_to(point)
         fresh = self.bordering.tangent(point.x, point.load, point.tangent.direction)
         self.spent += 1 + corrected.solve.factorizations
         self.easy = False
-        self.equations.system.set_state(point.x)
         if fresh is None:
             return None
         if fresh.slope * self.direction > 0:
@@ -239,12 +244,11 @@ class _Path:
         solve = extremum.solve
         self.spent += spent - solve.factorizations
         if extremum.g is None:
-            self.equations.system.set_state(point.x)
+            self._return_to(point)
             yield self._charged(solve)
             self.ended = solve.outcome.is_final
             return None
         self._move_to(extremum.x, solve.load)
-        self.equations.system.weak_form.passages.depart()
         yield replace(self._charged(solve), limit_point=True)
         if self.passed == self.steps.limit_points:
             yield self._end(solve.load, Outcome.LIMIT_POINT)
@@ -254,7 +258,8 @@ class _Path:
         self.last_point = None
         tangent = tangent or tangent_along(extremum.g, t)
         onward = BorderedTangent(tangent.direction, self.direction * abs(tangent.slope))
-        return _Point(extremum.x, solve.load, onward, -sign)  # one eigenvalue of K has changed its sign
+        numbers = self.equations.numbers.kept_numbers()
+        return _Point(extremum.x, solve.load, onward, -sign, numbers)  # one eigenvalue of K has changed its sign
 
     def _end(self, load: float, outcome: Outcome) -> Solve:
         return self._charged(Solve(load, outcome, (), 0))

@@ -40,6 +40,10 @@ class Border(ABC):
         """Change the numbers by ``Δq``; they are not put into the system."""
 
     @abstractmethod
+    def recover(self, load: float) -> None:
+        """Set the numbers that the present state has, an equilibrium at this load factor, such as a checkpoint."""
+
+    @abstractmethod
     def equations(self, load: float) -> Floats:
         """Return C at the present state."""
 
@@ -58,3 +62,6 @@ class Border(ABC):
     @abstractmethod
     def slopes(self, direction: PETSc.Vec) -> Floats:
         """Return the derivatives ``∂C/∂x`` along a direction."""
+
+    def destroy(self) -> None:  # noqa: B027  (most have none)
+        """Free PETSc objects."""

@@ -1,4 +1,4 @@
-"""Linear solves with the tangent of a system and the equations of its borders, by the factors of K alone.
+"""Linear solves with the tangent of a system and the equations of its unknown numbers, by the factors of K alone.
 
 The residuals ``R(x, q)`` and ``C(x, q)`` of a state x and unknown numbers q vanish to first order after the corrections
 
@@ -6,53 +6,164 @@ The residuals ``R(x, q)`` and ``C(x, q)`` of a state x and unknown numbers q van
 
 with ``K d = R``, ``K g = ∂R/∂q``, ``K = ∂R/∂x`` and ``B = ∂C/∂x``.
 
+Numbers are pressures of cavities, motions of regions, and the load factor λ of a path that is followed by its length.
+
 Source: Keller, *Lectures on Numerical Methods in Bifurcation Problems*, 1987 (bordering).
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.assembly.system import System
 from hpcinv.mesh.source import Floats
 from hpcinv.solver.border import Border
-from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.linear_solver import LinearSolver
+from hpcinv.solver.path_plane import PathPlane
 
 
 class BorderedSolver:
-    """Solves of the linearised equations of an equilibrium and its borders, if there are any; collective."""
+    """The unknown numbers of a system, if there are any, with their linearised equations; collective.
 
-    def __init__(self, equilibrium: Equilibrium, borders: Sequence[Border]) -> None:
-        self._equilibrium, self._borders = equilibrium, borders
-        position = equilibrium.system.position
-        self._r = position()
-        self._groups = [[position() for _ in range(border.count)] for border in borders]
-        self._columns = [column for group in self._groups for column in group]
-        self._by_numbers = [position() for _ in self._columns]  # ∂R/∂q
+    Args:
+        plane: plane of a path, with which the load factor is the last of the numbers.
+
+    Attributes:
+        count: number of numbers.
+        is_stale: whether the columns belong to an earlier tangent.
+    """
+
+    def __init__(
+        self, system: System, linear: LinearSolver, borders: Sequence[Border] = (), plane: PathPlane | None = None
+    ) -> None:
+        self._system, self._linear, self.borders, self._plane = system, linear, borders, plane
+        ends = np.cumsum([border.count for border in borders], dtype=int).tolist()
+        self._places = [slice(end - border.count, end) for border, end in zip(borders, ends, strict=True)]
+        self._own_count = ends[-1] if ends else 0
+        self.count = self._own_count + (plane is not None)
+        self._r = [system.position()] if self.count else []
+        self._columns = [system.position() for _ in range(self.count)]
+        self._by_numbers = [system.position() for _ in range(self.count)]  # ∂R/∂q
         self._condensed: Floats = np.zeros((0, 0))
         self._slopes_by_numbers: Floats = np.zeros((0, 0))  # ∂C/∂q
+        self.is_stale = True
+
+    @property
+    def least(self) -> float:
+        """Displacement (scaled) that rounding errors of C let count as none."""
+        return max((border.least for border in self.borders), default=0.0)
+
+    def load_of(self, load: float) -> float:
+        """Return the load factor if it is one of the numbers, else the given one."""
+        return load if self._plane is None else self._plane.load
+
+    def kept_numbers(self) -> Any:
+        """Return the present numbers for `restore`."""
+        return [border.kept_numbers() for border in self.borders], self.load_of(0.0)
+
+    def restore(self, numbers: Any) -> None:
+        """Take numbers that `kept_numbers` returned; they are not put into the system."""
+        kept, load = numbers
+        for border, own in zip(self.borders, kept, strict=True):
+            border.restore(own)
+        if self._plane is not None:
+            self._plane.load = load
+
+    def change(self, change: Floats) -> None:
+        """Change the numbers by ``Δq``; they are not put into the system."""
+        for border, place in zip(self.borders, self._places, strict=True):
+            border.change(change[place])
+        if self._plane is not None:
+            self._plane.load += float(change[-1])
+
+    def put(self, load: float) -> None:
+        """Put the present numbers and a load factor into the system."""
+        self._system.set_load(load)
+        for border in self.borders:
+            border.put(load)
+
+    def recover(self, load: float) -> None:
+        """Put the numbers in that the present state has, an equilibrium at this load factor, such as a checkpoint."""
+        self._system.set_load(load)
+        for border in self.borders:
+            border.recover(load)
+            border.put(load)
+
+    def equations(self, load: float) -> Floats:
+        """Return C at the present state, which is in the plane of the path if there is one."""
+        own = [border.equations(load) for border in self.borders]
+        return np.concatenate([*own, np.zeros(self.count - self._own_count)])
+
+    def size(self, change: Floats) -> float:
+        """Return the size of a change by which a correction is measured too, relative to the norm of the state."""
+        return 0.0 if self._plane is None else abs(float(change[-1])) / self._plane.scale
 
     def linearise(self, load: float) -> bool:
-        """Factorize K at the present state, and solve for the columns ``g``; return whether that succeeded."""
-        system, linear = self._equilibrium.system, self._equilibrium.linear
-        if self._borders:
-            system.residual(self._r)
-        for border, columns in zip(self._borders, self._groups, strict=True):
-            border.set_columns(columns, self._r, load)
-        system.tangent()
-        for column, by_number in zip(self._columns, self._by_numbers, strict=True):
-            column.copy(by_number)
-            if not linear.solve(by_number, column):
+        """Assemble K at the present state, and solve for the columns ``g``; return whether that succeeded."""
+        self._system.set_load(load)
+        self._system.tangent()
+        return self.set_columns(load)
+
+    def set_columns(self, load: float, *, may_fall_back: bool = True) -> bool:
+        """Solve for the columns ``g`` with K of the present state; return whether that succeeded.
+
+        Args:
+            may_fall_back: whether the linear solver may take another configuration if it fails.
+        """
+        slopes = np.zeros((self.count, self.count))
+        if self.count:
+            self._system.residual(self._r[0])
+        for border, place in zip(self.borders, self._places, strict=True):
+            border.set_columns(self._by_numbers[place], self._r[0], load)
+            slopes[place, place] = border.linearise(load)
+        if self._plane is not None:
+            slopes[:, -1] = self._set_load_column(self._plane, load)
+        for by_number, column in zip(self._by_numbers, self._columns, strict=True):
+            if not self._linear.solve(by_number, column, may_fall_back=may_fall_back):
                 return False
-        self._slopes_by_numbers = _block_diagonal([border.linearise(load) for border in self._borders])
-        slopes = [self.slopes(column) for column in self._columns]
-        self._condensed = (np.stack(slopes, axis=1) if slopes else np.zeros((0, 0))) - self._slopes_by_numbers
+        by_columns = [self.slopes(column) for column in self._columns]
+        self._slopes_by_numbers = slopes
+        self._condensed = (np.stack(by_columns, axis=1) if by_columns else slopes) - slopes
+        self.is_stale = False
         return True
+
+    def _set_load_column(self, plane: PathPlane, load: float) -> Floats:
+        """Set the last column to ``∂R/∂λ``, and return ``∂C/∂λ``: difference quotients."""
+        h, column, before = plane.difference_step(load), self._by_numbers[-1], self.equations(load)
+        self.put(load + h)
+        self._system.residual(column)
+        after = self.equations(load + h)
+        self.put(load)
+        column.axpy(-1.0, self._r[0])
+        column.scale(1 / h)
+        return (after - before) / h
 
     @property
     def condensed(self) -> Floats:
         """``dC/dq`` along states of equilibrium at the last linearisation, (numbers, numbers)."""
         return -self._condensed
+
+    @property
+    def sign(self) -> int:
+        """Sign by which the determinant of the whole matrix, at a fixed load factor, differs from K's."""
+        own = self._own_count
+        return int(np.linalg.slogdet(self.condensed[:own, :own])[0]) if own else 1
+
+    def path(self) -> PETSc.Vec:
+        """Return the derivative of states of equilibrium by the load factor at the last linearisation.
+
+        Raises:
+            LinAlgError: it does not exist.
+        """
+        own = self._own_count
+        rates = np.linalg.solve(self._condensed[:own, :own], -self._condensed[:own, -1]) if own else np.zeros(0)
+        g = self._columns[-1].copy()
+        for column, rate in zip(self._columns[:own], rates, strict=True):
+            g.axpy(float(rate), column)
+        g.scale(-1.0)
+        return g
 
     def solve(self, r: PETSc.Vec, values: Floats, d: PETSc.Vec) -> Floats | None:
         """Set ``d`` to ``-Δx`` for the residuals R and C; return ``Δq``, ``None`` if K cannot be solved with.
@@ -60,9 +171,11 @@ class BorderedSolver:
         Raises:
             LinAlgError: the numbers do not determine C, such as a pressure that moves no volume.
         """
-        if not self._equilibrium.linear.solve(r, d):
-            return None
-        if not self._borders:
+        return self.complete(values, d) if self._linear.solve(r, d) else None
+
+    def complete(self, values: Floats, d: PETSc.Vec) -> Floats:
+        """Add to ``d = K⁻¹ R`` what the numbers change, and return ``Δq``, as `solve` does."""
+        if not self.count:
             return np.zeros(0)
         change: Floats = np.asarray(np.linalg.solve(self._condensed, values - self.slopes(d)), dtype=np.float64)
         for column, dq in zip(self._columns, change, strict=True):
@@ -76,11 +189,11 @@ class BorderedSolver:
 
         Source: Govaerts & Pryce, BIT 30, 490 (1990).
         """
-        change, system = self.solve(r, values, d), self._equilibrium.system
-        if change is None or not self._borders or system.director is not None:
+        change = self.solve(r, values, d)
+        if change is None or not self.count or self._system.director is not None:
             return change
-        rest, correction = self._r, r.duplicate()
-        system.matrix.mult(d, rest)
+        rest, correction = self._r[0], r.duplicate()
+        self._system.matrix.mult(d, rest)
         rest.aypx(-1.0, r)
         for by_number, dq in zip(self._by_numbers, change, strict=True):
             rest.axpy(float(dq), by_number)
@@ -92,20 +205,10 @@ class BorderedSolver:
 
     def slopes(self, direction: PETSc.Vec) -> Floats:
         """Return ``B`` times a direction."""
-        return np.concatenate([border.slopes(direction) for border in self._borders])
+        own = [border.slopes(direction) for border in self.borders]
+        return np.concatenate([*own, [] if self._plane is None else [self._plane.slope(direction)]])
 
     def destroy(self) -> None:
-        """Free PETSc objects."""
-        for vector in (self._r, *self._columns, *self._by_numbers):
+        """Free PETSc objects; the borders have their own."""
+        for vector in (*self._r, *self._columns, *self._by_numbers):
             vector.destroy()
-
-
-def _block_diagonal(blocks: Sequence[Floats]) -> Floats:
-    """Return a matrix with square blocks on its diagonal."""
-    size, start = sum(len(block) for block in blocks), 0
-    matrix = np.zeros((size, size))
-    for block in blocks:
-        end = start + len(block)
-        matrix[start:end, start:end] = block
-        start = end
-    return matrix

@@ -60,11 +60,7 @@ class CavityBorder(Border):
         return np.array([dot(row, direction) for row in self._rows])
 
     def recover(self, load: float) -> None:
-        """Set the pressures that balance the present state, an equilibrium at this load factor, such as a checkpoint.
-
-        The state has them implicitly.
-        """
-        system = self._system
+        system = self._system  # the state has them implicitly
         self.restore(np.zeros(self.count))
         self.put(load)
         r, columns = system.position(), [system.position() for _ in self._cavities]
@@ -77,6 +73,5 @@ class CavityBorder(Border):
             vector.destroy()
 
     def destroy(self) -> None:
-        """Free PETSc objects."""
         for row in self._rows:
             row.destroy()

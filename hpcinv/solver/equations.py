@@ -132,6 +132,7 @@ class Equations(DiscreteModel):
         weak_form = equilibrium.system.weak_form
         if any(weak_form is kept for kept in self._weak_forms.values()) and id(weak_form) not in self._idle:
             equilibrium.system.end_path()
+            equilibrium.take_numbers()
             equilibrium.linear.release_preconditioner()
             self._idle[id(weak_form)] = equilibrium
             if not self.chooser.can_keep_multigrid:

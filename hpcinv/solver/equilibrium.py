@@ -1,7 +1,13 @@
-"""Newton's method for the equilibrium of a system at one load factor, by PETSc's SNES."""
+"""Newton's method for the equilibrium of a system and the equations of its unknown numbers, by PETSc's SNES.
+
+SNES iterates on the state x. Numbers q, such as pressures of cavities or the load factor of a path, follow it: before
+the line search, each correction of the state gets what the numbers change (`hpcinv.solver.bordered_solver`), and a
+trial of the line search takes the same share of both. So one loop, with its kept factors, its checks and PETSc's line
+searches, serves fixed loads, unknown loads and motions, and paths that are followed by their length.
+"""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,14 +16,20 @@ import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.assembly.system import System
+from hpcinv.mesh.source import Floats
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.parallel.petsc_vectors import dot, norm
+from hpcinv.solver.border import Border
+from hpcinv.solver.bordered_solver import BorderedSolver
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.mip_newton import ExtrapolatedStress
 from hpcinv.solver.newton import Floor, NewtonIteration, NewtonMonitor, Solve, Tolerance
 from hpcinv.solver.observer import SILENT, Observer, is_stop_asked
 from hpcinv.solver.petsc_options import SolverOptions
 from hpcinv.solver.predictor import Increment, Prediction, Predictor
+
+type Kept = tuple[Floats, Any]
+"""a state, ghosts included, and numbers"""
 
 _GIVEN_UP = -7  # SNES_DIVERGED_INNER, returned to PETSc when NewtonMonitor ends a solve without convergence
 _DONE = 4  # SNES_CONVERGED_SNORM_RELATIVE
@@ -54,9 +66,19 @@ class _Progress:
         refused: the reason why no correction can be taken.
         farthest: ratio of the first correction to the prediction above which the solve ends.
         is_tested: whether PETSc has called the convergence test.
+        numbers: the unknown numbers, if there are any.
+        load: load factor, which is one of the numbers along a path.
+        origin: numbers before the present correction.
+        change: change of the numbers by the present correction; ``None`` before there is one.
+        step: correction of the state that goes with it, after the state of which `_last_state` is a copy.
     """
 
     monitor: NewtonMonitor
+    numbers: BorderedSolver
+    load: float
+    origin: Any = None
+    change: Floats | None = None
+    step: PETSc.Vec | None = None
     first_step: Increment | None = None
     factorizations: int = 0
     travelled: float = 0.0
@@ -98,6 +120,7 @@ class Equilibrium:
 
     Attributes:
         observer: observer of the iterations; it is asked on all ranks before each one whether to stop.
+        numbers: the unknown numbers of the system's loads and supports, by default none.
     """
 
     _less_far = 0.1  # share of a distance at which earlier factors were no longer good at which they are tried again
@@ -108,16 +131,17 @@ class Equilibrium:
         self.observer: Observer = SILENT
         with system.timings("set-up"):
             # SNES iterates on a separate vector, since every trial of the line search changes the state.
-            self._x, self._last_state = system.rhs.duplicate(), system.rhs.duplicate()
+            self._x, self._last_state, self._r = (system.rhs.duplicate() for _ in range(3))
             self.snes = self._create_snes()
             self.mip = ExtrapolatedStress(system)
-        self._now = _Progress(self._monitor(1.0))
+        self.numbers = BorderedSolver(system, linear)
+        self._now = _Progress(self._monitor(1.0, self.numbers), self.numbers, 0.0)
 
     def _create_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.system.comm)
         snes.setOptionsPrefix(SolverOptions.prefix)
         snes.setKSP(self.linear.ksp)
-        snes.setFunction(self._assemble_residual, self.system.rhs)
+        snes.setFunction(self._assemble_residual, self._r)
         snes.setConvergenceTest(self._test_convergence)
         with self.linear.options.blamed():
             snes.setFromOptions()
@@ -136,25 +160,34 @@ class Equilibrium:
         predicted: Prediction | None = None,
         begins_near: bool = False,
         farthest: float = math.inf,
+        numbers: BorderedSolver | None = None,
+        growths_allowed: int = NewtonMonitor.growths_allowed,
     ) -> Solve:
-        """Solve from the present state, which is unchanged if the outcome is not accepted.
+        """Solve from the present state and numbers, which are unchanged if the outcome is not accepted.
 
         Args:
+            load: load factor; where it is one of the numbers, the one to begin with.
             tolerance: estimated error of the state relative to its norm, as in `NewtonMonitor`.
             predicted: prediction of the present state; its effort is added to the effort of the solve.
             begins_near: whether the present state is known to be near the solution.
             farthest: ratio of the first correction to the prediction, both with the same tangent, above which the
                 solve ends (`Outcome.TOO_NONLINEAR`); the prediction's factors remain.
+            numbers: the unknown numbers, if they are not the system's.
+            growths_allowed: as in `NewtonMonitor`.
         """
-        system, linear = self.system, self.linear
-        system.set_load(load)
+        system, linear, numbers = self.system, self.linear, numbers or self.numbers
+        numbers.put(load)
         system.weak_form.contacts.locate()
         if system.weak_form.passages.has_passed():  # an obstacle that moves
             spent = predicted.factorizations if predicted is not None else 0
             if predicted is not None:
                 system.set_state(predicted.origin)
+                numbers.restore(predicted.numbers)
             return Solve(load, Outcome.PASSED_THROUGH, (), spent)
-        self._now = now = _Progress(self._monitor(tolerance, begins_near=begins_near and self.reuse > 0))
+        monitor = self._monitor(tolerance, numbers, begins_near=begins_near and self.reuse > 0)
+        monitor.growths_allowed = growths_allowed
+        kept_numbers = numbers.kept_numbers()
+        self._now = now = _Progress(monitor, numbers, load, kept_numbers)
         now.factorizations, now.farthest = linear.factorizations, farthest
         if predicted is not None:
             now.factorizations -= predicted.factorizations
@@ -180,8 +213,11 @@ class Equilibrium:
         if outcome is Outcome.LINEAR_SOLVER:
             if linear.fall_back():
                 system.set_state(accepted)
+                numbers.restore(kept_numbers)
                 accepted.destroy()
-                return self.solve(load, tolerance, begins_near=begins_near)
+                return self.solve(
+                    load, tolerance, begins_near=begins_near, numbers=numbers, growths_allowed=growths_allowed
+                )
             linear.forget_factors()
             outcome = linear.failure
         system.set_state(x)
@@ -193,10 +229,32 @@ class Equilibrium:
             system.weak_form.passages.depart()
         if not outcome.accepted:
             system.set_state(accepted)
+            numbers.restore(kept_numbers)
+            numbers.put(load)
         accepted.destroy()
         history, iterations = tuple(now.monitor.history), linear.take_iterations()
         factorizations = linear.factorizations - now.factorizations
-        return Solve(load, outcome, history, factorizations, tuple(now.signs), linear_iterations=iterations)
+        return Solve(now.load, outcome, history, factorizations, tuple(now.signs), linear_iterations=iterations)
+
+    def take_numbers(self, borders: Sequence[Border] = ()) -> None:
+        """Let the system have these unknown numbers from now on."""
+        self.numbers.destroy()
+        for border in self.numbers.borders:
+            border.destroy()
+        self.numbers = BorderedSolver(self.system, self.linear, borders)
+
+    def predict(self, load: float, *, new_tangent: bool = False) -> Prediction:
+        """Move the state and the numbers along the tangent of their path, as `Predictor.predict` does."""
+        return self.predictor.predict(load, self.numbers, new_tangent=new_tangent)
+
+    def kept(self) -> Kept:
+        """Return the present state and numbers, for `restore`."""
+        return self.system.state.x.array.copy(), self.numbers.kept_numbers()
+
+    def restore(self, kept: Kept) -> None:
+        """Return to a state and numbers that `kept` returned."""
+        self.system.state.x.array[:], numbers = kept
+        self.numbers.restore(numbers)
 
     def depart(self, load: float) -> None:
         """Let ways past obstacles begin at the present state, an equilibrium under this load factor."""
@@ -271,16 +329,31 @@ class Equilibrium:
         return is_stop_asked(self.system.comm, self.observer)
 
     def destroy(self) -> None:
-        for part in (self.snes, self._x, self._last_state, self.predictor, self.linear, self.system):
+        self.take_numbers()
+        for part in (self.snes, self._x, self._last_state, self._r, self.predictor, self.linear, self.system):
             part.destroy()
 
-    def _monitor(self, tolerance: Tolerance, *, begins_near: bool = False) -> NewtonMonitor:
-        inexact = self.linear.configuration.error
-        return NewtonMonitor(tolerance, self.limit, self.reuse, begins_near, inexact=inexact, floor=self.floor())
+    def _monitor(self, tolerance: Tolerance, numbers: BorderedSolver, *, begins_near: bool = False) -> NewtonMonitor:
+        inexact, floor = self.linear.configuration.error, self.floor(least=numbers.least)
+        return NewtonMonitor(tolerance, self.limit, self.reuse, begins_near, inexact=inexact, floor=floor)
 
     def _assemble_residual(self, _snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
         self.system.set_state(x)
+        self._let_numbers_follow(x)
         self.system.residual(b)
+
+    def _let_numbers_follow(self, x: PETSc.Vec) -> None:
+        """Put the numbers in that go with a state on the way of the present correction."""
+        now = self._now
+        if now.change is None or now.step is None or not now.numbers.count:
+            return
+        share, length = 1.0, dot(now.step, now.step)
+        if not self._takes_full_steps and length:
+            share = (dot(self._last_state, now.step) - dot(x, now.step)) / length
+        now.numbers.restore(now.origin)
+        now.numbers.change(share * now.change)
+        now.load = now.numbers.load_of(now.load)
+        now.numbers.put(now.load)
 
     def _assemble_tangent(self, _snes: PETSc.SNES, x: PETSc.Vec, _A: PETSc.Mat, _P: PETSc.Mat) -> None:
         has_touched = self._now.short is Outcome.PASSED_THROUGH
@@ -291,10 +364,12 @@ class Equilibrium:
     def _renew_tangent(self, x: PETSc.Vec) -> None:
         system, first = self.system, self._now.first_step
         system.set_state(x)
-        terms = (
-            [self.mip.extrapolation(self._last_state, first)] if first is not None and self.mip.is_needed(first) else []
-        )
+        terms = []
+        # The tangent with numbers is the tangent of their path too, so it has no other terms.
+        if first is not None and not self._now.numbers.count and self.mip.is_needed(first):
+            terms.append(self.mip.extrapolation(self._last_state, first))
         system.tangent(*terms)
+        self._now.numbers.is_stale = True
         now, count_before = self._now, self.linear.factorizations
         is_near = now.travelled <= now.too_far
         self.linear.factorize(may_keep=self._takes_full_steps and self.reuse > 0 and is_near)
@@ -312,12 +387,12 @@ class Equilibrium:
             if not np.isfinite(residual):
                 now.outcome = Outcome.NOT_FINITE
                 return _GIVEN_UP
-            if residual == 0.0:
+            if residual == 0.0 and not now.numbers.count:
                 now.outcome = Outcome.CONVERGED
                 return _DONE
             return 0
         if now.has_new_tangent and (sign := self.linear.sign_of_determinant()):
-            now.signs.append(sign)
+            now.signs.append(sign * now.numbers.sign)
         if now.correction is None:  # no line search: a trust region, say
             self._last_state.aypx(-1.0, x)
             now.correction = norm(self._last_state)
@@ -343,20 +418,22 @@ class Equilibrium:
     def _check(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
         """Change the correction ``-y`` before the line search, if necessary; return whether it was changed."""
         now, changed = self._now, False
+        if self._takes_full_steps and self.linear.must_renew:
+            self.linear.renew()
+            now.too_far = self._less_far * now.travelled
+            now.travelled, changed = 0.0, True
+            self._solve_again(y)
+        changed |= self._complete(x, y)
         if self._takes_full_steps:
-            if self.linear.must_renew:
-                self.linear.renew()
-                now.too_far = self._less_far * now.travelled
-                now.travelled, changed = 0.0, True
-                self._solve_again(y)
             if not now.has_new_tangent and now.monitor.exceeds_prediction(norm(y), now.farthest):
                 now.refused = Outcome.TOO_NONLINEAR
-                y.set(0.0)
+                self._refuse_step(y)
                 return True
             if not now.has_new_tangent and not now.monitor.accepts(norm(y), norm(x)):
                 now.has_new_tangent, changed = True, True
                 self._renew_tangent(x)
                 self._solve_again(y)
+                self._complete(x, y)
             self.system.set_state(x)
             increment = self.predictor.increments(y)
             if not now.monitor.history and not now.monitor.predicted:
@@ -365,16 +442,40 @@ class Equilibrium:
                 now.refused = now.refused or Outcome.DIVERGED
         # The whole correction measures the error: a damped one is small even far from the solution.
         now.correction = norm(y)
+        if now.change is not None and (size := now.numbers.size(now.change)):
+            now.correction = math.hypot(now.correction, norm(x) * size)
         share, now.short = self.system.admissible_share(x, y)
         y.scale(share)
+        if now.change is not None:
+            now.change, now.step = share * now.change, y
         x.copy(self._last_state)
         return changed or share < 1
 
+    def _complete(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
+        """Add what the unknown numbers change to the correction ``-y``; return whether there are any."""
+        now, numbers = self._now, self._now.numbers
+        if not numbers.count:
+            return False
+        now.origin = numbers.kept_numbers()
+        self.system.set_state(x)
+        try:
+            if numbers.is_stale and not numbers.set_columns(now.load, may_fall_back=False):
+                raise np.linalg.LinAlgError
+            now.change = numbers.complete(numbers.equations(now.load), y)
+        except np.linalg.LinAlgError:  # such as a pressure that moves no volume
+            now.refused = Outcome.LINEAR_SOLVER
+            self._refuse_step(y)
+        return True
+
+    def _refuse_step(self, y: PETSc.Vec) -> None:
+        y.set(0.0)
+        self._now.change = np.zeros(self._now.numbers.count)
+
     def _solve_again(self, y: PETSc.Vec) -> None:
         """Compute the correction ``-y`` again with a new tangent, or new factors."""
-        if not self.linear.back_substitute(self.snes.getFunction()[0], y):
+        if not self.linear.back_substitute(self._r, y):
             self._now.refused = Outcome.LINEAR_SOLVER
-            y.set(0.0)
+            self._refuse_step(y)
 
 
 def _linear_solve_seconds() -> float:

@@ -152,16 +152,20 @@ class LinearSolver:
         self._factorized = self.system.tangents
         return True
 
-    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Solve to rounding errors, or to the accuracy of an iterative solver; return whether that succeeded."""
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec, *, may_fall_back: bool = True) -> bool:
+        """Solve to rounding errors, or to the accuracy of an iterative solver; return whether that succeeded.
+
+        Args:
+            may_fall_back: whether another configuration may be taken if this one fails.
+        """
         self.factorize()
         self.configuration.set_accuracy(precise=True)
         self.limit_iterations()
         with self.system.timings("linear solve"):
             solved = self.back_substitute(b, x)
         self.configuration.set_accuracy(precise=False)
-        if solved:
-            return True
+        if solved or not may_fall_back:
+            return solved
         if self.fall_back():
             return self.solve(b, x)
         self.forget_factors()

@@ -4,12 +4,9 @@ import math
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-import numpy.typing as npt
-
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps, trace
-from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.equilibrium import Equilibrium, Kept
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.predictor import Increment, Prediction
 
@@ -152,13 +149,13 @@ class _EndOfSeries:
 
     Attributes:
         last: its last solve, which failed.
-        load, values, sign: of its state, and of the tangent's determinant there.
+        load, kept, sign: of its state, the state, and the sign of the tangent's determinant there.
         tries: number of steps from its beginning that end before. Beyond `most`, steps go on from the end.
     """
 
     last: Solve
     load: float
-    values: npt.NDArray[np.float64]
+    kept: Kept
     sign: int
     tries: int = 0
 
@@ -204,11 +201,10 @@ class _LoadSteps:
     ) -> None:
         self._equilibrium, self._steps, self._tolerance, self._load = equilibrium, steps, tolerance, load
         self._series, self._farthest = series, farthest
-        self._state = equilibrium.system.state.x
         self._step, self._has_tangent, self._spent = steps.start(), False, 0
         self._ahead = LimitPointAhead()
         self._end: _EndOfSeries | None = None
-        if load == 0.0 and not equilibrium.system.is_on_path:
+        if load == 0.0 and not equilibrium.system.is_on_path and not equilibrium.numbers.count:
             self._ahead.sign = equilibrium.system.weak_form.unknowns.unloaded_sign
 
     def solves(self, *, stop_early: bool) -> Iterator[Solve]:
@@ -243,12 +239,12 @@ class _LoadSteps:
 
     def _attempt(self) -> Solve | None:
         """Return the solve of the next step, or ``None`` if it would end before the end of the series once more."""
-        equilibrium, accepted = self._equilibrium, self._state.array.copy()
+        equilibrium, accepted = self._equilibrium, self._equilibrium.kept()
         target, predicted = self._predicted(accepted)
         if self._end is not None and target <= self._end.load:
             self._end.tries += 1
             if self._end.is_next:
-                self._state.array[:] = accepted
+                equilibrium.restore(accepted)
                 self._spent = predicted.factorizations if predicted is not None else 0
                 return None
         wanted = self._tolerance if target == 1.0 else self._steps.path_tolerance
@@ -264,16 +260,16 @@ class _LoadSteps:
             # A step that changes nothing, as while an obstacle is still away, needs no tangent.
             self._has_tangent |= predicted is not None or equilibrium.system.tangents > tangents
         else:
-            self._state.array[:] = accepted
+            equilibrium.restore(accepted)
             if solve.outcome not in (Outcome.PASSED_THROUGH, Outcome.TOO_NONLINEAR):  # which say nothing about the load
                 self._ahead.failures.append((self._load, target))
             self._has_tangent = is_refused  # the present factors belong to a state of the failed solve
         return solve
 
-    def _predicted(self, accepted: npt.NDArray[np.float64]) -> tuple[float, Prediction | None]:
+    def _predicted(self, accepted: Kept) -> tuple[float, Prediction | None]:
         """Move the state to the prediction of the next step, if any; return the load factor and the prediction."""
         load, steps, equilibrium = self._load, self._steps, self._equilibrium
-        target, predict = target_of(load, self._step, steps.cases), equilibrium.predictor.predict
+        target, predict = target_of(load, self._step, steps.cases), equilibrium.predict
         if not (self._has_tangent or isinstance(steps, AdaptiveSteps)):
             return target, None
         predicted = predict(target, new_tangent=not self._has_tangent)
@@ -283,14 +279,15 @@ class _LoadSteps:
             forward = equilibrium.system.weak_form.kinematics.direction == "forward"
             shorter = steps.shortened(target - load, predicted.increment, forward=forward)
             if shorter < target - load:
-                self._state.array[:] = accepted
+                equilibrium.restore(accepted)
                 target = target_of(load, shorter, steps.cases)
                 predicted = predict(target).including(predicted)
         return target, predicted
 
-    def _compared(self, solve: Solve, accepted: npt.NDArray[np.float64], predicted: Prediction) -> Solve:
+    def _compared(self, solve: Solve, accepted: Kept, predicted: Prediction) -> Solve:
         """Return an accepted solve, rejected if it has left the path, by its distance and by the tangent's sign."""
-        moved = self._state.petsc_vec.array - accepted[: self._state.petsc_vec.local_size]
+        state = self._equilibrium.system.state.x.petsc_vec
+        moved = state.array - accepted[0][: state.local_size]
         length = math.sqrt(self._equilibrium.system.comm.allreduce(float(moved @ moved)))
         solve = replace(solve, may_have_jumped=length > self._ahead.farther * predicted.length > 0)
         if self._ahead.has_jumped(solve) or (solve.may_have_jumped and self._series is not None):
@@ -302,7 +299,7 @@ class _LoadSteps:
 
         If it does not, the state is where the series began.
         """
-        last, load, sign, accepted = None, self._load, self._ahead.sign, self._state.array.copy()
+        last, load, sign, accepted = None, self._load, self._ahead.sign, self._equilibrium.kept()
         for last in series(load, failed):
             if last.outcome.accepted:
                 load, sign = last.load, (last.signs or (sign,))[-1]
@@ -310,9 +307,9 @@ class _LoadSteps:
         if last is not None and (load == 1.0 or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
             return True
         if last is not None and load > self._load:
-            self._end = _EndOfSeries(last, load, self._state.array.copy(), sign)
+            self._end = _EndOfSeries(last, load, self._equilibrium.kept(), sign)
         self._series, self._farthest = None, math.inf
-        self._state.array[:] = accepted
+        self._equilibrium.restore(accepted)
         if failed.outcome is Outcome.TOO_NONLINEAR:
             self._has_tangent = last is None
             self._spent = failed.factorizations if last is None else 0
@@ -320,7 +317,8 @@ class _LoadSteps:
 
     def _begin_at(self, end: _EndOfSeries) -> Iterator[Solve]:
         """Go on from the end of the series, and yield its reports."""
-        self._load, self._state.array[:], self._step = end.load, end.values, end.step
+        self._load, self._step = end.load, end.step
+        self._equilibrium.restore(end.kept)
         self._has_tangent, self._ahead.sign = False, end.sign
         self._equilibrium.depart(end.load)
         yield from end.reports(self._spent)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import ufl
@@ -10,10 +11,12 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.assembly.system import System
+from hpcinv.mesh.source import Floats
 from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.bordered_solver import BorderedSolver
 from hpcinv.solver.linear_solver import LinearSolver
 
 
@@ -64,6 +67,7 @@ class Prediction:
     Attributes:
         increment: largest rotation and strain that it makes.
         origin: the state where it begins; overwritten by the next prediction.
+        numbers: the unknown numbers where it begins.
         is_taken: whether the state was moved along it.
         factorizations, signs: number of new tangents, and signs of their determinants.
     """
@@ -74,6 +78,7 @@ class Prediction:
     is_taken: bool
     factorizations: int = 0
     signs: tuple[int, ...] = ()
+    numbers: Any = ((), 0.0)
 
     def including(self, first: Prediction) -> Prediction:
         """Return this prediction with the effort of the replaced one added."""
@@ -90,8 +95,8 @@ class Predictor:
             self.increments = Increments(system.weak_form)
         self._origin = system.rhs.duplicate()
 
-    def predict(self, load: float, *, new_tangent: bool = False) -> Prediction:
-        """Move the state along the tangent of the solution path to another load factor.
+    def predict(self, load: float, numbers: BorderedSolver, *, new_tangent: bool = False) -> Prediction:
+        """Move the state and its numbers along the tangent of the solution path to another load factor.
 
         A step that would turn an element inside out, or carry it through an obstacle, is not taken.
 
@@ -99,34 +104,47 @@ class Predictor:
             new_tangent: assemble and factorize the tangent; else the present factors are used.
         """
         system, linear = self.system, self.linear
-        start, count_before = self._origin, linear.factorizations
+        start, count_before, kept_numbers = self._origin, linear.factorizations, numbers.kept_numbers()
         system.state.x.petsc_vec.copy(start)
         while True:
-            system.set_load(load)
+            numbers.put(load)
             if new_tangent:
                 system.tangent()
-            system.residual(system.rhs)
-            x = system.rhs.duplicate()
-            linear.factorize()
-            linear.limit_iterations()
-            with system.timings("linear solve"):
-                solved = linear.back_substitute(system.rhs, x)
-            if solved or not linear.fall_back():
+            x, change = system.rhs.duplicate(), None
+            if not new_tangent or numbers.set_columns(load, may_fall_back=False):
+                system.residual(system.rhs)
+                linear.factorize()
+                linear.limit_iterations()
+                with system.timings("linear solve"):
+                    change = self._change(load, numbers, x)
+            if change is not None or not linear.fall_back():
                 break
             x.destroy()
-        sign = linear.sign_of_determinant() if solved and new_tangent else 0
-        if not solved:
+        sign = linear.sign_of_determinant() * numbers.sign if change is not None and new_tangent else 0
+        if change is None:
             linear.forget_factors()
-        length, increment = norm(x), self.increments(x) if solved else UNBOUNDED
+        length, increment = norm(x), self.increments(x) if change is not None else UNBOUNDED
         x.aypx(-1.0, start)
         system.set_state(x)
         x.destroy()
-        is_taken = solved and system.fault() is None and not system.weak_form.passages.has_passed()
+        if change is not None:
+            numbers.change(change)
+            numbers.put(load)
+        is_taken = change is not None and system.fault() is None and not system.weak_form.passages.has_passed()
         if not is_taken:
             system.set_state(start)
-        return Prediction(
-            length, increment, start, is_taken, linear.factorizations - count_before, (sign,) if sign else ()
-        )
+            numbers.restore(kept_numbers)
+        factorizations = linear.factorizations - count_before
+        return Prediction(length, increment, start, is_taken, factorizations, (sign,) if sign else (), kept_numbers)
+
+    def _change(self, load: float, numbers: BorderedSolver, x: PETSc.Vec) -> Floats | None:
+        """Set ``x`` to the correction, and return the change of the numbers; ``None`` if they cannot be solved for."""
+        if not self.linear.back_substitute(self.system.rhs, x):
+            return None
+        try:
+            return numbers.complete(numbers.equations(load), x)
+        except np.linalg.LinAlgError:
+            return None
 
     def destroy(self) -> None:
         self._origin.destroy()

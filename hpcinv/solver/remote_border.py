@@ -54,8 +54,7 @@ class RemoteBorder(Border):
     def change(self, change: Floats) -> None:
         self._face.change(change)
 
-    def recover(self) -> None:
-        """Set the motion that the region has in the present state, such as a checkpoint."""
+    def recover(self, load: float) -> None:
         self._face.recover(self._system.state.x.array[self._face.dofs], self._sign)
 
     def equations(self, load: float) -> Floats:

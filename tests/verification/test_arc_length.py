@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers.closed_forms import NEO_HOOKEAN, root
 from helpers.paths import J_LIMIT, LIMIT, cube, tension
+from helpers.small_systems import SmallSystem
 from helpers.verification import box, job
-from petsc4py import PETSc
 
 import hpcinv
 from hpcinv.certificate.check import Verdict
@@ -23,91 +21,10 @@ from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.arc_length import ArcLengthSteps, trace
 from hpcinv.solver.bordering import Bordering
-from hpcinv.solver.newton import Floor, NewtonIteration, NewtonMonitor, Solve
+from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SolveEvent
 
 # Small systems of equations, without finite elements.
-
-
-class SmallSystem:
-    """Equations of a few unknowns in numpy arrays, which Newton's method solves at fixed loads."""
-
-    limit, reuse = 25, 0.3
-    weak_form = SimpleNamespace(passages=SimpleNamespace(has_passed=lambda: False, depart=lambda: None))
-
-    def __init__(
-        self,
-        size: int,
-        residual: Callable[[np.ndarray, float], np.ndarray],
-        tangent: Callable[[np.ndarray], np.ndarray],
-    ) -> None:
-        self.x, self.load = PETSc.Vec().createSeq(size), 0.0
-        self._residual, self._tangent, self.K = residual, tangent, np.eye(size)
-
-    def position(self) -> PETSc.Vec:
-        return self.x.copy()
-
-    @property
-    def system(self) -> SmallSystem:
-        return self
-
-    @property
-    def linear(self) -> Any:
-        return SimpleNamespace(
-            solve=self.solve_linear,
-            sign_of_determinant=self.sign_of_determinant,
-            failure=Outcome.LINEAR_SOLVER,
-        )
-
-    def floor(self, load: float | None = None) -> Floor:
-        return Floor()
-
-    def set_state(self, x: PETSc.Vec) -> None:
-        x.copy(self.x)
-
-    def set_load(self, load: float) -> None:
-        self.load = load
-
-    def residual(self, b: PETSc.Vec) -> None:
-        b.array[:] = self._residual(self.x.array, self.load)
-
-    def tangent(self) -> None:
-        self.K = self._tangent(self.x.array)
-
-    def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        if np.linalg.det(self.K) == 0:
-            return False
-        x.array[:] = np.linalg.solve(self.K, b.array)
-        return True
-
-    def sign_of_determinant(self) -> int:
-        return int(np.sign(np.linalg.det(self.K)))
-
-    def fault(self) -> Outcome | None:
-        return None
-
-    fault_of_solution = fault
-
-    def admissible_share(self, _x: PETSc.Vec, _step: PETSc.Vec) -> tuple[float, None]:
-        return 1.0, None
-
-    def interrupted(self) -> bool:
-        return False
-
-    def solve(self, load: float, tolerance: float) -> Solve:
-        monitor, start, outcome, signs = NewtonMonitor(tolerance, 25, 0.0), self.position(), None, []
-        b, d = self.position(), self.position()
-        self.load = load
-        while outcome is None:
-            self.residual(b)
-            self.tangent()
-            signs.append(self.sign_of_determinant())
-            self.solve_linear(b, d)
-            self.x.axpy(-1.0, d)
-            outcome = monitor.judge(NewtonIteration(d.norm(), self.x.norm(), b.norm(), True))
-        if not outcome.accepted:
-            self.set_state(start)
-        return Solve(load, outcome, tuple(monitor.history), len(signs), tuple(signs))
 
 
 def force(w: float) -> float:
@@ -138,7 +55,7 @@ def truss_and_spring(full: float, k: float) -> SmallSystem:
 
 def test_the_first_state_at_full_load_is_the_answer_if_the_load_does_not_turn_before() -> None:
     system = truss(0.9 * TOP)
-    *_, last = trace(system, ArcLengthSteps(), 1e-12)
+    *_, last = trace(system.equilibrium(), ArcLengthSteps(), 1e-12)
     assert (last.outcome, last.load, last.strategy) == (Outcome.CONVERGED, 1.0, "arc-length")
     assert system.x.array[0] == pytest.approx(root(lambda w: force(w) - 0.9 * TOP, 0.0, TURNS[0]), rel=1e-10)
 
@@ -146,7 +63,7 @@ def test_the_first_state_at_full_load_is_the_answer_if_the_load_does_not_turn_be
 @pytest.mark.parametrize("first", [1.0, 0.3, 0.05])
 def test_the_limit_point_is_found_and_ends_the_path(first: float) -> None:
     system = truss(1.5 * TOP)
-    solves = list(trace(system, ArcLengthSteps(first), 1e-12))
+    solves = list(trace(system.equilibrium(), ArcLengthSteps(first), 1e-12))
     assert [s.limit_point for s in solves[-2:]] == [True, False]
     assert solves[-1].outcome is Outcome.LIMIT_POINT
     assert solves[-1].load * 1.5 == pytest.approx(1.0, abs=1e-8)
@@ -160,7 +77,7 @@ def test_states_beyond_limit_points_are_found_in_order(
     share: float, limit_points: int, low: float, high: float
 ) -> None:
     system = truss(share * TOP)
-    solves = list(trace(system, ArcLengthSteps(limit_points=limit_points), 1e-12))
+    solves = list(trace(system.equilibrium(), ArcLengthSteps(limit_points=limit_points), 1e-12))
     assert sum(s.limit_point for s in solves) == limit_points
     assert (solves[-1].outcome, solves[-1].load) == (Outcome.CONVERGED, 1.0)
     assert system.x.array[0] == pytest.approx(root(lambda w: force(w) - share * TOP, low, high), rel=1e-10)
@@ -169,7 +86,7 @@ def test_states_beyond_limit_points_are_found_in_order(
 def test_a_branch_that_ends_in_one_more_limit_point_than_allowed_says_so() -> None:
     """Beyond the maximum the load falls to its minimum at -TOP, and never meets the full load on the way."""
     system = truss(1.5 * TOP)
-    solves = list(trace(system, ArcLengthSteps(limit_points=1), 1e-12))
+    solves = list(trace(system.equilibrium(), ArcLengthSteps(limit_points=1), 1e-12))
     assert [s.load * 1.5 for s in solves if s.limit_point] == pytest.approx([1.0, -1.0], abs=1e-7)
     assert solves[-1].outcome is Outcome.LIMIT_POINT
 
@@ -179,7 +96,7 @@ def test_snap_back_is_followed() -> None:
     system = truss_and_spring(1.5 * TOP, k)
     ends = []
     solves = []
-    for solve in trace(system, ArcLengthSteps(limit_points=2), 1e-12):
+    for solve in trace(system.equilibrium(), ArcLengthSteps(limit_points=2), 1e-12):
         solves.append(solve)
         ends.append(system.x.array[1])
     w = root(lambda w: force(w) - 1.5 * TOP, 2.0, 3.0)
@@ -193,7 +110,7 @@ def test_the_search_is_bounded() -> None:
     system = SmallSystem(
         1, lambda x, load: np.array([1 - np.exp(-x[0]) - 2 * load]), lambda x: np.array([[np.exp(-x[0])]])
     )
-    solves = list(trace(system, ArcLengthSteps(most=12, easy=0, first=0.2), 1e-12))
+    solves = list(trace(system.equilibrium(), ArcLengthSteps(most=12, easy=0, first=0.2), 1e-12))
     assert solves[-1].outcome is Outcome.STEP_LIMIT
     assert len(solves) <= 13
 
@@ -205,8 +122,7 @@ def test_a_correction_that_wanders_to_another_path_fails() -> None:
         lambda x, load: np.array([x[0] - load, x[1] ** 3 - x[1]]),
         lambda x: np.diag([1.0, 3 * x[1] ** 2 - 1]),
     )
-    system.reuse = 0.0
-    t, bordering = system.position(), Bordering(system)
+    t, bordering = system.position(), Bordering(system.equilibrium(reuse=0.0))
     t.array[:] = 1.0, 0.0
     ends = {}
     for y in (0.2, 0.45):

@@ -100,7 +100,7 @@ def test_derivatives_of_the_balance(comm: MPI.Intracomm) -> None:
             assert slopes == pytest.approx(difference, rel=1e-7, abs=1e-7 * np.abs(difference).max())
         model.supports.impose(state.x.array)  # as in a checkpoint
         border.restore((np.eye(3), np.zeros(3)))
-        border.recover()
+        border.recover(load)
         for found, expected in zip(border.kept_numbers(), kept, strict=True):
             assert found == pytest.approx(expected, abs=1e-12)
 
