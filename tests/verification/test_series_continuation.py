@@ -23,7 +23,6 @@ from hpcinv.methods import fallbacks
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver import series_continuation
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear import selection
 from hpcinv.solver.linear.cost_model import Forecast
@@ -84,11 +83,11 @@ def test_series_and_load_steps_end_in_the_same_state(name: str, comm: MPI.Intrac
 def test_factors_of_an_earlier_tangent_serve_where_new_ones_take_longer(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(series_continuation, "_REFINEMENTS", 20)  # 12 just suffice: they contract to 7e-11
+    short = {"mesh": box((4, 1, 1), hexahedra=True, lx="4 cm", ly="1 cm", lz="1 cm"), "analysis": "forward"}
     runs = []
     for seconds in (1e-30, 1e30):  # of a solve by factors
         monkeypatch.setattr(Forecast, "back_substitution", seconds)
-        runs.append(solved(comm, "series", analysis="forward", effects=[GRAVITY | {"acceleration": [0, -40, 0]}]))
+        runs.append(solved(comm, "series", **short, effects=[GRAVITY | {"acceleration": [0, -200, 0]}]))
     kept, renewed = (factorizations(run) for run in runs)
     print(f"factorizations {kept} and {renewed}, {len(runs[0].solves)} ranges")
     assert renewed == kept + len(runs[0].solves) - 1 > kept
