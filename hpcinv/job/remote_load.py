@@ -58,7 +58,6 @@ def unsuited_to_unknown_loads(job: Any, remedy: str) -> Faults:
     refused = {
         "load_cases": bool(job.load_cases),
         "method": job.method != "direct",
-        "solver.strategy": job.solver.strategy != "adaptive",
         "solver.continuation": job.solver.continuation == "series",
         "solver.nested_iteration": job.solver.nested_iteration == "on",
     }
@@ -66,5 +65,3 @@ def unsuited_to_unknown_loads(job: Any, remedy: str) -> Faults:
     yield from ((tuple(where.split(".")), text) for where, is_refused in refused.items() if is_refused)
     if job.accuracy:
         yield ("accuracy",), f"needs an estimate of the discretisation error, which {text}"
-    if any(effect.functions(1) for holder in (job, *job.states) for effect in holder.effects):
-        yield ("effects",), f"have a contact that is solved by iteration, which {text}"

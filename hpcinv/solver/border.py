@@ -18,10 +18,12 @@ class Border(ABC):
     Attributes:
         count: number of unknowns, and of equations.
         least: displacement (scaled) that rounding errors of C let count as none.
+        least_load: load factor below which the numbers cannot be put in.
     """
 
     count: int
     least: float = 0.0
+    least_load: float = 0.0
 
     @abstractmethod
     def put(self, load: float) -> None:

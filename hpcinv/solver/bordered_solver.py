@@ -48,6 +48,7 @@ class BorderedSolver:
         self._by_numbers = [system.position() for _ in range(self.count)]  # ∂R/∂q
         self._condensed: Floats = np.zeros((0, 0))
         self._slopes_by_numbers: Floats = np.zeros((0, 0))  # ∂C/∂q
+        self._least_load = max((border.least_load for border in borders), default=0.0)
         self.is_stale = True
 
     @property
@@ -78,8 +79,13 @@ class BorderedSolver:
         if self._plane is not None:
             self._plane.load += float(change[-1])
 
+    def _begun(self, load: float) -> float:
+        """Return a load factor, or the least one at which all numbers can be put in."""
+        return max(load, self._least_load) if load >= 0 else load
+
     def put(self, load: float) -> None:
         """Put the present numbers and a load factor into the system."""
+        load = self._begun(load)
         self._system.set_load(load)
         for border in self.borders:
             border.put(load)
@@ -93,7 +99,7 @@ class BorderedSolver:
 
     def equations(self, load: float) -> Floats:
         """Return C at the present state, which is in the plane of the path if there is one."""
-        own = [border.equations(load) for border in self.borders]
+        own = [border.equations(self._begun(load)) for border in self.borders]
         return np.concatenate([*own, np.zeros(self.count - self._own_count)])
 
     def size(self, change: Floats) -> float:
@@ -102,7 +108,7 @@ class BorderedSolver:
 
     def linearise(self, load: float) -> bool:
         """Assemble K at the present state, and solve for the columns ``g``; return whether that succeeded."""
-        self._system.set_load(load)
+        self._system.set_load(self._begun(load))
         self._system.tangent()
         return self.set_columns(load)
 
@@ -112,7 +118,7 @@ class BorderedSolver:
         Args:
             may_fall_back: whether the linear solver may take another configuration if it fails.
         """
-        slopes = np.zeros((self.count, self.count))
+        load, slopes = self._begun(load), np.zeros((self.count, self.count))
         if self.count:
             self._system.residual(self._r[0])
         for border, place in zip(self.borders, self._places, strict=True):

@@ -16,6 +16,7 @@ class CavityBorder(Border):
     """The pressures of all cavities of unknown pressure, with their equations."""
 
     least = 1e-15  # volumes are known to some units of the last digit; raised, smaller changes of volumes are ignored
+    least_load = 1e-9  # forces of pressures are in proportion to the load factor; raised, paths begin off equilibrium
 
     def __init__(self, system: System, cavities: Sequence[CavityEquation]) -> None:
         self._system, self._cavities, self.count = system, cavities, len(cavities)
