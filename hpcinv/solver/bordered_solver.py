@@ -28,7 +28,7 @@ class BorderedSolver:
     """The unknown numbers of a system, if there are any, with their linearised equations; collective.
 
     Args:
-        plane: plane of a path, with which the load factor is the last of the numbers.
+        plane: plane of a path; the load factor is the last of the numbers then.
 
     Attributes:
         count: number of numbers.

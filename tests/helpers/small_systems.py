@@ -36,9 +36,9 @@ class SmallSystem:
         self.x, self.load = PETSc.Vec().createSeq(size), 0.0
         self.rhs, self.timings = self.x.duplicate(), Timings()
         self._residual, self._tangent = residual, tangent
-        self.matrix = PETSc.Mat().createAIJ((size, size), comm=self.comm)
+        self.matrix = PETSc.Mat().createAIJ((size, size), comm=PETSc.COMM_SELF)
         self.matrix.setUp()
-        self.matrix.setValues(range(size), range(size), np.eye(size).ravel())
+        self.matrix.setValues(range(size), range(size), np.eye(size).ravel().tolist())
         self.matrix.assemble()
         passages = SimpleNamespace(has_passed=lambda: False, depart=lambda: None)
         self.weak_form = SimpleNamespace(
@@ -66,7 +66,7 @@ class SmallSystem:
         b.array[:] = self._residual(self.x.array, self.load)
 
     def tangent(self) -> None:
-        self.matrix.setValues(range(self.x.size), range(self.x.size), self._tangent(self.x.array).ravel())
+        self.matrix.setValues(range(self.x.size), range(self.x.size), self._tangent(self.x.array).ravel().tolist())
         self.matrix.assemble()
         self.tangents += 1
 
@@ -95,7 +95,7 @@ class SmallLinear:
 
     def __init__(self, system: SmallSystem) -> None:
         self._system, self.factorizations, self._factorized = system, 0, -1
-        self.ksp = PETSc.KSP().create(system.comm)
+        self.ksp = PETSc.KSP().create(PETSc.COMM_SELF)
         self.ksp.setType("preonly")
         self.ksp.pc.setType("lu")
 
@@ -116,7 +116,8 @@ class SmallLinear:
         return True
 
     def sign_of_determinant(self) -> int:
-        return int(np.sign(np.linalg.det(self._system.matrix[:, :])))
+        everywhere = range(self._system.x.size)
+        return int(np.sign(np.linalg.det(self._system.matrix.getValues(everywhere, everywhere))))
 
     def limit_iterations(self) -> None:
         pass
