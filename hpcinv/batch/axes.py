@@ -141,15 +141,19 @@ class Axis(Spec):
             yield from (((kind, key), "must have at least one value") for key, values in content.items() if not values)
         if kind == "zip" and len(lengths := {len(values) for values in content.values()}) > 1:
             yield ("zip",), f"needs the same number of values of each key, not {sorted(lengths)}"
+        for label, branch in content.items() if kind == "branches" else ():
+            if self.name in branch.keys:
+                yield ("branches", label), f"'{self.name}' is also the name of these branches; give them another 'name'"
+        yield from self._faults_of_sample(kind)
+
+    def _faults_of_sample(self, kind: str) -> Faults:
+        """Yield keys that a kind of axis lacks, or that belong to another kind."""
         if kind in SAMPLES and self.count is None:
             yield ("count",), f"is needed: the number of points of '{kind}'"
         idle = ({"name"} if kind != "branches" else set()) | ({"count", "seed"} if kind not in SAMPLES else set())
         for key in sorted(idle & self.model_fields_set):
             use = "branches" if key == "name" else "a sample (random, latin_hypercube, sobol)"
             yield (key,), f"is valid only with {use}"
-        for label, branch in content.items() if kind == "branches" else ():
-            if self.name in branch.keys:
-                yield ("branches", label), f"'{self.name}' is also the name of these branches; give them another 'name'"
 
 
 def faults_between(axes: Iterable[Axis]) -> Faults:

@@ -50,11 +50,7 @@ def axis_of(path: Path, name: str, columns: Mapping[str, str] | None) -> dict[st
             )
         points.append({key: _value(row, i, unit or _bare(units, i)) for i, (key, unit) in keys.items()})
         if labels is not None:
-            names.append(row.entries[labels])
-            if not names[-1] or names[-1] in names[:-1]:
-                raise ValueError(
-                    f"line {row.line}: the label '{names[-1]}' is {'a duplicate' if names[-1] else 'missing'}"
-                )
+            names.append(_label(row, labels, names))
     if labels is None:
         return {"zip": {key: [point[key] for point in points] for key in points[0]}}
     branches = {
@@ -62,6 +58,13 @@ def axis_of(path: Path, name: str, columns: Mapping[str, str] | None) -> dict[st
         for label, point in zip(names, points, strict=True)
     }
     return {"branches": branches, "name": name}
+
+
+def _label(row: Row, column: int, earlier: Sequence[str]) -> str:
+    label = row.entries[column]
+    if not label or label in earlier:
+        raise ValueError(f"line {row.line}: the label '{label}' is {'a duplicate' if label else 'missing'}")
+    return label
 
 
 def _rows(path: Path, name: str, columns: Mapping[str, str] | None) -> list[Row]:

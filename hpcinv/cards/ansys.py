@@ -102,18 +102,23 @@ def _materials(text: str) -> tuple[dict[str, _Material], str]:
         elif name[:4] == "TBTE" and table is not None:
             table.temperatures += 1
         elif name[:4] == "TBDA" and table is not None:
-            place = f"TB,{table.label}: TBDATA"
-            first = int(number(fields[0], place)) if fields[0] else last + 1
-            entries = [variables.get(entry.upper(), entry) for entry in fields[1:7]]
-            constants = {first + i: number(entry, place) for i, entry in enumerate(entries) if entry}
-            if not 1 <= first <= _MOST_CONSTANTS or any(place > _MOST_CONSTANTS for place in constants):
-                raise CardError(f"{place}: the place of a constant must be from 1 to {_MOST_CONSTANTS}, not {first}")
+            constants = _constants(fields, variables, last, f"TB,{table.label}: TBDATA")
             table.constants |= constants
             last = max(constants, default=last)
         elif (entry := property_of(name, fields)) is not None and entry.name in _WITHOUT_EFFECT:
             label = variables.get(entry.material.upper(), entry.material) or "1"
             materials.setdefault(label, _Material()).properties.append(entry.name)
     return materials, unit
+
+
+def _constants(fields: Sequence[str], variables: Mapping[str, str], last: int, place: str) -> dict[int, float]:
+    """Return constants by their places, which follow the last one unless the command says a place."""
+    first = int(number(fields[0], place)) if fields[0] else last + 1
+    entries = [variables.get(entry.upper(), entry) for entry in fields[1:7]]
+    constants = {first + i: number(entry, place) for i, entry in enumerate(entries) if entry}
+    if not 1 <= first <= _MOST_CONSTANTS or any(at > _MOST_CONSTANTS for at in constants):
+        raise CardError(f"{place}: the place of a constant must be from 1 to {_MOST_CONSTANTS}, not {first}")
+    return constants
 
 
 class Property(NamedTuple):

@@ -116,42 +116,37 @@ class _DeckReader:
     def _read_condition(self, condition: ET.Element, held: dict[tuple[str, str], dict[str, float]]) -> None:
         region, of = _region_of(condition)
         kind = condition.get("type", condition.tag)
-        values: dict[str, float] = {}
-        if kind == "zero displacement":
-            values = {axis: 0.0 for axis in "xyz" if (condition.findtext(f"{axis}_dof") or "0").strip() == "1"}
-        elif kind == "fix":
-            axes = condition.findtext("dofs") or condition.get("bc") or ""
-            values = {axis.strip(): 0.0 for axis in axes.split(",") if axis.strip() in tuple("xyz")}
-        elif kind in ("prescribed displacement", "prescribe") and not _is_set(condition, "relative"):
-            axis = (condition.findtext("dof") or condition.get("bc") or "").strip()
-            amount = condition.find("value") if condition.find("value") is not None else condition.find("scale")
-            if axis in tuple("xyz") and amount is not None:
-                values = {axis: number(amount.text or "", "displacement") * self._factor(amount, kind, region)}
+        values = self._displacements(condition, kind, region)
         if values and region:
             held.setdefault((region, of), {}).update(values)
         else:
             self._deck.unused.append(f"<{condition.tag} type='{kind}'>{f' on {region}' if region else ''}")
 
+    def _displacements(self, condition: ET.Element, kind: str, region: str) -> dict[str, float]:
+        """Return what a condition prescribes by axis; empty if it is not read."""
+        if kind == "zero displacement":
+            return {axis: 0.0 for axis in "xyz" if (condition.findtext(f"{axis}_dof") or "0").strip() == "1"}
+        if kind == "fix":
+            axes = condition.findtext("dofs") or condition.get("bc") or ""
+            return {axis.strip(): 0.0 for axis in axes.split(",") if axis.strip() in tuple("xyz")}
+        if kind in ("prescribed displacement", "prescribe") and not _is_set(condition, "relative"):
+            axis = (condition.findtext("dof") or condition.get("bc") or "").strip()
+            amount = condition.find("value") if condition.find("value") is not None else condition.find("scale")
+            if axis in tuple("xyz") and amount is not None:
+                return {axis: number(amount.text or "", "displacement") * self._factor(amount, kind, region)}
+        return {}
+
     def _read_load(self, load: ET.Element) -> None:
         kind, region = load.get("type", ""), load.get("surface", "")
-        size = load.find("pressure") if load.find("pressure") is not None else load.find("value")
-        is_dead = _is_set(load, "linear")
         if _is_set(load, "shell_bottom"):
-            size, kind = None, f"{kind} below a shell"
-        if kind == "pressure" and size is not None and size.get("type", "const") == "const":
-            factor = self._factor(size, kind, region)
-            value = Measure(number(size.text or "", "pressure") * factor, stress=1)
-            self._deck.effects.append(
-                {"effect": "pressure", "region": region, "dead_pressure" if is_dead else "pressure": value}
-            )
+            kind = f"{kind} below a shell"
+        if kind == "pressure" and (value := self._pressure(load, region)) is not None:
+            key = "dead_pressure" if _is_set(load, "linear") else "pressure"
+            self._deck.effects.append({"effect": "pressure", "region": region, key: value})
         elif kind == "traction" and region:
-            scale, direction = load.find("scale"), load.find("traction")
-            factors = [self._factor(item, kind, region) for item in (scale, direction) if item is not None]
-            factor = math.prod([*factors, 1.0 if scale is None else number(scale.text or "1", "scale")])
-            components = [Measure(factor * entry, stress=1) for entry in vector(load.findtext("traction"), "traction")]
-            area_in = "reference" if is_dead else "current"
-            effect = {"effect": "traction", "region": region, "traction": components, "area_in": area_in}
-            self._deck.effects.append(effect)
+            area_in = "reference" if _is_set(load, "linear") else "current"
+            effect = {"effect": "traction", "region": region, "traction": self._traction(load, region)}
+            self._deck.effects.append(effect | {"area_in": area_in})
         elif load.tag == "nodal_load" and (nodal := self._nodal_force(load)) is not None:
             name, of = _region_of(load)
             forces = dict.fromkeys(self._sets.get(name, frozenset()), nodal)
@@ -161,6 +156,20 @@ class _DeckReader:
         else:
             place = region or load.get("node_set") or load.get("elem_set") or ""
             self._deck.unused.append(f"<{load.tag}> type='{kind}'{f' on {place}' if place else ''}")
+
+    def _pressure(self, load: ET.Element, region: str) -> Measure | None:
+        """Return a pressure; ``None`` if it varies in space."""
+        size = load.find("pressure") if load.find("pressure") is not None else load.find("value")
+        if size is None or size.get("type", "const") != "const":
+            return None
+        factor = self._factor(size, "pressure", region)
+        return Measure(number(size.text or "", "pressure") * factor, stress=1)
+
+    def _traction(self, load: ET.Element, region: str) -> list[Measure]:
+        scale, direction = load.find("scale"), load.find("traction")
+        factors = [self._factor(item, "traction", region) for item in (scale, direction) if item is not None]
+        factor = math.prod([*factors, 1.0 if scale is None else number(scale.text or "1", "scale")])
+        return [Measure(factor * entry, stress=1) for entry in vector(load.findtext("traction"), "traction")]
 
     def _nodal_force(self, load: ET.Element) -> tuple[float, float, float] | None:
         """Return the force at each node of a load; ``None`` if it is something else."""

@@ -204,45 +204,25 @@ def estimate(
     scale = displacement_scale(equations, solution).length
     finer = finer_equations(equations, solution, rest_correction)
     body, is_shell = finer.body, equations.body.source.midsurface is not None
-    forecast = finer.chooser.forecast if is_shell else finer_forecast(equations)
     start = finer.state().displacement
-    state, is_solved, is_too_dear, tangents = finer.unknowns.state.x.array, False, False, 1
-    is_affordable = forecast.least <= equations.chooser.room
-    is_large = forecast.operations > two_level.MANY
     if is_shell:
-        if not is_affordable:
-            return None
-        budget = _Budget(observer, max(_SHELL_TANGENTS, _tangents_of_finer_solve(equations, solution, forecast)))
-        is_solved = halved_cells.solve(equations, solution, finer, budget)
-        tangents = max(budget.used, 1)
-        stop_if_asked(body.mesh.comm, observer)
-    elif not (is_large and two_level.correct(equations, solution.direction, finer, observer)):
-        if not is_affordable:
-            return None
-        equilibrium = finer.equilibrium(finer.weak_form(solution.direction))
-        equilibrium.correct(1.0)
-        equilibrium.destroy()
-    u, node_displacement, moved, largest = _moved(equations, solution, finer, rest_correction)
-    if is_shell and not is_solved:
-        largest = np.inf
-    elif is_affordable and not largest <= LINEAR * scale and not is_solved:
-        corrected = state.copy()
-        budget = _Budget(observer, _tangents_of_finer_solve(equations, solution, forecast))
-        if is_solved := not budget.is_spent and _solve(finer, solution.direction, budget):
-            u, node_displacement, moved, largest = _moved(equations, solution, finer, rest_correction)
-        else:
-            state[:], is_too_dear = corrected, budget.is_spent
+        found = _solve_shell(equations, solution, finer, rest_correction, observer)
+    else:
+        found = _solve_solid(equations, solution, finer, rest_correction, observer, LINEAR * scale)
+    if found is None:
+        return None
+    largest = found.largest
     stop_if_asked(body.mesh.comm, observer)
     has_values = bool(quantities) and isfinite(largest)
-    corrected = _corrected(quantities, equations, node_displacement, solution.direction, finer) if has_values else {}
-    displacement, delta = u.copy(), u
+    corrected = _corrected(quantities, equations, found.nodal, solution.direction, finer) if has_values else {}
+    displacement, delta = found.displacement.copy(), found.displacement
     delta.x.array[:] -= start.x.array
     if is_shell:  # indicators belong to the given cells
-        delta = halved_cells.nodal_function(equations.unknowns, node_displacement - solution.u)
+        delta = halved_cells.nodal_function(equations.unknowns, found.nodal - solution.u)
     indicators = _cell_indicators(delta, body.length_scale)
     limit = None if edges is None else singular_limit(equations, edges, indicators, delta)
     # A correction as large as the displacement is not one of edges.
-    missed = limit.factor if limit and not is_solved else 1.0
+    missed = limit.factor if limit and not found.is_solved else 1.0
     corrected = {n: _extrapolated(computed[n], v, missed) for n, v in corrected.items() if n in computed}
     return Estimate(
         quantities={name: _difference(value, computed[name]) for name, value in corrected.items()},
@@ -253,14 +233,85 @@ def estimate(
         segments=edges.segments if edges else None,
         unknowns=finer.unknowns.size,
         finer=halved_cells.DESCRIPTION if is_shell else Estimate.finer,
-        tangents=tangents,
-        is_solved=is_solved,
-        is_too_dear=is_too_dear,
+        tangents=found.tangents,
+        is_solved=found.is_solved,
+        is_too_dear=found.is_too_dear,
         without_geometry=_finer_body(equations, solution, rest_correction)[1],
         unreliable=unreliable,
-        correction=_correction(equations, solution, finer, moved, displacement) if isfinite(largest) else None,
+        correction=_correction(equations, solution, finer, found.moved, displacement) if isfinite(largest) else None,
         layer=layer_errors(equations, solution, quantities, computed) if is_shell else {},
     )
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What the finer problem gave; displacements in m.
+
+    Attributes:
+        displacement: of the finer problem.
+        nodal: the same at the geometry nodes of the equations' body, (n, 3).
+        moved: correction of these nodes, (n, 3).
+        largest: length of the largest one, infinite if one is not finite.
+        is_solved, is_too_dear, tangents: as in `Estimate`.
+    """
+
+    displacement: fem.Function
+    nodal: Floats
+    moved: Floats
+    largest: float
+    is_solved: bool = False
+    is_too_dear: bool = False
+    tangents: int = 1
+
+
+def _solve_shell(
+    equations: Equations,
+    solution: Solution,
+    finer: Equations,
+    rest_correction: Correction | None,
+    observer: Observer,
+) -> _Found | None:
+    """Solve on halved cells; return ``None`` if there is no memory for it; collective."""
+    forecast = finer.chooser.forecast
+    if forecast.least > equations.chooser.room:
+        return None
+    budget = _Budget(observer, max(_SHELL_TANGENTS, _tangents_of_finer_solve(equations, solution, forecast)))
+    is_solved = halved_cells.solve(equations, solution, finer, budget)
+    stop_if_asked(finer.body.mesh.comm, observer)
+    found = replace(
+        _moved(equations, solution, finer, rest_correction), is_solved=is_solved, tangents=max(budget.used, 1)
+    )
+    return found if is_solved else replace(found, largest=np.inf)
+
+
+def _solve_solid(
+    equations: Equations,
+    solution: Solution,
+    finer: Equations,
+    rest_correction: Correction | None,
+    observer: Observer,
+    most: float,
+) -> _Found | None:
+    """Correct by one Newton step, or solve if that is more than ``most`` (m); ``None`` without memory; collective."""
+    forecast = finer_forecast(equations)
+    is_affordable = forecast.least <= equations.chooser.room
+    is_large = forecast.operations > two_level.MANY
+    if not (is_large and two_level.correct(equations, solution.direction, finer, observer)):
+        if not is_affordable:
+            return None
+        equilibrium = finer.equilibrium(finer.weak_form(solution.direction))
+        equilibrium.correct(1.0)
+        equilibrium.destroy()
+    found = _moved(equations, solution, finer, rest_correction)
+    if not is_affordable or found.largest <= most:
+        return found
+    state = finer.unknowns.state.x.array
+    corrected = state.copy()
+    budget = _Budget(observer, _tangents_of_finer_solve(equations, solution, forecast))
+    if not budget.is_spent and _solve(finer, solution.direction, budget):
+        return replace(_moved(equations, solution, finer, rest_correction), is_solved=True)
+    state[:] = corrected
+    return replace(found, is_too_dear=budget.is_spent)
 
 
 def _correction(
@@ -317,15 +368,8 @@ def _solve(finer: Equations, direction: Direction, observer: Observer) -> bool:
     return solved.load == 1.0
 
 
-def _moved(
-    equations: Equations, solution: Solution, finer: Equations, rest_correction: Correction | None
-) -> tuple[fem.Function, Floats, Floats, float]:
-    """Return the difference of the state of ``finer`` from the solution; collective.
-
-    Returns:
-        Displacement of the finer problem; the same at the geometry nodes of the equations' body, (n, 3); correction of
-        these nodes, (n, 3); length of the largest one, infinite if one is not finite. All in m.
-    """
+def _moved(equations: Equations, solution: Solution, finer: Equations, rest_correction: Correction | None) -> _Found:
+    """Return the difference of the state of ``finer`` from the solution; collective."""
     u = finer.state().displacement
     if equations.body.source.midsurface is not None:
         node_displacement = halved_cells.given_values(equations.body, finer.unknowns.geometry_values(u))
@@ -337,7 +381,7 @@ def _moved(
     mine = np.linalg.norm(moved, axis=1)
     # The largest of NaN and a number depends on their order.
     largest = float(mine.max(initial=0.0)) if np.isfinite(mine).all() else np.inf
-    return u, node_displacement, moved, finer.body.mesh.comm.allreduce(largest, op=MPI.MAX)
+    return _Found(u, node_displacement, moved, finer.body.mesh.comm.allreduce(largest, op=MPI.MAX))
 
 
 def _nodes(solution: Solution, rest_correction: Correction | None) -> Floats:

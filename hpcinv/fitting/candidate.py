@@ -120,7 +120,25 @@ def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Can
     """
     place = Path(f"--law {text}")
     given, terms = _given(text)
-    name = str(given.get("law"))
+    name, is_whole = str(given.get("law")), len(given) > 1
+    law = _isotropic_law(name, place)
+    data = _repeat_terms(given if is_whole else law.example, law, terms, place)
+    fixed = {k: value for k, value in fixed.items() if k.partition("[")[0] in law.model_fields or k in _known(data)}
+    bulk = law.replaceable[1] if law.replaceable else None
+    is_stated = bulk in fixed or (is_whole and bulk in given)
+    if bulk and not (compressible or is_stated) and (not is_whole or law.model_fields[bulk].is_required()):
+        data = {**data, bulk: "incompressible"}
+    model, section = _model(law, data, fixed, "" if is_stated else bulk or "", place)
+    kept = {parse_key(_key(key, section)) for key in fixed}
+    if bulk is not None and not compressible:
+        kept.add((bulk,))
+    parameters = tuple(_parameters(model, kept))
+    if not parameters:
+        raise JobError(f"{place}: all of its parameters are fixed")
+    return Candidate(name if is_whole else text, model, section, parameters)
+
+
+def _isotropic_law(name: str, place: Path) -> type[MaterialLaw]:
     law = laws().get(name)
     if law is None:
         raise JobError(f"{place}: unknown law '{name}'.{did_you_mean(name, laws())}")
@@ -129,30 +147,27 @@ def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Can
         raise JobError(
             f"{place}: has fibres, whose direction these tests do not state; take one of {', '.join(isotropic)}"
         )
-    is_whole = len(given) > 1
-    data = _repeat_terms(given if is_whole else law.example, law, terms, place)
-    fixed = {k: value for k, value in fixed.items() if k.partition("[")[0] in law.model_fields or k in _known(data)}
-    bulk = law.replaceable[1] if law.replaceable else None
-    is_stated = bulk in fixed or (is_whole and bulk in given)
-    if bulk and not (compressible or is_stated) and (not is_whole or law.model_fields[bulk].is_required()):
-        data = {**data, bulk: "incompressible"}
+    return law
+
+
+def _model(
+    law: type[MaterialLaw], data: Mapping[str, Any], fixed: Mapping[str, str], bulk: str, place: Path
+) -> tuple[MaterialLaw, Mapping[str, Any]]:
+    """Return the law with fixed values, and its section of a job.
+
+    Args:
+        bulk: name of the bulk modulus, if nothing states its value.
+    """
     try:
         data = assigned(data, {_key(key, data): yaml.safe_load(value) for key, value in fixed.items()})
-        model = law.model_validate(data)
+        return law.model_validate(data), data
     except ValidationError as error:
         remedy = []
-        if not is_stated and any(where[:1] == (bulk,) for where, _ in problems_in(error)):
+        if bulk and any(where[:1] == (bulk,) for where, _ in problems_in(error)):
             remedy = [f"{place}: give --compressible to fit {bulk}, or its value with --fix {bulk}=…"]
         raise JobError(*job_error(place, error, law).problems, *remedy) from None
     except ValueError as error:
         raise JobError(f"{place}: --fix: {error}") from None
-    kept = {parse_key(_key(key, data)) for key in fixed}
-    if bulk is not None and not compressible:
-        kept.add((bulk,))
-    parameters = tuple(_parameters(model, kept))
-    if not parameters:
-        raise JobError(f"{place}: all of its parameters are fixed")
-    return Candidate(name if is_whole else text, model, data, parameters)
 
 
 def _given(text: str) -> tuple[dict[str, Any], int | None]:

@@ -220,22 +220,26 @@ class _TableReader:
             except ValueError as error:
                 self._problem(str(error), line)
         self._end()
+        self._check_columns([name for name, _ in columns.values()], line)
+        self._end()
+        return columns
+
+    def _check_columns(self, columns: Sequence[str], line: int) -> None:
+        """Note a problem unless there are a strain, a stress and what both need."""
         for role, examples in (("strain", "stretch [-]"), ("stress", "nominal stress [MPa]")):
-            names = [name for name, _ in columns.values() if COLUMNS[name].role == role]
+            names = [name for name in columns if COLUMNS[name].role == role]
             if len(names) != 1:
                 fault = f"more than one column of {role}: {', '.join(names)}" if names else f"no column of {role}"
                 remedy = f"leave one out with --column 'TITLE={IGNORE}'" if names else ""
                 possible = ", ".join(name for name, column in COLUMNS.items() if column.role == role)
                 needed = remedy or f"it needs one of {possible}, with its unit, such as '{examples}'"
                 self._problem(f"has {fault}; {needed}", line)
-        for name, _ in columns.values():
+        for name in columns:
             need = COLUMNS[name].needs
             if need and need not in self._statements:
                 example = {"area": "25 mm^2", "length": "20 mm"}[need]
                 remedy = f"--{need} '{example}', or a line '# {need}: {example}' ahead of the columns"
                 self._problem(f"the column '{name}' needs {remedy}", line)
-        self._end()
-        return columns
 
     def _describe(
         self, titles: Row, columns: Mapping[int, tuple[str, float]], *, titled: int, units: int | None

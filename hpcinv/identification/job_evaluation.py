@@ -197,16 +197,7 @@ class Evaluations:
         agree(self.comm, stopped)
         if result is None:
             return _TeamResult({}, {}, {}, 0, failure)
-        numbers = [share.number(p) for p in self.parameters]
-        predictions: dict[str, PredictedObservation] = {}
-        for observation in self._own:
-            prediction = observation.predict(result, [number.key for number in numbers if number])
-            if prediction is not None:
-                whole = np.zeros((len(prediction.differences), len(numbers)))
-                whole[:, [i for i, number in enumerate(numbers) if number]] = prediction.jacobian * [
-                    number.ratio for number in numbers if number
-                ]
-                predictions[observation.spec.name] = PredictedObservation(prediction.differences, whole)
+        predictions = self._predictions(result)
         factorizations = sum(solution.factorizations for solution in result.solutions)
         shapes: dict[str, Floats] = {}
         if self._keeps_shapes:
@@ -215,6 +206,19 @@ class Evaluations:
                 if whole_shape is not None:
                     shapes[name] = whole_shape.astype(np.float32)
         return _TeamResult(predictions, result.quantities, shapes, factorizations)
+
+    def _predictions(self, result: Result) -> dict[str, PredictedObservation]:
+        """Return the team's observations with the columns of all parameters, 0 for those that its states lack."""
+        numbers = [self._share.number(p) for p in self.parameters]
+        known = [i for i, number in enumerate(numbers) if number]
+        predictions: dict[str, PredictedObservation] = {}
+        for observation in self._own:
+            prediction = observation.predict(result, [number.key for number in numbers if number])
+            if prediction is not None:
+                whole = np.zeros((len(prediction.differences), len(numbers)))
+                whole[:, known] = prediction.jacobian * [number.ratio for number in numbers if number]
+                predictions[observation.spec.name] = PredictedObservation(prediction.differences, whole)
+        return predictions
 
     def _joined(self, part: _TeamResult, begun: float) -> Evaluation | None:
         """Return what all teams have found, on rank 0."""
@@ -227,7 +231,7 @@ class Evaluations:
         known = {name: prediction for entry in teams for name, prediction in entry.predictions.items()}
         ordered = [known[entry.spec.name] for entry in self.observed]
         for entry, prediction in zip(self.observed, ordered, strict=True):
-            if not (np.isfinite(prediction.differences).all() and np.isfinite(prediction.jacobian).all()):
+            if not prediction.is_finite:
                 return self._failed(f"observation '{entry.spec.name}' or a derivative of it has no finite value")
         return Evaluation(
             np.concatenate([entry.differences for entry in ordered]),

@@ -48,6 +48,10 @@ class PredictedObservation:
     differences: Floats
     jacobian: Floats
 
+    @property
+    def is_finite(self) -> bool:
+        return bool(np.isfinite(self.differences).all() and np.isfinite(self.jacobian).all())
+
 
 class Observed(ABC):
     """One observation of a job.

@@ -274,33 +274,31 @@ class MaterialLaw(Ingredient):
     @classmethod
     def _replace_moduli(cls, data: Any, info: ValidationInfo) -> Any:
         """Replace elastic moduli by parameters of the law."""
-        if cls.replaceable is None or not isinstance(data, Mapping) or data.keys().isdisjoint(NAMES):
+        if cls.replaceable is None or not _has_moduli(data):
             return data
         moduli = _moduli_in(data)
         own = {name: value for name, value in data.items() if name not in NAMES}
         shear, bulk = cls.replaceable
-        finds_shear, finds_bulk = shear is not None and cls.leaves_out(shear, own), cls.leaves_out(bulk, own)
-        _check_number_of_moduli(cls, moduli, finds_shear=finds_shear, finds_bulk=finds_bulk)
+        wanted = [name for name in cls.replaceable if name is not None and cls.leaves_out(name, own)]
+        _check_number_of_moduli(cls, moduli, finds_shear=shear in wanted, finds_bulk=bulk in wanted)
         trial = own
-        if shear is not None and finds_shear:
-            trial = cls.put(shear, 1.0, trial)
-        if finds_bulk:
-            trial = cls.put(bulk, 1.0, trial)
+        for name in wanted:
+            trial = cls.put(name, 1.0, trial)
         law = cls.model_validate(trial, context={**(info.context or {}), _UNFINISHED: True})
         if not law._is_uniform:
             raise Problems(((next(iter(moduli)),), "can be given only where the other parameters are plain numbers"))
-        if not finds_shear:
+        if shear not in wanted:
             moduli["shear_modulus"] = law.shear_modulus(law._parameters())
-        if not finds_bulk:
+        if bulk not in wanted:
             moduli[cls.bulk_measure] = getattr(law, bulk) if cls.bulk_measure == "lame" else law._bulk()
         try:
             mu, kappa = shear_and_bulk(moduli)
         except ValueError as error:
             raise Problems(((next(name for name in NAMES if name in data),), str(error))) from None
-        if shear is not None and finds_shear:
+        if shear is not None and shear in wanted:
             solved = law._solved(law.shear_modulus, mu, law.place_of(shear))
             law, own = law.number_replaced(law.place_of(shear), solved), cls.put(shear, solved, own)
-        if finds_bulk:
+        if bulk in wanted:
             finite = math.isfinite(kappa)
             own = cls.put(bulk, law._solved(law.bulk_modulus, kappa, (bulk,)) if finite else "incompressible", own)
         return own
@@ -310,7 +308,7 @@ class MaterialLaw(Ingredient):
     def _keep_stated(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         """Keep what a job gives if that includes moduli."""
         law = handler(data)
-        if cls.replaceable is None or not isinstance(data, Mapping) or data.keys().isdisjoint(NAMES):
+        if cls.replaceable is None or not _has_moduli(data):
             return law
         own: dict[str, Any] = {name: getattr(law, name, value) for name, value in data.items() if name not in NAMES}
         shear = cls.replaceable[0]
@@ -330,6 +328,10 @@ class MaterialLaw(Ingredient):
             for name, modulus in moduli.items():
                 if not (value := modulus(par)) > 0:
                     yield (), f"the {name} that follows from these parameters must be positive, but is {value:g} Pa"
+
+
+def _has_moduli(data: Any) -> bool:
+    return isinstance(data, Mapping) and not data.keys().isdisjoint(NAMES)
 
 
 def _moduli_in(data: Mapping[str, Any]) -> dict[str, float]:

@@ -59,16 +59,8 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         text = f"has a physical group '{taken[0]}', which is the name of a face or layer of the shell"
         _refuse(surface.path, text, "Give the group another name.")
     surface = dataclasses.replace(surface, cells=_oriented(surface))
-    normals, count = _normals(surface), len(surface.points)
-    if shell.thickness is not None:
-        thickness = _thickness(surface, shell.thickness)
-        columns = [(place - shell.surface_place) * thickness * normals for place in shell.levels]
-    else:
-        columns = [_column(surface, shell, level) for level in range(len(shell.levels))]
-        through = columns[-1] - columns[0]
-        thickness = np.linalg.norm(through, axis=1, keepdims=True)
-        if (through * normals).sum() < 0:  # by the order of their nodes, cells have the other normal
-            surface = dataclasses.replace(surface, cells=mirrored(_KIND, _DEGREE, surface.cells))
+    count = len(surface.points)
+    surface, columns, thickness = _levels(surface, shell)
     length = _length_by_thickness(surface, thickness, _THIN if shell.layers else _THINNEST)
     _check_faces(surface, columns[0], columns[-1])
     layers = range(len(columns) // 2)
@@ -77,16 +69,6 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
     edges = np.concatenate([start + _columns("interval", _KIND, surface.facets, count) for start in starts])
     sheet = surface.cells[:, _order(_KIND, _KIND)]
     facets = np.concatenate([edges, sheet, sheet + (len(columns) - 1) * count])
-    sizes = {3: len(surface.cells), 2: len(surface.facets)}
-    every, groups = np.arange(len(sheet)), list[Group]()
-    for group in surface.groups:
-        members = [group.members + layer * sizes[group.dim] for layer in layers]
-        groups.append(dataclasses.replace(group, members=np.concatenate(members)))
-    groups.extend(Group(name, 3, 0, layer * len(sheet) + every) for layer, name in enumerate(shell.layers))
-    for name, first in ((INNER, len(edges)), (OUTER, len(edges) + len(sheet))):
-        groups.append(Group(name, 2, 0, first + every))
-        parts = [group for group in surface.groups if group.dim == 3]
-        groups.extend(Group(f"{group.name}|{name}", 2, 0, first + group.members) for group in parts)
     return dataclasses.replace(
         surface,
         kind="hexahedron",
@@ -95,7 +77,7 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         cells=cells,
         cell_tags=_repeated_tags(surface.cell_tags, len(layers)),
         facets=facets,
-        groups=distinct_tags(groups),
+        groups=distinct_tags(_groups(surface, shell, len(layers), len(edges))),
         data=_data(surface, shell),
         notes=surface.notes + _narrow_cells(surface, thickness),
         midsurface=surface,
@@ -104,6 +86,38 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         thickness=float(thickness.mean()) if len(thickness) else 0.0,
         is_thin=length > _THIN,
     )
+
+
+def _levels(surface: MeshSource, shell: Shell) -> tuple[MeshSource, list[Floats], Floats]:
+    """Return the surface, turned if its data say so, and by node the distances of the levels and the thickness."""
+    normals = _normals(surface)
+    if shell.thickness is not None:
+        thickness = _thickness(surface, shell.thickness)
+        return surface, [(place - shell.surface_place) * thickness * normals for place in shell.levels], thickness
+    columns = [_column(surface, shell, level) for level in range(len(shell.levels))]
+    through = columns[-1] - columns[0]
+    if (through * normals).sum() < 0:  # by the order of their nodes, cells have the other normal
+        surface = dataclasses.replace(surface, cells=mirrored(_KIND, _DEGREE, surface.cells))
+    return surface, columns, np.linalg.norm(through, axis=1, keepdims=True)
+
+
+def _groups(surface: MeshSource, shell: Shell, layers: int, edges: int) -> list[Group]:
+    """Return the groups of the body: of the surface through all layers, of layers, and of its faces.
+
+    Args:
+        edges: number of facets through the thickness; the inner face follows them, then the outer one.
+    """
+    sizes, groups = {3: len(surface.cells), 2: len(surface.facets)}, list[Group]()
+    for group in surface.groups:
+        members = [group.members + layer * sizes[group.dim] for layer in range(layers)]
+        groups.append(dataclasses.replace(group, members=np.concatenate(members)))
+    count, every = len(surface.cells), np.arange(len(surface.cells))
+    groups.extend(Group(name, 3, 0, layer * count + every) for layer, name in enumerate(shell.layers))
+    for name, first in ((INNER, edges), (OUTER, edges + count)):
+        groups.append(Group(name, 2, 0, first + every))
+        parts = [group for group in surface.groups if group.dim == 3]
+        groups.extend(Group(f"{group.name}|{name}", 2, 0, first + group.members) for group in parts)
+    return groups
 
 
 def _data(surface: MeshSource, shell: Shell) -> dict[str, DataArray]:

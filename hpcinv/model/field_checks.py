@@ -37,34 +37,43 @@ def check_fields(job: Job, fields: BodyFields) -> None:
                 if effect.is_of_shells:
                     _check_edge(fields, region, facets)
     for where, ingredient in [*job.laws.items(), *job.named_effects]:
-        for name in quantities_of(type(ingredient)):
-            value = getattr(ingredient, name)
-            if value is None or is_uniform(value):
-                continue
-            expected = quantity_of(type(ingredient), name)
-            for entry in entries(value):
-                samples = fields.samples(entry, f"{where}.{name}")
-                _require(
-                    fields, samples, np.vectorize(expected.admits, otypes=[bool]), f"{where}.{name}", expected.bounds
-                )
+        _check_bounds(fields, where, ingredient)
     for where, law in job.laws.items():
-        if any(not is_uniform(value) for value, _ in law.quantities().values()):
+        if _varies(law):
             par = _samples(fields, where, law)
             finite = (law.shear_modulus,) if law.is_incompressible else (law.shear_modulus, law.bulk_modulus)
             for modulus in finite:
-                name = modulus.__name__.replace("_", " ")
-                _require(
-                    fields, np.atleast_1d(modulus(par)), lambda values: values > 0, f"{where}: the {name}", "positive"
-                )
+                _require_positive(fields, modulus(par), f"{where}: the {modulus.__name__.replace('_', ' ')}")
     for where, family in job.families.items():
         ((direction, _),) = family.quantities().values()
         length = np.linalg.norm(fields.vector_samples(direction, where), axis=-1)
-        _require(fields, length, lambda values: values > 0, f"{where}: the length of the direction", "positive")
+        _require_positive(fields, length, f"{where}: the length of the direction")
     for where, effect in job.named_effects:
-        if any(not is_uniform(value) for value, _ in effect.quantities().values()) or effect.families:
+        if _varies(effect) or effect.families:
             directions = {name: _directions(fields, job.families[f"fibres.{name}"], where) for name in effect.families}
             for what, values in effect.positive(_samples(fields, where, effect), directions).items():
-                _require(fields, np.atleast_1d(values), lambda values: values > 0, f"{where}: {what}", "positive")
+                _require_positive(fields, values, f"{where}: {what}")
+
+
+def _varies(ingredient: Ingredient) -> bool:
+    """Return whether some of its quantities varies in the body."""
+    return any(not is_uniform(value) for value, _ in ingredient.quantities().values())
+
+
+def _check_bounds(fields: BodyFields, where: str, ingredient: Ingredient) -> None:
+    """Check that fields are within the bounds of their quantities; collective."""
+    for name in quantities_of(type(ingredient)):
+        value = getattr(ingredient, name)
+        if value is None or is_uniform(value):
+            continue
+        expected = quantity_of(type(ingredient), name)
+        admits = np.vectorize(expected.admits, otypes=[bool])
+        for entry in entries(value):
+            _require(fields, fields.samples(entry, f"{where}.{name}"), admits, f"{where}.{name}", expected.bounds)
+
+
+def _require_positive(fields: BodyFields, values: Any, what: str) -> None:
+    _require(fields, np.atleast_1d(values), lambda samples: samples > 0, what, "positive")
 
 
 def shear_modulus(job: Job, fields: BodyFields) -> float:

@@ -16,7 +16,7 @@ of the forward one.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -29,6 +29,7 @@ from ufl.classes import Label, Variable
 
 from hpcinv.effects import Effect
 from hpcinv.job.job import Job
+from hpcinv.job.sections import Shell
 from hpcinv.kinematics.kinematics import Deformation, Kinematics, OtherState
 from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.kinematics.transverse_shear import corrected_for_shear
@@ -123,16 +124,8 @@ class WeakForm:
             kin.data_state = OtherState(kin, given_u)
         may_grow = kin.sign > 0 and any(effect.presses_at_any_load for effect in job.effects)
         self.parameters = par = Parameters(_ingredients(job), kin, fields, scales, job.case_count, may_grow=may_grow)
-        count = len(job.laws)
-        effect_data = [
-            (effect, par.load(job.case_of(effect)), par.quantities(count + i)) for i, effect in enumerate(job.effects)
-        ]
-        degree = job.discretisation.displacement
-        for (where, _), (effect, _, p) in zip(job.named_effects, effect_data, strict=True):
-            if effect.presses_at_any_load:
-                p.growing = par.growing
-            for name, (components, function_degree) in effect.functions(degree).items():
-                setattr(p, name, fields.updated(f"{where}.{name}", components, function_degree))
+        count, degree = len(job.laws), job.discretisation.displacement
+        effect_data = _effect_data(job, fields, par)
         named = tuple(zip((where for where, _ in job.named_effects), effect_data, strict=True))
         self.contacts = Contacts(named, kin, fields.body, job.resolve, degree, _modulus(job, fields, scales))
         directions = {
@@ -140,14 +133,9 @@ class WeakForm:
             for i, (name, family) in enumerate(job.families.items(), start=count + len(effect_data))
         }
         self.H = H = Variable(kin.H, LABEL)
-        shell = fields.body.source.shell
-        is_one_layer = shell is not None and len(shell.levels) == _LEVELS and degree == _LEVELS - 1
+        is_one_layer = _is_one_layer(fields.body.source.shell, degree)
         total = Deformation(corrected_for_shear(H, kin) if is_one_layer else H, directions)
-        strains = [
-            (effect, strain)
-            for effect, load, p in effect_data
-            if (strain := _strain(effect, effect.inelastic_strain(total, load, p), kin.data_state)) is not None
-        ]
+        strains = [*_strains(effect_data, total, kin.data_state)]
         elastic, J_g = _elastic(total, [strain for _, strain in strains])
         own = [strain for effect, strain in strains if effect.writes_its_stress]
         self._own = own
@@ -164,21 +152,23 @@ class WeakForm:
         )
         for (where, law), part in zip(job.laws.items(), self.parts, strict=True):
             noted(where, law.isochoric_energy, part.energy)
-        self._strains, self._potentials, self._works = [strain for _, strain in strains], potentials, list[Any]()
-        residual: Any = 0
+        self._strains, self._potentials = [strain for _, strain in strains], potentials
+        works = [external_work(where, effect, kin, unknowns.v, load, p) for where, (effect, load, p) in named]
+        self._works = [work for work in works if work is not None]
+        self.residual = self._residual()
+        self.J = Deformation(H).J if is_one_layer else total.J
+        self.mesh_J = kin.mesh_J
+
+    def _residual(self) -> Any:
+        kin, unknowns, residual = self.kinematics, self.unknowns, 0
         for number, part in enumerate(self.parts):
-            dx = integration.part(number)
+            dx = kin.integration.part(number)
             residual += kin.dV(ufl.inner(part.P, kin.Grad(unknowns.v)), dx)
             if part.constraint is not None:
                 residual -= kin.dV(part.constraint * unknowns.q, dx)
-        for (where, _), (effect, load, p) in zip(job.named_effects, effect_data, strict=True):
-            work = external_work(where, effect, kin, unknowns.v, load, p)
-            if work is not None:
-                residual -= work
-                self._works.append(work)
-        self.residual = residual
-        self.J = Deformation(H).J if is_one_layer else total.J
-        self.mesh_J = kin.mesh_J
+        for work in self._works:
+            residual -= work
+        return residual
 
     def update_parameters(self, job: Job, scales: Scales) -> None:
         """Set the numbers of another job of the same reuse group."""
@@ -257,6 +247,31 @@ class WeakForm:
         for strain in self._own:
             F0 = (ufl.Identity(3) + strain) * F0
         return remove_stages(F0)
+
+
+def _is_one_layer(shell: Shell | None, degree: int) -> bool:
+    return shell is not None and len(shell.levels) == _LEVELS and degree == _LEVELS - 1
+
+
+def _strains(data: Sequence[tuple[Effect, Any, Any]], total: Deformation, state: Any) -> Iterator[tuple[Effect, Any]]:
+    """Yield each effect with an inelastic strain, and that strain."""
+    for effect, load, p in data:
+        strain = _strain(effect, effect.inelastic_strain(total, load, p), state)
+        if strain is not None:
+            yield effect, strain
+
+
+def _effect_data(job: Job, fields: BodyFields, par: Parameters) -> list[tuple[Effect, Any, Any]]:
+    """Return each effect with its load factor and its quantities, with the functions that the solver updates."""
+    data = []
+    for i, (where, effect) in enumerate(job.named_effects, start=len(job.laws)):
+        p = par.quantities(i)
+        if effect.presses_at_any_load:
+            p.growing = par.growing
+        for name, (components, degree) in effect.functions(job.discretisation.displacement).items():
+            setattr(p, name, fields.updated(f"{where}.{name}", components, degree))
+        data.append((effect, par.load(job.case_of(effect)), p))
+    return data
 
 
 def _part(

@@ -116,6 +116,16 @@ def _quantities(statistics: Mapping[str, Any], symbols: Mapping[str, str]) -> It
         yield f"{name}: {text(value)}{f' ({notes})' if notes else ''}{reduction}"
 
 
+def _estimated_error(estimate: Mapping[str, Any], name: str, omission: str, text: Callable[..., str]) -> str:
+    singular, layer, more = estimate.get("singular"), estimate.get("layer", {}).get(name), ""
+    is_doubted = (singular and not singular["reliable"]) or name in estimate.get("unreliable", ())
+    if layer:
+        size = f"{text(layer['error'], digits=2)} of its layer" if layer["error"] else "the error of its layer"
+        more = f" and {size}, {layer['cause']}"
+    doubt = ", not reliable here" if is_doubted else ""
+    return f"estimated error {text(estimate['quantities'][name], digits=2)}{more}{omission}{doubt}"
+
+
 def _errors_of_quantity(statistics: Mapping[str, Any], name: str, text: Callable[..., str]) -> Iterator[str]:
     """Yield notes on the errors of a quantity, whose values ``text`` shows."""
     estimated = statistics["certificate"]["estimate"] or {"quantities": {}, "without_geometry": ""}
@@ -129,19 +139,7 @@ def _errors_of_quantity(statistics: Mapping[str, Any], name: str, text: Callable
     elif name in bounds:  # only one error of a quantity is printed
         yield f"error at most {text(bound, digits=3)}{omission}"
     elif name in estimated["quantities"]:
-        singular = estimated.get("singular")
-        is_doubted = (singular and not singular["reliable"]) or name in estimated.get("unreliable", ())
-        doubt = ", not reliable here" if is_doubted else ""
-        layer = estimated.get("layer", {}).get(name)
-        more = ""
-        if layer:
-            more = (
-                f" and {text(layer['error'], digits=2)} of its layer"
-                if layer["error"]
-                else " and the error of its layer"
-            )
-            more += f", {layer['cause']}"
-        yield f"estimated error {text(estimated['quantities'][name], digits=2)}{more}{omission}{doubt}"
+        yield _estimated_error(estimated, name, omission, text)
     elif name in reactions and statistics["certificate"]["estimate"] is not None:
         yield "no error estimate for reactions"
     slopes = statistics["sensitivities"] or {"quantities": {}}

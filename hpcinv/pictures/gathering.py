@@ -44,29 +44,15 @@ def boundary_of(
     widths = dict[str, int]()  # numbers of each field in a cell
 
     def evaluate(facets: LocalIndices, cells: LocalIndices, middles: Floats) -> Floats:
-        masks = {
-            name: np.isin(facets, solution.facets) | np.isin(cells, solution.cells)
-            for name, solution in regions.items()
+        columns = {
+            f"region:{name}": (np.isin(facets, region.facets) | np.isin(cells, region.cells)).astype(float)[:, None]
+            for name, region in regions.items()
         }
-        columns_by_name = {f"region:{name}": mask.astype(float)[:, None] for name, mask in masks.items()}
-        undeformed = dict[str, Floats]()
-        for number, solution in enumerate(solutions):
-            fields = cell_fields(body, solution, cells, middles)
-            columns_by_name[f"J {number}"] = fields.J[:, None]
-            columns_by_name[f"stress {number}"] = fields.stress
-            columns_by_name[f"stretches {number}"] = fields.stretches
-            if not families:
-                continue
-            gradients = deformation_gradients(body, solution, cells)
-            if number == 0:
-                undeformed = fibres(body, families, solution, gradients, cells)
-                columns_by_name |= {f"fibre:{name}": directions for name, directions in undeformed.items()}
-            for name, directions in undeformed.items():
-                columns_by_name[f"fibre {number}:{name}"] = unit_vectors(np.einsum("cij,cj->ci", gradients, directions))
+        columns |= _fields(body, solutions, families, cells, middles)
         if estimate:
-            columns_by_name["error"] = error_in(body, solutions[0], estimate, cells)[:, None]
-        widths.update({name: values.shape[1] for name, values in columns_by_name.items()})
-        return np.concatenate([np.zeros((len(facets), 0)), *columns_by_name.values()], axis=1)
+            columns["error"] = error_in(body, solutions[0], estimate, cells)[:, None]
+        widths.update({name: values.shape[1] for name, values in columns.items()})
+        return np.concatenate([np.zeros((len(facets), 0)), *columns.values()], axis=1)
 
     nodes = solutions[0].mesh_nodes if solutions else body.given_nodes
     given = gather_surface(body, nodes, evaluate)
@@ -106,6 +92,31 @@ def boundary_of(
         error=values_by_name["error"][:, 0] if estimate else None,
         is_shell=body.source.shell is not None,
     )
+
+
+def _fields(
+    body: Body,
+    solutions: Sequence[Solution],
+    families: Mapping[str, FibreFamily],
+    cells: LocalIndices,
+    middles: Floats,
+) -> dict[str, Floats]:
+    """Return the values in local cells of the fields of each solution, and of the undeformed fibres, by name."""
+    columns, undeformed = dict[str, Floats](), dict[str, Floats]()
+    for number, solution in enumerate(solutions):
+        fields = cell_fields(body, solution, cells, middles)
+        columns[f"J {number}"] = fields.J[:, None]
+        columns[f"stress {number}"] = fields.stress
+        columns[f"stretches {number}"] = fields.stretches
+        if not families:
+            continue
+        gradients = deformation_gradients(body, solution, cells)
+        if number == 0:
+            undeformed = fibres(body, families, solution, gradients, cells)
+            columns |= {f"fibre:{name}": directions for name, directions in undeformed.items()}
+        for name, directions in undeformed.items():
+            columns[f"fibre {number}:{name}"] = unit_vectors(np.einsum("cij,cj->ci", gradients, directions))
+    return columns
 
 
 def cut_of(surface: Surface) -> Triangles:

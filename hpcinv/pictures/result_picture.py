@@ -1,6 +1,7 @@
 """Picture of a result: the given body next to the computed one, coloured by a field."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import cycle
 from typing import Any
 
@@ -52,53 +53,66 @@ def draw_result(
     Raises:
         OutputError: the run has no values of this colour.
     """
-    (label, unit, evaluate), job = FIELDS[colour], summary["job"]
+    (label, unit, _), job = FIELDS[colour], summary["job"]
     rest = next((name for name, state in summary.get("states", {}).items() if state["rest"]), "")
     shapes = _shapes(boundary, rest)
     sections = [cut.section(shape) if cut else None for shape in shapes]
-    points = [shape.points for shape in shapes]
-    values = [evaluate(boundary, shape.result) for shape in shapes]
-    inner = [None if section is None else evaluate(boundary, section.values) for section in sections]
-    known = [colouring for colouring in values if colouring is not None]
-    if len(known) < len(values) or (cut and colour == "error"):
-        where = " within the body" if len(known) == len(values) else ""
-        raise OutputError(
-            f"{job['job']}: the run has no values for the colour '{colour}'{where}",
-            "Choose another colour." if where else "Run it with certificate.estimate: true, or choose another colour.",
-        )
-    everything = [*known, *(colouring for colouring in inner if colouring is not None)]
+    known, inner = _values(job["job"], boundary, shapes, sections, colour)
+    everything = [values for values in (*known, *inner) if values is not None]
     lowest = min(float(part.min(initial=np.inf)) for part in everything)
     highest = max(float(part.max(initial=-np.inf)) for part in everything)
     units: Mapping[str, str] = summary.get("units") or {}
     size, symbol = unit_of([lowest, highest], unit, units)
-    frame = np.concatenate(points)
+    frame = np.concatenate([shape.points for shape in shapes])
     front, back, up = directions(frame, upwards(job))
     views = []
-    for i, shape in enumerate(shapes):
-        plane = None if (section := sections[i]) is None else section.plane(front)
-        shadow = DrawnBody(points[0 if i else 1], boundary.triangles, opacity=0.35)
+    for i, (shape, section) in enumerate(zip(shapes, sections, strict=True)):
         if colour == "regions":
-            parts = [*_coloured_regions(boundary, shape, cut, section, plane)]
+            parts = [*_coloured_regions(boundary, shape, cut, section, front)]
         else:
-            parts = [DrawnBody(shape.points, boundary.triangles, values=known[i] / size, cut=plane)]
-            if section is not None:
-                parts.append(
-                    DrawnBody(
-                        section.points, section.triangles, values=section.spread(inner[i]) / size, is_section=True
-                    )
-                )
-        title = shape.title if section is None else f"{shape.title}, {_plane_text(section, units)}"
-        views.append(View([*parts, *([] if cut else [shadow])], frame, front, up, title))
-        if boundary.is_shell and label.endswith(_PLACE) and not cut:
+            parts = [*_coloured_values(boundary, shape, section, front, known[i], inner[i], size)]
+        if section is not None:
+            views.append(View(parts, frame, front, up, f"{shape.title}, {_plane_text(section, units)}"))
+            continue
+        shadow = DrawnBody(shapes[0 if i else 1].points, boundary.triangles, opacity=0.35)
+        views.append(View([*parts, shadow], frame, front, up, shape.title))
+        if boundary.is_shell and label.endswith(_PLACE):
             views.append(View(parts, frame, back, up, f"{shape.title}, from behind"))
     status, verdict = summary["status"], summary["certificate"]["verdict"]
-    notes = f"certificate: {verdict}" if status == "converged" else f"the full load was not reached: {status}"
+    draw = partial(
+        figure,
+        views,
+        job["job"],
+        notes=f"certificate: {verdict}" if status == "converged" else f"the full load was not reached: {status}",
+        units=units,
+    )
     if colour == "regions":
-        return figure(views, job["job"], notes=notes, legend=list(_palette(boundary, cut).items()), units=units)
+        return draw(legend=list(_palette(boundary, cut).items()))
+    return draw(colours=(_title_of_colours(label, symbol, boundary, cut), lowest / size, highest / size))
+
+
+def _title_of_colours(label: str, symbol: str, boundary: Boundary, cut: Cut | None) -> str:
     if boundary.is_shell:
         label = label.replace(_PLACE, " at the faces" + (" and within" if cut else ""))
-    text = f"{label} ({symbol})" if symbol else label
-    return figure(views, job["job"], notes=notes, colours=(text, lowest / size, highest / size), units=units)
+    return f"{label} ({symbol})" if symbol else label
+
+
+def _values(
+    name: str,
+    boundary: Boundary,
+    shapes: Sequence[PictureBody],
+    sections: Sequence[BodySection | None],
+    colour: Colour,
+) -> tuple[list[Floats], list[Floats | None]]:
+    """Return the values of a colour on the boundary of each body, and in its section."""
+    evaluate, lack = FIELDS[colour][2], f"{name}: the run has no values for the colour '{colour}'"
+    known = [values for shape in shapes if (values := evaluate(boundary, shape.result)) is not None]
+    if len(known) < len(shapes):
+        advice = "Run it with certificate.estimate: true, or choose another colour."
+        raise OutputError(lack, advice)
+    if colour == "error" and any(section is not None for section in sections):
+        raise OutputError(f"{lack} within the body", "Choose another colour.")
+    return known, [None if section is None else evaluate(boundary, section.values) for section in sections]
 
 
 def _plane_text(section: BodySection, units: Mapping[str, str]) -> str:
@@ -113,14 +127,32 @@ def _palette(boundary: Boundary, cut: Cut | None) -> dict[str, str]:
     return dict(zip(names, cycle(REGIONS), strict=False))
 
 
+def _coloured_values(
+    boundary: Boundary,
+    shape: PictureBody,
+    section: BodySection | None,
+    front: Floats,
+    values: Floats,
+    inner: Floats | None,
+    size: float,
+) -> Iterator[DrawnBody]:
+    """Yield the parts of a body in the colours of values on its boundary, and inside, in units of ``size``."""
+    plane = None if section is None else section.plane(front)
+    yield DrawnBody(shape.points, boundary.triangles, values=values / size, cut=plane)
+    if section is not None:
+        spread = section.spread(inner) / size
+        yield DrawnBody(section.points, section.triangles, values=spread, is_section=True)
+
+
 def _coloured_regions(
     boundary: Boundary,
     shape: PictureBody,
     cut: Cut | None,
     section: BodySection | None,
-    plane: tuple[Floats, float] | None,
+    front: Floats,
 ) -> Iterator[DrawnBody]:
     """Yield the parts of a body in the colours of its regions; of those that overlap the last is on top."""
+    plane = None if section is None else section.plane(front)
     masks: Mapping[str, npt.NDArray[np.bool_]] = boundary.regions
     pieces = [(shape.points, boundary.triangles, masks, plane, False)]
     if cut is not None and section is not None:

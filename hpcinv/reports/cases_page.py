@@ -8,6 +8,7 @@ from hpcinv.files.json_data import json_data
 from hpcinv.reports.page import render
 
 _AXES = 9  # of the parallel coordinates
+_VERDICTS = {"bad": "fail", "doubtful": "warning", "open": "open"}  # of the page, by the worst outcome
 
 
 def outcome_of(*, converged: bool, verdict: str) -> str:
@@ -48,20 +49,15 @@ def cases_page(
         gallery: titles and PNG pictures of shapes.
     """
     names = [name for name, values in columns.items() if any(v not in (None, "") for v in values)]
-    shown = []
-    for name in names:
-        unit, values = units.get(name, ""), columns[name]
-        text = any(isinstance(v, str) for v in values if v is not None)
-        shown.append({"name": name, "unit": unit, "text": text, "label": f"{name} ({unit})" if unit else name})
+    shown = [_column(name, units.get(name, ""), columns[name]) for name in names]
     table = zip(*(columns[name] for name in names), strict=True)
     rows = [[str(v).lower() if isinstance(v, bool) else json_data(v) for v in row] for row in table]
     axes = [names.index(name) for name in [*parameters, *results] if name in names][:_AXES]
-    bad, doubtful = outcome.count("bad"), outcome.count("doubtful")
     numbers = [name for name in results if name in names] or names[-1:]
     return render(
         "cases.html",
         title=title,
-        verdict="fail" if bad else "warning" if doubtful else "pass" if "open" not in outcome else "open",
+        verdict=next((verdict for kind, verdict in _VERDICTS.items() if kind in outcome), "pass"),
         found=finding,
         notes=notes,
         columns=shown,
@@ -77,6 +73,11 @@ def cases_page(
         size="",
         picture="",
     )
+
+
+def _column(name: str, unit: str, values: Sequence[Any]) -> dict[str, Any]:
+    is_text = any(isinstance(value, str) for value in values)
+    return {"name": name, "unit": unit, "text": is_text, "label": f"{name} ({unit})" if unit else name}
 
 
 def as_url(png: bytes) -> str:

@@ -39,19 +39,14 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
         return _unfinished(summary, strained)
     warnings = (summary.get("body") or {}).get("warnings") or []
     verdict = "warning" if certificate["verdict"] == "pass" and warnings else certificate["verdict"]
-    lines = certificate["lines"]
-    checked = [line for line in lines if line["verdict"] != "not checked"]
-    passed = [line for line in checked if line["verdict"] == "pass"]
     error = shape_error(summary)
-    sure = [f"{len(passed)} of {len(checked)} checks pass."] if checked else ["No check was made."]
-    if left := len(lines) - len(checked):
-        sure.append(f"{left} {'check was' if left == 1 else 'checks were'} not made.")
+    sure = _counted(certificate["lines"])
     if verdict != "fail":  # an estimate supposes that there is such a body
         sure += _accuracy(summary, error)
-    doubts = [line for line in checked if line not in passed]
     sure += [
         " ".join(filter(None, [f"{_named(line)}: {line['verdict']}.", _sentence(line["note"]), line.get("remedy")]))
-        for line in doubts
+        for line in certificate["lines"]
+        if line["verdict"] not in ("pass", "not checked")
     ]
     advice = [_NEXT[verdict]]
     # Without the mesh's error it is not known which is larger.
@@ -68,6 +63,15 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
     if verdict == "fail":
         finding = f"The certificate fails: the result is not to be relied on. {finding}"
     return Words(verdict, finding, sure, advice)
+
+
+def _counted(lines: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return sentences on the number of checks."""
+    verdicts = [line["verdict"] for line in lines]
+    left = verdicts.count("not checked")
+    checked = len(lines) - left
+    sentences = [f"{verdicts.count('pass')} of {checked} checks pass." if checked else "No check was made."]
+    return sentences + ([f"{left} {'check was' if left == 1 else 'checks were'} not made."] if left else [])
 
 
 def _found(summary: Mapping[str, Any]) -> str:

@@ -148,12 +148,7 @@ def sensitivities(
             name: _summed(parameters, key_slopes)
             for name, key_slopes in slopes(equations, solution, [(p, changes[p.key]) for p in numbers]).items()
         }
-    nodes: dict[str, Floats] = {}
-    for p in parameters:
-        nodes[p.key] = np.asarray(solution.sign * sum(number.ratio * changes[number.key].u for number in (p, *p.ties)))
-        for number in (p, *p.ties):
-            if number.key in references:
-                nodes[p.key] += number.ratio * references[number.key].nodes
+    nodes = {p.key: _moved_nodes(p, changes, references, solution.sign) for p in parameters}
     comm = body.mesh.comm
     lengths = {key: np.linalg.norm(moved, axis=1) for key, moved in nodes.items()}
     deviation, point = None, None
@@ -194,6 +189,18 @@ def _summed(parameters: Sequence[Parameter], key_slopes: Mapping[str, QuantityVa
         p.key: sum(number.ratio * np.array(key_slopes[number.key]) for number in (p, *p.ties)).tolist()  # type: ignore[union-attr]
         for p in parameters
     }
+
+
+def _moved_nodes(
+    parameter: Parameter, changes: Mapping[str, Change], references: Mapping[str, ReferenceChange], sign: float
+) -> Floats:
+    """Return the derivative (n, 3) of the nodes of the computed body by a parameter and its ties."""
+    numbers = (parameter, *parameter.ties)
+    moved = np.asarray(sign * sum(number.ratio * changes[number.key].u for number in numbers))
+    for number in numbers:
+        if number.key in references:
+            moved += number.ratio * references[number.key].nodes
+    return moved
 
 
 def _displacement(parameter: Parameter, changes: Mapping[str, Change]) -> fem.Function:

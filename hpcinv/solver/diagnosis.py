@@ -126,9 +126,7 @@ def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
     if diagnosis is Diagnosis.LINEAR_SOLVER and not accepted:
         return Diagnosis.ILL_POSED
     if any(solve.load > 1 for solve in accepted) and diagnosis is not Diagnosis.STEP_LIMIT:
-        passed = sum(solve.limit_point for solve in accepted)
-        is_minimum = diagnosis is Diagnosis.LIMIT_POINT and passed % 2 == 0
-        return Diagnosis.LEAST_LOAD if is_minimum else Diagnosis.BEYOND_FULL_LOAD
+        return _beyond(diagnosis, accepted)
     if diagnosis in _DECISIVE:
         return diagnosis
     if _crossed_singular_point(accepted):
@@ -138,6 +136,13 @@ def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
     if diagnosis is Diagnosis.NOT_CONVERGED and _arc_length_was_cut_short(solves):
         return Diagnosis.ARC_LENGTH_CUT_SHORT
     return diagnosis
+
+
+def _beyond(diagnosis: Diagnosis, accepted: Sequence[Solve]) -> Diagnosis:
+    """Return the diagnosis of a path that went beyond the full load."""
+    passed = sum(solve.limit_point for solve in accepted)
+    is_minimum = diagnosis is Diagnosis.LIMIT_POINT and passed % 2 == 0
+    return Diagnosis.LEAST_LOAD if is_minimum else Diagnosis.BEYOND_FULL_LOAD
 
 
 def _last_outcome(solves: Sequence[Solve]) -> Outcome:

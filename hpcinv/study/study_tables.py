@@ -2,7 +2,8 @@
 
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import h5py
 import numpy as np
@@ -20,31 +21,44 @@ def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], accuracies: Sequence[
     """Return a row for each run; times in s, memory in bytes, values and errors in SI."""
     places = [row.place for row in rows]
     columns: Columns = {"series": [p.series for p in places], "label": [p.label for p in places]}
-    for key in dict.fromkeys(key for p in places for key in p.varied):
-        columns[key] = [text_of(p.varied[key]) if key in p.varied else "" for p in places]
+    columns |= _settings([p.varied for p in places])
     if plan.cases > 1:
         columns["case"] = [p.case for p in places]
-    for key in dict.fromkeys(key for p in places for key in p.parameters):
-        columns[key] = [text_of(p.parameters[key]) if key in p.parameters else "" for p in places]
-    columns["status"] = [row.status for row in rows]
-    columns["certificate"] = [row.certificate for row in rows]
-    columns["geometry_error"] = [row.geometry_error for row in rows]
-    columns["repetitions"] = [len(row.times) for row in rows]
-    columns["time_min"] = [min(row.times, default=None) for row in rows]
-    columns["time_max"] = [max(row.times, default=None) for row in rows]
+    columns |= _settings([p.parameters for p in places])
+    columns |= {name: [value(row) for row in rows] for name, value in _OF_RUNS.items()}
     for name in rows[0].costs:
         columns[name] = [row.costs[name] for row in rows]
     for accuracy in accuracies:
-        name = accuracy.name
-        columns[name] = [row.values[name] for row in rows]
-        columns[f"{name} error"] = list(accuracy.errors)
-        columns[f"{name} relative error"] = [
-            relative(accuracy, row, error) for row, error in zip(rows, accuracy.errors, strict=True)
-        ]
-        columns[f"{name} order"] = list(accuracy.orders)
-        columns[f"{name} effectivity"] = list(accuracy.effectivities)
-        columns[f"{name} on Pareto front"] = [accuracy.point_of(row).is_on_front for row in rows]
+        columns |= _accuracy_columns(rows, accuracy)
     return columns
+
+
+def _settings(settings: Sequence[Mapping[str, Any]]) -> Columns:
+    """Return a column for each key of some row."""
+    keys = dict.fromkeys(key for own in settings for key in own)
+    return {key: [text_of(own[key]) if key in own else "" for own in settings] for key in keys}
+
+
+_OF_RUNS: dict[str, Callable[[StudyRow], Any]] = {
+    "status": lambda row: row.status,
+    "certificate": lambda row: row.certificate,
+    "geometry_error": lambda row: row.geometry_error,
+    "repetitions": lambda row: len(row.times),
+    "time_min": lambda row: min(row.times, default=None),
+    "time_max": lambda row: max(row.times, default=None),
+}
+
+
+def _accuracy_columns(rows: Sequence[StudyRow], accuracy: Accuracy) -> Columns:
+    name = accuracy.name
+    return {
+        name: [row.values[name] for row in rows],
+        f"{name} error": list(accuracy.errors),
+        f"{name} relative error": [relative(accuracy, *pair) for pair in zip(rows, accuracy.errors, strict=True)],
+        f"{name} order": list(accuracy.orders),
+        f"{name} effectivity": list(accuracy.effectivities),
+        f"{name} on Pareto front": [accuracy.point_of(row).is_on_front for row in rows],
+    }
 
 
 def run_units(accuracies: Sequence[Accuracy]) -> dict[str, str]:

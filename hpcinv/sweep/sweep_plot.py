@@ -39,21 +39,11 @@ def plot(
     """
     table, known_units = in_written_units(columns(plan, records), units(plan, records), symbols(plan))
     _check(plan, table, quantity, axes)
-    finished = [i for i, status in enumerate(table["status"]) if status != "open"]
-    rows = [i for i in finished if all(table[name][i] not in (None, "") for name in axes)]
-    if not rows:
-        raise JobError(f"{plan.path}: no case with {' and '.join(axes)} is finished", "Begin with 'sweep run'.")
-    if quantity != FAILURES and all(table[quantity][i] is None for i in rows):
-        raise JobError(f"{plan.path}: no finished case has a value of {quantity}", "Name another quantity.")
-    logarithmic = {parameter_name(key) for key in log_uniform(plan)}
+    rows = _finished_rows(plan, table, quantity, axes)
     places = [_positions([table[name][i] for i in rows]) for name in axes]
     scales = [
-        Scale(
-            _label(name, known_units),
-            not ticks and min(positions) > 0 and (name in logarithmic or is_even_in_log(positions)),
-            ticks,
-        )
-        for name, (positions, ticks) in zip(axes, places, strict=True)
+        Scale(_label(name, known_units), _is_logarithmic(plan, name, *place), place[1])
+        for name, place in zip(axes, places, strict=True)
     ]
     values = [math.nan] * len(rows)
     if quantity != FAILURES:
@@ -69,6 +59,22 @@ def plot(
         [f"{plan.sweep.sweep}: {quantity}", *(textwrap.fill(f"left out: {text}", 90) for text in left_out)]
     )
     return _drawn(title, quantity, series, scales, _label(quantity, known_units)), left_out
+
+
+def _finished_rows(plan: SweepPlan, table: Columns, quantity: str, axes: Sequence[str]) -> list[int]:
+    """Return the rows of the finished cases that have the parameters."""
+    finished = [i for i, status in enumerate(table["status"]) if status != "open"]
+    rows = [i for i in finished if all(table[name][i] not in (None, "") for name in axes)]
+    if not rows:
+        raise JobError(f"{plan.path}: no case with {' and '.join(axes)} is finished", "Begin with 'sweep run'.")
+    if quantity != FAILURES and all(table[quantity][i] is None for i in rows):
+        raise JobError(f"{plan.path}: no finished case has a value of {quantity}", "Name another quantity.")
+    return rows
+
+
+def _is_logarithmic(plan: SweepPlan, name: str, positions: Sequence[float], ticks: Sequence[str]) -> bool:
+    is_asked = name in {parameter_name(key) for key in log_uniform(plan)}
+    return not ticks and min(positions) > 0 and (is_asked or is_even_in_log(positions))
 
 
 def _left_out(plan: SweepPlan, table: Columns, quantity: str, axes: Sequence[str]) -> Iterator[str]:

@@ -264,6 +264,12 @@ class _CellEdges:
         return rows
 
 
+def _line_ends(arrays: Arrays, mask: npt.NDArray[np.bool_]) -> Ints:
+    """Return the vertices (m, 2) of the lines among the elements of a mask."""
+    first = arrays["offsets"].astype(np.int64)[np.flatnonzero(np.isin(arrays["types"], _LINES) & mask)]
+    return np.asarray(arrays["connectivity"].astype(np.int64)[first[:, None] + np.arange(2)])
+
+
 def _with_groups(
     parts: Sequence[MeshSource], rows: Sequence[Ints], arrays: Arrays, marks: tuple[_Marks, _Marks]
 ) -> Iterator[MeshSource]:
@@ -271,8 +277,6 @@ def _with_groups(
     for part in parts:
         check_nodes(part)
     (on_cells, on_nodes), path, edges = marks, parts[0].path, _CellEdges.of_cells(parts)
-    is_line = np.isin(arrays["types"], _LINES)
-    start = arrays["offsets"].astype(np.int64)
     listed = {key.partition(":")[2]: ends for key, ends in arrays.items() if key.startswith("edges:")}
     cells: dict[str, list[Ints]] = {}
     lines, thin = dict[str, Ints](), list[str]()
@@ -281,23 +285,20 @@ def _with_groups(
         is_edge = np.zeros(len(edges.vertices), dtype=bool)
         if name in on_cells:
             chosen = [on_cells[name][here] for here in rows]
-            first = start[np.flatnonzero(is_line & on_cells[name])]
-            ends = arrays["connectivity"].astype(np.int64)[first[:, None] + np.arange(2)]
-            is_edge[edges.find(path, name, ends)] = True
+            is_edge[edges.find(path, name, _line_ends(arrays, on_cells[name]))] = True
         if name in listed:
             is_edge[edges.find(path, name, listed[name])] = True
         if name in on_nodes:
             inside = on_nodes[name]
             is_edge |= (edges.sharing == 1) & inside[edges.vertices].all(axis=1)
-            chosen = [
-                mask | inside[part.cells[:, : vertex_count(part.kind)]].all(axis=1)
-                for mask, part in zip(chosen, parts, strict=True)
-            ]
-        if any(mask.any() for mask in chosen):
-            cells[name] = [np.flatnonzero(mask) for mask in chosen]
+            for mask, part in zip(chosen, parts, strict=True):
+                mask |= inside[part.cells[:, : vertex_count(part.kind)]].all(axis=1)
+        members = [np.flatnonzero(mask) for mask in chosen]
+        if sum(map(len, members)):
+            cells[name] = members
         if is_edge.any():
             lines[name] = np.flatnonzero(is_edge)
-        if name not in cells and name not in lines and name in on_nodes and on_nodes[name].any():
+        if name not in cells | lines and name in on_nodes and on_nodes[name].any():
             thin.append(name)
     used = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *lines.values()]))
     edge_groups = [Group(name, 2, 0, np.searchsorted(used, members)) for name, members in lines.items()]

@@ -4,6 +4,7 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -35,13 +36,7 @@ def read_xdmf(path: Path) -> MeshSource:
     mesh = next((g for g in grids if g.find("Geometry/DataItem") is not None), None)
     if mesh is None:
         raise MeshError(f"{path}: has no grid with a topology and a geometry", "Write one with dolfinx.io.XDMFFile.")
-    kind, cells = _topology(path, mesh)
-    if kind not in FACET_KIND:
-        raise MeshError(f"{path}: cells are {kind}s", "Use a mesh of tetrahedra or hexahedra.")
-    points = _data(path, mesh.find("Geometry/DataItem")).astype(np.float64)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise MeshError(f"{path}: nodes do not have three coordinates", "Use a mesh in three dimensions.")
-
+    kind, cells, points = _body(path, mesh)
     degree = degree_of(path, kind, cells.shape[1])
     facets = [no_cells(FACET_KIND[kind], degree)]
     groups: list[Group] = []
@@ -56,30 +51,17 @@ def read_xdmf(path: Path) -> MeshSource:
             raise MeshError(
                 f"{path}: tags and mesh are of different degree", "Write the tags with the mesh's geometry."
             )
-        if entity_kind == kind:
-            rows = find_rows(np.sort(entities, axis=1), np.sort(cells, axis=1))
+        name, dim = grid.get("Name", "tags"), 3 if entity_kind == kind else 2
+        tags = _tags(path, name, values, len(entities))
+        if dim == 3:
+            rows = _cell_rows(path, name, entities, cells)
         else:
             rows = np.arange(len(entities)) + sum(map(len, facets))
             facets.append(entities)
-        tags, name = _data(path, values).ravel(), grid.get("Name", "tags")
-        if not np.isfinite(tags.astype(np.float64)).all() or np.abs(tags.astype(np.float64)).max(initial=0.0) > 2.0**53:
-            raise MeshError(
-                f"{path}: '{name}' has tags that are not finite numbers below 2^53",
-                "Correct the tags.",
-            )
-        if len(tags) != len(entities):
-            raise MeshError(
-                f"{path}: '{name}' has {len(tags)} tags for {len(entities)} entities", "Is the file complete?"
-            )
-        if entity_kind == kind and (rows < 0).any():
-            raise MeshError(f"{path}: '{name}' has cells that are not in the mesh", "Write the tags with this mesh.")
         for value in np.unique(tags):
-            groups.append(
-                Group(f"{name}-{int(value)}", 3 if entity_kind == kind else 2, len(groups) + 1, rows[tags == value])
-            )
+            groups.append(Group(f"{name}-{int(value)}", dim, len(groups) + 1, rows[tags == value]))
     cell_tags, node_tags = np.arange(1, len(cells) + 1), np.arange(1, len(points) + 1)
-    function_grids = [g for g in root.findall("Domain/Grid/Grid") if g.find("Topology") is None]
-    attributes = [a for g in (mesh, *function_grids) for a in g.findall("Attribute") if a is not whole]
+    grids = [mesh, *(g for g in root.findall("Domain/Grid/Grid") if g.find("Topology") is None)]
     return MeshSource(
         path,
         kind,
@@ -90,8 +72,37 @@ def read_xdmf(path: Path) -> MeshSource:
         cell_tags,
         np.concatenate(facets),
         tuple(groups),
-        data=_arrays(path, attributes, {"nodes": len(points), "cells": len(cells)}),
+        data=_arrays(path, grids, whole, {"nodes": len(points), "cells": len(cells)}),
     )
+
+
+def _body(path: Path, mesh: ET.Element) -> tuple[str, Ints, npt.NDArray[np.float64]]:
+    """Return kind and nodes of the cells, and points."""
+    kind, cells = _topology(path, mesh)
+    if kind not in FACET_KIND:
+        raise MeshError(f"{path}: cells are {kind}s", "Use a mesh of tetrahedra or hexahedra.")
+    points = _data(path, mesh.find("Geometry/DataItem")).astype(np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise MeshError(f"{path}: nodes do not have three coordinates", "Use a mesh in three dimensions.")
+    return kind, cells, points
+
+
+def _tags(path: Path, name: str, values: ET.Element, count: int) -> npt.NDArray[Any]:
+    """Return the tags of some entities."""
+    tags = _data(path, values).ravel()
+    if not np.isfinite(tags.astype(np.float64)).all() or np.abs(tags.astype(np.float64)).max(initial=0.0) > 2.0**53:
+        raise MeshError(f"{path}: '{name}' has tags that are not finite numbers below 2^53", "Correct the tags.")
+    if len(tags) != count:
+        raise MeshError(f"{path}: '{name}' has {len(tags)} tags for {count} entities", "Is the file complete?")
+    return tags
+
+
+def _cell_rows(path: Path, name: str, tagged: Ints, cells: Ints) -> Ints:
+    """Return the rows of tagged cells among the cells of the mesh."""
+    rows = find_rows(np.sort(tagged, axis=1), np.sort(cells, axis=1))
+    if (rows < 0).any():
+        raise MeshError(f"{path}: '{name}' has cells that are not in the mesh", "Write the tags with this mesh.")
+    return rows
 
 
 def _is_tags(path: Path, attribute: ET.Element, cells: int) -> bool:
@@ -99,8 +110,11 @@ def _is_tags(path: Path, attribute: ET.Element, cells: int) -> bool:
     return values.dtype.kind in "iu" and values.size == cells
 
 
-def _arrays(path: Path, attributes: list[ET.Element], sizes: Mapping[Place, int]) -> dict[str, DataArray]:
-    """Attributes with a row for each node or cell."""
+def _arrays(
+    path: Path, grids: list[ET.Element], tags: ET.Element | None, sizes: Mapping[Place, int]
+) -> dict[str, DataArray]:
+    """Attributes of grids, except tags, with a row for each node or cell."""
+    attributes = [a for grid in grids for a in grid.findall("Attribute") if a is not tags]
     items = {
         (a.get("Name", ""), PLACES[center]): a.find("DataItem")
         for a in attributes
