@@ -220,7 +220,8 @@ class _Cells:
 
     def __init__(self, w: Doubles, mesh: Any, entities: npt.NDArray[np.int32]) -> None:
         pairs = entities if entities.ndim == 2 else np.column_stack([entities, np.zeros_like(entities)])
-        self._w, self._cells, self._facets = w, pairs[:, 0], pairs[:, 1]
+        self._w = w if w.size else np.zeros((len(pairs), 0))  # DOLFINx has no rows where there are no functions
+        self._cells, self._facets = pairs[:, 0], pairs[:, 1]
         self._nodes, self._dofs = mesh.geometry.x, mesh.geometry.dofmaps[0]
         self._number = self._first = 0
         self._x, self._results = np.zeros((0, 0)), np.zeros((0, 0))

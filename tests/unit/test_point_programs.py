@@ -177,7 +177,7 @@ def test_what_programs_do_not_have_is_named() -> None:
 
 
 def forms_of_every_rank() -> list[Any]:
-    """Forms with regions of cells and of facets, functions, constants and nodes that DOLFINx reads."""
+    """Forms with regions of cells and of facets, and functions, constants and nodes; the last one has no functions."""
     space = fem.functionspace(CUBE, ("P", 2, (3,)))
     u, v, du = fem.Function(space), ufl.TestFunction(space), ufl.TrialFunction(space)
     u.interpolate(lambda x: 0.05 * np.sin(x + x[::-1]))
@@ -193,7 +193,9 @@ def forms_of_every_rank() -> list[Any]:
     load = ufl.dot(ufl.inv(F).T * ufl.FacetNormal(CUBE), v)
     work = ufl.inner(stress, ufl.grad(v))
     residual = work * dx(7) + 2 * work * dx(3) + u[0] * load * ds(9) - u[1] * load * ds(4)
-    return [volume * dx(3) + volume * ds(9), residual, ufl.derivative(residual, u, du)]
+    position = ufl.SpatialCoordinate(CUBE)
+    constant_load = c * ufl.dot(position, v) * dx(7)
+    return [volume * dx(3) + volume * ds(9), residual, ufl.derivative(residual, u, du), constant_load]
 
 
 def assembled(form: Any) -> np.ndarray:
@@ -206,9 +208,9 @@ def assembled(form: Any) -> np.ndarray:
     return np.asarray(fem.assemble_matrix(compiled).to_dense())
 
 
-@pytest.mark.parametrize("rank", [0, 1, 2])
-def test_forms_are_the_same_without_a_compiler(rank: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    form = forms_of_every_rank()[rank]
+@pytest.mark.parametrize("number", range(4))
+def test_forms_are_the_same_without_a_compiler(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    form = forms_of_every_rank()[number]
     expected = assembled(form)
     calls: list[int] = []
     evaluate = ArrayKernel.evaluate
