@@ -90,6 +90,24 @@ def handlers_of_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+@pytest.fixture
+def ffcx_compiles() -> None:
+    """Let FFCx compile what programs do not have, as an operator of a plugin."""
+
+
+@pytest.fixture(autouse=True)
+def nothing_else_needs_ffcx(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fail where FFCx would compile: each test of a feature shows that it needs no compiler."""
+    kernels = sys.modules.get("hpcinv.points.kernels")
+    if kernels is None or "ffcx_compiles" in request.fixturenames:
+        return
+
+    def refuse(_comm: Any, item: Any, **_options: Any) -> Any:
+        raise AssertionError(f"FFCx would compile this: {kernels.missing_in_programs(item)}")
+
+    monkeypatch.setattr(kernels, "compiled_by_ffcx", refuse)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def shared_by_workers(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A temporary directory that is the same for all workers of pytest-xdist."""

@@ -214,6 +214,7 @@ def test_an_operator_of_a_plugin_is_named_where_nothing_compiles_it(
         run(job_of_second_gradient(tmp_path, "third-gradient"), comm)
 
 
+@pytest.mark.usefixtures("ffcx_compiles")
 def test_a_residual_without_moduli_has_the_compiled_tangent_and_says_so(tmp_path: Path, comm: MPI.Intracomm) -> None:
     """On a large mesh an effect of a plugin, of whatever form, is solved as on a small one, and the log says how."""
     given = job_of_second_gradient(tmp_path)
