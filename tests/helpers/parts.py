@@ -36,21 +36,28 @@ def parsed(text: str, commits: int) -> tuple[int, int]:
     return number, count
 
 
-def files_of_part(tests: Iterable[str], number: int, count: int) -> set[str]:
-    """Return the files of a part: each file, from the longest on, goes to the part that is shortest so far.
+def ids_of_part(tests: Iterable[str], number: int, count: int) -> set[str]:
+    """Return the tests of a part: each file, from the longest on, goes to the part that is shortest so far.
+
+    Tests of a file that is longer than a part are divided, each by itself.
 
     Args:
         tests: ids of all tests
     """
-    seconds: dict[str, float] = defaultdict(float)
-    for test in tests:
-        file = test.partition("::")[0]
-        seconds[file] += SECONDS.get(file, USUAL)
-    lengths, part_of = [0.0] * count, dict[str, int]()
-    for file in sorted(seconds, key=lambda file: (-seconds[file], file)):
-        part_of[file] = lengths.index(min(lengths)) + 1
-        lengths[part_of[file] - 1] += seconds[file]
-    return {file for file, part in part_of.items() if part == number}
+    files: dict[str, list[str]] = defaultdict(list)
+    for test in sorted(tests):
+        files[test.partition("::")[0]].append(test)
+    each = {file: SECONDS.get(file, USUAL) for file in files}
+    average = sum(each[file] * len(own) for file, own in files.items()) / count
+    portions = [(each[file] * len(own), own) for file, own in files.items() if each[file] * len(own) <= average]
+    divided = [file for file, own in files.items() if each[file] * len(own) > average]
+    portions += [(each[file], [test]) for file in divided for test in files[file]]
+    lengths, parts = [0.0] * count, [set[str]() for _ in range(count)]
+    for seconds, own in sorted(portions, key=lambda portion: (-portion[0], portion[1])):
+        shortest = lengths.index(min(lengths))
+        parts[shortest].update(own)
+        lengths[shortest] += seconds
+    return parts[number - 1]
 
 
 class Part:
@@ -72,7 +79,6 @@ class Part:
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
         """Leave the part."""
-        kept = files_of_part((item.nodeid for item in items), self.number, self.count)
-        others = [item for item in items if item.nodeid.partition("::")[0] not in kept]
-        config.hook.pytest_deselected(items=others)
-        items[:] = [item for item in items if item.nodeid.partition("::")[0] in kept]
+        kept = ids_of_part((item.nodeid for item in items), self.number, self.count)
+        config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in kept])
+        items[:] = [item for item in items if item.nodeid in kept]

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import pytest
-from helpers.parts import SECONDS, USUAL, files_of_part, parsed
+from helpers.parts import SECONDS, USUAL, ids_of_part, parsed
 
 TESTS = [f"tests/a{file}.py::test_{number}" for file in range(30) for number in range(file % 7 + 1)]
 LONG = next(iter(SECONDS))
 
 
 def test_each_file_is_in_one_part_and_parts_are_as_long() -> None:
-    parts = [files_of_part(TESTS, number, 4) for number in range(1, 5)]
-    assert sorted(file for part in parts for file in part) == sorted({test.partition("::")[0] for test in TESTS})
-    counts = [sum(test.partition("::")[0] in part for test in TESTS) for part in parts]
+    parts = [ids_of_part(TESTS, number, 4) for number in range(1, 5)]
+    assert sorted(test for part in parts for test in part) == sorted(TESTS)
+    files = [{test.partition("::")[0] for test in part} for part in parts]
+    assert sum(map(len, files)) == 30
+    assert max(map(len, parts)) - min(map(len, parts)) <= 1
+    assert ids_of_part(reversed(TESTS), 2, 4) == parts[1]
+
+
+def test_tests_of_a_file_that_is_longer_than_a_part_are_divided() -> None:
+    long = [f"{LONG}::test_{i}" for i in range(int(len(TESTS) * USUAL / SECONDS[LONG]) + 2)]
+    parts = [ids_of_part([*TESTS, *long], number, 2) for number in (1, 2)]
+    assert sorted(test for part in parts for test in part) == sorted([*TESTS, *long])
+    counts = [sum(test in part for test in long) for part in parts]
     assert max(counts) - min(counts) <= 1
-    assert files_of_part(reversed(TESTS), 2, 4) == parts[1]
-
-
-def test_a_file_of_long_tests_has_a_part_of_its_own() -> None:
-    long = int(len(TESTS) * USUAL / SECONDS[LONG]) + 1
-    parts = [files_of_part([*TESTS, *[f"{LONG}::test_{i}" for i in range(long)]], number, 2) for number in (1, 2)]
-    assert {LONG} in parts
 
 
 def test_each_commit_has_the_next_part() -> None:
