@@ -5,11 +5,12 @@ version, so that a directory of kernels can be shared by any jobs, users and mac
 directory; the default is DOLFINx's, ``~/.cache/fenics``. If HPCINV_KERNELS is read-only, missing kernels are
 compiled to the default directory.
 
-This module replaces three functions of FFCx, once: for the search, the compilation, and the loading of a kernel; and
-DOLFINx's function that calls them on all ranks. FFCx's own compile in place, and mark a kernel under compilation by
-the file ``NAME.c`` without ``NAME.c.cached``: if the process is killed, all others wait for this kernel until they
-time out. The functions here (with `hpcinv.parallel.kernel_files`) have no such state. Kernels are code: files that
-another user could have written are not loaded.
+This module replaces three functions of FFCx, once: for the search, the compilation, and the loading of a kernel;
+DOLFINx's function that calls them on all ranks; and Basix's cell of an element, which it makes anew each time. FFCx's
+own compile in place, and mark a kernel under compilation by the file ``NAME.c`` without ``NAME.c.cached``: if the
+process is killed, all others wait for this kernel until they time out. The functions here (with
+`hpcinv.parallel.kernel_files`) have no such state. Kernels are code: files that another user could have written are not
+loaded.
 
 They are replaced in the releases `KNOWN` only. Others keep their own functions, and one line on stderr says so: kernels
 then compile as DOLFINx does it, a shared directory that is read-only is not used, and forms are derived in each run.
@@ -32,12 +33,14 @@ from typing import Any
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
+import basix.ufl
 import cffi
 import dolfinx.jit
 import ffcx.codegeneration.jit as ffcx_jit
 import ffcx.compiler
 import numpy as np
 import numpy.typing as npt
+import ufl
 from dolfinx.jit import get_options
 
 from hpcinv.errors import OutputError
@@ -379,10 +382,17 @@ def array_type(dtype: npt.DTypeLike) -> Any:
     return np.ctypeslib.ndpointer(dtype, flags="C_CONTIGUOUS")
 
 
+@cache
+def _cell(name: str) -> ufl.Cell:
+    """Return a cell; a new one with its edges and facets for each question of UFL takes 4 to 9 % of a small run."""
+    return ufl.Cell(name)
+
+
 def _replace_functions() -> None:
     """Replace the functions of the releases `KNOWN`; note on rank 0 that others keep theirs."""
     versions = {"DOLFINx": dolfinx.__version__, "FFCx": ffcx.__version__}
     if all(f"{version}.".startswith(f"{KNOWN}.") for version in versions.values()):
+        basix.ufl._ElementBase.cell = property(lambda element: _cell(element._cellname))
         dolfinx.jit.ffcx_jit = _jit
         ffcx_jit.get_cached_module = _get_cached_module
         ffcx_jit._compile_objects = _compile_objects

@@ -19,6 +19,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import basix.ufl
 import pytest
 from helpers.command_line import CUBE, PATIENCE, ROOT, Started, environment, hpcinv, write_job
 
@@ -71,6 +72,11 @@ def kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = hpcinv(1, "run", write_job(here / "job.yaml", SMALL), cwd=here, HPCINV_KERNELS=str(here / "all"))
     assert done.returncode == 0, done.stderr
     return here / "all"
+
+
+def test_elements_share_their_cell() -> None:
+    cells = {id(basix.ufl.element("P", "tetrahedron", degree).cell) for degree in (1, 2)}
+    assert len(cells) == 1
 
 
 def test_a_run_that_waits_takes_over_from_one_that_was_killed_while_compiling(

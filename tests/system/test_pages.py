@@ -34,7 +34,7 @@ SMALLER = (
     (r"jobs/\*\.yaml", "jobs/single-tetrahedron.yaml jobs/column.yaml"),
     (r"/(?:shared|project)/kernels", "kernels"),
     (r"^python3 -m uv run ", ""),
-    (r"run jobs/carotid.yaml", "run --certificate quick jobs/carotid.yaml"),
+    (r"run jobs/carotid.yaml", "validate jobs/carotid.yaml"),
 )
 
 
@@ -110,8 +110,6 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(ROOT / name, directory / name)
     (directory / "docs" / "pictures").mkdir(parents=True)
     (directory / "meshes").symlink_to(ROOT / "meshes")
-    carotid = directory / "jobs" / "carotid.yaml"
-    carotid.write_text(carotid.read_text().replace("size: 3 mm", "size: 4 mm"))
     write_job(directory / "jobs" / "pdms-beam.yaml", BLOCK)
     (directory / "download").mkdir()
     tip = [{"name": "tip", "of": "uz", "at": [0.5, 0.5, 1]}]

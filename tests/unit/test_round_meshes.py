@@ -59,6 +59,9 @@ def sizes(source: MeshSource) -> dict[str, float]:
     return sizes
 
 
+@pytest.mark.everyday(
+    "octant-False-1", "octant-True-2", "quarter-True-1", "quarter-False-2", "whole-False-1", "whole-True-2"
+)
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("hexahedra", [False, True])
 @pytest.mark.parametrize("shape", SHAPES)

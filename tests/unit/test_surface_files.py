@@ -25,7 +25,7 @@ pytestmark = pytest.mark.usefixtures("warm_reader")
 
 @pytest.mark.parametrize("ending", [".stl", ".ply", ".obj", ".vtp", ".vtk"])
 def test_a_surface_keeps_its_place_and_volume(ending: str, tmp_path: Path) -> None:
-    surface = pyvista.Sphere(radius=10, center=(100, -20, 3), theta_resolution=40, phi_resolution=40)
+    surface = pyvista.Sphere(radius=10, center=(100, -20, 3), theta_resolution=30, phi_resolution=30)
     if ending == ".stl":
         surface = surface.flip_faces()  # inside out
     surface.save(tmp_path / f"ball{ending}")

@@ -156,7 +156,7 @@ class Schedule:
 @pytest.mark.parametrize("deaths", [0.0, 0.01])
 def test_the_order_of_processes_does_not_matter(tmp_path: Path, deaths: float, monkeypatch: pytest.MonkeyPatch) -> None:
     rounds = 0
-    for seed in range(100):
+    for seed in range(60):
         schedule = Schedule(tmp_path / str(seed), seed, monkeypatch)
         schedule.run(deaths)
         finished = schedule.finished()
@@ -172,4 +172,4 @@ def test_the_order_of_processes_does_not_matter(tmp_path: Path, deaths: float, m
         later = ledger_of(schedule.store)
         assert later.states([KEY])[KEY].name in ("open", "finished")
         assert (later.claim(KEY) is None) == (later.record(KEY) is not None)
-    assert rounds > 150  # else the orders were not varied enough
+    assert rounds > 90  # else the orders were not varied enough
