@@ -23,6 +23,8 @@ from hpcinv.points.program import OPERATIONS, Doubles, Program
 type Place = tuple[str, int]
 """kind of an integral, and its number among the form's integrals of this kind"""
 type _Values = Any
+type _Ready = tuple[Doubles, bytes, int]
+"""part of a cell, coordinates of its nodes as bytes, local number of its facet"""
 
 _POINTS = 4096
 """points done at once: with fewer, the calls of NumPy take the time; with more, values leave the cache of a core"""
@@ -67,6 +69,7 @@ class ArrayKernel:
         address: of the function with the signature of a kernel that runs them.
         chunk: cells that are done at once.
         size: numbers of an element's vector or matrix.
+        has_facets: whether they differ by the local number of a facet.
     """
 
     def __init__(self, programs: Sequence[Program], place: Place) -> None:
@@ -74,6 +77,8 @@ class ArrayKernel:
         self._programs, self._place = [_Evaluation(program) for program in programs], place
         self.chunk = max(_POINTS // max(program.points for program in programs), 1)
         self.size = max(program.size for program in self._programs)
+        self._numbers = ctypes.c_double * self.size
+        self.has_facets = any(program.has_facets for program in self._programs)
         self._function = _FUNCTION(self._add)
         self.address = ctypes.cast(self._function, ctypes.c_void_p).value
 
@@ -96,26 +101,27 @@ class ArrayKernel:
 
     def _add(self, A: int, w: int, c: int, x: int, facet: int, _permutation: int, _data: int) -> None:
         """Add a cell's part at an address."""
-        target = _doubles_at(A, self.size)
+        target = np.frombuffer(self._numbers.from_address(A))
         assembly = _assemblies[-1] if _assemblies else None
+        if assembly is not None and assembly.fault is not None:
+            return
         if self._place == EXPRESSION:
             target[:] = 0.0
         try:
-            target += self._of_cell(assembly, w, c, x, facet)
+            number = ctypes.c_int32.from_address(facet).value if self.has_facets else 0
+            foreseen = None if assembly is None else assembly.next_part(self._place, self, w, x, number)
+            target += self._of_cell(w, c, x, number) if foreseen is None else foreseen
         except BaseException as error:
             target[:] = np.nan
             if assembly is None:
                 raise  # Python prints it
             assembly.fault = assembly.fault or error
 
-    def _of_cell(self, assembly: _Assembly | None, w: int, c: int, x: int, facet: int) -> Doubles:
-        if assembly is not None and (foreseen := assembly.next_part(self._place, self, w, x)) is not None:
-            return foreseen
+    def _of_cell(self, w: int, c: int, x: int, facet: int) -> Doubles:
+        """Return the part of one cell with data at addresses."""
         needs = [max(counts) for counts in zip(*(program.needs for program in self._programs), strict=True)]
         values, constants, nodes = (_doubles_at(a, n) for a, n in zip((w, c, x), needs, strict=True))
-        is_facet = any(program.has_facets for program in self._programs)
-        facets = np.array([ctypes.c_int32.from_address(facet).value if is_facet else 0], dtype=np.int32)
-        (part,) = self.evaluate(values[None], constants, nodes[None], facets)
+        (part,) = self.evaluate(values[None], constants, nodes[None], np.array([facet], dtype=np.int32))
         return np.asarray(part)
 
 
@@ -223,26 +229,31 @@ class _Cells:
         self._w = w if w.size else np.zeros((len(pairs), 0))  # DOLFINx has no rows where there are no functions
         self._cells, self._facets = pairs[:, 0], pairs[:, 1]
         self._nodes, self._dofs = mesh.geometry.x, mesh.geometry.dofmaps[0]
-        self._number = self._first = 0
-        self._x, self._results = np.zeros((0, 0)), np.zeros((0, 0))
+        self._address, self._step = self._w.ctypes.data, self._w.strides[0] if self._w.size else 0
+        self._done = 0
+        self._ready: list[_Ready] = []
+        """cells of a chunk that are not yet called for, the next one last"""
 
-    def next_part(self, kernel: ArrayKernel, constants: Doubles, w: int, x: int) -> Doubles | None:
+    def next_part(self, kernel: ArrayKernel, constants: Doubles, w: int, x: int, facet: int) -> Doubles | None:
         """Return the part of the next cell; ``None`` if it is not the one that is computed at these addresses."""
-        number = self._number - self._first
-        if number == len(self._results) and self._number < len(self._cells):
-            self._first, number = self._number, 0
-            chosen = slice(self._first, self._first + kernel.chunk)
-            self._x = self._nodes[self._dofs[self._cells[chosen]]].reshape(len(self._cells[chosen]), -1)
-            self._results = kernel.evaluate(self._w[chosen], constants, self._x, self._facets[chosen])
-        is_expected = (
-            number < len(self._results)
-            and (not self._w.shape[1] or w == self._w.ctypes.data + self._number * self._w.strides[0])
-            and ctypes.string_at(x, self._x[number].nbytes) == self._x[number].tobytes()
-        )
-        if not is_expected:
-            return None
-        self._number += 1
-        return np.asarray(self._results[number])
+        if not self._ready:
+            self._evaluate(kernel, constants)
+        if self._ready:
+            part, nodes, own_facet = self._ready[-1]
+            is_here = not self._step or w == self._address + self._done * self._step
+            if is_here and facet == own_facet and ctypes.string_at(x, len(nodes)) == nodes:
+                self._ready.pop()
+                self._done += 1
+                return part
+        return None
+
+    def _evaluate(self, kernel: ArrayKernel, constants: Doubles) -> None:
+        """Make the next chunk of cells ready."""
+        chosen = slice(self._done, self._done + kernel.chunk)
+        cells, facets = self._cells[chosen], self._facets[chosen]
+        x = self._nodes[self._dofs[cells]].reshape(len(cells), -1)
+        parts = kernel.evaluate(self._w[chosen], constants, x, facets)
+        self._ready = list(zip(parts, map(bytes, x), (facets * kernel.has_facets).tolist(), strict=True))[::-1]
 
 
 @dataclass
@@ -253,10 +264,10 @@ class _Assembly:
     cells: Mapping[Place, _Cells]
     fault: BaseException | None = field(default=None)
 
-    def next_part(self, place: Place, kernel: ArrayKernel, w: int, x: int) -> Doubles | None:
+    def next_part(self, place: Place, kernel: ArrayKernel, w: int, x: int, facet: int) -> Doubles | None:
         """Return a kernel's part of the next cell; ``None`` if that is not foreseen."""
         cells = self.cells.get(place)
-        return None if cells is None else cells.next_part(kernel, self.constants, w, x)
+        return None if cells is None else cells.next_part(kernel, self.constants, w, x, facet)
 
 
 _assemblies: list[_Assembly] = []
