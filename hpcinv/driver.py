@@ -29,7 +29,7 @@ from hpcinv.preparation import Prepared, prepare
 from hpcinv.results.quantities_of_interest import carried, evaluate
 from hpcinv.results.shape_distance import differences
 from hpcinv.results.solution import Solution
-from hpcinv.results.steps import StepObserver, carry_out
+from hpcinv.results.steps import StepControl, carry_out
 from hpcinv.results.totals import totals_of
 from hpcinv.sensitivity.analysis import Sensitivities, joined_sensitivities, sensitivities
 from hpcinv.sensitivity.surface_errors import SurfaceSpread, SurfaceSpreads
@@ -117,7 +117,7 @@ class _Solved:
     slopes: dict[str, Sensitivities] = field(default_factory=dict)
 
 
-class _Outputs(StepObserver):
+class _Outputs(StepControl):
     """Outputs of a run that follow its solves: messages, checkpoints, snapshots and the report."""
 
     def __init__(
@@ -152,7 +152,7 @@ class _Outputs(StepObserver):
         with self.report.keeping(solved.solutions, solved.quantities):
             yield solved
 
-    def start(self, number: int, equations: Equations) -> Start:
+    def choose_start(self, number: int, equations: Equations) -> Start:
         start = self.restart and self.restart.start(number, equations)
         self.progress.state(self.job, number)
         self.snapshots.begin(number, equations, self.job.plan[number].direction)

@@ -24,7 +24,7 @@ from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.arrays import LocalIndices
 from hpcinv.results.quantities_of_interest import NOT_FINITE, check_points, evaluate, fault_of
 from hpcinv.results.solution import Solution
-from hpcinv.results.steps import StepObserver, carry_out
+from hpcinv.results.steps import StepControl, carry_out
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import Observer, Observers, SolvedDirection, Stopped
@@ -124,7 +124,7 @@ def _path(last_trial: Trial | None, equations: Equations) -> Iterator[Solve]:
             yield replace(solve, signs=tuple(-sign if odd else sign for sign in solve.signs))
 
 
-class _Steps(StepObserver):
+class _Steps(StepControl):
     """Observer of the solve of a trial, which begins with the solution of the trial before."""
 
     def __init__(self, observer: Observer, last_trial: Trial | None) -> None:
@@ -132,7 +132,7 @@ class _Steps(StepObserver):
         self._last_trial = last_trial
         self.unused_options: Sequence[str] = ()
 
-    def start(self, number: int, equations: Equations) -> Start:
+    def choose_start(self, number: int, equations: Equations) -> Start:
         if self._last_trial is None:
             return UNLOADED
         with equations.timings("transfer"):

@@ -5,7 +5,7 @@ the mesh. So the functions of a run are called as the run calls them, with a bod
 held by itself. What asks for a kernel in a run does so here, whatever it is.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.sections import Support
 from hpcinv.mesh.body import read_anywhere, read_finer_geometry
 from hpcinv.mesh.sample_mesh import HELD, sample_body
-from hpcinv.mesh.source import MeshSource
 from hpcinv.methods import method_for
 from hpcinv.methods.method import Start
 from hpcinv.parallel.runtime import MPI
@@ -26,12 +25,10 @@ from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.keys import parse_key
 from hpcinv.results.quantities_of_interest import evaluate
 from hpcinv.results.solution import Solution
-from hpcinv.results.steps import StepObserver, StepSolver, carry_out
+from hpcinv.results.steps import StepControl, carry_out
 from hpcinv.sensitivity.analysis import Sensitivities, sensitivities
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.linear.cost_model import Forecast
 from hpcinv.solver.linear.iterative import Iterative
-from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.observer import SolvedDirection
 from hpcinv.solver.workspace import Workspace
 
@@ -51,7 +48,7 @@ def rehearse(job: Job) -> None:
         moved[0] = True
 
     def compile_step(
-        number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver
+        number: int, step: PlannedSolve, equations: Equations, start: Start, control: StepControl
     ) -> tuple[SolvedDirection, None]:
         """Compile the kernels of a solve; its solution is the body that does not move."""
         equilibrium = method_for(equations, step.direction).equilibrium
@@ -62,40 +59,7 @@ def rehearse(job: Job) -> None:
         return SolvedDirection(step.direction, (), 1.0, equilibrium.linear.used, False, False, None), None
 
     solver = job.solver if job.solver.linear == "direct" else job.solver.model_copy(update={"linear": "iterative"})
-    most = job.model_copy(update={"solver": solver})  # the linear solver with most kernels
-    _rehearse(most, source, compile_step, _check)
-
-
-def rehearse_certificate(job: Job, source: MeshSource, forecast: Forecast) -> None:
-    """Compile the kernels of a job's certificate on this process.
-
-    Args:
-        source: the mesh of the run.
-        forecast: of its linear solvers; the run chooses one by it.
-    """
-
-    def assume_solved(
-        number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver
-    ) -> tuple[SolvedDirection, None]:
-        """Return the body that does not move."""
-        chooser = equations.chooser
-        chooser.forecast = forecast
-        if forecast.degree_forecast(forecast.degree + 1).operations > two_level.MANY:
-            chooser.room = forecast.factors  # else the finer problem would be solved, since the loads are not balanced
-        choice = chooser.choose(equations.job.solver)
-        linear = Used(choice.configuration, choice.why, None)
-        return SolvedDirection(step.direction, (), 1.0, linear, False, False, None), None
-
-    _rehearse(job, source, assume_solved, _certify_after_return)
-
-
-def _rehearse(
-    job: Job,
-    source: MeshSource,
-    solve: StepSolver,
-    check: Callable[[Equations, list[Solution]], None],
-) -> None:
-    """Carry out the plan of a job on a sample of its mesh, and check what it yields."""
+    job = job.model_copy(update={"solver": solver})  # the linear solver with most kernels
     finer = None
     if job.certificate.estimate and not source.is_partitioned:
         finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
@@ -106,46 +70,33 @@ def _rehearse(
         all_equations = workspace.equations(held, body, Timings())
         solutions: list[Solution] = []
         slopes: list[Sensitivities] = []
-        steps = carry_out(held.plan, all_equations, StepObserver(), solve=solve)
+        steps = carry_out(held.plan, all_equations, StepControl(), solve=compile_step)
         for number, (step, equations, solution) in enumerate(zip(held.plan, all_equations, steps, strict=True)):
             solutions.append(solution)
             if (parameters := job.differentiated) and (number == 0 or step.job.state):
                 given = (solutions[0], slopes[0]) if step.mesh is not None else None
                 slopes.append(sensitivities(equations, solution, parameters, given))
         if not job.states:
-            check(all_equations[0], solutions)
-        known = set[tuple[int, str, bool]]()
-        for equations, solution in zip(all_equations, solutions if job.states else (), strict=False):
-            equations.put(solution)
-            kernels = (id(equations), solution.direction, equations.has_attached)
-            if kernels not in known:
-                known.add(kernels)
-                check(equations, [solution])
+            _check(all_equations[0], solutions)
+        else:
+            _check_states(all_equations, solutions)
 
 
-def _certify(equations: Equations, solutions: list[Solution]) -> None:
-    """Compile what evaluates and checks a solution, or both of an analysis, on a mesh of this size."""
-    values = evaluate(solutions[0].job.quantities, equations.body, solutions[0], equations)
-    certify(Evidence(equations, solutions, values))
-
-
-def _certify_after_return(equations: Equations, solutions: list[Solution]) -> None:
-    """Compile the same, first the return solve, whose kernels a run needs last."""
-    if solutions[0].job.certificate.round_trip != "off" and len(solutions) == 1:
-        _compile_return_solve(equations, solutions[0])
-    _certify(equations, solutions)
-
-
-def _compile_return_solve(equations: Equations, solution: Solution) -> None:
-    equilibrium = equations.equilibrium(equations.weak_form(opposite_direction(solution)))
-    equilibrium.system.compile()
-    equations.release(equilibrium)
+def _check_states(all_equations: Sequence[Equations], solutions: Sequence[Solution]) -> None:
+    """Compile what evaluates and checks the solutions of all states, once where they share it."""
+    known = set[tuple[int, str, bool]]()
+    for equations, solution in zip(all_equations, solutions, strict=False):
+        equations.put(solution)
+        kernels = (id(equations), solution.direction, equations.has_attached)
+        if kernels not in known:
+            known.add(kernels)
+            _check(equations, [solution])
 
 
 def _check(equations: Equations, solutions: list[Solution]) -> None:
     """Compile what evaluates and checks a solution, or both of an analysis, on meshes of any size."""
     job, solution = solutions[0].job, solutions[0]
-    _certify(equations, solutions)
+    certify(Evidence(equations, solutions, evaluate(job.quantities, equations.body, solution, equations)))
     if job.certificate.estimate:
         finer = finer_equations(equations, solution)
         if job.mesh.shell is None:
@@ -155,7 +106,9 @@ def _check(equations: Equations, solutions: list[Solution]) -> None:
         second_variation(equations, given_u_of(equations))  # needed where the body is not stable
         Iterative(equations.weak_form("forward")).pressure_scale()  # needed where factors are not affordable
     if job.certificate.round_trip == "near" and len(solutions) == 1:  # needed where corrections do not settle
-        _compile_return_solve(equations, solution)
+        equilibrium = equations.equilibrium(equations.weak_form(opposite_direction(solution)))
+        equilibrium.system.compile()
+        equations.release(equilibrium)
 
 
 def _held(job: Job) -> Job:

@@ -24,9 +24,9 @@ from hpcinv.files.directory_lock import DirectoryLock
 from hpcinv.files.json_data import json_data
 from hpcinv.files.names import check_output
 from hpcinv.identification.fitted_curves import FittedCurve, fitted_curves, picture
-from hpcinv.identification.gauss_newton import ParameterEstimate, Report, estimate
 from hpcinv.identification.identification_report import as_data, changes, derivatives, sections
 from hpcinv.identification.job_evaluation import Evaluation, Evaluations, SolveTimer
+from hpcinv.identification.least_squares import ParameterEstimate, Report, estimate
 from hpcinv.identification.shares import shares_of, teams_of
 from hpcinv.job.job import Job
 from hpcinv.mesh.mesh_files import save_body

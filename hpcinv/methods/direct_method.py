@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from hpcinv.effects import Direction
 from hpcinv.methods.fallbacks import Problem, reach
-from hpcinv.methods.method import UNLOADED, Method, Start
+from hpcinv.methods.method import UNLOADED, Guess, Method, Start
 from hpcinv.methods.unknown_loads import UnknownLoads
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
@@ -55,19 +55,9 @@ class DirectMethod(Method):
                 equations.put_fields(start.solution)
             self.steps = replace(self.steps, cases=1)
         # The other strategies are chosen for the path that they take, which a guess would skip.
-        if (
-            start.guess is not None
-            and start.load == 0.0
-            and not contacts.is_iterated
-            and isinstance(self.steps, AdaptiveSteps)
-        ):
-            self.equilibrium.depart(0.0)
-            solve = start.guess.solve(self.problem.equations, self.equilibrium)
-            if solve.outcome.accepted:
-                self.reached_load = 1.0
-            else:
-                self.problem.equations.unload()
-            yield solve
+        is_path_free = isinstance(self.steps, AdaptiveSteps) and not contacts.is_iterated
+        if is_path_free and start.guess is not None and start.load == 0.0:
+            yield (solve := self._solve_from(start.guess))
             if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
                 return
         passed = sum(solve.limit_point for solve in start.solves)
@@ -78,6 +68,16 @@ class DirectMethod(Method):
             yield solve
             if is_last:
                 yield from self._augment(tolerance)
+
+    def _solve_from(self, guess: Guess) -> Solve:
+        """Solve at the full load from a guess; the body is unloaded again if that fails."""
+        self.equilibrium.depart(0.0)
+        solve = guess.solve(self.problem.equations, self.equilibrium)
+        if solve.outcome.accepted:
+            self.reached_load = 1.0
+        else:
+            self.problem.equations.unload()
+        return solve
 
     def _augment(self, tolerance: float) -> Iterator[Solve]:
         """Yield solves at the full load, each after an update of the contacts, until one would change them no more.

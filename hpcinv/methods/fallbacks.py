@@ -15,7 +15,7 @@ where the discrete equations have a solution that no body can have.
 """
 
 import math
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -62,6 +62,23 @@ class Problem:
     observer: Observer
 
 
+@dataclass
+class _Reached:
+    """Load and number of limit points that solves have reached, and the last of them."""
+
+    load: float
+    passed: int
+    last: Solve | None = None
+
+    def by(self, solves: Iterable[Solve]) -> Iterator[Solve]:
+        """Yield solves, and note what they reach."""
+        for solve in solves:
+            self.load = solve.load if solve.outcome.accepted else self.load
+            self.passed += solve.limit_point
+            self.last = solve
+            yield solve
+
+
 def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0) -> Iterator[Solve]:
     """Yield every solve of the job's strategy and of the fallbacks, as `follow` does.
 
@@ -69,51 +86,56 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
         load: load factor at which the present state is a solution.
         passed: number of limit points between the unloaded body and the present state.
     """
-    solver, last = problem.equations.job.solver, None
-    stop_early = "arc-length" in solver.rescue
-    series, farthest = None, math.inf
+    reached = _Reached(load, passed)
+    yield from _strategy(problem, steps, reached)
+    if isinstance(steps, FixedSteps) or reached.last is None:
+        return
+    for name in _rescues(problem, steps, reached.last, reached.load):
+        if reached.last.outcome.accepted or reached.passed or _is_final(reached.last, reached.load):
+            return
+        for solve in reached.by(_limited(RESCUES[name](problem, steps, reached.load), EFFORT[name])):
+            yield replace(solve, strategy=name)
+
+
+def _strategy(problem: Problem, steps: Steps, reached: _Reached) -> Iterator[Solve]:
+    """Yield the solves of the job's strategy."""
+    solver, series, farthest = problem.equations.job.solver, None, math.inf
     if isinstance(steps, AdaptiveSteps) and solver.continuation == "auto":
         series = _automatic_series(problem, steps)
         farthest = _farthest(problem) if series is not None else math.inf
     if isinstance(steps, AdaptiveSteps) and solver.continuation == "series":
-        for last in _series(problem, steps, load):
-            load = last.load if last.outcome.accepted else load
-            yield last
-        if load == 1.0 or (last is not None and last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
+        yield from reached.by(_series(problem, steps, reached.load))
+        last = reached.last
+        if last is not None and (
+            reached.load == 1.0
+            or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)
+            or last.load - reached.load < 2 * steps.least
+        ):
             return
-    path: Iterator[Solve] = iter(())
-    if not (isinstance(steps, AdaptiveSteps) and last is not None and last.load - load < 2 * steps.least):
-        path = follow(
+    yield from reached.by(
+        follow(
             problem.equilibrium,
             steps,
             solver.tolerance,
-            load=load,
-            passed=passed,
-            stop_early=stop_early,
+            load=reached.load,
+            passed=reached.passed,
+            stop_early="arc-length" in solver.rescue,
             series=series,
             farthest=farthest,
         )
-    for last in path:
-        load = last.load if last.outcome.accepted else load
-        passed += last.limit_point
-        yield last
-    if isinstance(steps, FixedSteps) or last is None:
-        return
-    names: Sequence[str] = solver.rescue
+    )
+
+
+def _rescues(problem: Problem, steps: Steps, last: Solve, load: float) -> Sequence[str]:
+    """Return the fallbacks to try after the last solve of the job's strategy, which reached a load."""
+    names: Sequence[str] = problem.equations.job.solver.rescue
+    stop_early = "arc-length" in names
     if problem.equilibrium.numbers.count:
         names = [name for name in names if name in _WITH_NUMBERS]
-    ended_early = stop_early and isinstance(steps, AdaptiveSteps) and last.load - load >= 2 * steps.least
-    if ended_early:  # at a likely limit point
-        names = ["arc-length", "load steps", *(name for name in names if name != "arc-length")]
-    elif last.strategy == SERIES:  # which has followed the path by its length, to the end
-        names = [name for name in names if name != "arc-length"]
-    for name in names:
-        if last.outcome.accepted or passed or _is_final(last, load):
-            return
-        for last in _limited(RESCUES[name](problem, steps, load), EFFORT[name]):
-            load = last.load if last.outcome.accepted else load
-            passed += last.limit_point
-            yield replace(last, strategy=name)
+    others = [name for name in names if name != "arc-length"]
+    if stop_early and isinstance(steps, AdaptiveSteps) and last.load - load >= 2 * steps.least:
+        return ["arc-length", "load steps", *others]  # at a likely limit point
+    return others if last.strategy == SERIES else names  # a series has followed the path by its length, to the end
 
 
 def _farthest(problem: Problem) -> float:

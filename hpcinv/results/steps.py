@@ -22,11 +22,13 @@ from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, SolvedDirection
 
 type _Solved = tuple[SolvedDirection, CoarseSolve | None]
-type StepSolver = Callable[[int, PlannedSolve, Equations, Start, StepObserver], _Solved]
+type StepSolver = Callable[[int, PlannedSolve, Equations, Start, StepControl], _Solved]
 
 
-class StepObserver(Observer):
-    """Observer of the steps of a plan, and of their solves, which it forwards.
+class StepControl(Observer):
+    """Control of the steps of a plan: where each begins, and what surrounds and checks it.
+
+    As an observer it forwards the events of their solves.
 
     Args:
         solves: observer of the solves.
@@ -35,7 +37,7 @@ class StepObserver(Observer):
     def __init__(self, solves: Observer = SILENT) -> None:
         self.solves = solves
 
-    def start(self, number: int, equations: Equations) -> Start:
+    def choose_start(self, number: int, equations: Equations) -> Start:
         """Return the start of a step, which begins now; the equations are unloaded; collective."""
         return UNLOADED
 
@@ -53,7 +55,7 @@ class StepObserver(Observer):
 def carry_out(
     plan: Sequence[PlannedSolve],
     equations: Sequence[Equations],
-    observer: StepObserver,
+    control: StepControl,
     first_solutions: Sequence[Solution] = (),
     solve: StepSolver | None = None,
 ) -> Iterator[Solution]:
@@ -69,7 +71,7 @@ def carry_out(
         if number < len(first_solutions):
             solutions.append(first_solutions[number])
         else:
-            solutions.append(_solution(number, step, equations[number], solutions, observer, solve or solve_step))
+            solutions.append(_solution(number, step, equations[number], solutions, control, solve or solve_step))
         yield solutions[-1]
 
 
@@ -78,7 +80,7 @@ def _solution(
     step: PlannedSolve,
     equations: Equations,
     earlier: Sequence[Solution],
-    observer: StepObserver,
+    control: StepControl,
     solve: StepSolver,
 ) -> Solution:
     """Solve one step, on the body and from the state that earlier ones found."""
@@ -87,15 +89,15 @@ def _solution(
         body = earlier[step.mesh]
         nodes, given = body.other_nodes, body.displacement if step.job.state else None
     equations.put(equations.unloaded(step.job, nodes, given))
-    start = observer.start(number, equations)
+    start = control.choose_start(number, equations)
     if step.start is not None:
         start = replace(start, origin=earlier[step.start].fields)
     start_shape = step.job.solver.start_shape if number == 0 else None
     if start_shape is not None:
         start = replace(start, origin=_fields_at(step.job.resolve(start_shape), equations, step.direction))
-    with observer.solving():
-        solved, coarse = solve(number, step, equations, start, observer)
-        observer.check(earlier, solved, step)
+    with control.solving():
+        solved, coarse = solve(number, step, equations, start, control)
+        control.check(earlier, solved, step)
         weak_form = equations.weak_form(step.direction)
         solution = solution_of(equations, step.direction, weak_form, solved.solves, solved.load, solved.linear)
     start_state = start_shape or "" if step.start is None else earlier[step.start].state
@@ -118,8 +120,8 @@ def _fields_at(path: Path, equations: Equations, direction: Direction) -> tuple[
     return u, p
 
 
-def solve_step(number: int, step: PlannedSolve, equations: Equations, start: Start, observer: StepObserver) -> _Solved:
+def solve_step(number: int, step: PlannedSolve, equations: Equations, start: Start, control: StepControl) -> _Solved:
     """Solve a step from its start; the first one from the solution on coarser cells where that saves time."""
     if number == 0 and start.is_unloaded:
-        return solve_nested(equations, step.direction, observer.solves, observer.note)
-    return solve_direction(equations, step.direction, start, observer.solves), None
+        return solve_nested(equations, step.direction, control.solves, control.note)
+    return solve_direction(equations, step.direction, start, control.solves), None

@@ -50,7 +50,7 @@ class ArcLengthSteps:
 
 
 def trace(
-    equations: Equilibrium, steps: ArcLengthSteps, tolerance: float, *, load: float = 0.0, passed: int = 0
+    equilibrium: Equilibrium, steps: ArcLengthSteps, tolerance: float, *, load: float = 0.0, passed: int = 0
 ) -> Iterator[Solve]:
     """Yield every solve along the path from ``load``; the present state is in equilibrium with it.
 
@@ -63,7 +63,7 @@ def trace(
     """
     if load == 1.0 and passed >= steps.limit_points:
         return
-    path = _Path(equations, steps, tolerance, passed)
+    path = _Path(equilibrium, steps, tolerance, passed)
     try:
         yield from path.solves(load)
     finally:
@@ -86,9 +86,9 @@ class _Point:
 
 
 class _Path:
-    def __init__(self, equations: Equilibrium, steps: ArcLengthSteps, tolerance: float, passed: int) -> None:
-        self.equations, self.steps, self.tolerance, self.passed = equations, steps, tolerance, passed
-        self.bordering = Bordering(equations, steps.cases)
+    def __init__(self, equilibrium: Equilibrium, steps: ArcLengthSteps, tolerance: float, passed: int) -> None:
+        self.equilibrium, self.steps, self.tolerance, self.passed = equilibrium, steps, tolerance, passed
+        self.bordering = Bordering(equilibrium, steps.cases)
         self.last_point: _Point | None = None  # the last point but one since the last limit point
         self.spent = 0  # factorizations that are not yet part of a report
         self.ended, self.easy = False, False
@@ -101,7 +101,7 @@ class _Path:
     def solves(self, load: float) -> Iterator[Solve]:
         point = self._start(load)
         if point is None:
-            yield self._end(load, self.equations.linear.failure)
+            yield self._end(load, self.equilibrium.linear.failure)
             return
         whole = 1 / abs(point.tangent.slope)
         step = self.steps.first / self.steps.cases * whole
@@ -126,33 +126,33 @@ class _Path:
 
     def _start(self, load: float) -> _Point | None:
         """Return the present state as a point of the path, with the load in its present direction."""
-        x = self.equations.system.position()
+        x = self.equilibrium.system.position()
         tangent = self.bordering.tangent(x, load, None, self.direction)
         self.spent += 1
         if tangent is None:
             return None
         self.last_point = None
-        sign = self.equations.linear.sign_of_determinant()
-        return _Point(x, load, tangent, sign, self.equations.numbers.kept_numbers())
+        sign = self.equilibrium.linear.sign_of_determinant()
+        return _Point(x, load, tangent, sign, self.equilibrium.numbers.kept_numbers())
 
     def _return_to(self, point: _Point) -> None:
         """Return to a point after a solve that failed, or whose state is not taken."""
-        self.equations.system.set_state(point.x)
-        self.equations.numbers.restore(point.numbers)
-        self.equations.depart(point.load)
+        self.equilibrium.system.set_state(point.x)
+        self.equilibrium.numbers.restore(point.numbers)
+        self.equilibrium.depart(point.load)
 
     def _land(self, point: _Point, end: float, predicted: PETSc.Vec, step: float) -> Moves:
         """Solve at a fixed load from a predicted state; a distant solution may belong to another path."""
-        equations = self.equations
-        equations.system.set_state(predicted)
-        if equations.system.fault() is not None:
-            equations.system.set_state(point.x)
-        solve = equations.solve(end, self.tolerance if end == 1.0 else self.steps.path_tolerance)
+        equilibrium = self.equilibrium
+        equilibrium.system.set_state(predicted)
+        if equilibrium.system.fault() is not None:
+            equilibrium.system.set_state(point.x)
+        solve = equilibrium.solve(end, self.tolerance if end == 1.0 else self.steps.path_tolerance)
         if solve.outcome.accepted:
-            predicted.axpy(-1.0, equations.system.position())
+            predicted.axpy(-1.0, equilibrium.system.position())
             crossed = bool(solve.signs and point.sign and solve.signs[-1] != point.sign)
             distance = norm(predicted)
-            if crossed or (distance > step and not equations.floor().exceeds(distance, NewtonMonitor.round_off)):
+            if crossed or (distance > step and not equilibrium.floor().exceeds(distance, NewtonMonitor.round_off)):
                 solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
         if not solve.outcome.accepted:
             self._return_to(point)
@@ -189,21 +189,21 @@ class _Path:
         self.easy = len(solve.iterations) <= self.steps.easy
         self.last_point = point
         sign = solve.signs[-1] if solve.signs else point.sign
-        numbers = self.equations.numbers.kept_numbers()
+        numbers = self.equilibrium.numbers.kept_numbers()
         next_point = _Point(corrected.x, solve.load, tangent_along(corrected.g, chord), sign, numbers)
         self._move_to(corrected.x, solve.load)
         yield self._charged(solve)
         return next_point
 
     def _move_to(self, x: PETSc.Vec, load: float) -> None:
-        self.equations.numbers.put(load)
-        self.equations.system.set_state(x)
-        self.equations.depart(load)
+        self.equilibrium.numbers.put(load)
+        self.equilibrium.system.set_state(x)
+        self.equilibrium.depart(load)
 
     def _corrected(self, x: PETSc.Vec, load: float, t: PETSc.Vec, scale: float) -> Corrected:
         """Return a point of the path from a predicted state, or the fault of that state."""
-        self.equations.system.set_state(x)
-        if (fault := self.equations.system.fault()) is not None:
+        self.equilibrium.system.set_state(x)
+        if (fault := self.equilibrium.system.fault()) is not None:
             return Corrected(Solve(load, fault, (), 0), x)
         tolerance = self.steps.path_tolerance
         return self.bordering.correct(x, load, t, tolerance, direction=self.direction, scale=scale)
@@ -258,7 +258,7 @@ class _Path:
         self.last_point = None
         tangent = tangent or tangent_along(extremum.g, t)
         onward = BorderedTangent(tangent.direction, self.direction * abs(tangent.slope))
-        numbers = self.equations.numbers.kept_numbers()
+        numbers = self.equilibrium.numbers.kept_numbers()
         return _Point(extremum.x, solve.load, onward, -sign, numbers)  # one eigenvalue of K has changed its sign
 
     def _end(self, load: float, outcome: Outcome) -> Solve:

@@ -69,11 +69,11 @@ class Bordering:
         cases: number of load cases; ∂R/∂λ jumps at the end of each.
     """
 
-    def __init__(self, equations: Equilibrium, cases: int = 1) -> None:
-        self.equations = equations
-        self._floor = equations.floor(1.0)
+    def __init__(self, equilibrium: Equilibrium, cases: int = 1) -> None:
+        self.equilibrium = equilibrium
+        self._floor = equilibrium.floor(1.0)
         self._plane = PathPlane(0.0, cases)
-        self._numbers = BorderedSolver(equations.system, equations.linear, equations.numbers.borders, self._plane)
+        self._numbers = BorderedSolver(equilibrium.system, equilibrium.linear, equilibrium.numbers.borders, self._plane)
 
     def tangent(self, x: PETSc.Vec, load: float, chord: PETSc.Vec | None, direction: int = 1) -> BorderedTangent | None:
         """Return the tangent of the path at one of its points, with new factors; ``None`` if these are singular.
@@ -82,7 +82,7 @@ class Bordering:
             chord: a vector with which the tangent makes an acute angle; without it, ``direction`` orients the tangent.
             direction: 1 if λ grows along the tangent, -1 if it falls.
         """
-        plane, system = self._plane, self.equations.system
+        plane, system = self._plane, self.equilibrium.system
         plane.t, plane.load, plane.direction = None, load, direction
         system.set_state(x)
         self._numbers.put(load)
@@ -103,13 +103,13 @@ class Bordering:
             tolerance: estimated error of x relative to its norm, and of the load factor relative to ``scale``.
             direction: 1 or -1, direction of the load factor, which matters at the end of a load case.
         """
-        plane, equations = self._plane, self.equations
+        plane, equilibrium = self._plane, self.equilibrium
         plane.t, plane.load, plane.direction, plane.scale = t, load, direction, scale
-        equations.system.set_state(x)
+        equilibrium.system.set_state(x)
         # The step can be shortened instead, and an iteration whose corrections grow may end on another path.
-        solve = equations.solve(load, tolerance, numbers=self._numbers, growths_allowed=0)
+        solve = equilibrium.solve(load, tolerance, numbers=self._numbers, growths_allowed=0)
         g = self._path() if solve.outcome.accepted else None
-        return Corrected(solve, equations.system.position(), g)
+        return Corrected(solve, equilibrium.system.position(), g)
 
     def _path(self) -> PETSc.Vec | None:
         """Return ``dx/dλ``, ``None`` where it does not exist."""

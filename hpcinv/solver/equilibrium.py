@@ -179,11 +179,7 @@ class Equilibrium:
         numbers.put(load)
         system.weak_form.contacts.locate()
         if system.weak_form.passages.has_passed():  # an obstacle that moves
-            spent = predicted.factorizations if predicted is not None else 0
-            if predicted is not None:
-                system.set_state(predicted.origin)
-                numbers.restore(predicted.numbers)
-            return Solve(load, Outcome.PASSED_THROUGH, (), spent)
+            return self._passed_through(load, predicted, numbers)
         monitor = self._monitor(tolerance, numbers, begins_near=begins_near and self.reuse > 0)
         monitor.growths_allowed = growths_allowed
         kept_numbers = numbers.kept_numbers()
@@ -235,6 +231,13 @@ class Equilibrium:
         history, iterations = tuple(now.monitor.history), linear.take_iterations()
         factorizations = linear.factorizations - now.factorizations
         return Solve(now.load, outcome, history, factorizations, tuple(now.signs), linear_iterations=iterations)
+
+    def _passed_through(self, load: float, predicted: Prediction | None, numbers: BorderedSolver) -> Solve:
+        """Return the report of a solve that an obstacle prevents, in the state before its prediction."""
+        if predicted is not None:
+            self.system.set_state(predicted.origin)
+            numbers.restore(predicted.numbers)
+        return Solve(load, Outcome.PASSED_THROUGH, (), 0 if predicted is None else predicted.factorizations)
 
     def take_numbers(self, borders: Sequence[Border] = ()) -> None:
         """Let the system have these unknown numbers from now on."""

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from dolfinx.fem import Function
 from petsc4py import PETSc
 
 from hpcinv.assembly.taylor_residual import TaylorResidual
@@ -87,6 +88,7 @@ class SeriesContinuation:
         with system.timings("compile"):
             self._taylor = TaylorResidual(system.weak_form)
         self._scale, self._contraction, self._refinements, self._side = np.inf, 1.0, 0, side
+        self._are_near = self._is_refined = False  # whether factors are of a tangent near, and correct iteratively
 
     def follow(
         self, steps: AdaptiveSteps, tolerance: float, load: float, *, spent: int = 0, are_near: bool = False
@@ -350,7 +352,6 @@ class SeriesContinuation:
             are_near: whether the present factors belong to a tangent near the assembled one.
         """
         system, linear, taylor = self._system, self._linear, self._taylor
-        comm = system.comm
         step = system.state.copy()  # with ghosts
         b, x = system.rhs, system.rhs.duplicate()
         with system.timings("residual"):
@@ -358,30 +359,9 @@ class SeriesContinuation:
         are_near = are_near and linear.has_factors
         if not are_near:
             linear.factorize()
-        is_refined = linear.has_factors and (are_near or not linear.configuration.exact)
+        self._are_near = are_near
+        self._is_refined = linear.has_factors and (are_near or not linear.configuration.exact)
         self._contraction = 1.0
-
-        def fault() -> Outcome | None:
-            """Solve for ``x``; return the reason why that failed."""
-            nonlocal is_refined, are_near
-            if not np.isfinite(norm(b)):
-                return Outcome.NOT_FINITE
-            while is_refined:
-                if self._refine(b, x):
-                    return None
-                is_refined = are_near and not linear.configuration.exact
-                if is_refined:
-                    linear.factorize()
-                are_near = False
-            linear.become_exact()
-            return None if linear.solve(b, x) else linear.failure
-
-        def put(k: int, values: Floats, load_rate: float) -> None:
-            step.x.petsc_vec.array[:] = values
-            step.x.scatter_forward()
-            with system.timings("residual"):
-                taylor.put(k, step.x.array, load_rate)
-
         if taylor.orders < _ORDERS:
             self._equilibrium.observer.failing([_memory_line(taylor)])
         with system.timings("residual"):
@@ -389,39 +369,61 @@ class SeriesContinuation:
             taylor.assemble(1, b)
         b.scale(-1.0)
         self._lift(b, load)
-        if failure := fault():
+        if failure := self._fault(b, x):
             return failure
-        if are_near and self._is_factorization_cheaper(taylor.orders):
+        if self._are_near and self._is_factorization_cheaper(taylor.orders):
             linear.factorize()
-            are_near, is_refined = False, not linear.configuration.exact
+            self._are_near, self._is_refined = False, not linear.configuration.exact
         t = x.array.copy()
         size = norm(x)
         # It shrinks where the body stiffens, and never grows: at a limit point the range would vanish.
         scale = self._scale = min(self._scale, size if size > _TINY else 1.0)
         first = 1 / np.sqrt((size / scale) ** 2 + 1)
         start = first * t
-        coefficients = Coefficients(taylor.orders, len(t), load, scale, comm)
+        coefficients = Coefficients(taylor.orders, len(t), load, scale, system.comm)
         coefficients.add(start, first)
-        put(1, start, first)
+        self._put(1, step, start, first)
         slope = (size / scale) ** 2 * first + first
         for k in range(2, taylor.orders + 1):
             with system.timings("residual"):
                 taylor.assemble(k, b)
             b.scale(-1.0)
             self._system.supports.free(b.array)
-            if failure := fault():
+            if failure := self._fault(b, x):
                 return failure
             w = x.array.copy()
-            load_rate = -float(comm.allreduce(w @ start)) / scale**2 / slope
+            load_rate = -float(system.comm.allreduce(w @ start)) / scale**2 / slope
             state = load_rate * t + w
             coefficients.add(state, load_rate)
             if (k >= _FEWEST and k % 2 == 0) or k == taylor.orders:
                 series = coefficients.series()
                 if k == taylor.orders or self._reaches(series, goal, wanted):
                     break
-            put(k, state, load_rate)
+            self._put(k, step, state, load_rate)
         x.destroy()
         return series
+
+    def _fault(self, b: PETSc.Vec, x: PETSc.Vec) -> Outcome | None:
+        """Solve for the next order ``x``; return the reason why that failed."""
+        linear = self._linear
+        if not np.isfinite(norm(b)):
+            return Outcome.NOT_FINITE
+        while self._is_refined:
+            if self._refine(b, x):
+                return None
+            self._is_refined = self._are_near and not linear.configuration.exact
+            if self._is_refined:
+                linear.factorize()
+            self._are_near = False
+        linear.become_exact()
+        return None if linear.solve(b, x) else linear.failure
+
+    def _put(self, order: int, step: Function, values: Floats, load_rate: float) -> None:
+        """Let the Taylor coefficients of the residual have those of the state of an order."""
+        step.x.petsc_vec.array[:] = values
+        step.x.scatter_forward()
+        with self._system.timings("residual"):
+            self._taylor.put(order, step.x.array, load_rate)
 
     def _is_factorization_cheaper(self, orders: int) -> bool:
         """Return whether factors of the present tangent save more time than they take, by the last refined solve."""
