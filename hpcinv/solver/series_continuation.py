@@ -419,7 +419,7 @@ class SeriesContinuation:
         return None if linear.solve(b, x) else linear.failure
 
     def _put(self, order: int, step: Function, values: Floats, load_rate: float) -> None:
-        """Let the Taylor coefficients of the residual have those of the state of an order."""
+        """Give the residual the coefficients of the state of an order."""
         step.x.petsc_vec.array[:] = values
         step.x.scatter_forward()
         with self._system.timings("residual"):

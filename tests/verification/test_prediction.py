@@ -148,7 +148,7 @@ def test_predicted_states_miss_the_path_by_the_square_of_the_step(comm: MPI.Intr
     start, misses = equilibrium.system.position(), []
     for step in (0.1, 0.05):
         equilibrium.system.set_state(start)
-        predicted = equilibrium.predictor.predict(0.5 + step, new_tangent=True)
+        predicted = equilibrium.predict(0.5 + step, new_tangent=True)
         length = predicted.length
         foretold = equilibrium.system.position()
         solve = equilibrium.solve(0.5 + step, 1e-13, predicted=predicted)
