@@ -217,19 +217,27 @@ def test_failure_in_a_task_of_rank_0_ends_all(cube: Path, tmp_path: Path) -> Non
     assert done.stderr.count("SystemExit: rank 0 has gone\n") == 1
 
 
-@pytest.mark.parametrize(("ranks", "analysis", "compiler"), [(2, "inverse", "no-such-cc"), (1, "forward", "false")])
+NO_COMPILER = {"PATH": str(Path(sys.executable).parent), "CC": ""}  # nothing else is found there
+BROKEN_COMPILER = {"CC": "false"}
+
+
+@pytest.mark.parametrize(
+    ("ranks", "analysis", "compiler", "said"),
+    [(2, "inverse", NO_COMPILER, "no C compiler 'cc'"), (1, "forward", BROKEN_COMPILER, "'false' could not compile")],
+    ids=["none", "broken"],
+)
 def test_without_a_compiler_or_a_cache_the_run_is_the_same(
-    tmp_path: Path, ranks: int, analysis: str, compiler: str
+    tmp_path: Path, ranks: int, analysis: str, compiler: dict[str, str], said: str
 ) -> None:
     """Nobody can make a directory in /proc, so that no program is kept either."""
     small = {**BLOCK["mesh"], "parameters": {"nx": 1, "ny": 1, "nz": 1}}
     write_job(tmp_path / "job.yaml", BLOCK, analysis=analysis, mesh=small)
     assert hpcinv_here("run", "job.yaml", "--output", "with", cwd=tmp_path).returncode == 0
     nowhere = {"XDG_CACHE_HOME": "/proc/none", "HOME": "/proc/none"}
-    done = hpcinv(ranks, "run", "job.yaml", "--output", "without", cwd=tmp_path, CC=compiler, **nowhere)
+    done = hpcinv(ranks, "run", "job.yaml", "--output", "without", cwd=tmp_path, **compiler, **nowhere)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count(": NumPy evaluates laws and loads, which takes longer (docs/how-to/start-up.md)") == 1
-    assert f"'{compiler}'" in done.stdout.splitlines()[0]
+    assert said in done.stdout.splitlines()[0]
     expected, found = (
         json.loads((tmp_path / name / "summary.json").read_text())["quantities"]["top"] for name in ("with", "without")
     )
