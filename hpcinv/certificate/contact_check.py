@@ -10,7 +10,6 @@ import numpy as np
 from hpcinv.assembly.system import System
 from hpcinv.certificate.certify import Check, Evidence
 from hpcinv.certificate.check import Line, Verdict, topic, upper_bound_line
-from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.inertia import SymmetricFactors
 from hpcinv.certificate.multigrid_solver import MultigridSolver
 from hpcinv.methods.updates import Anderson
@@ -18,8 +17,6 @@ from hpcinv.model.contacts import ContactReport, PenaltyDirection
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.units import readable
 from hpcinv.results.displacement_scale import displacement_scale
-from hpcinv.results.solution import Solution
-from hpcinv.solver.equations import Equations
 
 CONTACT = topic(
     "contact on '…'",
@@ -50,43 +47,39 @@ class ContactCheck(Check):
 
 
 class PenaltyCheck(Check):
-    """Check how much the shape depends on the penalties of rigid obstacles, by the factors of stability's check."""
+    """Check how much the shape of a forward solution depends on the penalties of rigid obstacles.
+
+    Vertices lie on the obstacle, and the pressure between them is the interpolated one and the penalty of the gap.
+    """
 
     name, order = "penalty", 130
-
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        return penalties(evidence.equations, evidence.solution, evidence.forward)
 
     def applies(self, evidence: Evidence) -> bool:
         is_asked = super().applies(evidence) and evidence.solution.job.certificate.stability
         return is_asked and any(contact.tolerance is not None for contact in evidence.solution.contacts)
 
-
-def penalties(equations: Equations, solution: Solution, forward: ForwardFactors) -> Iterator[Line]:
-    """Yield for each rigid obstacle how much the shape of a forward solution depends on its penalty; collective.
-
-    Vertices lie on the obstacle, and the pressure between them is the interpolated one and the penalty of the gap.
-    """
-    if solution.direction != "forward" or not any(contact.largest_pressure for contact in solution.contacts):
-        return
-    contacts = {contact.where: contact for contact in solution.contacts}
-    size = displacement_scale(equations, solution).length
-    solver = forward.factors if forward.affordable else forward.multigrid
-    if solver is None:
-        return
-    with forward.tangent() as equilibrium:
-        for obstacle in equilibrium.system.weak_form.contacts.rigid():
-            contact = contacts[obstacle.where]
-            if contact.largest_pressure:
-                about = PENALTY.at(contact.region)
-                rate = _rate(equilibrium.system, solver, obstacle)
-                if rate is None:
-                    note = "the pressures that follow it do not settle"
-                    yield Line(about, None, "", "must be known", Verdict.UNDECIDED, note)
-                    continue
-                change = log(2) * rate * equations.scales.length
-                note = f"{readable(change, 'm')}, relative to the displacement"
-                yield upper_bound_line(about, change / size if size else 0.0, _PENALTY, inf, note=note)
+    def lines(self, evidence: Evidence) -> Iterator[Line]:
+        equations, solution, forward = evidence.equations, evidence.solution, evidence.forward
+        if solution.direction != "forward" or not any(contact.largest_pressure for contact in solution.contacts):
+            return
+        contacts = {contact.where: contact for contact in solution.contacts}
+        size = displacement_scale(equations, solution).length
+        solver = forward.factors if forward.affordable else forward.multigrid
+        if solver is None:
+            return
+        with forward.tangent() as equilibrium:
+            for obstacle in equilibrium.system.weak_form.contacts.rigid():
+                contact = contacts[obstacle.where]
+                if contact.largest_pressure:
+                    about = PENALTY.at(contact.region)
+                    rate = _rate(equilibrium.system, solver, obstacle)
+                    if rate is None:
+                        note = "the pressures that follow it do not settle"
+                        yield Line(about, None, "", "must be known", Verdict.UNDECIDED, note)
+                        continue
+                    change = log(2) * rate * equations.scales.length
+                    note = f"{readable(change, 'm')}, relative to the displacement"
+                    yield upper_bound_line(about, change / size if size else 0.0, _PENALTY, inf, note=note)
 
 
 def _rate(system: System, solver: SymmetricFactors | MultigridSolver, obstacle: PenaltyDirection) -> float | None:

@@ -8,12 +8,10 @@ import numpy as np
 
 from hpcinv.certificate.certify import Check, Evidence
 from hpcinv.certificate.check import Line, Verdict, skipped, topic, upper_bound_line
-from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.stability_check import STABILITY
 from hpcinv.quantity.units import readable
 from hpcinv.results.unknown_numbers import solved_motions
 from hpcinv.solver.bordered_solver import BorderedSolver
-from hpcinv.solver.equations import Equations
 
 _WARN, _FAIL = 1e-8, 1e-5
 """Residual of an equation, relative to the larger volume or to the forces on a region; larger ones accept
@@ -53,7 +51,11 @@ class UnknownLoadCheck(Check):
 
 
 class RemoteLoadStabilityCheck(Check):
-    """Look for unstable motions of regions under remote loads."""
+    """Look for unstable motions of regions under remote loads.
+
+    A body is stable if it is stable with these motions held, and the stiffness (6 n, 6 n) that it has against changes
+    of the n motions is positive definite: the number of negative eigenvalues of the whole tangent is the sum of both.
+    """
 
     name, order = "remote loads", 120
 
@@ -62,30 +64,21 @@ class RemoteLoadStabilityCheck(Check):
         return is_asked and bool(evidence.solution.remote_loads)
 
     def lines(self, evidence: Evidence) -> Iterator[Line]:
-        return stable_motions(evidence.equations, evidence.forward)
-
-
-def stable_motions(equations: Equations, forward: ForwardFactors) -> Iterator[Line]:
-    """Yield the line on unstable motions of regions under remote loads; collective.
-
-    A body is stable if it is stable with these motions held, and the stiffness (6 n, 6 n) that it has against changes
-    of the n motions is positive definite: the number of negative eigenvalues of the whole tangent is the sum of both.
-    """
-    solution = forward.solution
-    with forward.tangent() as equilibrium:
-        motions = solved_motions(equations, solution, equilibrium.system)
-        bordered = BorderedSolver(equilibrium.system, equilibrium.linear, motions)
-        is_solved = bordered.linearise(1.0)
-        stiffness = bordered.condensed
-        bordered.destroy()
-    if not is_solved:
-        yield skipped(STABLE_MOTIONS, "the tangent could not be factorized")
-        return
-    symmetric, skew = (stiffness + stiffness.T) / 2, (stiffness - stiffness.T) / 2
-    unstable = int(np.count_nonzero(np.linalg.eigvalsh(symmetric) <= 0.0))
-    asymmetry = float(np.linalg.norm(skew) / np.linalg.norm(symmetric))
-    rule, note = "no negative eigenvalue of the stiffness against these motions", ""
-    if asymmetry > _POTENTIAL:
-        note = f"loads without a potential (asymmetry {asymmetry:.1g}): only the symmetric part was checked"
-    verdict = (Verdict.WARN if note else Verdict.FAIL) if unstable else Verdict.PASS
-    yield Line(STABLE_MOTIONS, float(unstable), "", rule, verdict, note)
+        equations, solution, forward = evidence.equations, evidence.solution, evidence.forward
+        with forward.tangent() as equilibrium:
+            motions = solved_motions(equations, solution, equilibrium.system)
+            bordered = BorderedSolver(equilibrium.system, equilibrium.linear, motions)
+            is_solved = bordered.linearise(1.0)
+            stiffness = bordered.condensed
+            bordered.destroy()
+        if not is_solved:
+            yield skipped(STABLE_MOTIONS, "the tangent could not be factorized")
+            return
+        symmetric, skew = (stiffness + stiffness.T) / 2, (stiffness - stiffness.T) / 2
+        unstable = int(np.count_nonzero(np.linalg.eigvalsh(symmetric) <= 0.0))
+        asymmetry = float(np.linalg.norm(skew) / np.linalg.norm(symmetric))
+        rule, note = "no negative eigenvalue of the stiffness against these motions", ""
+        if asymmetry > _POTENTIAL:
+            note = f"loads without a potential (asymmetry {asymmetry:.1g}): only the symmetric part was checked"
+        verdict = (Verdict.WARN if note else Verdict.FAIL) if unstable else Verdict.PASS
+        yield Line(STABLE_MOTIONS, float(unstable), "", rule, verdict, note)

@@ -13,8 +13,6 @@ import numpy as np
 from hpcinv.certificate.certify import Check, Evidence
 from hpcinv.certificate.check import Line, topic, upper_bound_line
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.solution import Solution
-from hpcinv.solver.equations import Equations
 
 VERTEX_FORCES = topic(
     "force on supports at vertices, relative to the load",
@@ -25,32 +23,28 @@ _WARN = 1e-3  # of the load: its error of the displacement is far below what the
 
 
 class VertexForceCheck(Check):
-    """Compare reactions at vertices with the load."""
+    """Compare the sizes of reactions at vertices with the nodal loads and reactions, each summed."""
 
     name, order = "forces at vertices", 20
 
     def lines(self, evidence: Evidence) -> Iterator[Line]:
-        return vertex_forces(evidence.equations, evidence.solution)
+        equations, solution = evidence.equations, evidence.solution
+        held = {name for name, region in equations.body.regions.items() if region.vertices is not None}
+        held &= {support.region for support in solution.job.supports}
+        if not held:
+            return
+        comm, dofs = equations.body.mesh.comm, equations.unknowns.owned_displacement_dofs
 
+        def total(forces: np.ndarray) -> float:
+            sizes = np.linalg.norm(forces[dofs].reshape(-1, 3), axis=1)
+            return float(comm.allreduce(float(sizes.sum()), op=MPI.SUM))
 
-def vertex_forces(equations: Equations, solution: Solution) -> Iterator[Line]:
-    """Compare the sizes of reactions at vertices with the nodal loads and reactions, each summed; collective."""
-    held = {name for name, region in equations.body.regions.items() if region.vertices is not None}
-    held &= {support.region for support in solution.job.supports}
-    if not held:
-        return
-    comm, dofs = equations.body.mesh.comm, equations.unknowns.owned_displacement_dofs
-
-    def total(forces: np.ndarray) -> float:
-        sizes = np.linalg.norm(forces[dofs].reshape(-1, 3), axis=1)
-        return float(comm.allreduce(float(sizes.sum()), op=MPI.SUM))
-
-    equations.put(solution)
-    equilibrium = equations.equilibrium(equations.weak_form(solution.direction))
-    none, full = equilibrium.system.forces(0.0), equilibrium.system.forces(1.0)
-    load = max(total(full - none), total(full))
-    facets = {support.region for support in solution.job.supports} - held
-    elsewhere = equations.supports.held_part(full, facets)  # a vertex may also be on a facet that is held
-    share = total(equations.supports.held_part(full - elsewhere, held)) / load if load else 0.0
-    equations.release(equilibrium)
-    yield upper_bound_line(VERTEX_FORCES, share, _WARN, math.inf, note=f"on {', '.join(sorted(held))}")
+        equations.put(solution)
+        equilibrium = equations.equilibrium(equations.weak_form(solution.direction))
+        none, full = equilibrium.system.forces(0.0), equilibrium.system.forces(1.0)
+        load = max(total(full - none), total(full))
+        facets = {support.region for support in solution.job.supports} - held
+        elsewhere = equations.supports.held_part(full, facets)  # a vertex may also be on a facet that is held
+        share = total(equations.supports.held_part(full - elsewhere, held)) / load if load else 0.0
+        equations.release(equilibrium)
+        yield upper_bound_line(VERTEX_FORCES, share, _WARN, math.inf, note=f"on {', '.join(sorted(held))}")

@@ -61,26 +61,22 @@ class VolumeCheck(Check):
     name, order = "volume", 50
 
     def lines(self, evidence: Evidence) -> Iterator[Line]:
-        return volume(evidence.equations, evidence.solution)
-
-
-def volume(equations: Equations, solution: Solution) -> Iterator[Line]:
-    """Yield the lines on the volume ratio of a solution; collective."""
-    smallest, largest = solution.J_range
-    squeezed = _where(equations, solution, -1) if 0.0 < smallest < SMALLEST else ""
-    swollen = _where(equations, solution, 1) if LARGEST < largest < np.inf else ""
-    yield lower_bound_line(SMALLEST_RATIO, smallest, warn=SMALLEST, fail=0.0, note=squeezed)
-    yield upper_bound_line(LARGEST_RATIO, largest, warn=LARGEST, fail=float("inf"), note=swollen)
-    strain = unexplained_strain(equations, solution)
-    if strain is None:  # compressible: any volume ratio may be right
-        return
-    rule = f"warning above {WARN:g}"
-    if strain <= WARN:
-        yield Line(UNACCOUNTED, strain, "", rule, Verdict.PASS)
-    else:
-        mixed = equations.unknowns.p is not None
-        what = "the mesh is too coarse" if mixed else "the mesh is too coarse, or locks in the displacement form"
-        yield Line(UNACCOUNTED, strain, "", rule, Verdict.WARN, what)
+        equations, solution = evidence.equations, evidence.solution
+        smallest, largest = solution.J_range
+        squeezed = _where(equations, solution, -1) if 0.0 < smallest < SMALLEST else ""
+        swollen = _where(equations, solution, 1) if LARGEST < largest < np.inf else ""
+        yield lower_bound_line(SMALLEST_RATIO, smallest, warn=SMALLEST, fail=0.0, note=squeezed)
+        yield upper_bound_line(LARGEST_RATIO, largest, warn=LARGEST, fail=float("inf"), note=swollen)
+        strain = unexplained_strain(equations, solution)
+        if strain is None:  # compressible: any volume ratio may be right
+            return
+        rule = f"warning above {WARN:g}"
+        if strain <= WARN:
+            yield Line(UNACCOUNTED, strain, "", rule, Verdict.PASS)
+        else:
+            mixed = equations.unknowns.p is not None
+            what = "the mesh is too coarse" if mixed else "the mesh is too coarse, or locks in the displacement form"
+            yield Line(UNACCOUNTED, strain, "", rule, Verdict.WARN, what)
 
 
 def unexplained_strain(equations: Equations, solution: Solution) -> float | None:

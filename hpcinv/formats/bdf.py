@@ -8,12 +8,9 @@ from hpcinv.formats.mesh_format import MeshFormat
 
 class Bdf(MeshFormat):
     suffix = ".bdf"
-    other_suffixes = (
-        ".nas",
-        ".fem",
-    )
+    other_suffixes = (".nas", ".fem")
     action = "bdf"
-    reader = "hpcinv.mesh.io.bdf:read_bdf"
+    elements = "bulk data of Nastran"
     saver = "hpcinv.mesh.io.bdf:save_bdf"
     saves_27_nodes = "never"
 

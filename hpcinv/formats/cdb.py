@@ -6,6 +6,6 @@ from hpcinv.formats.mesh_format import MeshFormat
 class Cdb(MeshFormat):
     suffix = ".cdb"
     action = "cdb"
-    reader = "hpcinv.mesh.io.cdb:read_cdb"
+    elements = "an archive of Ansys"
     saver = "hpcinv.mesh.io.cdb:save_cdb"
     saves_27_nodes = "never"

@@ -5,12 +5,8 @@ from hpcinv.formats.mesh_format import MeshFormat
 
 class Exodus(MeshFormat):
     suffix = ".e"
-    other_suffixes = (
-        ".exo",
-        ".ex2",
-        ".g",
-    )
+    other_suffixes = (".exo", ".ex2", ".g")
     action = "exodus"
-    reader = "hpcinv.mesh.io.exodus:read_exodus"
+    elements = "Exodus II"
     saver = "hpcinv.mesh.io.exodus:save_exodus"
     saves_27_nodes = "if read"

@@ -16,7 +16,7 @@ _LARGEST = 200 * 2**20
 class Feb(MeshFormat):
     suffix = ".feb"
     action = "feb"
-    reader = "hpcinv.mesh.io.feb:read_feb"
+    elements = "a model of FEBio"
     saver = "hpcinv.mesh.io.feb:save_feb"
     saves_27_nodes = "never"
 

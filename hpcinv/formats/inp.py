@@ -17,7 +17,7 @@ _CONDITIONS = (
 class Inp(MeshFormat):
     suffix = ".inp"
     action = "inp"
-    reader = "hpcinv.mesh.io.inp:read_inp"
+    elements = "an input file"
     saver = "hpcinv.mesh.io.inp:save_inp"
     saves_27_nodes = "if read"
 

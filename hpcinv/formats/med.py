@@ -6,6 +6,6 @@ from hpcinv.formats.mesh_format import MeshFormat
 class Med(MeshFormat):
     suffix = ".med"
     action = "med"
-    reader = "hpcinv.mesh.io.med:read_med"
+    elements = "MED"
     saver = "hpcinv.mesh.io.med:save_med"
     saves_27_nodes = "never"

@@ -6,5 +6,5 @@ from hpcinv.formats.mesh_format import MeshFormat
 class Medit(MeshFormat):
     suffix = ".mesh"
     action = "medit"
-    reader = "hpcinv.mesh.io.medit:read_medit"
+    elements = "a file of Medit"
     saver = "hpcinv.mesh.io.medit:save_medit"

@@ -68,13 +68,15 @@ class MeshFormat(ABC):
     """A format of mesh files, registered by subclassing in a module of `hpcinv.formats`.
 
     Names of regions and faults are found without DOLFINx, so that ``hpcinv validate`` is instant. A format has a method
-    `arrays`, or names its ``reader``, which needs the packages above.
+    `arrays`, or names its ``elements`` or its ``reader``, which need the packages above.
     """
 
     action: ClassVar[str] = ""
     """action of ``hpcinv.reading.isolated_reader`` that reads a file, in a process with limits"""
     suffix: ClassVar[str]
     other_suffixes: ClassVar[tuple[str, ...]] = ()
+    elements: ClassVar[str] = ""
+    """what messages call a file of which ``action`` reads nodes, elements and sets; materials and loads are not used"""
     reader: ClassVar[str] = ""
     """``module:function`` that reads a path as a ``MeshSource``"""
     saver: ClassVar[str] = ""

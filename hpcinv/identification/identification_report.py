@@ -10,7 +10,7 @@ import yaml
 from hpcinv.fitting.candidate import quantity, short
 from hpcinv.fitting.fit_report import commented, rounded
 from hpcinv.fitting.linearised import Combination, correlations
-from hpcinv.identification.least_squares import HiddenForces, ParameterEstimate
+from hpcinv.identification.parameter_estimate import HiddenForces, ParameterEstimate
 from hpcinv.identification.posterior import Posterior
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import TIES, Parameter

@@ -26,7 +26,7 @@ from hpcinv.files.names import check_output
 from hpcinv.identification.fitted_curves import FittedCurve, fitted_curves, picture
 from hpcinv.identification.identification_report import as_data, changes, derivatives, sections
 from hpcinv.identification.job_evaluation import Evaluation, Evaluations, SolveTimer
-from hpcinv.identification.least_squares import ParameterEstimate, Report, estimate
+from hpcinv.identification.parameter_estimate import ParameterEstimate, Report, estimate
 from hpcinv.identification.shares import shares_of, teams_of
 from hpcinv.job.job import Job
 from hpcinv.mesh.mesh_files import save_body

@@ -30,6 +30,8 @@ _PROGRAM = Path(reading.__file__).with_name("isolated_reader.py")
 _SETS = ("cells", "faces", "facets", "skin", "nodes")
 _SURFACES = ("faces:", "facets:", "skin:")
 _REGION = "region:"
+_COMPLETE = {kind.action for kind in FORMATS.values() if kind.elements}
+"""actions whose sets are all regions of a mesh"""
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,3 @@ def _groups(arrays: Sequence[str]) -> Groups:
     sets = [name for place, separator, name in (key.partition(":") for key in arrays) if separator and place in _SETS]
     surfaces = {key.partition(":")[2] for key in arrays if key.startswith(_SURFACES)}
     return Groups(frozenset([*sets, *(f"{name}{OF_NODES}" for name in surfaces if f"nodes:{name}" in arrays)]))
-
-
-_COMPLETE = ("bdf", "cdb", "exodus", "med", "medit", "unv", "feb", "inp")
-"""actions whose sets are all regions of a mesh"""

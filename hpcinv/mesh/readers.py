@@ -187,6 +187,10 @@ GENERATORS: dict[str, Callable[..., MeshSource]] = {".py": build_python, ".geo":
 
 def _read(mesh_format: MeshFormat, path: Path) -> MeshSource:
     check_untrusted(path)
+    if mesh_format.elements:
+        from hpcinv.mesh.io.elements import read_elements
+
+        return read_elements(path, mesh_format.action, f"cannot be read as {mesh_format.elements}")
     if mesh_format.reader:
         source: MeshSource = loaded(mesh_format.reader)(path)
         return source

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hpcinv.mesh.io.elements import check_names, check_numbers, disjoint_parts, elements_of, node_sets, read_elements
+from hpcinv.mesh.io.elements import check_names, check_numbers, disjoint_parts, elements_of, node_sets
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.reading.exodus_files import BRICK
 
@@ -16,15 +16,6 @@ _WIDE = 16
 """characters of a coordinate, the most that Nastran reads"""
 _NAMES = {"tetrahedron": "CTETRA", "hexahedron": "CHEXA"}
 _PROPERTY = re.compile(r"property-(\d{1,8})")
-
-
-def read_bdf(path: Path) -> MeshSource:
-    """Read grid points, solid elements, properties and sets; materials and loads are not used.
-
-    Raises:
-        MeshError: the file cannot be read, or is not a mesh.
-    """
-    return read_elements(path, "bdf", "cannot be read as bulk data of Nastran")
 
 
 def save_bdf(path: Path, source: MeshSource, points: Floats) -> None:

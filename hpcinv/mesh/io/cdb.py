@@ -5,22 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from hpcinv.mesh.io.elements import check_names, elements_of, node_sets, read_elements
+from hpcinv.mesh.io.elements import check_names, elements_of, node_sets
 from hpcinv.mesh.source import Floats, MeshSource
 
 _NUMBERS = {("tetrahedron", 1): 285, ("tetrahedron", 2): 187, ("hexahedron", 1): 185, ("hexahedron", 2): 186}
 _NAME = r"[A-Za-z]\w{0,31}"
 _PER_LINE = 8
 """numbers in a line of a component, as Ansys writes them"""
-
-
-def read_cdb(path: Path) -> MeshSource:
-    """Read nodes, solid elements and components; materials and loads are not used.
-
-    Raises:
-        MeshError: the file cannot be read, or is not a mesh.
-    """
-    return read_elements(path, "cdb", "cannot be read as an archive of Ansys")
 
 
 def save_cdb(path: Path, source: MeshSource, points: Floats) -> None:

@@ -6,22 +6,13 @@ from typing import Any
 import numpy as np
 
 from hpcinv.mesh.cells import vertex_count
-from hpcinv.mesh.io.elements import check_numbers, disjoint_parts, elements_of, faces_of, read_elements
+from hpcinv.mesh.io.elements import check_numbers, disjoint_parts, elements_of, faces_of
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.reading.exodus_files import BRICK, SIDES
 
 _NAMES = {4: "TETRA4", 10: "TETRA10", 8: "HEX8", 20: "HEX20", 27: "HEX27"}
 _VERSION = np.float32(5.1)
 _LINE = 81  # characters of a line, by the format
-
-
-def read_exodus(path: Path) -> MeshSource:
-    """Read nodes, blocks, side sets, node sets and element sets.
-
-    Raises:
-        MeshError: the file cannot be read, or is not a mesh.
-    """
-    return read_elements(path, "exodus", "cannot be read as Exodus II")
 
 
 def save_exodus(path: Path, source: MeshSource, points: Floats) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.mesh.cells import vertex_count
-from hpcinv.mesh.io.elements import elements_of, faces_of, read_elements
+from hpcinv.mesh.io.elements import elements_of, faces_of
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.reading.inp_files import FACES
 
@@ -17,15 +17,6 @@ _NAMES = {
     ("hexahedron", 1): "hex8",
     ("hexahedron", 2): "hex20",
 }
-
-
-def read_feb(path: Path) -> MeshSource:
-    """Read nodes, solid elements, sets and surfaces; materials, loads and steps are not used.
-
-    Raises:
-        MeshError: the file cannot be read, or is not a mesh.
-    """
-    return read_elements(path, "feb", "cannot be read as a model of FEBio")
 
 
 def save_feb(path: Path, source: MeshSource, points: Floats) -> None:

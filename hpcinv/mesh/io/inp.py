@@ -8,7 +8,7 @@ import numpy as np
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import vtk_order
-from hpcinv.mesh.io.elements import elements_of, faces_of, read_elements
+from hpcinv.mesh.io.elements import elements_of, faces_of
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 
 _NAMES = {
@@ -21,15 +21,6 @@ _COMPLETE = "C3D27"
 _SHELLS = {("triangle", 1): "S3", ("triangle", 2): "S6", ("quadrilateral", 1): "S4", ("quadrilateral", 2): "S8R"}
 _PER_LINE = 16
 """numbers in a line of a set, the most that Abaqus reads"""
-
-
-def read_inp(path: Path) -> MeshSource:
-    """Read nodes, solid elements, sets and surfaces; materials, loads and steps are not used.
-
-    Raises:
-        MeshError: the file cannot be read, or is not a mesh.
-    """
-    return read_elements(path, "inp", "cannot be read as an input file")
 
 
 def save_inp(path: Path, source: MeshSource, points: Floats) -> None:

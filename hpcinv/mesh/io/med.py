@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.mesh.io.elements import check_names, check_numbers, elements_of, facets_of, read_elements
+from hpcinv.mesh.io.elements import check_names, check_numbers, elements_of, facets_of
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.reading.med_files import MIRRORED
 
@@ -19,15 +19,6 @@ _PROFILE = b"MED_NO_PROFILE_INTERNAL"
 _STEP = "-0000000000000000001-0000000000000000001"
 _LONGEST = 80  # bytes of the name of a group, by the format
 _MESH = "mesh"
-
-
-def read_med(path: Path) -> MeshSource:
-    """Read nodes, solid cells and groups; fields are not used.
-
-    Raises:
-        MeshError: the file cannot be read, or is not a mesh.
-    """
-    return read_elements(path, "med", "cannot be read as MED")
 
 
 def save_med(path: Path, source: MeshSource, points: Floats) -> None:

@@ -7,21 +7,12 @@ import numpy as np
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import FACET_KIND
-from hpcinv.mesh.io.elements import elements_of, facets_of, read_elements
+from hpcinv.mesh.io.elements import elements_of, facets_of
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 
 _SECTIONS = {"triangle": "Triangles", "quadrilateral": "Quadrilaterals"}
 _CELLS = {"tetrahedron": "Tetrahedra", "hexahedron": "Hexahedra"}
 _NUMBER = re.compile(r"(?:volume|surface)-(\d{1,9})")
-
-
-def read_medit(path: Path) -> MeshSource:
-    """Read vertices, cells and facets; their references are regions ``volume-1``, ``surface-2``, ….
-
-    Raises:
-        MeshError: the file cannot be read, or is not a mesh.
-    """
-    return read_elements(path, "medit", "cannot be read as a file of Medit")
 
 
 def save_medit(path: Path, source: MeshSource, points: Floats) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hpcinv.mesh.io.elements import check_names, elements_of, facets_of, read_elements
+from hpcinv.mesh.io.elements import check_names, elements_of, facets_of
 from hpcinv.mesh.source import Floats, MeshSource
 
 _TYPES = {4: 111, 10: 118, 8: 115, 20: 116}
@@ -19,15 +19,6 @@ _FLAT_ORDER = {6: (0, 3, 1, 4, 2, 5), 8: (0, 4, 1, 5, 2, 6, 3, 7)}
 _ELEMENT = 8
 _PER_LINE = 8
 """nodes in a line"""
-
-
-def read_unv(path: Path) -> MeshSource:
-    """Read nodes, solid elements and groups.
-
-    Raises:
-        MeshError: the file cannot be read, or is not a mesh.
-    """
-    return read_elements(path, "unv", "cannot be read as a universal file")
 
 
 def save_unv(path: Path, source: MeshSource, points: Floats) -> None:
