@@ -20,6 +20,7 @@ from hpcinv.mesh.body import read_anywhere, read_finer_geometry
 from hpcinv.mesh.sample_mesh import HELD, sample_body
 from hpcinv.methods import method_for
 from hpcinv.methods.method import Start
+from hpcinv.model.fibre_directions import assume_directions
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.keys import parse_key
@@ -60,12 +61,17 @@ def rehearse(job: Job) -> None:
 
     solver = job.solver if job.solver.linear == "direct" else job.solver.model_copy(update={"linear": "iterative"})
     job = job.model_copy(update={"solver": solver})  # the linear solver with most kernels
+    if source.midsurface is not None:  # a sample has no surface to be cut into four
+        job = job.model_copy(update={"certificate": job.certificate.model_copy(update={"estimate": False})})
     finer = None
     if job.certificate.estimate and not source.is_partitioned:
         finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
     points = [np.array(q.at) for q in job.quantities if q.at is not None]
     with tangents_for(len(source.cells)), Workspace(MPI.COMM_SELF) as workspace:
         body = sample_body(source, job.regions, points, finer).raise_degree(job.discretisation.displacement)
+        for name, family in job.families.items():
+            if family.rule is not None:
+                assume_directions(body, family.rule, name)
         held = _held(job)
         all_equations = workspace.equations(held, body, Timings())
         solutions: list[Solution] = []
