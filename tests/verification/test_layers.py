@@ -108,6 +108,7 @@ def test_layers_converge_as_one_material_and_the_estimate_shows_their_error(
     assert all(0.5 < ratio < 2 for _, ratio in ratios)
 
 
+@pytest.mark.everyday("hexahedra")
 @CELLS
 def test_the_way_forward(hexahedra: bool, comm: MPI.Intracomm) -> None:
     data = wall(
@@ -152,6 +153,7 @@ def test_layers_of_one_material_that_grow_differently(effect: dict[str, Any], co
     assert 0.5 < ratio < 2
 
 
+@pytest.mark.everyday("tetrahedra")
 @pytest.mark.parallel(2)
 @CELLS
 def test_ranks_agree_and_the_return_solve_closes(hexahedra: bool, comm: MPI.Intracomm) -> None:

@@ -115,7 +115,12 @@ def buckling(kh: float) -> float:
     return root(lambda s: 4 * s**2 * tanh(kh * s**2) - (1 + s**4) ** 2 * tanh(kh), 0.6, 1 - 1e-4)
 
 
-@pytest.mark.everyday("0.3-divisions0", "incompressible-True")
+@pytest.mark.everyday(
+    "incompressible-True",
+    "incompressible-False-0.3-divisions0-1.1",
+    "200.0-True-0.3-divisions0-0.98",
+    "100.0-False-0.3-divisions0-1.1",
+)
 @pytest.mark.parametrize(("share", "unstable"), [(0.98, 0), (1.1, 1)])
 @pytest.mark.parametrize(("kh", "divisions"), [(0.3, (8, 2, 1)), (1.0, (8, 4, 1))])
 @pytest.mark.parametrize(
