@@ -15,6 +15,7 @@ from hpcinv.batch.task import Batch, BatchTask, Pause, Schedule
 from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError, described
 from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
+from hpcinv.points.interpreter import note_on_speed
 from hpcinv.solver.workspace import collect_garbage
 
 _PAUSE = 1.0  # seconds between checks of cases that other groups hold
@@ -34,7 +35,7 @@ def work(
     Args:
         begin: share of the list of cases at which the group begins, from 0 to 1.
         lease: seconds within which the heartbeat of a holder on another machine must change.
-        note: called on the first rank with a line on each finished case.
+        note: called on the first rank with a line on each finished case, and before them on a missing compiler.
         stop_asked: called on every rank; true ends the work.
         holding: called on the first rank with each case when it begins, and with ``None`` when it has ended; given only
             where a supervisor notes crashes.
@@ -51,6 +52,8 @@ def work(
             worker.schedule = batch.schedule(worker.ledger, begin, group.size)
 
         on_root(group, open_ledger)
+        if group.rank == 0 and begin == 0 and (slow := note_on_speed()):  # other groups begin elsewhere
+            note(slow)
         worker.work()
 
 

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from helpers.command_line import BLOCK
 from helpers.sweeps import write_sweep
+from helpers.without_compiler import without_compiler
 
 import hpcinv
 from hpcinv.errors import JobError, OutputError
@@ -40,6 +41,15 @@ def test_a_mapping_is_a_sweep_and_cases_are_solved_once(tmp_path: Path, comm: MP
     assert len(lines) == 2
     assert hpcinv.sweep(tmp_path / "sweep.yaml", comm, note=lines.append) == first
     assert len(lines) == 2
+
+
+def test_a_sweep_says_once_that_there_is_no_compiler(tmp_path: Path, comm: MPI.Intracomm) -> None:
+    write_sweep(tmp_path, AXES)
+    lines: list[str] = []
+    with without_compiler():
+        table = hpcinv.sweep(tmp_path / "sweep.yaml", comm, note=lines.append)
+    assert set(table["status"]) == {"converged"}
+    assert ["no C compiler 'cc': NumPy evaluates" in line for line in lines] == [True, False, False]
 
 
 def test_a_case_that_fails_is_reported_in_the_table(tmp_path: Path, comm: MPI.Intracomm) -> None:
