@@ -24,6 +24,7 @@ from hpcinv import errors
 from hpcinv.certificate import TOPICS
 from hpcinv.cli.formula_guide import OPERATORS, PLACES, varying
 from hpcinv.effects import effects
+from hpcinv.job.combinations import PARTS, REFUSED
 from hpcinv.job.fibre_rules import FibreRule
 from hpcinv.job.job import Job, json_schema
 from hpcinv.materials import MaterialLaw, laws
@@ -71,6 +72,7 @@ def pages() -> dict[Path, str]:
         "reference/batch-keys.md": _batch_keys(),
         "reference/functions.md": _functions(),
         "reference/commands.md": _commands(),
+        "reference/combinations.md": _combinations(),
         "reference/exit-codes.md": _exit_codes(),
         "reference/api.md": _api(),
         "how-to/when-a-solve-fails.md": _failures(),
@@ -396,6 +398,22 @@ def _exit_codes() -> Iterator[str]:
     )
     yield ""
     yield from _table(("code", "meaning"), [(str(code), found[code].replace("``", "`")) for code in sorted(found)])
+
+
+def _combinations() -> Iterator[str]:
+    yield "# Combinations"
+    yield ""
+    yield from _prose(
+        """
+        Parts of a job that it cannot have together. The others meet: a test solves pairs of them on a few cells, and
+        finds each refusal here.
+        """
+    )
+    yield ""
+    rows = [
+        (PARTS[name].title, PARTS[other].title, text) for name, row in REFUSED.items() for other, text in row.items()
+    ]
+    yield from _table(("part", "not with", "message, after its place"), sorted(rows))
 
 
 def _failures() -> Iterator[str]:

@@ -150,7 +150,8 @@ def return_solve(
 
 def _path_line(equations: Equations, solution: Solution, observer: Observer) -> Line:
     """Return the line of a return solve that begins with the unloaded body."""
-    equations.put(equations.unloaded(solution.job, solution.other_nodes, solution.given_displacement))
+    nodes, given = solution.other_nodes, solution.given_displacement
+    equations.put(equations.unloaded(solution.job, nodes, given, solution.contacts))
     solved = solve_direction(equations, opposite_direction(solution), UNLOADED, IterationObserver(observer))
     if solved.load == 1.0:
         return _closed(equations, solution)

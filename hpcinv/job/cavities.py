@@ -7,7 +7,6 @@ from pydantic import Field, ValidationInfo
 
 from hpcinv.effects.effect import Effect
 from hpcinv.effects.pressure import Pressure
-from hpcinv.job.remote_load import unsuited_to_unknown_loads
 from hpcinv.job.sections import STRESS, QuantityOfInterest
 from hpcinv.job.state_differences import parts
 from hpcinv.job.states import VOLUME, StateSpec
@@ -143,7 +142,6 @@ def unsuited_controls(job: Any) -> Faults:
             known = "loaded" if is_inverse else "undeformed"
             yield ("cavities", name, other), f"is known: the mesh is the {known} body. Give '{key}'"
     yield from _pressed_twice(job.effects[: job.own_effect_count], controlled.values())
-    yield from unsuited_to_unknown_loads(job, f"the unknown pressure of cavity '{names[0]}': give a pressure")
 
 
 def _pressed_twice(effects: Sequence[Effect], cavities: Iterable[Cavity]) -> Faults:

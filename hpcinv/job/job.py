@@ -27,16 +27,16 @@ from hpcinv.formats import SAVED
 from hpcinv.formats.mesh_format import Groups
 from hpcinv.job import region_references, rules
 from hpcinv.job.cavities import CONTROLS, Cavity, cavities_of_state, unknown_cavities, unsuited_controls
+from hpcinv.job.combinations import refusal, refused_combinations
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.mesh_contents import contents_of
-from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
 from hpcinv.job.preamble import read_preamble
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.region_rules import RegionRule, RegionUnion, VertexSet
-from hpcinv.job.remote_load import RemoteLoad, unsuited_remote_loads
+from hpcinv.job.remote_load import RemoteLoad
 from hpcinv.job.sections import REGION_NAMES, ExpectedShape, MeshFile, Motion, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
@@ -379,50 +379,7 @@ class Job(Spec):
     @property
     def unsuited_to_nested_iteration(self) -> str:
         """Reason why the first solve cannot begin with the solution on coarser cells; empty if nothing forbids it."""
-        first = self.plan[0]
-        if not is_generator(Path(self.mesh.file)):
-            return (
-                "needs a mesh that a generator makes (.py, .geo) by sizes of cells, since a mesh file has no coarser"
-                " cells; leave it out"
-            )
-        if self.mesh.shell is not None:
-            return "is not possible with a shell"
-        if self.solver.strategy != "adaptive":
-            return "needs 'strategy: adaptive': other strategies are chosen for the path that they take"
-        if self.method != "direct" and first.direction == "inverse":
-            return "needs 'method: direct'"
-        if first.job.controlled_cavities or first.job.remote_loads:
-            return "is not possible with cavities of unknown pressure, and with remote loads"
-        if self.accuracy:
-            return "cannot be combined with 'accuracy', whose search begins with the solution on the mesh before"
-        if first.direction == "forward" and any(effect.functions(1) for effect in first.job.effects):
-            return "is not possible with a contact whose pressure or nearest points are found by iteration"
-        return ""
-
-    @property
-    def _unsuited_to_start(self) -> str:
-        """Reason why the solves cannot begin with a predicted solution; empty if nothing forbids it."""
-        if self.method != "direct":
-            return "needs 'method: direct'"
-        if self.accuracy:
-            return "cannot be combined with 'accuracy', which chooses another mesh"
-        if self.controlled_cavities or any(state.controlled for state in self.states):
-            return "is not possible with cavities of unknown pressure"
-        if any(effect.functions(1) for solve in self.plan for effect in solve.job.effects):
-            return "is not possible with a contact that is solved by iteration"
-        return ""
-
-    @property
-    def _unsuited_to_start_shape(self) -> str:
-        """Reason why the path cannot begin with another shape; empty if nothing forbids it."""
-        if self.solver.start is not None:
-            return "cannot be combined with 'start'"
-        if self.mesh.is_partitioned:
-            return "is not possible with a partitioned mesh"
-        first = self.plan[0].job
-        if first.remote_loads:
-            return "is not possible with remote loads"
-        return self._unsuited_to_start
+        return refusal(self, "nested iteration")
 
     @property
     def has_derivatives(self) -> bool:
@@ -548,29 +505,19 @@ class Job(Spec):
         yield from rules.contradicting_meshes(self.mesh, self.output, self.expected_shape)
         yield from unsuited_shell(self)
         yield from unsuited_controls(self)
-        yield from unsuited_remote_loads(self)
+        yield from refused_combinations(self)
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
         yield from rules.below(("quantities",), unknown_cavities(self.quantities, self.cavities, self.states))
         if self.sensitivities:
-            yield from rules.below(("sensitivities",), rules.underivable(self.effects, self.states, "are"))
             yield from rules.below(("sensitivities",), unsuited_thickness(self))
         if self.identify is not None:
             faults = faults_of_identification(
                 self.identify, self._owners_in_states, self.quantities, self.states, self.cavities
             )
             yield from rules.below(("identify",), faults)
-            yield from rules.below(("identify",), rules.underivable(self.effects, self.states, "is"))
-        demands = rules.contradicting_demands(
-            self.accuracy, self.mesh, self.states, self.method, self.solver, self.expected_shape, self.identify
-        )
-        yield from rules.below(("accuracy",), demands)
-        if self.solver.nested_iteration == "on" and (text := self.unsuited_to_nested_iteration):
-            yield ("solver", "nested_iteration"), text
-        if self.solver.start is not None and (text := self._unsuited_to_start):
-            yield ("solver", "start"), text
-        if self.solver.start_shape is not None and (text := self._unsuited_to_start_shape):
-            yield ("solver", "start_shape"), text
+        if not self.accuracy and "maximum_unknowns" in self.solver.model_fields_set:
+            yield ("accuracy",), "is needed if solver.maximum_unknowns is given, which applies only to it"
         given_rest = any(state.given and state.is_rest for state in self.states)
         is_reference = given_rest if self.states else self.directions[0] == "forward"
         mesh, shape = ("reference", "undeformed") if is_reference else ("current", "deformed")
@@ -599,7 +546,6 @@ class Job(Spec):
             yield ("effects",), text
         yield from rules.below(("states",), rules.unsuited_states(self.states, self.fibres, self.load_cases))
         yield from rules.below(("supports",), rules.unsuited_shared(self.supports, self.states, self.load_cases))
-        yield from rules.rigid_motions(self.supports, self.states)
         states = {f"states[{i}]": state for i, state in enumerate(self.states)}
         effects = {k: v for where, s in states.items() for k, v in numbered(f"{where}.effects", s.effects).items()}
         fibres = {f"fibres.{name}": family for name, family in self.fibres.items()}

@@ -4,10 +4,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 from hpcinv.effects import Direction, Effect
 from hpcinv.effects.contact import Contact
-from hpcinv.job.identification import Identification
-from hpcinv.job.owners import have_derivatives
 from hpcinv.job.sections import AXES, ExpectedShape, MeshSpec, QuantityOfInterest, Support
-from hpcinv.job.settings import Discretisation, FixedPoint, Output, Solver
+from hpcinv.job.settings import Discretisation, FixedPoint, Output
 from hpcinv.job.state_differences import parts
 from hpcinv.job.states import StateSpec, given_on_current, rest_of
 from hpcinv.materials import MaterialLaw
@@ -104,15 +102,6 @@ def unsuited_supports(supports: Sequence[Support], effects: Sequence[Effect], ca
         for region, axis in sorted(held & taken):
             yield (i,), f"prescribes {axis} on '{region}' a second time"
         taken |= held
-
-
-def rigid_motions(supports: Sequence[Support], states: Sequence[StateSpec]) -> Faults:
-    """Faults of rigid motions in a job with states: only of one state is it known where the region was before."""
-    lists = [(("supports",), supports), *((("states", i, "supports"), s.supports or ()) for i, s in enumerate(states))]
-    for place, entries in lists:
-        for number, support in enumerate(entries):
-            if support.motion is not None:
-                yield (*place, number, "motion"), "is not possible with 'states': give formulas as 'displacement'"
 
 
 def unsuited_states(states: Sequence[StateSpec], fibres: Collection[str], cases: Collection[str]) -> Faults:
@@ -313,35 +302,3 @@ def read_demands(given: object, quantities: Sequence[QuantityOfInterest]) -> dic
             demands[name] = positive(value, known[name].dimension, "the quantity")
     raise_if_any(problems)
     return demands
-
-
-def contradicting_demands(
-    demands: Mapping[str, float],
-    mesh: MeshSpec,
-    states: Sequence[StateSpec],
-    method: str,
-    solver: Solver,
-    expected: ExpectedShape | None,
-    identify: Identification | None,
-) -> Faults:
-    """Faults of demands on the accuracy that other sections do not allow, or need."""
-    if not demands:
-        if "maximum_unknowns" in solver.model_fields_set:
-            yield (), "is needed if solver.maximum_unknowns is given, which applies only to it"
-    elif identify is not None:
-        yield (), "cannot be combined with 'identify', which needs one mesh for all evaluations"
-    elif states:
-        yield (), "is not possible with 'states': find mesh and degree for the given state by itself"
-    elif expected is not None:
-        yield (), "cannot be combined with 'expected_shape', which needs the mesh of the job; remove one of them"
-    elif method != "direct":
-        yield (), "needs 'method: direct'"
-    elif mesh.is_partitioned:
-        yield (), "needs a mesh that can be refined, not a partitioned one: use its original file"
-
-
-def underivable(effects: Iterable[Effect], states: Iterable[StateSpec], verb: str) -> Faults:
-    """Fault of a section that needs derivatives of solutions."""
-    if not have_derivatives(effects, states):
-        remedy = "whose pressure is found by iteration; give it the 'stiffness' of an elastic layer"
-        yield (), f"{verb} not possible with contact with a rigid obstacle, {remedy}"

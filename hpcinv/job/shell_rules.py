@@ -7,7 +7,7 @@ from typing import Any
 
 from hpcinv.effects.effect import Effect
 from hpcinv.job.sections import MeshSpec, Support
-from hpcinv.quantity.schema import Faults, KeyPath, dotted_key
+from hpcinv.quantity.schema import Faults, KeyPath
 from hpcinv.reading.suffix import suffix_of
 
 SUFFIXES = (".msh", ".py", ".geo", ".vtu", ".vtk", ".inp", ".stl", ".ply", ".obj", ".vtp")
@@ -16,7 +16,7 @@ SAVED = frozenset({"inp", "msh", "vtu"})
 _LABELLED = (".vtu", ".vtk")
 _WITH_FACES = (".msh", ".vtu")
 """suffixes of shape files, which have both faces"""
-_MESH = ("geometry_degree", "faces", "surface_error", "size", "grade")
+_MESH = ("geometry_degree", "faces", "size", "grade")
 
 
 def unsuited_shell(job: Any) -> Faults:
@@ -40,10 +40,6 @@ def unsuited_shell(job: Any) -> Faults:
     if not SAVED.issuperset(job.output.mesh or ()):
         text = "must be inp, msh or vtu, which hold a shell: 'hpcinv export' writes its thick body in other formats"
         yield ("output", "mesh"), text
-    refused = [*_refused(job)]
-    if refused:
-        keys = ", ".join(dict.fromkeys(dotted_key(place) for place in refused))
-        yield ("mesh", "shell"), f"is not possible together with {keys}: leave that out, or mesh a solid"
 
 
 def _unsuited_mesh(mesh: MeshSpec) -> Faults:
@@ -58,17 +54,6 @@ def _unsuited_mesh(mesh: MeshSpec) -> Faults:
         yield ("labels",), "of a shell can be in a .vtu or .vtk file only; give other formats named regions"
     if mesh.shell is not None and mesh.shell.director == "data" and suffix not in _WITH_FACES:
         yield ("shell", "director"), "can be from data in a .msh or .vtu file only"
-
-
-def _refused(job: Any) -> Iterable[KeyPath]:
-    """Places of what a shell does not have."""
-    if job.expected_shape:
-        yield ("expected_shape",)
-    for number, observation in enumerate(job.identify.observations if job.identify else ()):
-        if observation.mesh:
-            yield ("identify", "observations", number, "mesh")
-    if job.solver.linear == "iterative":
-        yield ("solver", "linear")
 
 
 def unsuited_thickness(job: Any) -> Faults:

@@ -164,12 +164,16 @@ class Contacts:
             contact.reset()
 
     def restore(
-        self, reports: Sequence[ContactReport], scales: Scales, transfer: Callable[[fem.Function], fem.Function]
+        self,
+        reports: Sequence[ContactReport],
+        scales: Scales,
+        transfer: Callable[[fem.Function], fem.Function] = lambda field: field,
     ) -> None:
         """Set the pressures and penalties of rigid obstacles to a solution's.
 
         Args:
-            transfer: returns a function of the solution's mesh on the mesh of these contacts, which has the same cells.
+            transfer: returns a function of the solution's mesh on the mesh of these contacts, if that is another one
+                with the same cells.
         """
         for contact, report in zip(self._all, reports, strict=True):
             contact.restore(report, scales, transfer)

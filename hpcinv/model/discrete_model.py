@@ -13,6 +13,7 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.cells import LayerDegree
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.model.cell_layers import layers_of_cells
+from hpcinv.model.contacts import ContactReport
 from hpcinv.model.field_checks import check_fields, shear_modulus
 from hpcinv.model.fields import BodyFields
 from hpcinv.model.spaces import Unknowns
@@ -73,7 +74,7 @@ class DiscreteModel:
             self.supports = Supports(job, body, self.unknowns)
 
     def put(self, state: State) -> None:
-        """Put the mesh, the unknowns and the numbers of the job into a state; collective.
+        """Put the mesh, the unknowns, contacts and the numbers of the job into a state; collective.
 
         Raises:
             MeshError: on all ranks, if a field of the state's job is not admissible, or its supports contradict each
@@ -85,6 +86,8 @@ class DiscreteModel:
         self._attach(state.given_displacement)
         self.body.place(state.mesh_nodes)
         self.put_fields(state.fields)
+        for weak_form in self._weak_forms.values() if state.contacts else ():
+            weak_form.contacts.restore(state.contacts, self.scales)
 
     def renew(self, job: Job, timings: Timings) -> None:
         """Begin another run, with the numbers of its job, on the given mesh and without displacement; collective.
@@ -132,14 +135,18 @@ class DiscreteModel:
         )
 
     def unloaded(
-        self, job: Job | None = None, nodes: Floats | None = None, given_displacement: Function | None = None
+        self,
+        job: Job | None = None,
+        nodes: Floats | None = None,
+        given_displacement: Function | None = None,
+        contacts: tuple[ContactReport, ...] = (),
     ) -> State:
         """Return the state without displacement and pressure.
 
         Args:
             job: of the state, by default the present one.
             nodes: where the mesh lies, (n, 3) in m, by default as it was given.
-            given_displacement: as in `State`.
+            given_displacement, contacts: as in `State`.
         """
         is_mixed = self.unknowns.p is not None
         return State(
@@ -149,6 +156,7 @@ class DiscreteModel:
             pressure=Function(self.unknowns.pressure_space, name="pressure") if is_mixed else None,
             load=0.0,
             given_displacement=given_displacement,
+            contacts=contacts,
         )
 
     def _update_parameters(self, job: Job) -> None:

@@ -8,6 +8,7 @@ from dolfinx.fem import Function
 
 from hpcinv.job.job import Job
 from hpcinv.mesh.source import Floats
+from hpcinv.model.contacts import ContactReport
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +23,7 @@ class State:
         load: load factor at which it is a solution; 1 is the full load.
         given_displacement: displacement (m) of the given state; on its current body fibres, fields and densities may
             be given; ``None`` if this state is the given one.
+        contacts: contacts of the job in its order, with their pressures; none if they are not known.
     """
 
     job: Job
@@ -30,6 +32,7 @@ class State:
     pressure: Function | None
     load: float = 1.0
     given_displacement: Function | None = None
+    contacts: tuple[ContactReport, ...] = ()
 
     @property
     def fields(self) -> tuple[Function, Function | None]:
@@ -50,4 +53,5 @@ class State:
             pressure=self.pressure,
             load=self.load,
             given_displacement=self.given_displacement,
+            contacts=self.contacts,
         )

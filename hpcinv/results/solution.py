@@ -12,7 +12,6 @@ from hpcinv.methods.method import Guess, sign_of
 from hpcinv.methods.nested_iteration import CoarseSolve
 from hpcinv.model.cavities import CavityReport
 from hpcinv.model.cell_means import LayerValues
-from hpcinv.model.contacts import ContactReport
 from hpcinv.model.remote_loads import RemoteReport
 from hpcinv.model.state import State
 from hpcinv.model.weak_form import WeakForm
@@ -34,7 +33,6 @@ class Solution(State):
         prestrain_stress: the same that prestrain alone causes in the body's reference shape, else ``None``.
         J_range: smallest and largest volume ratio at any quadrature point.
         solves: every solve of the method, failed ones included.
-        contacts: contacts of the job, in its order.
         cavities: cavities of unknown pressure; `job` has the pressures that were found as given ones.
         remote_loads: regions under remote loads; `job` has the motions that were found as given ones.
         start: state or shape file where the load path began; empty for the unloaded body.
@@ -49,7 +47,6 @@ class Solution(State):
     strain_energy: float
     solves: tuple[Solve, ...]
     linear: Used | None = None
-    contacts: tuple[ContactReport, ...] = ()
     cavities: tuple[CavityReport, ...] = ()
     remote_loads: tuple[RemoteReport, ...] = ()
     prestrain_stress: Function | None = None

@@ -84,11 +84,12 @@ def _solution(
     solve: StepSolver,
 ) -> Solution:
     """Solve one step, on the body and from the state that earlier ones found."""
-    nodes, given = None, None
+    nodes, given, body = None, None, None
     if step.mesh is not None:
         body = earlier[step.mesh]
         nodes, given = body.other_nodes, body.displacement if step.job.state else None
-    equations.put(equations.unloaded(step.job, nodes, given))
+    is_return = body is not None and not step.job.state  # of the same loads
+    equations.put(equations.unloaded(step.job, nodes, given, body.contacts if body and is_return else ()))
     start = control.choose_start(number, equations)
     if step.start is not None:
         start = replace(start, origin=earlier[step.start].fields)

@@ -1,0 +1,210 @@
+"""What a job cannot have together.
+
+One table says it: messages, the page of the documentation and a test of all pairs come from it. Each row names the part
+of a job that a message blames, and by each other part the reason or remedy, which follows the place of the first one.
+Parts without a row here meet each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hpcinv.job.mesh_generators import is_generator
+from hpcinv.job.owners import have_derivatives
+from hpcinv.quantity.schema import Faults, KeyPath
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a job that not all others allow.
+
+    Attributes:
+        title: its name in the documentation.
+        places: where a job has it; none if it does not.
+        is_of_first_solve: whether only the first solve of the job has to allow it.
+    """
+
+    title: str
+    places: Callable[[Any], Iterable[KeyPath]]
+    is_of_first_solve: bool = False
+
+    def first_place(self, job: Any) -> KeyPath | None:
+        return next(iter(self.places(job)), None)
+
+
+def _key(*place: str, unless: object = None) -> Callable[[Any], Iterator[KeyPath]]:
+    """Return the place of a section or setting, in jobs that give it another value than one, or any."""
+
+    def places(job: Any) -> Iterator[KeyPath]:
+        value = job
+        for key in place:
+            value = getattr(value, key)
+        if value != unless if unless is not None else value:
+            yield place
+
+    return places
+
+
+def _chosen(*place: str, value: object) -> Callable[[Any], Iterator[KeyPath]]:
+    """Return the place of a setting, in jobs that give it a value."""
+
+    def places(job: Any) -> Iterator[KeyPath]:
+        section, key = getattr(job, place[0]), place[-1]
+        if getattr(section, key) == value:
+            yield place
+
+    return places
+
+
+def _supports(job: Any, key: str) -> Iterator[KeyPath]:
+    """Places of a key of supports, of the job or of a state."""
+    lists: list[tuple[KeyPath, Any]] = [(("supports",), job.supports)]
+    lists += [(("states", i, "supports"), state.supports or ()) for i, state in enumerate(job.states)]
+    for place, supports in lists:
+        yield from ((*place, i, key) for i, support in enumerate(supports) if getattr(support, key) is not None)
+
+
+def _unknown_pressures(job: Any) -> Iterator[KeyPath]:
+    yield from (("cavities", name) for name in job.controlled_cavities)
+    yield from (("states", i, "volumes") for i, state in enumerate(job.states) if state.controlled)
+
+
+def _iterated_contact(job: Any) -> Iterator[KeyPath]:
+    """Contacts of forward solves whose pressure or nearest points are found by iteration."""
+    for solve in job.plan:
+        if solve.direction == "forward":
+            yield from (("effects", i) for i, effect in enumerate(solve.job.effects) if effect.functions(1))
+
+
+def _rigid_contact(job: Any) -> Iterator[KeyPath]:
+    if not have_derivatives(job.effects, job.states):
+        yield ("effects",)
+
+
+def _mesh_file(job: Any) -> Iterator[KeyPath]:
+    if not is_generator(Path(job.mesh.file)):
+        yield ("mesh", "file")
+
+
+def _partitioned(job: Any) -> Iterator[KeyPath]:
+    if job.mesh.is_partitioned:
+        yield ("mesh", "file")
+
+
+def _observed_meshes(job: Any) -> Iterator[KeyPath]:
+    for number, observation in enumerate(job.identify.observations if job.identify else ()):
+        if observation.mesh:
+            yield "identify", "observations", number, "mesh"
+
+
+PARTS: Mapping[str, Part] = {
+    "shell": Part("shell", _key("mesh", "shell")),
+    "partitioned": Part("partitioned mesh", _partitioned),
+    "mesh file": Part("mesh from a file", _mesh_file),
+    "surface error": Part("`mesh.surface_error`", _key("mesh", "surface_error")),
+    "states": Part("`states`", _key("states")),
+    "load cases": Part("`load_cases`", _key("load_cases")),
+    "motion": Part("`motion` of a support", lambda job: _supports(job, "motion")),
+    "remote loads": Part("remote loads", lambda job: _supports(job, "remote")),
+    "unknown pressures": Part("cavities of unknown pressure", _unknown_pressures),
+    "iterated contact": Part("contact by iteration", _iterated_contact),
+    "rigid contact": Part("contact with a rigid obstacle", _rigid_contact),
+    "fixed point": Part("fixed-point methods", _key("method", unless="direct")),
+    "other strategies": Part("strategies `fixed` and `arc-length`", _key("solver", "strategy", unless="adaptive")),
+    "series": Part("`continuation: series`", _chosen("solver", "continuation", value="series")),
+    "nested iteration": Part("`nested_iteration: on`", _chosen("solver", "nested_iteration", value="on"), True),
+    "iterative": Part("`linear: iterative`", _chosen("solver", "linear", value="iterative")),
+    "start": Part("`solver.start`", _key("solver", "start")),
+    "start shape": Part("`solver.start_shape`", _key("solver", "start_shape")),
+    "accuracy": Part("`accuracy`", _key("accuracy")),
+    "expected shape": Part("`expected_shape`", _key("expected_shape")),
+    "sensitivities": Part("`sensitivities`", _key("sensitivities")),
+    "identify": Part("`identify`", _key("identify")),
+    "observed meshes": Part("meshes of observations in `identify`", _observed_meshes),
+}
+
+_PRESSURE = "is not possible with a cavity of unknown pressure: give a pressure"
+_REMOTE = "is not possible with a remote load: give a 'motion', or a traction"
+_NO_ESTIMATE = "needs an estimate of the discretisation error, which "
+_DIRECT = "needs 'method: direct'"
+_CONTACT = "is not possible with a contact whose pressure or nearest points are found by iteration"
+_RIGID = (
+    "not possible with contact with a rigid obstacle, whose pressure is found by iteration; give it the 'stiffness' of"
+    " an elastic layer"
+)
+_SOLID = ": leave that out, or mesh a solid"
+
+REFUSED: Mapping[str, Mapping[str, str]] = {
+    "shell": {
+        "expected shape": f"is not possible together with expected_shape{_SOLID}",
+        "observed meshes": f"is not possible together with meshes of observations{_SOLID}",
+        "iterative": f"is not possible together with solver.linear{_SOLID}",
+    },
+    "remote loads": {
+        "states": "is not possible with 'states': give a traction",
+        "shell": "is not possible with a shell",
+    },
+    "motion": {"states": "is not possible with 'states': give formulas as 'displacement'"},
+    "surface error": {"remote loads": _REMOTE, "shell": "is not valid with a shell"},
+    "load cases": {"unknown pressures": _PRESSURE, "remote loads": _REMOTE},
+    "fixed point": {"unknown pressures": _PRESSURE, "remote loads": _REMOTE},
+    "series": {"unknown pressures": _PRESSURE, "remote loads": _REMOTE},
+    "nested iteration": {
+        "shell": "is not possible with a shell",
+        "mesh file": (
+            "needs a mesh that a generator makes (.py, .geo) by sizes of cells, since a mesh file has no coarser cells;"
+            " leave it out"
+        ),
+        "other strategies": "needs 'strategy: adaptive': other strategies are chosen for the path that they take",
+        "fixed point": _DIRECT,
+        "unknown pressures": _PRESSURE,
+        "remote loads": _REMOTE,
+        "accuracy": "cannot be combined with 'accuracy', whose search begins with the solution on the mesh before",
+        "iterated contact": _CONTACT,
+    },
+    "start shape": {
+        "start": "cannot be combined with 'start'",
+        "partitioned": "is not possible with a partitioned mesh",
+        "remote loads": _REMOTE,
+        "unknown pressures": _PRESSURE,
+        "fixed point": _DIRECT,
+        "accuracy": "cannot be combined with 'accuracy', which chooses another mesh",
+        "iterated contact": _CONTACT,
+    },
+    "start": {
+        "fixed point": _DIRECT,
+        "accuracy": "cannot be combined with 'accuracy', which chooses another mesh",
+        "unknown pressures": _PRESSURE,
+        "iterated contact": _CONTACT,
+    },
+    "accuracy": {
+        "unknown pressures": _NO_ESTIMATE + _PRESSURE,
+        "remote loads": _NO_ESTIMATE + _REMOTE,
+        "identify": "cannot be combined with 'identify', which needs one mesh for all evaluations",
+        "states": "is not possible with 'states': find mesh and degree for the given state by itself",
+        "expected shape": "cannot be combined with 'expected_shape', which needs the mesh of the job; remove one",
+        "fixed point": _DIRECT,
+        "partitioned": "needs a mesh that can be refined, not a partitioned one: use its original file",
+    },
+    "sensitivities": {"rigid contact": f"are {_RIGID}"},
+    "identify": {"rigid contact": f"is {_RIGID}"},
+}
+"""by the part that a message blames, then by the part that does not allow it"""
+
+
+def refused_combinations(job: Any) -> Faults:
+    """Faults of parts of a job that it cannot have together, with their places; the first of each part."""
+    for name in REFUSED:
+        place = PARTS[name].first_place(job)
+        if place is not None and (text := refusal(job, name)):
+            yield place, text
+
+
+def refusal(job: Any, name: str) -> str:
+    """Return the reason why a job cannot have a part; empty if its other parts allow it."""
+    solved = job.plan[0].job if PARTS[name].is_of_first_solve else job
+    reasons = (text for other, text in REFUSED[name].items() if PARTS[other].first_place(solved) is not None)
+    return next(reasons, "")

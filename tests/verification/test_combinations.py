@@ -1,0 +1,180 @@
+"""Each two parts of a job on a few cells: they are refused with the sentence of the table, or they solve.
+
+A part that says only how to solve does not change the shape.
+"""
+
+from __future__ import annotations
+
+import itertools
+import random
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.sheets import save_sheet
+from helpers.verification import box, job
+
+import hpcinv
+from hpcinv.errors import JobError
+from hpcinv.job.combinations import PARTS, REFUSED
+from hpcinv.parallel.runtime import MPI
+
+CLAMP = {"region": "x0", "fix": ["x", "y", "z"]}
+PULL = {"effect": "traction", "region": "x1", "traction": [0.05, 0.0, 0.02], "area_in": "reference"}
+LIDDED = {"surface": "y1", "lid": {"apex": [0.5, 3.0, 0.5]}, "unloaded_volume": 0.68}
+BASE: dict[str, Any] = {
+    "analysis": "inverse",
+    "mesh": box((2, 1, 1), hexahedra=True),
+    "material": {"law": "neo-hookean", "mu": 1.0, "lam": 2.0},
+    "effects": [PULL],
+    "supports": [CLAMP],
+    "solver": {"tolerance": 1e-10},
+    "quantities": [{"name": "end", "of": "norm(ux, uy, uz)", "on": "x1", "reduce": "mean"}],
+    "certificate": {"estimate": False, "overlap": False, "round_trip": "off", "stability": False},
+}
+
+type Data = dict[str, Any]
+
+
+def _with(**changes: Any) -> Callable[[Data, Path], Data]:
+    return lambda data, _: data | changes
+
+
+def _solver(**changes: Any) -> Callable[[Data, Path], Data]:
+    return lambda data, _: data | {"solver": data["solver"] | changes}
+
+
+def _shell(data: Data, directory: Path) -> Data:
+    file = save_sheet(directory / "sheet.msh", 2, 2, lambda s, t: np.column_stack([s, 0.3 * s * (1 - s), t]))
+    weak = {**PULL, "traction": [0.01, 0.0, 0.002]}
+    return data | {"mesh": {"file": str(file), "shell": {"thickness": 0.1}}, "effects": [weak]}
+
+
+def _mesh_file(data: Data, directory: Path) -> Data:
+    file = directory / "made" / "shape.msh"
+    if not file.exists():
+        hpcinv.run(job(**BASE | {"effects": []}), MPI.COMM_SELF, directory=file.parent)
+    return data | {"mesh": {"file": str(file)}}
+
+
+def _in_states(data: Data, _: Path) -> Data:
+    contacts = [effect for effect in data["effects"] if effect["effect"] == "contact"]
+    given = {"name": "given", "given": True, "effects": [PULL]}
+    kept = {key: value for key, value in data.items() if key not in ("analysis", "first", "effects")}
+    if "cavities" in data:
+        hole = {key: data["cavities"]["hole"][key] for key in ("surface", "lid")}
+        kept |= {"cavities": {"hole": hole}}
+        given |= {"unloaded_volumes": {"hole": LIDDED["unloaded_volume"]}}
+    if "accuracy" in data:
+        kept |= {"accuracy": {"end-given": 1.0}}
+    if "identify" in data:
+        kept |= _seen("end-given")
+    for contact in contacts:  # the body at rest is lower than the given one
+        contact["obstacle"]["point"] = [0, 0, -0.05]
+    other = {"name": "other", "effects": [{**PULL, "traction": [0.0, 0.01, -0.06]}, *contacts]}
+    return kept | {"states": [given, {"name": "rest"}, other]}
+
+
+def _remote(data: Data, _: Path) -> Data:
+    load = {"about": [1.0, 0.5, 0.5], "force": [0.05, 0.0, -0.01]}
+    return data | {"supports": [*data["supports"], {"region": "x1", "remote": load}], "effects": []}
+
+
+def _lidded(data: Data, _: Path) -> Data:
+    surface = {"surface": "outer", "lid": {"apex": [0.5, -3.0, 0.5]}} if "shell" in data["mesh"] else {}
+    return data | {"cavities": {"hole": LIDDED | surface}}
+
+
+def _on_a_plate(data: Data, _: Path) -> Data:
+    plate = {"shape": "plane", "point": [0, 0, -0.02], "normal": [0, 0, 1]}
+    push = {**PULL, "traction": [0.0, 0.0, -0.03]}
+    region = "inner" if "shell" in data["mesh"] else "z0"
+    effects = [push, {"effect": "contact", "region": region, "obstacle": plate}]
+    changed = {"analysis": "round_trip", "first": "forward", "effects": effects}
+    if "cavities" in data:
+        hole = {key: value for key, value in data["cavities"]["hole"].items() if key != "unloaded_volume"}
+        changed |= {"cavities": {"hole": hole | {"volume": 0.7}}}
+    return data | changed
+
+
+def _seen(quantity: str) -> Data:
+    seen = [{"name": "seen", "quantity": quantity, "value": 0.1, "sd": 1e-3}]
+    return {"identify": {"parameters": {"material.mu": None}, "observations": seen}}
+
+
+CHANGES: dict[str, Callable[[Data, Path], Data]] = {
+    "shell": _shell,
+    "mesh file": _mesh_file,
+    "surface error": lambda data, _: data | {"mesh": data["mesh"] | {"surface_error": {"sd": 1e-3}}},
+    "motion": _with(supports=[{"region": "x0", "motion": {"move": [0.05, 0.0, 0.0]}}]),
+    "remote loads": _remote,
+    "unknown pressures": _lidded,
+    "rigid contact": _on_a_plate,
+    "load cases": _with(load_cases=["first"]),
+    "fixed point": _with(method="anderson"),
+    "other strategies": _solver(strategy="arc-length"),
+    "series": _solver(continuation="series"),
+    "nested iteration": _solver(nested_iteration="on"),
+    "iterative": _solver(linear="iterative"),
+    "sensitivities": _with(sensitivities={"material.mu": {}}),
+    "accuracy": _with(accuracy={"end": 1.0}),
+    "identify": _with(**_seen("end")),
+    "states": _in_states,  # last: it moves the effects of the others
+}
+ONLY_READ = {"accuracy", "identify"}
+"""parts that take another command, or many solves"""
+HOW = {"fixed point", "other strategies", "series", "nested iteration", "iterative", "sensitivities", "load cases"}
+"""parts that change no shape"""
+PAIRS = list(itertools.combinations(CHANGES, 2))
+BY_SCHEMA = {("other strategies", "series"): "is not valid with 'strategy: arc-length'"}
+"""pairs of settings of one section, which its schema refuses"""
+DAILY = set(random.Random(64).sample(PAIRS, len(PAIRS) // 10))
+
+
+def made(*names: str, directory: Path) -> Data:
+    data = dict(BASE)
+    for name in CHANGES:
+        if name in names:
+            data = CHANGES[name](data, directory)
+    return data
+
+
+def text_for(first: str, second: str) -> str | None:
+    """The sentence of the table on two parts."""
+    if (first, second) in BY_SCHEMA:
+        return BY_SCHEMA[first, second]
+    names = {first, second} | ({"iterated contact"} if "rigid contact" in (first, second) else set())
+    rows = (REFUSED.get(one, {}).get(other) for one, other in itertools.permutations(sorted(names), 2))
+    return next((text for text in rows if text is not None), None)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [pytest.param(*pair, marks=() if pair in DAILY else pytest.mark.release) for pair in PAIRS],
+)
+def test_two_parts_solve_together_or_are_refused_by_the_table(first: str, second: str, tmp_path: Path) -> None:
+    data, refusal = made(first, second, directory=tmp_path), text_for(first, second)
+    if refusal is not None:
+        with pytest.raises(JobError, match=re.escape(refusal)):
+            job(**data)
+        return
+    posed = job(**data)
+    if ONLY_READ & {first, second}:
+        return
+    result = hpcinv.run(posed, MPI.COMM_SELF)
+    lines = {line.name: line for line in result.certificate.lines}
+    assert lines["equilibrium residual, relative to the load"].verdict.value == "pass"
+    for how, other in itertools.permutations((first, second)):
+        if how in HOW and other != "states":
+            alone = hpcinv.run(job(**made(other, directory=tmp_path)), MPI.COMM_SELF)
+            u, expected = result.solutions[0].u, alone.solutions[0].u
+            assert np.abs(u - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_parts_of_the_table_are_all_known() -> None:
+    named = set(REFUSED) | {other for row in REFUSED.values() for other in row}
+    assert named <= set(PARTS)
+    assert set(CHANGES) <= set(PARTS)
