@@ -23,6 +23,7 @@ from hpcinv.mesh.source import MeshSource
 pytestmark = pytest.mark.usefixtures("warm_reader")
 
 
+@pytest.mark.everyday(".stl", ".obj")  # that each format is read: test_damaged_scans.py
 @pytest.mark.parametrize("ending", [".stl", ".ply", ".obj", ".vtp", ".vtk"])
 def test_a_surface_keeps_its_place_and_volume(ending: str, tmp_path: Path) -> None:
     surface = pyvista.Sphere(radius=10, center=(100, -20, 3), theta_resolution=30, phi_resolution=30)
