@@ -27,7 +27,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 import hpcinv.assembly.tangent
-from hpcinv.assembly.tangent import CompiledTangent
+from hpcinv.assembly.tangent import FormTangent
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job, parse
 from hpcinv.model.spaces import Unknowns
@@ -184,7 +184,7 @@ def fewer_points() -> None:
     print("tangent with fewer quadrature points than the residual")
     for hexahedra, degree, what in ((True, 3, "8 of 27"), (False, 1, "1 of 4")):
 
-        def create(self: CompiledTangent, weak_form: Any, jit_options: Any = JIT_OPTIONS) -> None:
+        def create(self: FormTangent, weak_form: Any, jit_options: Any = JIT_OPTIONS) -> None:
             integrals = weak_form.residual.integrals()
             cells = [i for i in integrals if i.integral_type() == "cell"]
             rest = [i for i in integrals if i.integral_type() != "cell"]
@@ -194,7 +194,7 @@ def fewer_points() -> None:
             self._options = dict(jit_options)
             self._form = fem.form(form, jit_options=self._options)
 
-        with mock.patch.object(CompiledTangent, "__init__", create):
+        with mock.patch.object(FormTangent, "__init__", create):
             try:
                 result = hpcinv.run(sphere(4, hexahedra=hexahedra), progress=False)
                 iterations = result.statistics["solutions"][0]["newton_iterations"]

@@ -134,7 +134,7 @@ class _Outputs(StepControl):
         job, first = prepared.job, prepared.equations[0]
         self.job, self.store, self.progress, self.stop, self.guesses = job, store, progress, stop, guesses
         checkpoints, self.restart = store.open(job, first, progress, overwrite=overwrite, resume=resume)
-        with progress.phase("compiling"):
+        with progress.phase("programs"):
             totals = totals_of(first, job.plan[0])
         progress.body(totals)
         for line in notes_on_ffcx():

@@ -19,9 +19,9 @@ from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
 from hpcinv.assembly.array_code import CsrCode
-from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.assembly.element_matrices import Block, ElementMatrices
+from hpcinv.assembly.moduli_at_points import moduli_at_points
 from hpcinv.assembly.pattern import pattern_of
 from hpcinv.assembly.tangent_moduli import Term, UnsupportedForm
 from hpcinv.mesh.source import Floats
@@ -69,7 +69,7 @@ class FilledTangent:
     ) -> None:
         self._unknowns, self._options, self._director = weak_form.unknowns, dict(jit_options), director
         unknowns, options = weak_form.unknowns, self._options
-        moduli = compiled_moduli(weak_form.residual, unknowns, options)
+        moduli = moduli_at_points(weak_form.residual, unknowns, options)
         self._volume = [ElementMatrices(part, unknowns, director) for part in moduli]
         self._code = _code(unknowns.mesh.comm)
         surface = surface_tangent(weak_form.residual, unknowns.state)
@@ -78,7 +78,7 @@ class FilledTangent:
     def term(self, term: Term) -> FilledTerm:
         """Return a term that can be added to the tangent; collective."""
         try:
-            moduli = compiled_moduli(term, self._unknowns, self._options)
+            moduli = moduli_at_points(term, self._unknowns, self._options)
             return [ElementMatrices(part, self._unknowns, self._director) for part in moduli]
         except UnsupportedForm:
             return fem.form(ufl.replace(term.form, dict(term.factors)), jit_options=self._options)
@@ -104,11 +104,11 @@ class FilledTangent:
         def assemble(terms: Sequence[FilledTerm] = ()) -> None:
             A.zeroEntries()
             values[:] = 0.0
-            compiled = [] if self._surface is None else [self._surface]
+            forms = [] if self._surface is None else [self._surface]
             volume = list(self._volume)
             for term in terms:
                 if isinstance(term, fem.Form):
-                    compiled.append(term)
+                    forms.append(term)
                 else:
                     volume += term
             for part in volume:
@@ -120,7 +120,7 @@ class FilledTangent:
             values[diagonal] = 1.0
             A.setValuesIJV(starts, columns, ghost_columns, addv=PETSc.InsertMode.ADD, rowmap=names)
             A.assemble()
-            for form in compiled:
+            for form in forms:
                 if self._director is not None:
                     self._director.add(A, form)
                     continue

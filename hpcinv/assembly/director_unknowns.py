@@ -66,7 +66,7 @@ class DirectorUnknowns:
         return transformed
 
     def add(self, matrix: PETSc.Mat, form: fem.Form) -> None:
-        """Add a compiled form of the nodes' unknowns to a matrix of the new ones."""
+        """Add a form of the nodes' unknowns to a matrix of the new ones."""
         nodal = fem_petsc.assemble_matrix(form)
         nodal.assemble()
         part = nodal.PtAP(self._to_nodes)

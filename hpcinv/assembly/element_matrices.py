@@ -1,6 +1,6 @@
 """Element matrices from moduli at quadrature points and tabulated basis functions, by one matrix product.
 
-Compiled forms have separate loops for each pair of components and directions. Here they are, for many cells, one
+Forms have separate loops for each pair of components and directions. Here they are, for many cells, one
 product of moduli (cells × components, points × directions) by basis functions (points × directions, pairs of basis
 functions) in BLAS, which takes a quarter of the time on tetrahedra and a sixth on hexahedra.
 """
@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.assembly.compiled_moduli import CompiledModuli
 from hpcinv.assembly.director_unknowns import DirectorUnknowns
+from hpcinv.assembly.moduli_at_points import ModuliAtPoints
 from hpcinv.assembly.tangent_moduli import Slot
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
@@ -35,7 +35,7 @@ class ElementMatrices:
         blocks: blocks of the matrices, by test and trial functions.
     """
 
-    def __init__(self, moduli: CompiledModuli, unknowns: Unknowns, director: DirectorUnknowns | None = None) -> None:
+    def __init__(self, moduli: ModuliAtPoints, unknowns: Unknowns, director: DirectorUnknowns | None = None) -> None:
         self._mesh = mesh = unknowns.mesh
         self._values, points, weights = moduli.values, moduli.points, moduli.weights
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)

@@ -218,7 +218,7 @@ class System:
         self.tangents += 1
 
     def term(self, term: Term) -> Any:
-        """Return a bilinear form as `tangent` takes it; compiled if necessary, collective."""
+        """Return a bilinear form as `tangent` takes it; collective."""
         with self.timings("compile"):
             return self._tangent.term(term)
 

@@ -1,9 +1,9 @@
 """The tangent ``K = ∂R/∂x`` of a weak form, and the choice between two ways to assemble it.
 
-Either FFCx compiles it as a form, which the cache of kernels makes fast. Or its moduli are compiled, and a matrix is
-filled in place (`FilledTangent`): each assembly is 2 to 3 times as fast, but its pattern takes longer to make, and the
-unknowns of a node must be consecutive. The matrices are the same to rounding errors. A residual without tangent moduli
-has the compiled form on every mesh.
+Either DOLFINx assembles it as a form. Or its moduli are evaluated at points, and a matrix is filled in place
+(`FilledTangent`): each assembly is 2 to 3 times as fast, but its pattern takes longer to make, and the unknowns of a
+node must be consecutive. The matrices are the same to rounding errors. A residual without tangent moduli has the form
+on every mesh.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ _MANY = 2_000  # cells from which two tangents save more time than the pattern c
 _assumed: list[int] = []
 
 
-class CompiledTangent:
-    """The tangent as a form that is compiled by FFCx and assembled by DOLFINx.
+class FormTangent:
+    """The tangent as a form that DOLFINx assembles.
 
     Attributes:
         note: reason for its use where `FilledTangent` would be faster, else empty.
@@ -59,7 +59,7 @@ class CompiledTangent:
             like: another tangent on the same unknowns, assembled, whose pattern is used; a new one takes as long as an
                 assembly or two.
         """
-        if isinstance(like, CompiledTangent):
+        if isinstance(like, FormTangent):
             matrix = like.matrix.duplicate()
             symmetric: Any = PETSc.Mat.Option.SYMMETRIC  # its stub has the wrong type
             matrix.setOption(symmetric, False)
@@ -76,7 +76,7 @@ class CompiledTangent:
         return matrix, assemble
 
 
-type Tangent = CompiledTangent | FilledTangent
+type Tangent = FormTangent | FilledTangent
 
 
 def tangent_of(
@@ -95,15 +95,15 @@ def tangent_of(
         return FilledTangent(weak_form, jit_options, director)
     has_many = cells_of(weak_form.unknowns.mesh) >= _MANY if like is None else isinstance(like, FilledTangent)
     if not has_many:
-        return CompiledTangent(weak_form, jit_options)
+        return FormTangent(weak_form, jit_options)
     try:
         if not weak_form.unknowns.has_whole_nodes:
             raise UnsupportedForm("the unknowns of a node do not follow each other")
         return FilledTangent(weak_form, jit_options)
     except UnsupportedForm as why:
-        compiled = CompiledTangent(weak_form, jit_options)
-        compiled.note = f"the tangent is assembled by DOLFINx, which takes two to three times as long: {why}"
-        return compiled
+        whole = FormTangent(weak_form, jit_options)
+        whole.note = f"the tangent is assembled by DOLFINx, which takes two to three times as long: {why}"
+        return whole
 
 
 def cells_of(mesh: Mesh) -> int:

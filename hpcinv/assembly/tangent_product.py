@@ -16,8 +16,8 @@ import numpy as np
 from dolfinx import la
 
 from hpcinv.assembly.array_code import ProductCode, SlotNumbers
-from hpcinv.assembly.compiled_moduli import CompiledModuli
 from hpcinv.assembly.element_matrices import directions_of, tabulated
+from hpcinv.assembly.moduli_at_points import ModuliAtPoints
 from hpcinv.assembly.tangent_moduli import Slot
 from hpcinv.mesh.cells import quadrature, scalar_element
 from hpcinv.mesh.source import Floats
@@ -44,7 +44,7 @@ class TangentProduct:
     """
 
     def __init__(
-        self, moduli: Sequence[CompiledModuli], form_unknowns: Unknowns, unknowns: Unknowns, degree: int
+        self, moduli: Sequence[ModuliAtPoints], form_unknowns: Unknowns, unknowns: Unknowns, degree: int
     ) -> None:
         dofmap = unknowns.space.dofmap
         self._x, self._y = (la.vector(dofmap.index_map, dofmap.index_map_bs, dtype=np.float32) for _ in range(2))
@@ -107,7 +107,7 @@ class _ModuliTerm:
         cells: owned cells that have these moduli.
     """
 
-    def __init__(self, moduli: CompiledModuli, form_unknowns: Unknowns, nodes: _Nodes) -> None:
+    def __init__(self, moduli: ModuliAtPoints, form_unknowns: Unknowns, nodes: _Nodes) -> None:
         self.cells = np.arange(len(nodes.places), dtype=np.int32) if moduli.cells is None else moduli.cells
         groups = -(-len(self.cells) // _LANES)
         lanes = np.resize(self.cells, groups * _LANES)  # the last group may have the first cells again
@@ -172,7 +172,7 @@ class _ModuliTerm:
         return stiffness
 
     def _evaluated(
-        self, moduli: CompiledModuli, form_unknowns: Unknowns, lanes: LocalIndices, extended: Floats
+        self, moduli: ModuliAtPoints, form_unknowns: Unknowns, lanes: LocalIndices, extended: Floats
     ) -> Singles:
         """Return moduli of all groups, (groups, points, all tests, all trials, lanes)."""
         rows, columns = (max(place.stop for place in slots.values()) for slots in (self._tests, self._trials))

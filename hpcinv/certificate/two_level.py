@@ -29,8 +29,8 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.assembly.compiled_moduli import CompiledModuli, compiled_moduli, moduli_of_two_rules
 from hpcinv.assembly.csr_tangent import surface_tangent
+from hpcinv.assembly.moduli_at_points import ModuliAtPoints, moduli_at_points, moduli_of_two_rules
 from hpcinv.assembly.tangent import cells_of
 from hpcinv.assembly.tangent_moduli import UnsupportedForm
 from hpcinv.assembly.tangent_product import TangentProduct
@@ -102,7 +102,7 @@ def _volume_product(equations: Equations, finer: Equations, direction: Direction
                 moduli, all_moduli = _moduli_of_both(residual, coarse, equations.quadrature_degree, degree)
                 moduli = [*_moduli_of_cells(moduli, ~curved), *_moduli_of_cells(all_moduli, curved)]
             else:
-                moduli = compiled_moduli(residual, coarse, JIT_OPTIONS)
+                moduli = moduli_at_points(residual, coarse, JIT_OPTIONS)
     except UnsupportedForm:
         return None
     with finer.timings("tangent"):
@@ -111,15 +111,15 @@ def _volume_product(equations: Equations, finer: Equations, direction: Direction
 
 def _moduli_of_both(
     residual: Any, unknowns: Unknowns, degree: int, finer_degree: int
-) -> tuple[list[CompiledModuli], list[CompiledModuli]]:
+) -> tuple[list[ModuliAtPoints], list[ModuliAtPoints]]:
     """Return the moduli at the points of the solve and of the finer spaces, by one kernel on a small mesh."""
     kind = unknowns.mesh.basix_cell().name
     points = sum(len(quadrature(kind, rule_degree)[1]) for rule_degree in (degree, finer_degree))
     if cells_of(unknowns.mesh) * points <= _FEW:
         return moduli_of_two_rules(residual, unknowns, JIT_OPTIONS, finer_degree)
     return (
-        compiled_moduli(residual, unknowns, JIT_OPTIONS),
-        compiled_moduli(residual, unknowns, JIT_OPTIONS, finer_degree),
+        moduli_at_points(residual, unknowns, JIT_OPTIONS),
+        moduli_at_points(residual, unknowns, JIT_OPTIONS, finer_degree),
     )
 
 
@@ -132,7 +132,7 @@ def _curved_cells(mesh: Mesh) -> npt.NDArray[np.bool_]:
     return np.asarray(offsets.max(axis=(1, 2)) > _STRAIGHT * np.ptp(nodes, axis=1).max(axis=1))
 
 
-def _moduli_of_cells(moduli: Sequence[CompiledModuli], chosen: npt.NDArray[np.bool_]) -> Iterator[CompiledModuli]:
+def _moduli_of_cells(moduli: Sequence[ModuliAtPoints], chosen: npt.NDArray[np.bool_]) -> Iterator[ModuliAtPoints]:
     """Yield the moduli of those cells that are among the owned cells ``chosen``."""
     for entry in moduli:
         cells = np.arange(len(chosen), dtype=np.int32) if entry.cells is None else entry.cells

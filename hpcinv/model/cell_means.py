@@ -1,4 +1,4 @@
-"""Means over cells, and totals, in the present state; one compiled expression for each part of the body."""
+"""Means over cells, and totals, in the present state; one expression for each part of the body."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

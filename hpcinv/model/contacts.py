@@ -104,15 +104,16 @@ class _Nodal:
         mesh, count = body.mesh, vector.ufl_shape[0]
         self.space = fem.functionspace(mesh, ("Lagrange", degree, (count,)))
         points = self.space.element.interpolation_points
-        self._compiled = fem.Expression(remove_stages(vector), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        self._expression = fem.Expression(remove_stages(vector), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
         self.values, self._count = fem.Function(self.space), count
 
     def __call__(self) -> Floats:
         # On all cells: a rank may own a node on the edge of a region without having a facet of it.
-        mesh, values = self.space.mesh, self.values.x.array.reshape(-1, self._count)
+        mesh = self.space.mesh
+        values: Floats = self.values.x.array.reshape(-1, self._count)
         count = mesh.topology.index_map(3).size_local + mesh.topology.index_map(3).num_ghosts
         cells = np.arange(count, dtype=np.int32)
-        values[self.space.dofmap.list] = self._compiled.eval(mesh, cells)
+        values[self.space.dofmap.list] = self._expression.eval(mesh, cells)
         self.values.x.scatter_forward()
         return values
 

@@ -34,7 +34,7 @@ may be far from 1, as the tolerances of singular tangents expect them."""
 class DiscreteModel:
     """Spaces, supports, scales and weak forms of a reuse group of jobs (`reuse_group_of`) on one body.
 
-    They are made once, with their compiled kernels. `put` sets the mesh's coordinates, the unknowns, the parameters and
+    They are made once, with their programs. `put` sets the mesh's coordinates, the unknowns, the parameters and
     the supports. Apart from it, only a solver changes the unknowns.
 
     Args:

@@ -2,7 +2,7 @@
 
 Numbers are entries of one constant of its forms, so that new values need no compilation; fields are functions or
 formulas of position. There is only one constant because UFL sorts constants by the text of their running numbers: with
-several, the order would change between the 9th and the 10th, and the same form would be compiled again.
+several, the order would change between the 9th and the 10th, and the same form would get another program.
 """
 
 import math
@@ -305,7 +305,7 @@ def load_factor(value: float, case: int, cases: int) -> float:
 
 
 class ParameterDerivative:
-    """Derivative of a weak form's residual in any direction of its parameters, as one form that is compiled once.
+    """Derivative of a weak form's residual in any direction of its parameters, as one form.
 
     UFL differentiates by coefficients, not by constants: a coefficient replaces the constant of all parameters during
     differentiation. Parameters and their rates are then two halves of one constant (see `Parameters`).

@@ -54,13 +54,13 @@ class CellMeans:
 
 
 class PointValues:
-    """A UFL expression, compiled for ``points`` (n, 3) of the reference cell.
+    """A UFL expression at ``points`` (n, 3) of the reference cell.
 
     Iteration yields some of the owned cells (or of ``cells``) at a time, with their present values (cells, points, …).
     """
 
     def __init__(self, expression: Any, mesh: Mesh, points: Floats, cells: LocalIndices | None = None) -> None:
-        self._compiled = fem.Expression(remove_stages(expression), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        self._expression = fem.Expression(remove_stages(expression), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
         self._mesh = mesh
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
         self._cells = owned if cells is None else cells
@@ -68,7 +68,7 @@ class PointValues:
     def __iter__(self) -> Iterator[tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]]:
         for start in range(0, len(self._cells), _CHUNK):
             cells = self._cells[start : start + _CHUNK]
-            yield cells, self._compiled.eval(self._mesh, cells)
+            yield cells, self._expression.eval(self._mesh, cells)
 
     def range(self) -> tuple[float, float]:
         """Return the smallest and largest value at any point of any rank; collective."""
@@ -80,7 +80,7 @@ class PointValues:
 
 
 class QuadratureValues(PointValues):
-    """A UFL expression, compiled for the quadrature points of a mesh."""
+    """A UFL expression at the quadrature points of a mesh."""
 
     def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: LocalIndices | None = None) -> None:
         super().__init__(expression, mesh, quadrature(mesh.basix_cell().name, quadrature_degree)[0], cells)

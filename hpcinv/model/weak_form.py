@@ -195,7 +195,7 @@ class WeakForm:
 
     @cached_property
     def means(self) -> StateMeans:
-        """Compiled means over cells, volume ratios and strain energy, to be evaluated in any state."""
+        """Means over cells, volume ratios and strain energy, to be evaluated in any state."""
         volume = self.kinematics.volumes[0]
         parts = [
             PartExpressions(cells, sigma, self.J, part.energy * volume)
@@ -205,7 +205,7 @@ class WeakForm:
 
     @cached_property
     def nominal_displacement(self) -> NominalDisplacement:
-        """The displacement that loads and inelastic strains would cause if nothing balanced them, compiled."""
+        """The displacement that loads and inelastic strains would cause if nothing balanced them."""
         moduli = [(part.shear_modulus, part.cells) for part in self.parts]
         return NominalDisplacement(
             self._strains, self._potentials, self._works, self.H, moduli, self.unknowns, self.quadrature_degree

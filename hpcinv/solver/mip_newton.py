@@ -35,7 +35,7 @@ from hpcinv.solver.predictor import Increment
 
 
 class ExtrapolatedStress:
-    """Additional term of the tangent at the present state of a system; compiled at its first use."""
+    """Additional term of the tangent at the present state of a system; made at its first use."""
 
     _smallest = 0.1  # rad: the spurious strain of smaller rotations is negligible
     _rotation_to_strain = 2.0  # ratio above which the pressure's share is extrapolated

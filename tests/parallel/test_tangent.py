@@ -15,7 +15,7 @@ from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
 from hpcinv.assembly.system import System
-from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, tangent_of, tangents_for
+from hpcinv.assembly.tangent import FilledTangent, FormTangent, tangent_of, tangents_for
 from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
@@ -68,7 +68,7 @@ def test_matrix_agrees_with_the_derivative(case: dict[str, Any], comm: MPI.Intra
     size = expected.norm()
     assert (size > 0) == supports.prescribe_motion
 
-    for kind, cells in ((FilledTangent, 1_000_000), (CompiledTangent, 1)):
+    for kind, cells in ((FilledTangent, 1_000_000), (FormTangent, 1)):
         first = System(weak_form, supports, Timings())
         with tangents_for(cells):
             first.linearise(0.3)
@@ -112,7 +112,7 @@ def test_scattered_unknowns_of_a_node_are_not_filled_directly(
         return swapped
 
     monkeypatch.setattr(fem.DofMap, "list", property(apart))
-    assert chosen() is CompiledTangent
+    assert chosen() is FormTangent
 
 
 def test_stages_leave_derivatives_as_they_are(comm: MPI.Intracomm) -> None:

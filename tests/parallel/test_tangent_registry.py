@@ -21,8 +21,8 @@ from helpers.verification import BOX, box, job
 from helpers.without_compiler import without_compiler
 from petsc4py import PETSc
 
-from hpcinv.assembly.compiled_moduli import compiled_moduli
-from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, tangent_of, tangents_for
+from hpcinv.assembly.moduli_at_points import moduli_at_points
+from hpcinv.assembly.tangent import FilledTangent, FormTangent, tangent_of, tangents_for
 from hpcinv.driver import run
 from hpcinv.effects import effects
 from hpcinv.errors import SystemPartMissing
@@ -125,12 +125,12 @@ def test_programs_of_the_registry_are_what_ffcx_compiles(
         filled = tangent_of(weak_form)
     assert isinstance(filled, FilledTangent), filled.note
     with kernels_of_ffcx():
-        reference, residual = CompiledTangent(weak_form, UNOPTIMIZED), vector(weak_form.residual, UNOPTIMIZED)
+        reference, residual = FormTangent(weak_form, UNOPTIMIZED), vector(weak_form.residual, UNOPTIMIZED)
     with without_compiler(), tangents_for(cells=1_000_000):
         arrays, own_residual = tangent_of(weak_form), vector(weak_form.residual)
     assert isinstance(arrays, FilledTangent), arrays.note
     matrices = []
-    for tangent in (reference, filled, CompiledTangent(weak_form), arrays):
+    for tangent in (reference, filled, FormTangent(weak_form), arrays):
         matrix, assemble = tangent.create_matrix(model.supports.conditions)
         assemble()
         matrices.append(matrix)
@@ -157,7 +157,7 @@ def vector(form: Any, options: Any = JIT_OPTIONS) -> np.ndarray:
 @pytest.mark.parametrize(("direction", "formulation"), [kind for kind in KINDS if kind != ("inverse", "mixed")])
 def test_every_part_of_a_weak_form_has_moduli(of: Any, direction: str, formulation: str, comm: MPI.Intracomm) -> None:
     model = model_of(of(**common(direction, formulation)), comm)
-    part_moduli = compiled_moduli(model.weak_form(model.job.directions[0]).residual, model.unknowns, JIT_OPTIONS)
+    part_moduli = moduli_at_points(model.weak_form(model.job.directions[0]).residual, model.unknowns, JIT_OPTIONS)
     assert len(part_moduli) == len(model.job.laws)
     assert all(len(moduli.pairs) >= (1 if formulation == "displacement" else 3) for moduli in part_moduli)
 

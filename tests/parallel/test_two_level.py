@@ -10,7 +10,7 @@ from dolfinx.mesh import CellType, create_unit_cube
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.assembly.compiled_moduli import moduli_of_two_rules
+from hpcinv.assembly.moduli_at_points import moduli_of_two_rules
 from hpcinv.assembly.tangent_moduli import UnsupportedForm
 from hpcinv.certificate import two_level
 from hpcinv.certificate.discretisation_error import Estimate
@@ -154,7 +154,7 @@ def test_residuals_without_moduli_are_differentiated(comm: MPI.Intracomm, monkey
     def none(*_: Any) -> Any:
         raise UnsupportedForm("it has other derivatives")
 
-    monkeypatch.setattr(two_level, "compiled_moduli", none)
+    monkeypatch.setattr(two_level, "moduli_at_points", none)
     compare("incompressible", comm, monkeypatch)
 
 

@@ -178,7 +178,7 @@ def go_through_phases(progress: Progress) -> None:
     with progress.phase("meshing", "body.py"):
         progress.detail("about 7 cells expected")
         progress.detail("6 cells")
-    with progress.phase("compiling"):
+    with progress.phase("programs"):
         pass
     with progress.phase("solving", announced=False):
         progress.begun("inverse", DIRECT)
@@ -203,7 +203,7 @@ def test_each_phase_is_a_line_that_grows_and_ends_with_its_time() -> None:
         go_through_phases(progress)
     assert without_seconds(stream.getvalue()) == [
         "meshing body.py: about 7 cells expected, 6 cells; 0.0 s",
-        "compiling: 0.0 s",
+        "programs: 0.0 s",
         "inverse:",
         "  direct linear solver: at 9 unknowns, multigrid would take about 2 times as long",
         "  solving: 0.0 s",
@@ -248,7 +248,7 @@ def test_the_log_has_all_that_a_quiet_run_does_not_say_and_its_error(tmp_path: P
     for line in (
         "meshing body.py ...\n",
         "  6 cells\n",
-        "compiling: ",
+        "programs: ",
         "iteration: correction 0.5 of 2",
         "hpcinv 1.2.3; 1 rank on ",
         "  pass: residual 1.23e-09, 1.3 s\n",
@@ -275,7 +275,7 @@ def test_a_run_under_mpirun_prints_and_logs_its_phases(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     timed = [line for line in done.stdout.splitlines() if line.endswith(" s") and "  pass: " not in line]
     phases = [line.partition(":")[0].split()[0] for line in timed]
-    wanted = ["meshing", "compiling", "load", "solving", "writing", "checking", "converged"]
+    wanted = ["meshing", "programs", "load", "solving", "writing", "checking", "converged"]
     assert [phase.rstrip(",") for phase in phases] == wanted
     assert re.search(r"^meshing .*box.py: about \d+ cells expected, 48 cells; \d+\.\d s$", done.stdout, re.MULTILINE)
     assert re.search(

@@ -16,7 +16,7 @@ from helpers.without_compiler import without_compiler
 from petsc4py import PETSc
 
 from hpcinv.assembly import tangent_product
-from hpcinv.assembly.compiled_moduli import compiled_moduli
+from hpcinv.assembly.moduli_at_points import moduli_at_points
 from hpcinv.assembly.system import System
 from hpcinv.assembly.tangent_moduli import UnsupportedForm
 from hpcinv.assembly.tangent_product import TangentProduct, extension
@@ -80,7 +80,7 @@ def test_products_agree_with_the_matrix(data: dict[str, Any], comm: MPI.Intracom
     x.array[held[: x.local_size]] = 0.0
     expected = x.duplicate()
     system.matrix.mult(x, expected)
-    moduli = compiled_moduli(weak_form.residual, unknowns, JIT_OPTIONS)
+    moduli = moduli_at_points(weak_form.residual, unknowns, JIT_OPTIONS)
     for compiler in (nullcontext(), without_compiler()):
         with compiler:
             product = TangentProduct(moduli, unknowns, unknowns, model.quadrature_degree)
@@ -117,7 +117,7 @@ def test_moduli_of_straight_cells_at_rest_serve_finer_spaces(
     free = ~held[: x.local_size]
     x.array[~free] = 0.0
     system.matrix.mult(x, y)
-    moduli = compiled_moduli(model.weak_form(direction).residual, model.unknowns, JIT_OPTIONS)
+    moduli = moduli_at_points(model.weak_form(direction).residual, model.unknowns, JIT_OPTIONS)
     for compiler in (nullcontext(), without_compiler()):
         with compiler:
             product = TangentProduct(moduli, model.unknowns, finer.unknowns, finer.quadrature_degree)
@@ -146,7 +146,7 @@ def test_moduli_are_refused_for_other_points_than_those_of_the_form(comm: MPI.In
     u, _ = ufl.split(unknowns.state)
     dx = ufl.Measure("dx", unknowns.mesh, metadata={"quadrature_degree": 4})
     with pytest.raises(UnsupportedForm, match="quadrature"):
-        compiled_moduli(ufl.inner(ufl.grad(u), ufl.grad(unknowns.v)) * dx, unknowns, JIT_OPTIONS)
+        moduli_at_points(ufl.inner(ufl.grad(u), ufl.grad(unknowns.v)) * dx, unknowns, JIT_OPTIONS)
 
 
 def damage(directory: Path) -> None:
@@ -166,7 +166,7 @@ def test_moduli_are_derived_once(comm: MPI.Intracomm, tmp_path: Path, monkeypatc
         """How often moduli are derived in a new model, and their values."""
         data = TWO_REGIONS | {"discretisation": {"displacement": 2, "quadrature": degree}}
         before, model = derive.call_count, model_of(data, comm)
-        moduli = compiled_moduli(model.weak_form("inverse").residual, model.unknowns, options)
+        moduli = moduli_at_points(model.weak_form("inverse").residual, model.unknowns, options)
         count = comm.allreduce(derive.call_count - before)
         return count, [part.kernel.eval(model.unknowns.mesh, part.cells) for part in moduli]
 

@@ -25,7 +25,7 @@ from hpcinv.quantity.arrays import LocalIndices
 
 
 @dataclass(frozen=True)
-class CompiledModuli:
+class ModuliAtPoints:
     """Moduli that are evaluated at the quadrature points of cells.
 
     Attributes:
@@ -49,9 +49,9 @@ class CompiledModuli:
         return values[:, self.first : self.first + len(self.points)]
 
 
-def compiled_moduli(
+def moduli_at_points(
     form: Any, unknowns: Unknowns, jit_options: Mapping[str, Any], degree: int | None = None
-) -> list[CompiledModuli]:
+) -> list[ModuliAtPoints]:
     """Return the moduli of a residual or of a `Term`, part by part as `volume_parts`; collective.
 
     Args:
@@ -66,8 +66,8 @@ def compiled_moduli(
 
 def moduli_of_two_rules(
     form: Any, unknowns: Unknowns, jit_options: Mapping[str, Any], degree: int
-) -> tuple[list[CompiledModuli], list[CompiledModuli]]:
-    """Return the moduli at the points of the form, and at the points of another degree, as `compiled_moduli` does.
+) -> tuple[list[ModuliAtPoints], list[ModuliAtPoints]]:
+    """Return the moduli at the points of the form, and at the points of another degree, as `moduli_at_points` does.
 
     Both are one kernel, which always evaluates all points.
     """
@@ -77,7 +77,7 @@ def moduli_of_two_rules(
 
 def _at_points(
     form: Any, unknowns: Unknowns, jit_options: Mapping[str, Any], degrees: Sequence[int | None]
-) -> list[list[CompiledModuli]]:
+) -> list[list[ModuliAtPoints]]:
     """Return the moduli for each of some degrees, ``None`` for the form's."""
     whole = ufl.replace(form.form, dict(form.factors)) if isinstance(form, Term) else form
     mesh, functions, constants = unknowns.mesh, whole.coefficients(), whole.constants()
@@ -106,6 +106,6 @@ def _at_points(
         pairs = tuple((slots[i], slots[j]) for i, j in kept.notes)
         found.append((part.cells, pairs, PointKernel(kept, points, mesh.ufl_domain(), functions, constants)))
     return [
-        [CompiledModuli(cells, *rule, pairs, kernel, int(first)) for cells, pairs, kernel in found]
+        [ModuliAtPoints(cells, *rule, pairs, kernel, int(first)) for cells, pairs, kernel in found]
         for rule, first in zip(rules, firsts, strict=False)
     ]
