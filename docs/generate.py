@@ -74,6 +74,7 @@ def pages() -> dict[Path, str]:
         "reference/commands.md": _commands(),
         "reference/combinations.md": _combinations(),
         "reference/exit-codes.md": _exit_codes(),
+        "reference/certificate-lines.md": _certificate_lines(),
         "reference/api.md": _api(),
         "how-to/when-a-solve-fails.md": _failures(),
         "gallery.md": _gallery(),
@@ -461,14 +462,30 @@ def _failures() -> Iterator[str]:
     yield ""
     yield from _prose(
         """
-        A line that does not pass says what was seen, and below it what to do. [The certificate](certificate.md) has
-        thresholds; more is on [stability](../theory/stability.md#the-verdicts) and
+        A line that does not pass says what was seen, and below it what to do.
+        [The lines](../reference/certificate-lines.md) have meanings and thresholds; more is on
+        [stability](../theory/stability.md#the-verdicts) and
         [limit points](../theory/newton.md#limit-points).
         """
     )
     yield ""
-    rows = [(topic.name, topic.meaning, topic.remedy) for _, topic in sorted(TOPICS.items())]
-    yield from _table(("line", "what it means", "what to do"), rows)
+    rows = [(topic.name, topic.remedy) for _, topic in sorted(TOPICS.items()) if topic.remedy]
+    yield from _table(("line", "what to do"), rows)
+
+
+def _certificate_lines() -> Iterator[str]:
+    yield "# Lines of the certificate"
+    yield ""
+    yield from _prose(
+        """
+        Errors are relative to the largest displacement. [The certificate](../how-to/certificate.md) explains verdicts
+        and levels, and [what to do](../how-to/when-a-solve-fails.md#when-the-certificate-does-not-pass) is on a page of
+        its own.
+        """
+    )
+    yield ""
+    rows = [(t.name, t.meaning, t.computed, t.thresholds, t.costs) for _, t in sorted(TOPICS.items())]
+    yield from _table(("line", "what it means", "what is computed", "warning; fail", "costs"), rows)
 
 
 def _api() -> Iterator[str]:

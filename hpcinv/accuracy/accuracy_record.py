@@ -12,7 +12,12 @@ from hpcinv.quantity.written_units import as_shown
 
 JUDGES_OF_MESHES = (DISCRETISATION, UNACCOUNTED)
 """Topics of the lines of the certificate that doubt a promise if they do not pass."""
-ERROR = topic("error of …", "Bound of the estimated error, against what the job demands.")
+ERROR = topic(
+    "error of …",
+    "Bound of the estimated error, against what the job demands.",
+    computed="[estimated error](../how-to/accuracy.md) times a safety factor",
+    thresholds="not decided above the demand; half of it above the demand",
+)
 _DOUBTS = (Verdict.UNDECIDED, Verdict.WARN, Verdict.FAIL)
 
 

@@ -40,12 +40,18 @@ class Topic:
         meaning: one sentence.
         remedy: what to do about a line that does not pass.
         remedy_if_undecided: the same of a line that is not decided, if that is something else.
+        computed: what is computed, with links from ``docs/reference``.
+        thresholds: where it warns; where it fails.
+        costs: what the check takes; empty if little.
     """
 
     name: str
     meaning: str
     remedy: str = ""
     remedy_if_undecided: str = ""
+    computed: str = ""
+    thresholds: str = ""
+    costs: str = ""
 
     def at(self, place: str) -> Topic:
         """Return the topic with the place of a line in its name."""
@@ -56,9 +62,9 @@ TOPICS: dict[str, Topic] = {}
 """topics of lines by their names"""
 
 
-def topic(name: str, meaning: str, remedy: str = "", remedy_if_undecided: str = "") -> Topic:
-    """Register a `Topic`."""
-    TOPICS[name] = Topic(name, meaning, remedy, remedy_if_undecided)
+def topic(name: str, meaning: str, *remedies: str, **table: str) -> Topic:
+    """Register a `Topic`, which has these attributes."""
+    TOPICS[name] = Topic(name, meaning, *remedies, **table)
     return TOPICS[name]
 
 

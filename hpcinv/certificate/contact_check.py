@@ -22,8 +22,17 @@ CONTACT = topic(
     "contact on '…'",
     "What was found where the body touches an obstacle.",
     "Refine the mesh where the body touches, and check the place of the obstacle.",
+    computed="penetration, or where a known pressure acts the distance from the obstacle",
+    thresholds="above 16 tolerances or 0.01 of the body, or without contact; never",
 )
-PENALTY = topic(f"{CONTACT.name}: change of the shape if the penalty is doubled", CONTACT.meaning, CONTACT.remedy)
+PENALTY = topic(
+    f"{CONTACT.name}: change of the shape if the penalty is doubled",
+    CONTACT.meaning,
+    CONTACT.remedy,
+    computed="[slope of the shape](../how-to/contact.md) by the penalty of a rigid obstacle",
+    thresholds="above 0.05; never",
+    costs="up to 20 solutions with stability's factors",
+)
 _RIGID = 16.0  # tolerated penetrations
 _GIVEN = 1e-2  # of the body's length
 _STEP = 2.0**-8  # of differences by the logarithm of the penalty; larger ones reach points that come into contact

@@ -19,6 +19,9 @@ DISCRETISATION = topic(
     "discretisation error of the shape, relative to the displacement",
     "Estimated distance of the nodes from their places on an infinitely fine mesh.",
     "Use smaller cells, 'geometry_degree: 2' on a curved solid, or demand an accuracy.",
+    computed="[a Newton correction](../theory/error-estimate.md) in spaces of one degree more",
+    thresholds="above 0.05; above 0.5 after a solve there",
+    costs="a factorization in the finer spaces, in large bodies iterations",
 )
 WARN = 0.05
 """Error, relative to the displacement, above which the line warns."""

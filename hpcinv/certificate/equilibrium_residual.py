@@ -20,6 +20,8 @@ EQUILIBRIUM = topic(
     "equilibrium residual, relative to the load",
     "Unbalanced forces in the loaded body, relative to the load.",
     "Remove slivers of the mesh, or lower solver.tolerance unless a law is near its limit.",
+    computed="free nodal forces over loads or reactions",
+    thresholds="above 1e-7; above 1e-3",
 )
 WARN = 1e-7
 _GROWTH = 1e-6

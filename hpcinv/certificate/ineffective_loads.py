@@ -17,6 +17,8 @@ INEFFECTIVE = topic(
     "loads on parts that are held altogether",
     "Loads without effect, since supports hold all of their region.",
     "Remove the load or the support.",
+    computed="their number",
+    thresholds="any; never",
 )
 
 

@@ -21,6 +21,8 @@ LIMIT_POINTS = topic(
     "Whether the load rose steadily on the way, so that the solution belongs to the unloaded body.",
     "Compare with smaller steps (solver.initial_step), or with 'limit_points: 0'.",
     "Compare with smaller steps, or with a path without 'start' or 'start_shape'.",
+    computed="sign of the tangent's determinant along the path; not decided if two changes may be in one step",
+    thresholds="any; never",
 )
 _RULE = "the determinant of the tangent must keep its sign from the unloaded body to the loaded one"
 _OTHER = "another shape may carry the same load"

@@ -28,6 +28,9 @@ OVERLAP = topic(
     "boundary facets that cross each other",
     "Whether the computed body passes through itself.",
     "Check load and stiffness; where parts touch, the job needs their contact.",
+    computed="pairs of facets that cross",
+    thresholds="never; any",
+    costs="a search on rank 0",
 )
 
 

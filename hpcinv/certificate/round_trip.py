@@ -47,6 +47,9 @@ ROUND_TRIP = topic(
     "The computed body is solved back; its distance from the given body must vanish.",
     "Read the line on stability: the return solve may lead to another state.",
     "Try 'certificate: {round_trip: path}', or a smaller solver.initial_step.",
+    computed="distance of the given body from the one that is solved back",
+    thresholds="above 1e-3 and all other errors of the shape; above 0.1",
+    costs="a factorization; with `path` a solve",
 )
 WARN, FAIL = 1e-3, 0.1
 

@@ -18,16 +18,22 @@ CURVED_CELLS = topic(
     f"worst cell, by its {CURVATURE}",
     "Least over largest Jacobian within a curved element; below zero it is folded.",
     "Refine the mesh at this place; corners of supports and loads are singular.",
+    computed="spread of the Jacobian in curved cells",
+    thresholds="below 0.1 of the given mesh's; ≤ 0",
 )
 CELLS = topic(
     "worst cell, by its …",
     "Quality of the worst element of the computed body; near zero it is flat or folded.",
     "Mesh this place again or finer; 'mesh: {geometry_degree: 2}' writes curved cells of solids.",
+    computed="mean ratio or scaled Jacobian",
+    thresholds="below 0.1 of the given mesh's; ≤ 0, unless curved cells are valid",
 )
 SYMMETRY = topic(
     "depth beyond the plane of symmetry '…', relative to the body",
     "How far the body reaches through a support that may be its plane of symmetry.",
     "If this is a plane of symmetry, check load and stiffness.",
+    computed="how far facets are beyond the plane, over the size of the body",
+    thresholds="above 1e-9; never",
 )
 
 

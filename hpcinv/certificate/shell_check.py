@@ -10,7 +10,13 @@ from hpcinv.certificate.volume import SMALLEST_RATIO
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.model.quadrature_values import PointValues
 
-FACES = topic(f"{SMALLEST_RATIO.name} at the faces of the shell", SMALLEST_RATIO.meaning, SMALLEST_RATIO.remedy)
+FACES = topic(
+    f"{SMALLEST_RATIO.name} at the faces of the shell",
+    SMALLEST_RATIO.meaning,
+    SMALLEST_RATIO.remedy,
+    computed="least J at the corners, edges and middles of both faces",
+    thresholds=SMALLEST_RATIO.thresholds,
+)
 
 
 class FaceCheck(Check):

@@ -23,6 +23,9 @@ STABILITY = topic(
     "Whether the loaded body is in stable equilibrium, or would buckle or snap away.",
     "Check supports, direction of the load and stiffness.",
     "Refine the mesh; solids of tetrahedra have fewer spurious modes.",
+    computed="[negative eigenvalues](../theory/stability.md) of the forward tangent, confirmed as no spurious modes",
+    thresholds="any, with non-conservative loads; any, else",
+    costs="a factorization, two if some are negative",
 )
 _RULE = "no negative eigenvalue of the forward tangent; fail if some are confirmed as instabilities of the body"
 

@@ -22,14 +22,23 @@ CAVITY = topic(
     "equation of cavity '…', relative to its volume",
     "How well the pressure that was found meets the given volume, gas or windkessel of a cavity.",
     "Lower solver.tolerance.",
+    computed="difference from the given [volume, gas law or windkessel](../how-to/cavities.md), over the volume",
+    thresholds="above 1e-8; above 1e-5",
 )
 REMOTE_LOAD = topic(
     "balance of the remote load on '…', relative to its forces",
     "How well force and moment on a rigid region are balanced by the computed motion.",
     "Lower solver.tolerance.",
+    computed="forces and moments that are left, over the forces on the region",
+    thresholds="above 1e-8; above 1e-5",
 )
 STABLE_MOTIONS = topic(
-    "stability of remote loads: unstable motions", STABILITY.meaning, STABILITY.remedy, STABILITY.remedy_if_undecided
+    "stability of remote loads: unstable motions",
+    STABILITY.meaning,
+    STABILITY.remedy,
+    STABILITY.remedy_if_undecided,
+    computed="negative eigenvalues of the stiffness against these motions",
+    thresholds=STABILITY.thresholds,
 )
 
 

@@ -18,6 +18,8 @@ VERTEX_FORCES = topic(
     "force on supports at vertices, relative to the load",
     "A solid has no finite displacement under a force at a point.",
     "Let the loads balance, or hold a spot of facets (how-to/supports.md).",
+    computed="reactions at [vertices](../how-to/supports.md#points-and-lines) over loads or reactions",
+    thresholds="above 1e-3; never",
 )
 _WARN = 1e-3  # of the load: its error of the displacement is far below what the discretisation error may be
 

@@ -37,16 +37,22 @@ SMALLEST_RATIO = topic(
     "smallest volume ratio J",
     "Strongest compression of the material anywhere; at zero an element is inverted.",
     "Check load and moduli, or refine the mesh where J is small ('hpcinv show --colour J').",
+    computed="least J = det F",
+    thresholds="below 0.1; ≤ 0",
 )
 LARGEST_RATIO = topic(
     "largest volume ratio J",
     "Strongest swelling of the material anywhere.",
     "Check load and moduli, or refine the mesh where J is large ('hpcinv show --colour J').",
+    computed="largest J",
+    thresholds="above 10; never",
 )
 UNACCOUNTED = topic(
     "volume ratio not explained by the pressure, exceeded in 1 % of the volume",
     "Volume change of nearly incompressible material that its pressure does not cause.",
     "Use smaller cells, or in solids 'discretisation: {displacement: 3}'.",
+    computed="volumetric strain of nearly incompressible material without the strain of its pressure",
+    thresholds="above 0.05; never",
 )
 SHARE = 0.01
 SMALLEST, LARGEST = 0.1, 10.0

@@ -13,6 +13,8 @@ SHAPE_FILES = topic(
     "shape files: largest distance from the computed body, relative to the displacement",
     "Distance of the written files, which may have fewer nodes, from the computed body.",
     "Use smaller cells, or for solids 'mesh: {geometry_degree: 2}'; if it is set, write msh or vtu.",
+    computed="distance of the written files from the computed body, where these have fewer nodes",
+    thresholds="above 0.05; never",
 )
 _VISIBLE = 1e-3
 """Share of the displacement below which a file is the computed body; raised, log and certificate are silent of more."""

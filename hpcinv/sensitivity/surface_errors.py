@@ -37,6 +37,9 @@ from hpcinv.solver.equations import Equations
 SPREAD = topic(
     "standard deviation of the shape by errors of the given surface",
     "How uncertain the shape is, since the given surface is known to some accuracy only.",
+    computed="[standard deviation](../how-to/images.md#what-the-image-is-worth) of the nodes",
+    thresholds="no verdict",
+    costs="16 linear solves",
 )
 
 _OF_VOXEL = 0.12  # standard deviation that meshes of labels without errors have, in voxels
