@@ -44,7 +44,7 @@ def cut_regions(body: Body, rules: Mapping[str, RegionRule]) -> Iterator[str]:
 def facet_shares(body: Body) -> dict[str, float]:
     """Return the share of the surface of each region of facets that is given by a condition; collective."""
     mesh, shares = body.mesh, {}
-    body.place(body.given_nodes)
+    body.move_to(body.given_nodes)
     owned = mesh.topology.index_map(2).size_local
     for name, region in body.regions.items():
         if region.origin == "geometric" and not region.cell_count:

@@ -171,9 +171,9 @@ def guess_from(solution: Solution, body: Body, equations: Equations) -> Guess | 
             layers = equations.unknowns.layers if new is p else None
             given = None if layers is None else layers_of_cells(equations.job, body)
             # Coordinates of both meshes have the scale of the new one.
-            body.place(solution.mesh_nodes * (body.length_scale / equations.body.length_scale))
+            body.move_to(solution.mesh_nodes * (body.length_scale / equations.body.length_scale))
             is_found = _interpolate_layers(new, old, layers, given)
-            body.place(solution.mesh_nodes)
+            body.move_to(solution.mesh_nodes)
             if not is_found:
                 return None
         new.x.scatter_forward()

@@ -64,7 +64,7 @@ def singular_edges(job: Job, body: Body, configurations: Mapping[str, Floats] | 
         configurations: local geometry nodes (m) of those on which fibres are given; default: the given mesh.
     """
     mesh = body.mesh
-    body.place(body.given_nodes)
+    body.move_to(body.given_nodes)
     exterior = dolfinx.mesh.exterior_facet_indices(mesh.topology).astype(np.int32)
     if body.source.midsurface is not None:  # these edges act on a strip as wide as the shell is thick
         exterior = exterior[:0]

@@ -282,7 +282,7 @@ class Job(Spec):
         job._places = places_of(number, state)
         return job
 
-    def place_in_file(self, section: str) -> str:
+    def place(self, section: str) -> str:
         """Place of a section of this job in its file, where a state's place differs."""
         return self._places.get(section, section)
 
@@ -334,7 +334,7 @@ class Job(Spec):
 
     @property
     def named_effects(self) -> list[tuple[str, Effect]]:
-        return list(numbered(self.place_in_file("effects"), self.effects).items())
+        return list(numbered(self.place("effects"), self.effects).items())
 
     @property
     def families(self) -> dict[str, FibreFamily]:

@@ -79,7 +79,7 @@ class Body:
         """Present coordinates of the local geometry nodes, (n, 3) in m."""
         return np.asarray(self.mesh.geometry.x * self.length_scale)
 
-    def place(self, nodes: Floats) -> None:
+    def move_to(self, nodes: Floats) -> None:
         """Move the mesh; nothing else writes its coordinates.
 
         Args:

@@ -188,7 +188,7 @@ class MovableMesh:
 
     def place(self, X: Floats) -> None:
         """Move the mesh to a body."""
-        self.body.place(X * self.body.length_scale)
+        self.body.move_to(X * self.body.length_scale)
 
     def displacement(self) -> Floats:
         """Return the displacement of the present state at the nodes, the same on all ranks that share a node."""

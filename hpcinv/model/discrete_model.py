@@ -55,7 +55,7 @@ class DiscreteModel:
         self._given_function: Function | None = None  # for the next use, since weak forms refer to it
         self._given_displacement: Function | None = None
         self.quadrature_degree = _quadrature(job, body.source)
-        body.place(body.given_nodes)
+        body.move_to(body.given_nodes)
         with timings("set-up"):
             self.fields: BodyFields = BodyFields(body) if like is None else like.fields
             check_fields(job, self.fields)
@@ -81,10 +81,10 @@ class DiscreteModel:
                 other; nothing can be solved afterwards.
         """
         if state.job is not self.job:
-            self.body.place(self.body.given_nodes)  # on which supports and fields are given
+            self.body.move_to(self.body.given_nodes)  # on which supports and fields are given
             self._update_parameters(state.job)
         self._attach(state.given_displacement)
-        self.body.place(state.mesh_nodes)
+        self.body.move_to(state.mesh_nodes)
         self.put_fields(state.fields)
         for weak_form in self._weak_forms.values() if state.contacts else ():
             weak_form.contacts.restore(state.contacts, self.scales)
@@ -96,7 +96,7 @@ class DiscreteModel:
             MeshError: as `put`.
         """
         self.timings = timings
-        self.body.place(self.body.given_nodes)
+        self.body.move_to(self.body.given_nodes)
         self._update_parameters(job)
         self._attach(None)
         self.unload()

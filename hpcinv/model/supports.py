@@ -101,7 +101,7 @@ class Supports:
         self._unknowns = unknowns
         self._case_count, self._length, self._comm = job.case_count, body.length_scale, body.mesh.comm
         for number, spec in enumerate(job.supports):
-            place = f"{job.place_in_file('supports')}[{number}]"
+            place = f"{job.place('supports')}[{number}]"
             with naming_field(f"{place}.region"):
                 held = body.held_entities(spec.region)
             if spec.remote is not None:
@@ -157,7 +157,7 @@ class Supports:
             shares = bool(np.isin(face.dofs, np.concatenate(held)).any()) if held else False
             if self._comm.allreduce(shares, op=MPI.LOR):
                 raise MeshError(
-                    f"{job.place_in_file('supports')}[{number}].remote: other supports hold nodes of '{face.region}'",
+                    f"{job.place('supports')}[{number}].remote: other supports hold nodes of '{face.region}'",
                     "Let the regions share no node.",
                 )
 

@@ -70,7 +70,7 @@ def write_fields(
     on_root(comm, prepare)
     undeformed = dict[str, Floats]()
     for number, solution in enumerate(solutions):
-        body.place(solution.mesh_nodes)
+        body.move_to(solution.mesh_nodes)
         fields = _Fields(body, solution)
         if number == 0:
             undeformed = fibres(body, families, solution, fields.gradients, fields.cells)

@@ -84,7 +84,7 @@ def carried(quantities: Iterable[QuantityOfInterest], body: Body, nodes: Floats)
 
     The mesh is moved to where it was given.
     """
-    body.place(body.given_nodes)
+    body.move_to(body.given_nodes)
     quantities, moved = tuple(quantities), []
     places = locate(body, _points(quantities))
     for quantity in quantities:
@@ -110,7 +110,7 @@ def evaluate(
     """
     quantities = tuple(quantities)
     if equations is None:
-        body.place(solution.mesh_nodes)
+        body.move_to(solution.mesh_nodes)
     else:
         equations.put(solution)
     places = check_points(quantities, body)

@@ -302,7 +302,7 @@ def _explicit(
         return unchanged, numbers.rates(parameter)
     with equations.timings("compile"):
         derivative = weak_form.parameter_derivative
-    local = parameter.where.removeprefix(job.place_in_file("effects").removesuffix("effects"))
+    local = parameter.where.removeprefix(job.place("effects").removesuffix("effects"))
     direction = weak_form.parameters.direction({local: owner.rates(place)})
     with equations.timings("residual"):
         derivative.assemble(direction, b)

@@ -76,7 +76,7 @@ class FollowedNumbers:
         if isinstance(owner, Support) and place[0] == "remote" and parameter.where in job.owners:
             key, axis = str(place[1]), int(place[2])
             for number, report in enumerate(self._solution.remote_loads):
-                if parameter.where == f"{job.place_in_file('supports')}[{report.support}]":
+                if parameter.where == f"{job.place('supports')}[{report.support}]":
                     parts[number] = self._motions[number].number_rates(key, axis)
         if self._cavities and isinstance(owner, Cavity):
             parts[-1] = self._cavity_rates(parameter.where.removeprefix("cavities."), parameter)

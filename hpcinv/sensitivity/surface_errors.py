@@ -216,7 +216,7 @@ def surface_normals(job: Job, body: Body) -> Floats:
     symmetry: nodes stay in them.
     """
     mesh, given_nodes = body.mesh, body.given_nodes
-    body.place(given_nodes)
+    body.move_to(given_nodes)
     planes = symmetry_planes(job, body, given_nodes, given_nodes)
     facets = exterior_facet_indices(mesh.topology)
     facets = facets[facets < mesh.topology.index_map(2).size_local]

@@ -48,7 +48,7 @@ class Workspace:
         key, is_kept = on_root(self.comm, lambda: self._key(job))  # other ranks may not see the file
         if self._body is not None and is_kept:
             body = self._body[1]
-            body.place(body.given_nodes)
+            body.move_to(body.given_nodes)
             return body
         self.clear()
         degree = job.discretisation.displacement
