@@ -42,6 +42,7 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
         for f in (ufl.exp, ufl.sin, ufl.cos, ufl.tan, ufl.sinh, ufl.cosh, ufl.tanh, ufl.asin, ufl.acos, ufl.atan)
     },
     "ln": lambda x: ufl.ln(x + 2),
+    "erf": ufl.erf,
     "division": lambda x: (x - 1) / (x + 3),
     "conditional": lambda x: ufl.conditional(ufl.lt(x, 0.3), x**2, 1 - x),
     "nested conditions": lambda x: ufl.conditional(ufl.And(ufl.ge(x, 0.1), ufl.Not(ufl.le(x, 0.2))), 2 * x, x**3),
