@@ -18,6 +18,7 @@ from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.sections import Support
 from hpcinv.mesh.body import read_anywhere, read_finer_geometry
 from hpcinv.mesh.sample_mesh import HELD, sample_body
+from hpcinv.mesh.source import MeshSource
 from hpcinv.methods import method_for
 from hpcinv.methods.method import Start
 from hpcinv.model.fibre_directions import assume_directions
@@ -59,10 +60,7 @@ def rehearse(job: Job) -> None:
         equations.release(equilibrium)
         return SolvedDirection(step.direction, (), 1.0, equilibrium.linear.used, False, False, None), None
 
-    solver = job.solver if job.solver.linear == "direct" else job.solver.model_copy(update={"linear": "iterative"})
-    job = job.model_copy(update={"solver": solver})  # the linear solver with most kernels
-    if source.midsurface is not None:  # a sample has no surface to be cut into four
-        job = job.model_copy(update={"certificate": job.certificate.model_copy(update={"estimate": False})})
+    job = _with_all_kernels(job, source)
     finer = None
     if job.certificate.estimate and not source.is_partitioned:
         finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
@@ -86,6 +84,16 @@ def rehearse(job: Job) -> None:
             _check(all_equations[0], solutions)
         else:
             _check_states(all_equations, solutions)
+
+
+def _with_all_kernels(job: Job, source: MeshSource) -> Job:
+    """Return the job with the linear solver that has most kernels, and what a sample of its mesh can do."""
+    solver = job.solver if job.solver.linear == "direct" else job.solver.model_copy(update={"linear": "iterative"})
+    job = job.model_copy(update={"solver": solver})
+    if source.midsurface is None:
+        return job
+    # A sample has no surface to be cut into four.
+    return job.model_copy(update={"certificate": job.certificate.model_copy(update={"estimate": False})})
 
 
 def _check_states(all_equations: Sequence[Equations], solutions: Sequence[Solution]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -295,12 +295,17 @@ class MaterialLaw(Ingredient):
             mu, kappa = shear_and_bulk(moduli)
         except ValueError as error:
             raise Problems(((next(name for name in NAMES if name in data),), str(error))) from None
+        return law._with_moduli(own, wanted, mu, kappa)
+
+    def _with_moduli(self, own: Mapping[str, Any], wanted: Sequence[str], mu: float, kappa: float) -> Mapping[str, Any]:
+        """Return parameters with those that are wanted, such that the law has these moduli (Pa)."""
+        law, (shear, bulk) = self, self.replaceable or ("", "")
         if shear is not None and shear in wanted:
             solved = law._solved(law.shear_modulus, mu, law.place_of(shear))
-            law, own = law.number_replaced(law.place_of(shear), solved), cls.put(shear, solved, own)
+            law, own = law.number_replaced(law.place_of(shear), solved), self.put(shear, solved, own)
         if bulk in wanted:
             finite = math.isfinite(kappa)
-            own = cls.put(bulk, law._solved(law.bulk_modulus, kappa, (bulk,)) if finite else "incompressible", own)
+            own = self.put(bulk, law._solved(law.bulk_modulus, kappa, (bulk,)) if finite else "incompressible", own)
         return own
 
     @model_validator(mode="wrap")

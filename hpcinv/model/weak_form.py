@@ -141,11 +141,7 @@ class WeakForm:
         self._own = own
         self._reference_elastic = _elastic(Deformation(ufl.zero(3, 3), directions), own)[0] if own else None
         self._laws = tuple(job.laws.values())
-        potentials = [
-            w
-            for where, (e, load, p) in named
-            if (w := noted(where, e.potential, e.potential(total, load, p))) is not None
-        ]
+        potentials = [*_potentials(named, total)]
         self.parts = tuple(
             _part(law, par.quantities(i), elastic, J_g, potentials, unknowns.p, H, cells[i] if cells else None)
             for i, law in enumerate(job.laws.values())
@@ -251,6 +247,14 @@ class WeakForm:
 
 def _is_one_layer(shell: Shell | None, degree: int) -> bool:
     return shell is not None and len(shell.levels) == _LEVELS and degree == _LEVELS - 1
+
+
+def _potentials(named: Iterable[tuple[str, tuple[Effect, Any, Any]]], total: Deformation) -> Iterator[Any]:
+    """Yield the potentials of effects."""
+    for where, (effect, load, p) in named:
+        potential = noted(where, effect.potential, effect.potential(total, load, p))
+        if potential is not None:
+            yield potential
 
 
 def _strains(data: Sequence[tuple[Effect, Any, Any]], total: Deformation, state: Any) -> Iterator[tuple[Effect, Any]]:
