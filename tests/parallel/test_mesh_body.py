@@ -42,9 +42,9 @@ def test_each_rank_owns_its_equal_part_by_metis(
     comm: MPI.Intracomm, meshes: Path, record_property: Callable[[str, object], None]
 ) -> None:
     cases = (
-        ("pdms_beam.py", {"size": "2 mm"}, 2),
-        ("box.py", {"nx": 12, "ny": 10, "nz": 8}, 1),
-        ("box.py", {"nx": 12, "ny": 10, "nz": 8, "hexahedra": True}, 2),
+        ("pdms_beam.py", {"size": "3 mm"}, 2),
+        ("box.py", {"nx": 8, "ny": 7, "nz": 6}, 1),
+        ("box.py", {"nx": 8, "ny": 7, "nz": 6, "hexahedra": True}, 2),
     )
     for file, parameters, degree in cases:
         cut = {}

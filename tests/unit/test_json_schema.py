@@ -102,7 +102,7 @@ def test_schema_and_validate_agree_on_damaged_jobs() -> None:
     dice = random.Random(40)
     jobs = [(file, content) for file in SHIPPED if kind_of(content := read_yaml(file)) is Job]
     differences = []
-    for _ in range(400):
+    for _ in range(200):
         file, content = dice.choice(jobs)
         changed = damaged(content, dice)
         problems: tuple[str, ...] = ()
