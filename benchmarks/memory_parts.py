@@ -19,7 +19,7 @@ from krylov_counts import KINDS, cube
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
-from hpcinv.certificate import Evidence, certify
+from hpcinv.certificate import CheckedRun, certify
 from hpcinv.job.job import parse
 from hpcinv.mesh import build_body
 from hpcinv.parallel.memory_use import peak, resident
@@ -54,7 +54,7 @@ def measure(size: int, kind: str) -> tuple[int, list[tuple[str, float, float]]]:
     solution = solution_of(model, "inverse", equilibrium.system.weak_form, ())
     iterative = replace(solution, linear=equilibrium.linear.used)
     model.release(equilibrium)
-    measured("certificate", lambda: certify(Evidence(model, [iterative], {})))
+    measured("certificate", lambda: certify(CheckedRun(model, [iterative], {})))
     return model.unknowns.size, rows
 
 

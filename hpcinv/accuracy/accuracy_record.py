@@ -134,7 +134,7 @@ class AccuracyRecord:
                 texts.append(f"estimated as {as_shown(error, unit, symbols, 3)}")
             texts.append(f"{self.ending.text}: {self.ending.advice}")
         note = "; ".join(filter(None, [("; ".join(texts) + row.left_out).removeprefix(", "), row.limit]))
-        return Line(ERROR.at(name), bound, unit, rule, verdict, note)
+        return Line(ERROR.placed(name), bound, unit, rule, verdict, note)
 
     def as_data(self) -> dict[str, Any]:
         data = asdict(self)

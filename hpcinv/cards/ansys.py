@@ -116,7 +116,7 @@ def _constants(fields: Sequence[str], variables: Mapping[str, str], last: int, p
     first = int(number(fields[0], place)) if fields[0] else last + 1
     entries = [variables.get(entry.upper(), entry) for entry in fields[1:7]]
     constants = {first + i: number(entry, place) for i, entry in enumerate(entries) if entry}
-    if not 1 <= first <= _MOST_CONSTANTS or any(at > _MOST_CONSTANTS for at in constants):
+    if not 1 <= first <= _MOST_CONSTANTS or any(i > _MOST_CONSTANTS for i in constants):
         raise CardError(f"{place}: the place of a constant must be from 1 to {_MOST_CONSTANTS}, not {first}")
     return constants
 

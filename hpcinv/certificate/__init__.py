@@ -5,7 +5,7 @@ from __future__ import annotations
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
-from hpcinv.certificate.certify import Check, Evidence, certify, certify_all, checks
+from hpcinv.certificate.certify import Check, CheckedRun, certify, certify_all, checks
 from hpcinv.certificate.check import (
     TOPICS,
     Certificate,
@@ -26,8 +26,8 @@ __all__ = [
     "TOPICS",
     "Certificate",
     "Check",
+    "CheckedRun",
     "Estimate",
-    "Evidence",
     "Line",
     "Topic",
     "Verdict",

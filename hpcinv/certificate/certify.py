@@ -19,7 +19,7 @@ from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
 
 
 @dataclass
-class Evidence:
+class CheckedRun:
     """What checks judge, and what earlier checks found for later ones.
 
     Attributes:
@@ -66,12 +66,12 @@ class Check(ABC):
     order: ClassVar[int]
     has_switch: ClassVar[bool] = False
 
-    def applies(self, evidence: Evidence) -> bool:
+    def applies(self, run: CheckedRun) -> bool:
         """Return whether it is made; without an override, unless the job switches its certificate off."""
-        return self.has_switch or evidence.solution.job.certificate.level != "off"
+        return self.has_switch or run.solution.job.certificate.level != "off"
 
     @abstractmethod
-    def lines(self, evidence: Evidence) -> Iterable[Line]:
+    def lines(self, run: CheckedRun) -> Iterable[Line]:
         """Return its lines; collective."""
 
 
@@ -80,7 +80,7 @@ def checks() -> list[type[Check]]:
     return sorted(Check.__subclasses__(), key=lambda kind: kind.order)
 
 
-def certify(evidence: Evidence, begins: Callable[[str], None] = lambda _: None) -> tuple[Certificate, Estimate | None]:
+def certify(run: CheckedRun, begins: Callable[[str], None] = lambda _: None) -> tuple[Certificate, Estimate | None]:
     """Check the solutions of a run; collective.
 
     Args:
@@ -92,22 +92,22 @@ def certify(evidence: Evidence, begins: Callable[[str], None] = lambda _: None) 
     Raises:
         Stopped: on all ranks, before a check or within a long one, if the observer asks to stop.
     """
-    equations = evidence.equations
+    equations = run.equations
     comm = equations.body.mesh.comm
-    equations.put(evidence.solution)
-    with equations.timings.as_one("certificate"), freeing(evidence.free):
+    equations.put(run.solution)
+    with equations.timings.as_one("certificate"), freeing(run.free):
         for kind in checks():
             check = kind()
-            if not check.applies(evidence):
+            if not check.applies(run):
                 continue
             # Also since the check before may have been cut short, so that its lines say nothing.
-            stop_if_asked(comm, evidence.observer)
+            stop_if_asked(comm, run.observer)
             begins(check.name)
             started = time.perf_counter()
-            made = [replace(line, state=evidence.solution.state) for line in check.lines(evidence)]
+            made = [replace(line, state=run.solution.state) for line in check.lines(run)]
             seconds = comm.allreduce(time.perf_counter() - started, op=MPI.MAX)
-            evidence.lines[kind] = [replace(line, seconds=seconds) for line in made[:1]] + made[1:]
-    return Certificate(tuple(line for made in evidence.lines.values() for line in made)), evidence.estimate
+            run.lines[kind] = [replace(line, seconds=seconds) for line in made[:1]] + made[1:]
+    return Certificate(tuple(line for made in run.lines.values() for line in made)), run.estimate
 
 
 def certify_all(
@@ -126,20 +126,20 @@ def certify_all(
         equations: of each solution.
         quantities: quantities of interest of the job.
         values: their values, by the names of the parts where a quantity is between two states.
-        observer: as of `Evidence`.
+        observer: as of `CheckedRun`.
         deviations: standard deviations (m) of shapes by errors of the given surface, by state, where they are known.
     """
     if not solutions[0].state:
-        evidence = Evidence(equations[0], solutions, values, estimate, observer, deviation=deviations.get("", 0.0))
-        return certify(evidence, detail)
+        run = CheckedRun(equations[0], solutions, values, estimate, observer, deviation=deviations.get("", 0.0))
+        return certify(run, detail)
     lines: list[Line] = []
     for own_equations, solution in zip(equations, solutions, strict=False):
         state_quantities = {q.name: values[q.name] for q in solution.job.quantities}
         detail(solution.state)
         rest_correction = estimate.correction if estimate and not solution.is_on_given_mesh else None
         deviation = deviations.get(solution.state, 0.0)
-        evidence = Evidence(own_equations, [solution], state_quantities, None, observer, rest_correction, deviation)
-        certificate, solution_estimate = certify(evidence)
+        run = CheckedRun(own_equations, [solution], state_quantities, None, observer, rest_correction, deviation)
+        certificate, solution_estimate = certify(run)
         lines += certificate.lines
         estimate = (
             estimate.joined(solution_estimate) if estimate and solution_estimate else estimate or solution_estimate

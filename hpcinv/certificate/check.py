@@ -53,7 +53,7 @@ class Topic:
     thresholds: str = ""
     costs: str = ""
 
-    def at(self, place: str) -> Topic:
+    def placed(self, place: str) -> Topic:
         """Return the topic with the place of a line in its name."""
         return replace(self, name=self.name.replace("…", place))
 

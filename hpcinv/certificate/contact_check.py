@@ -8,7 +8,7 @@ from math import inf, log
 import numpy as np
 
 from hpcinv.assembly.system import System
-from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.certify import Check, CheckedRun
 from hpcinv.certificate.check import Line, Verdict, topic, upper_bound_line
 from hpcinv.certificate.inertia import SymmetricFactors
 from hpcinv.certificate.multigrid_solver import MultigridSolver
@@ -46,13 +46,13 @@ class ContactCheck(Check):
 
     name, order = "contact", 30
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        body = evidence.equations.body
-        for contact in evidence.solution.contacts:
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        body = run.equations.body
+        for contact in run.solution.contacts:
             yield _line(contact, _GIVEN * body.length * body.length_scale)
 
-    def applies(self, evidence: Evidence) -> bool:
-        return super().applies(evidence) and bool(evidence.solution.contacts)
+    def applies(self, run: CheckedRun) -> bool:
+        return super().applies(run) and bool(run.solution.contacts)
 
 
 class PenaltyCheck(Check):
@@ -63,12 +63,12 @@ class PenaltyCheck(Check):
 
     name, order = "penalty", 130
 
-    def applies(self, evidence: Evidence) -> bool:
-        is_asked = super().applies(evidence) and evidence.solution.job.certificate.stability
-        return is_asked and any(contact.tolerance is not None for contact in evidence.solution.contacts)
+    def applies(self, run: CheckedRun) -> bool:
+        is_asked = super().applies(run) and run.solution.job.certificate.stability
+        return is_asked and any(contact.tolerance is not None for contact in run.solution.contacts)
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        equations, solution, forward = evidence.equations, evidence.solution, evidence.forward
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        equations, solution, forward = run.equations, run.solution, run.forward
         if solution.direction != "forward" or not any(contact.largest_pressure for contact in solution.contacts):
             return
         contacts = {contact.where: contact for contact in solution.contacts}
@@ -80,7 +80,7 @@ class PenaltyCheck(Check):
             for obstacle in equilibrium.system.weak_form.contacts.rigid():
                 contact = contacts[obstacle.where]
                 if contact.largest_pressure:
-                    about = PENALTY.at(contact.region)
+                    about = PENALTY.placed(contact.region)
                     rate = _rate(equilibrium.system, solver, obstacle)
                     if rate is None:
                         note = "the pressures that follow it do not settle"
@@ -134,7 +134,7 @@ def _rate(system: System, solver: SymmetricFactors | MultigridSolver, obstacle: 
 
 
 def _line(contact: ContactReport, far: float) -> Line:
-    about = CONTACT.at(contact.region)
+    about = CONTACT.placed(contact.region)
     if contact.largest_pressure == 0.0:
         note = f"{contact.assumption}; the body does not touch the obstacle"
         return Line(about, 0.0, "m²", "area in contact; warning if there is none", Verdict.WARN, note)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from math import isfinite
 
 from hpcinv.certificate import halved_cells
-from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.certify import Check, CheckedRun
 from hpcinv.certificate.check import Line, Verdict, skipped, topic, upper_bound_line
 from hpcinv.certificate.discretisation_error import LINEAR, Estimate, estimate, finer_forecast
 from hpcinv.certificate.two_level import MANY
@@ -35,20 +35,18 @@ class DiscretisationCheck(Check):
     name, order = "discretisation error", 70
     has_switch = True
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        equations, solution = evidence.equations, evidence.solution
-        if evidence.has_unknown_loads:
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        equations, solution = run.equations, run.solution
+        if run.has_unknown_loads:
             what = "the pressure of a cavity" if solution.cavities else "the motion under a remote load"
             yield skipped(DISCRETISATION, f"is not estimated where {what} is unknown")
             return
         is_asked = solution.job.certificate.estimate
-        if evidence.estimate is None and is_asked:
-            evidence.estimate = estimate(
-                equations, solution, evidence.computed, evidence.rest_correction, evidence.observer
-            )
-        if evidence.estimate is not None:
+        if run.estimate is None and is_asked:
+            run.estimate = estimate(equations, solution, run.computed, run.rest_correction, run.observer)
+        if run.estimate is not None:
             scale = displacement_scale(equations, solution)
-            yield _line(evidence.estimate, scale.length, scale.note, evidence.deviation)
+            yield _line(run.estimate, scale.length, scale.note, run.deviation)
         else:
             yield skipped(DISCRETISATION, _lack(equations) if is_asked else "switched off: certificate.estimate")
 

@@ -206,23 +206,23 @@ def estimate(
     body, is_shell = finer.body, equations.body.source.midsurface is not None
     start = finer.state().displacement
     if is_shell:
-        found = _solve_shell(equations, solution, finer, rest_correction, observer)
+        result = _solve_shell(equations, solution, finer, rest_correction, observer)
     else:
-        found = _solve_solid(equations, solution, finer, rest_correction, observer, LINEAR * scale)
-    if found is None:
+        result = _solve_solid(equations, solution, finer, rest_correction, observer, LINEAR * scale)
+    if result is None:
         return None
-    largest = found.largest
+    largest = result.largest
     stop_if_asked(body.mesh.comm, observer)
     has_values = bool(quantities) and isfinite(largest)
-    corrected = _corrected(quantities, equations, found.nodal, solution.direction, finer) if has_values else {}
-    displacement, delta = found.displacement.copy(), found.displacement
+    corrected = _corrected(quantities, equations, result.nodal, solution.direction, finer) if has_values else {}
+    displacement, delta = result.displacement.copy(), result.displacement
     delta.x.array[:] -= start.x.array
     if is_shell:  # indicators belong to the given cells
-        delta = halved_cells.nodal_function(equations.unknowns, found.nodal - solution.u)
+        delta = halved_cells.nodal_function(equations.unknowns, result.nodal - solution.u)
     indicators = _cell_indicators(delta, body.length_scale)
     limit = None if edges is None else singular_limit(equations, edges, indicators, delta)
     # A correction as large as the displacement is not one of edges.
-    missed = limit.factor if limit and not found.is_solved else 1.0
+    missed = limit.factor if limit and not result.is_solved else 1.0
     corrected = {n: _extrapolated(computed[n], v, missed) for n, v in corrected.items() if n in computed}
     return Estimate(
         quantities={name: _difference(value, computed[name]) for name, value in corrected.items()},
@@ -233,12 +233,12 @@ def estimate(
         segments=edges.segments if edges else None,
         unknowns=finer.unknowns.size,
         finer=halved_cells.DESCRIPTION if is_shell else Estimate.finer,
-        tangents=found.tangents,
-        is_solved=found.is_solved,
-        is_too_dear=found.is_too_dear,
+        tangents=result.tangents,
+        is_solved=result.is_solved,
+        is_too_dear=result.is_too_dear,
         without_geometry=_finer_body(equations, solution, rest_correction)[1],
         unreliable=unreliable,
-        correction=_correction(equations, solution, finer, found.moved, displacement) if isfinite(largest) else None,
+        correction=_correction(equations, solution, finer, result.moved, displacement) if isfinite(largest) else None,
         layer=layer_errors(equations, solution, quantities, computed) if is_shell else {},
     )
 
@@ -278,10 +278,10 @@ def _solve_shell(
     budget = _Budget(observer, max(_SHELL_TANGENTS, _tangents_of_finer_solve(equations, solution, forecast)))
     is_solved = halved_cells.solve(equations, solution, finer, budget)
     stop_if_asked(finer.body.mesh.comm, observer)
-    found = replace(
+    result = replace(
         _moved(equations, solution, finer, rest_correction), is_solved=is_solved, tangents=max(budget.used, 1)
     )
-    return found if is_solved else replace(found, largest=np.inf)
+    return result if is_solved else replace(result, largest=np.inf)
 
 
 def _solve_solid(
@@ -302,16 +302,16 @@ def _solve_solid(
         equilibrium = finer.equilibrium(finer.weak_form(solution.direction))
         equilibrium.correct(1.0)
         equilibrium.destroy()
-    found = _moved(equations, solution, finer, rest_correction)
-    if not is_affordable or found.largest <= most:
-        return found
+    result = _moved(equations, solution, finer, rest_correction)
+    if not is_affordable or result.largest <= most:
+        return result
     state = finer.unknowns.state.x.array
     corrected = state.copy()
     budget = _Budget(observer, _tangents_of_finer_solve(equations, solution, forecast))
     if not budget.is_spent and _solve(finer, solution.direction, budget):
         return replace(_moved(equations, solution, finer, rest_correction), is_solved=True)
     state[:] = corrected
-    return replace(found, is_too_dear=budget.is_spent)
+    return replace(result, is_too_dear=budget.is_spent)
 
 
 def _correction(

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.certify import Check, CheckedRun
 from hpcinv.certificate.check import Line, Verdict, topic, upper_bound_line
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.model.spaces import Unknowns
@@ -39,8 +39,8 @@ class EquilibriumCheck(Check):
 
     name, order = "equilibrium", 10
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        return equilibrium_residual(evidence.equations, evidence.solution)
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        return equilibrium_residual(run.equations, run.solution)
 
 
 def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[Line]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from dolfinx import fem
 
-from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.certify import Check, CheckedRun
 from hpcinv.certificate.check import Line, Verdict, topic
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.solution import Solution
@@ -27,8 +27,8 @@ class IneffectiveLoadCheck(Check):
 
     name, order = "ineffective loads", 150
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        return ineffective_loads(evidence.equations, evidence.solution)
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        return ineffective_loads(run.equations, run.solution)
 
 
 def ineffective_loads(equations: Equations, solution: Solution) -> Iterator[Line]:

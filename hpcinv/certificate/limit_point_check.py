@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.certify import Check, CheckedRun
 from hpcinv.certificate.check import Line, Verdict, skipped, topic
 from hpcinv.certificate.stability_check import StabilityCheck
 from hpcinv.methods.method import NESTED
@@ -33,14 +33,14 @@ class LimitPointCheck(Check):
 
     name, order = "limit points", 140
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        evidence.free()  # this check may need the memory
-        if evidence.solution.remote_loads:
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        run.free()  # this check may need the memory
+        if run.solution.remote_loads:
             yield skipped(LIMIT_POINTS, "with remote loads they are not looked for")
-        elif evidence.solution.cavities:
+        elif run.solution.cavities:
             yield skipped(LIMIT_POINTS, "the pressure is unknown, and its limit points do not end the path")
         else:
-            yield from limit_points(evidence.equations, evidence.solution, *evidence.lines[StabilityCheck])
+            yield from limit_points(run.equations, run.solution, *run.lines[StabilityCheck])
 
 
 def limit_points(equations: Equations, solution: Solution, stability: Line) -> Iterator[Line]:

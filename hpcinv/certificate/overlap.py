@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.certify import Check, CheckedRun
 from hpcinv.certificate.check import Line, Verdict, skipped, topic
 from hpcinv.certificate.shape import point_text
 from hpcinv.mesh import Body
@@ -40,15 +40,15 @@ class OverlapCheck(Check):
     name, order = "overlap", 90
     has_switch = True
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        body = evidence.equations.body
-        if not evidence.solution.job.certificate.overlap:
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        body = run.equations.body
+        if not run.solution.job.certificate.overlap:
             yield skipped(OVERLAP, "switched off: certificate.overlap")
             return
         if (facets := body.regions[BOUNDARY].facet_count) > MOST_FACETS:
             yield skipped(OVERLAP, f"there are {facets} of them, and one rank searches no more than {MOST_FACETS}")
             return
-        crossings = overlap(body, evidence.solution.other_nodes)
+        crossings = overlap(body, run.solution.other_nodes)
         rule = "number of pairs; fail above 0"
         if crossings.point is None:
             yield Line(OVERLAP, 0.0, "", rule, Verdict.PASS, "the body does not pass through itself")

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from dolfinx import la
 
 from hpcinv.assembly.system import System
-from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.certify import Check, CheckedRun
 from hpcinv.certificate.check import Line, Verdict, judged_with_given_numbers, skipped, topic, upper_bound_line
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.inertia import SymmetricFactors
@@ -67,18 +67,18 @@ class RoundTripCheck(Check):
     name, order = "round trip", 100
     has_switch = True
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        equations, solution, estimate = evidence.equations, evidence.solution, evidence.estimate
-        if len(evidence.solutions) > 1:
-            checked = iter([closure_error(equations, solution, evidence.solutions[1].u)])
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        equations, solution, estimate = run.equations, run.solution, run.estimate
+        if len(run.solutions) > 1:
+            checked = iter([closure_error(equations, solution, run.solutions[1].u)])
         else:
-            checked = round_trip(equations, solution, evidence.forward, evidence.observer)
-            if evidence.has_unknown_loads:
+            checked = round_trip(equations, solution, run.forward, run.observer)
+            if run.has_unknown_loads:
                 checked = judged_with_given_numbers(checked)
         error = 0.0 if estimate is None or not isfinite(estimate.shape) else estimate.shape
         for line in checked:
             scale = displacement_scale(equations, solution).length
-            yield _judged(line, scale, max(evidence.deviation, error))
+            yield _judged(line, scale, max(run.deviation, error))
 
 
 def _judged(line: Line, scale: float, largest: float) -> Line:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.certify import Check, CheckedRun
 from hpcinv.certificate.check import Line, lower_bound_line, topic, upper_bound_line
 from hpcinv.certificate.quality import CURVATURE, worst_cells
 from hpcinv.certificate.symmetry import symmetry_planes
@@ -42,8 +42,8 @@ class CellCheck(Check):
 
     name, order = "cells", 80
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        return cells(evidence.equations, evidence.solution)
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        return cells(run.equations, run.solution)
 
 
 def cells(equations: Equations, solution: Solution) -> Iterator[Line]:
@@ -59,7 +59,7 @@ def cells(equations: Equations, solution: Solution) -> Iterator[Line]:
         if worst.value <= 0 < measures[-1].value:
             note += f"; {_STRAIGHT}"
         fail = 0.0 if decides else -math.inf
-        about = CURVED_CELLS if worst.measure == CURVATURE else CELLS.at(worst.measure)
+        about = CURVED_CELLS if worst.measure == CURVATURE else CELLS.placed(worst.measure)
         yield lower_bound_line(about, worst.value, warn=enough, fail=fail, note=note)
     for plane in symmetry_planes(solution.job, body, mesh_nodes, other_nodes):
         note = (
@@ -67,7 +67,7 @@ def cells(equations: Equations, solution: Solution) -> Iterator[Line]:
         )
         # A rest that is not larger than the region is held in the same way.
         depth = plane.crossed / body.length_scale
-        about = SYMMETRY.at(plane.region)
+        about = SYMMETRY.placed(plane.region)
         yield upper_bound_line(about, depth, warn=1e-9, fail=math.inf, note=note if plane.crossed else "")
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.certify import Check, CheckedRun
 from hpcinv.certificate.check import Line, lower_bound_line, topic
 from hpcinv.certificate.volume import SMALLEST_RATIO
 from hpcinv.mesh.cells import scalar_element
@@ -24,12 +24,12 @@ class FaceCheck(Check):
 
     name, order = "faces", 60
 
-    def applies(self, evidence: Evidence) -> bool:
-        return super().applies(evidence) and evidence.solution.job.mesh.shell is not None
+    def applies(self, run: CheckedRun) -> bool:
+        return super().applies(run) and run.solution.job.mesh.shell is not None
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        evidence.equations.put(evidence.solution)
-        weak_form = evidence.equations.weak_form(evidence.solution.direction)
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        run.equations.put(run.solution)
+        weak_form = run.equations.weak_form(run.solution.direction)
         plane = scalar_element("quadrilateral", 2).points
         points = np.concatenate([np.column_stack([plane, np.full(len(plane), side)]) for side in (0.0, 1.0)])
         smallest, _ = PointValues(weak_form.J, weak_form.unknowns.mesh, points).range()

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from hpcinv.certificate.cavity_stability import with_cavities
-from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.certify import Check, CheckedRun
 from hpcinv.certificate.check import Line, Verdict, judged_with_given_numbers, skipped, topic
 from hpcinv.certificate.confirmation import MARGIN, Confirmed, assembled, confirm, given_u_of, potential_note
 from hpcinv.certificate.forward_factors import ForwardFactors
@@ -36,9 +36,9 @@ class StabilityCheck(Check):
     name, order = "stability", 110
     has_switch = True
 
-    def lines(self, evidence: Evidence) -> Iterable[Line]:
-        checked = stability(evidence.equations, evidence.forward, evidence.observer)
-        return judged_with_given_numbers(checked) if evidence.solution.remote_loads else checked
+    def lines(self, run: CheckedRun) -> Iterable[Line]:
+        checked = stability(run.equations, run.forward, run.observer)
+        return judged_with_given_numbers(checked) if run.solution.remote_loads else checked
 
 
 def stability(equations: Equations, forward: ForwardFactors, observer: Observer = SILENT) -> Iterator[Line]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.certify import Check, CheckedRun
 from hpcinv.certificate.check import Line, Verdict, skipped, topic, upper_bound_line
 from hpcinv.certificate.stability_check import STABILITY
 from hpcinv.quantity.units import readable
@@ -47,16 +47,16 @@ class UnknownLoadCheck(Check):
 
     name, order = "unknown loads", 40
 
-    def applies(self, evidence: Evidence) -> bool:
-        return super().applies(evidence) and evidence.has_unknown_loads
+    def applies(self, run: CheckedRun) -> bool:
+        return super().applies(run) and run.has_unknown_loads
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        for cavity in evidence.solution.cavities:
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        for cavity in run.solution.cavities:
             note = f"pressure {readable(cavity.pressure, 'Pa', 6)}, volume {readable(cavity.volume, 'm^3', 6)}"
-            yield upper_bound_line(CAVITY.at(cavity.name), cavity.residual, _WARN, _FAIL, note=note)
-        for load in evidence.solution.remote_loads:
+            yield upper_bound_line(CAVITY.placed(cavity.name), cavity.residual, _WARN, _FAIL, note=note)
+        for load in run.solution.remote_loads:
             note = f"turned by {np.degrees(load.motion.rotate):.4g}°, moved by {load.moved}"
-            yield upper_bound_line(REMOTE_LOAD.at(load.region), load.residual, _WARN, _FAIL, note=note)
+            yield upper_bound_line(REMOTE_LOAD.placed(load.region), load.residual, _WARN, _FAIL, note=note)
 
 
 class RemoteLoadStabilityCheck(Check):
@@ -68,12 +68,12 @@ class RemoteLoadStabilityCheck(Check):
 
     name, order = "remote loads", 120
 
-    def applies(self, evidence: Evidence) -> bool:
-        is_asked = super().applies(evidence) and evidence.solution.job.certificate.stability
-        return is_asked and bool(evidence.solution.remote_loads)
+    def applies(self, run: CheckedRun) -> bool:
+        is_asked = super().applies(run) and run.solution.job.certificate.stability
+        return is_asked and bool(run.solution.remote_loads)
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        equations, solution, forward = evidence.equations, evidence.solution, evidence.forward
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        equations, solution, forward = run.equations, run.solution, run.forward
         with forward.tangent() as equilibrium:
             motions = solved_motions(equations, solution, equilibrium.system)
             bordered = BorderedSolver(equilibrium.system, equilibrium.linear, motions)

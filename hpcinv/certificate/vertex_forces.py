@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.certify import Check, CheckedRun
 from hpcinv.certificate.check import Line, topic, upper_bound_line
 from hpcinv.parallel.runtime import MPI
 
@@ -29,8 +29,8 @@ class VertexForceCheck(Check):
 
     name, order = "forces at vertices", 20
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        equations, solution = evidence.equations, evidence.solution
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        equations, solution = run.equations, run.solution
         held = {name for name, region in equations.body.regions.items() if region.vertices is not None}
         held &= {support.region for support in solution.job.supports}
         if not held:

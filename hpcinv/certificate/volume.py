@@ -22,7 +22,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
-from hpcinv.certificate.certify import Check, Evidence
+from hpcinv.certificate.certify import Check, CheckedRun
 from hpcinv.certificate.check import Line, Verdict, lower_bound_line, topic, upper_bound_line
 from hpcinv.mesh.cells import jacobians, quadrature, scalar_element
 from hpcinv.model.quadrature_values import QuadratureValues
@@ -66,8 +66,8 @@ class VolumeCheck(Check):
 
     name, order = "volume", 50
 
-    def lines(self, evidence: Evidence) -> Iterator[Line]:
-        equations, solution = evidence.equations, evidence.solution
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        equations, solution = run.equations, run.solution
         smallest, largest = solution.J_range
         squeezed = _where(equations, solution, -1) if 0.0 < smallest < SMALLEST else ""
         swollen = _where(equations, solution, 1) if LARGEST < largest < np.inf else ""

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hpcinv.assembly.tangent import tangents_for
-from hpcinv.certificate import Evidence, certify, two_level
+from hpcinv.certificate import CheckedRun, certify, two_level
 from hpcinv.certificate.confirmation import given_u_of, second_variation
 from hpcinv.certificate.discretisation_error import finer_equations
 from hpcinv.certificate.round_trip import opposite_direction
@@ -60,7 +60,7 @@ def rehearse(job: Job) -> None:
         equations.release(equilibrium)
         return SolvedDirection(step.direction, (), 1.0, equilibrium.linear.used, False, False, None), None
 
-    job = _with_all_kernels(job, source)
+    job = _job_with_all_kernels(job, source)
     finer = None
     if job.certificate.estimate and not source.is_partitioned:
         finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
@@ -86,7 +86,7 @@ def rehearse(job: Job) -> None:
             _check_states(all_equations, solutions)
 
 
-def _with_all_kernels(job: Job, source: MeshSource) -> Job:
+def _job_with_all_kernels(job: Job, source: MeshSource) -> Job:
     """Return the job with the linear solver that has most kernels, and what a sample of its mesh can do."""
     solver = job.solver if job.solver.linear == "direct" else job.solver.model_copy(update={"linear": "iterative"})
     job = job.model_copy(update={"solver": solver})
@@ -110,7 +110,7 @@ def _check_states(all_equations: Sequence[Equations], solutions: Sequence[Soluti
 def _check(equations: Equations, solutions: list[Solution]) -> None:
     """Compile what evaluates and checks a solution, or both of an analysis, on meshes of any size."""
     job, solution = solutions[0].job, solutions[0]
-    certify(Evidence(equations, solutions, evaluate(job.quantities, equations.body, solution, equations)))
+    certify(CheckedRun(equations, solutions, evaluate(job.quantities, equations.body, solution, equations)))
     if job.certificate.estimate:
         finer = finer_equations(equations, solution)
         if job.mesh.shell is None:

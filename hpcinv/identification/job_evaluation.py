@@ -210,13 +210,13 @@ class Evaluations:
     def _predictions(self, result: Result) -> dict[str, PredictedObservation]:
         """Return the team's observations with the columns of all parameters, 0 for those that its states lack."""
         numbers = [self._share.number(p) for p in self.parameters]
-        known = [i for i, number in enumerate(numbers) if number]
+        columns = [i for i, number in enumerate(numbers) if number]
         predictions: dict[str, PredictedObservation] = {}
         for observation in self._own:
             prediction = observation.predict(result, [number.key for number in numbers if number])
             if prediction is not None:
                 whole = np.zeros((len(prediction.differences), len(numbers)))
-                whole[:, known] = prediction.jacobian * [number.ratio for number in numbers if number]
+                whole[:, columns] = prediction.jacobian * [number.ratio for number in numbers if number]
                 predictions[observation.spec.name] = PredictedObservation(prediction.differences, whole)
         return predictions
 

@@ -577,8 +577,8 @@ class MeshSpec(MeshFile):
             (self._is_meshed, ("size",), f"{meshed}; give a generator's among its 'parameters'"),
             (self._is_meshed, ("grade",), meshed),
         ):
-            given = [key for key in keys if key in self.model_fields_set and getattr(self, key) not in (None, {}, ())]
-            yield from (((key,), text) for key in given if not is_kind)
+            stated = [key for key in keys if key in self.model_fields_set and getattr(self, key) not in (None, {}, ())]
+            yield from (((key,), text) for key in stated if not is_kind)
 
     def _faults_of_vessel(self) -> Faults:
         is_centreline = suffix_of(self.file) == CENTRELINE

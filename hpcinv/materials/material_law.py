@@ -295,9 +295,11 @@ class MaterialLaw(Ingredient):
             mu, kappa = shear_and_bulk(moduli)
         except ValueError as error:
             raise Problems(((next(name for name in NAMES if name in data),), str(error))) from None
-        return law._with_moduli(own, wanted, mu, kappa)
+        return law._parameters_for(own, wanted, mu, kappa)
 
-    def _with_moduli(self, own: Mapping[str, Any], wanted: Sequence[str], mu: float, kappa: float) -> Mapping[str, Any]:
+    def _parameters_for(
+        self, own: Mapping[str, Any], wanted: Sequence[str], mu: float, kappa: float
+    ) -> Mapping[str, Any]:
         """Return parameters with those that are wanted, such that the law has these moduli (Pa)."""
         law, (shear, bulk) = self, self.replaceable or ("", "")
         if shear is not None and shear in wanted:

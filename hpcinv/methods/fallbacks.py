@@ -70,7 +70,7 @@ class _Reached:
     passed: int
     last: Solve | None = None
 
-    def by(self, solves: Iterable[Solve]) -> Iterator[Solve]:
+    def noting(self, solves: Iterable[Solve]) -> Iterator[Solve]:
         """Yield solves, and note what they reach."""
         for solve in solves:
             self.load = solve.load if solve.outcome.accepted else self.load
@@ -93,7 +93,7 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
     for name in _rescues(problem, steps, reached.last, reached.load):
         if reached.last.outcome.accepted or reached.passed or _is_final(reached.last, reached.load):
             return
-        for solve in reached.by(_limited(RESCUES[name](problem, steps, reached.load), EFFORT[name])):
+        for solve in reached.noting(_limited(RESCUES[name](problem, steps, reached.load), EFFORT[name])):
             yield replace(solve, strategy=name)
 
 
@@ -104,7 +104,7 @@ def _strategy(problem: Problem, steps: Steps, reached: _Reached) -> Iterator[Sol
         series = _automatic_series(problem, steps)
         farthest = _farthest(problem) if series is not None else math.inf
     if isinstance(steps, AdaptiveSteps) and solver.continuation == "series":
-        yield from reached.by(_series(problem, steps, reached.load))
+        yield from reached.noting(_series(problem, steps, reached.load))
         last = reached.last
         if last is not None and (
             reached.load == 1.0
@@ -112,7 +112,7 @@ def _strategy(problem: Problem, steps: Steps, reached: _Reached) -> Iterator[Sol
             or last.load - reached.load < 2 * steps.least
         ):
             return
-    yield from reached.by(
+    yield from reached.noting(
         follow(
             problem.equilibrium,
             steps,

@@ -30,7 +30,7 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     nodes, sets = _nodes(mesh)
     cells, cell_tags, blocks = _elements(mesh)
     if not cells:
-        raise _without_solids(mesh)
+        raise _no_solids(mesh)
     for part in mesh.iter("NodeSet"):
         sets.setdefault(f"nodes:{_name(part)}", []).extend(_members(part))
     for part in mesh.iter("ElementSet"):
@@ -52,7 +52,7 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     return {"ignored": ignored}, arrays
 
 
-def _without_solids(mesh: ET.Element) -> Fault:
+def _no_solids(mesh: ET.Element) -> Fault:
     has_shells = any(part.get("type", "").lower().startswith(_FLAT) for part in mesh.iter("Elements"))
     remedy = " Save shells as .vtu or .inp, with 'mesh: {shell: …}'." if has_shells else ""
     return Fault("has no solid elements", f"Elements are {', '.join(_SOLID)}.{remedy}")

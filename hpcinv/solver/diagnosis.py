@@ -126,7 +126,7 @@ def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
     if diagnosis is Diagnosis.LINEAR_SOLVER and not accepted:
         return Diagnosis.ILL_POSED
     if any(solve.load > 1 for solve in accepted) and diagnosis is not Diagnosis.STEP_LIMIT:
-        return _beyond(diagnosis, accepted)
+        return _diagnosis_beyond(diagnosis, accepted)
     if diagnosis in _DECISIVE:
         return diagnosis
     if _crossed_singular_point(accepted):
@@ -138,7 +138,7 @@ def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
     return diagnosis
 
 
-def _beyond(diagnosis: Diagnosis, accepted: Sequence[Solve]) -> Diagnosis:
+def _diagnosis_beyond(diagnosis: Diagnosis, accepted: Sequence[Solve]) -> Diagnosis:
     """Return the diagnosis of a path that went beyond the full load."""
     passed = sum(solve.limit_point for solve in accepted)
     is_minimum = diagnosis is Diagnosis.LIMIT_POINT and passed % 2 == 0

@@ -234,7 +234,7 @@ def test_lines_that_do_not_pass_have_one_remedy_of_one_row() -> None:
     for topic in TOPICS.values():
         assert topic.meaning.endswith(".")
         for verdict in (Verdict.FAIL, Verdict.WARN, Verdict.UNDECIDED):
-            text = Line(topic.at("x0"), None, "", "", verdict).remedy
+            text = Line(topic.placed("x0"), None, "", "", verdict).remedy
             assert text.count(". ") == 0
             assert text.endswith(".") or not topic.remedy
             assert len(text) <= 96
