@@ -13,6 +13,10 @@ PREPOSITION = re.compile(
     r"|for|from|in|inside|into|near|of|on|onto|outside|over|past|per|since|through|to|towards?|under|until|upon|with"
     r"|within|without)(?:_.*)?"
 )
+BRANCHES = (
+    *(ast.If, ast.IfExp, ast.For, ast.While, ast.ExceptHandler),
+    *(ast.With, ast.Assert, ast.comprehension, ast.match_case),
+)
 VAGUE = ("found", "one", "of", "given", "known")
 # Keys of files that users write, and names that a summary, a library or authors of plugins call.
 EXCUSED = re.compile(
@@ -37,6 +41,29 @@ def names(tree: ast.AST, scope: str = "") -> Iterator[tuple[str, str, str, int]]
         elif isinstance(node, ast.MatchAs) and node.name:
             yield "variable", node.name, scope, node.lineno
         yield from names(node, inner)
+
+
+def complexity(function: ast.AST) -> int:
+    """Return one more than the number of branches, loops, handlers and contexts of a function."""
+    total = 1
+    for node in ast.walk(function):
+        total += isinstance(node, BRANCHES) or (len(node.values) - 1 if isinstance(node, ast.BoolOp) else 0)
+    return total
+
+
+def dense_functions(directory: str, most: int) -> list[str]:
+    """Return the places of functions whose complexity is above a number; a line has two branches at most."""
+    functions = [
+        (path, node)
+        for path in sorted((ROOT / directory).rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
+    return [
+        f"{path.relative_to(ROOT)}:{node.lineno}: {node.name}"
+        for path, node in functions
+        if 2 * ((node.end_lineno or 0) - node.lineno) > most and complexity(node) > most
+    ]
 
 
 def is_prepositional(name: str, scope: str) -> bool:
@@ -66,6 +93,7 @@ def count(directory: str, verbose: bool) -> None:
             if verbose and kind != "class":
                 print(f"  {where}:{line}: {kind} {name}")
     print(f"{directory}: {lines} lines")
+    print("  complexity:", ", ".join(f"above {most} {len(dense_functions(directory, most))}" for most in (12, 20)))
     print("  assigned:", ", ".join(f"{name} {uses[name]}" for name in VAGUE))
     for kind in ("variables", "functions"):
         print(
