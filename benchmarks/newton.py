@@ -24,6 +24,7 @@ import hpcinv
 from hpcinv.job.job import parse
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.bordered_solver import BorderedSolver
 from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.mip_newton import ExtrapolatedStress
 from hpcinv.solver.newton import NewtonMonitor
@@ -149,10 +150,10 @@ def add_second_order(farthest: float) -> None:
     """Let predictions follow ``x + ẋ h + ẍ h²/2``, with ẍ from R(x + ε ẋ h) and the same factors."""
     first_order, share = Predictor.predict, 0.1
 
-    def predict(self: Predictor, load: float, *, new_tangent: bool = False) -> Prediction:
+    def predict(self: Predictor, load: float, numbers: BorderedSolver, *, new_tangent: bool = False) -> Prediction:
         system = self.system
         start = system.position()
-        prediction = first_order(self, load, new_tangent=new_tangent)
+        prediction = first_order(self, load, numbers, new_tangent=new_tangent)
         if not prediction.is_taken or max(prediction.increment.rotation, prediction.increment.strain) > farthest:
             return prediction
         end, first, middle = system.position(), system.rhs.duplicate(), start.copy()
