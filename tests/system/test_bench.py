@@ -98,19 +98,6 @@ def test_ranks_are_compared_by_their_medians(tmp_path: Path) -> None:
     assert table.notes == ["a, 50000 unknowns: fastest from command to prompt on 2"]
 
 
-def test_a_further_state_costs_what_it_adds(tmp_path: Path, benchmark_script: Any) -> None:
-    script = benchmark_script("states")
-    played = Played({f"a, 7000, {n}": run(scale=1 + 0.1 * n) for n in (1, 2, 5)}, tmp_path)
-    cube = bodies(Played({}, tmp_path))["cube"](100)  # type: ignore[arg-type]
-    result = script.states(played, {"a": lambda size: cube}, [7_000], 3)
-    assert result.rows[2] == ("a", "50000", "5", "3", "33.00", "15.00", "18.00")
-    text = "a further state takes 2.20 s, 1.00 s of them its solve; a job of its own would take 13.20 s and its solve"
-    assert result.notes == [f"a, 50000 unknowns: {text}"]
-    job = script.states_job(bodies(Played({}, tmp_path))["rod"](100), 3)  # type: ignore[arg-type]
-    planned = [(solve.job.state, solve.direction) for solve in parse(job, tmp_path / "job.yaml").plan]
-    assert planned == [("state-0", "inverse"), ("state-1", "forward"), ("state-2", "forward")]
-
-
 def test_linear_solvers_cross(tmp_path: Path) -> None:
     sizes = [1e3, 1e4, 1e5]
     # 1e-6 n^2 and 1e-3 n^1.1 are equal where n^0.9 is 1000.
