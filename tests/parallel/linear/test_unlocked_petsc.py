@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
 
@@ -53,3 +54,39 @@ def test_errors_are_those_of_petsc4py() -> None:
     ksp = PETSc.KSP().create(PETSc.COMM_SELF)
     with pytest.raises(PETSc.Error):
         set_up(ksp)
+
+
+def test_no_other_thread_collects_garbage_during_a_factorization() -> None:
+    """It would destroy objects of PETSc and communicators of MPI, next to a factorization that uses both."""
+    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+    ksp.setType("preonly")
+    ksp.setOperators(laplacian(26))
+    ksp.pc.setType("lu")
+    ksp.pc.setFactorSolverType("mumps")
+    ended, collections, rounds = threading.Event(), list[str](), list[int]()
+
+    def note(phase: str, _: object) -> None:
+        if phase == "start" and threading.current_thread() is thread:
+            collections.append(phase)
+
+    def fill() -> None:
+        while not ended.wait(0.002):
+            rounds.append(len([[] for _ in range(2000)]))  # more than Python lets pass without a collection
+
+    thread = threading.Thread(target=fill)
+    gc.callbacks.append(note)
+    gc.disable()  # until the factorization has begun
+    try:
+        thread.start()
+        gc.enable()
+        collections.clear()
+        set_up(ksp)
+        found = list(collections)
+    finally:
+        ended.set()
+        thread.join()
+        gc.callbacks.remove(note)
+        gc.enable()
+    assert len(rounds) >= 3
+    assert len(found) <= 1  # one may fall before the factorization begins
+    assert gc.isenabled()
