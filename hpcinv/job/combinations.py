@@ -35,25 +35,14 @@ class Part:
         return next(iter(self.places(job)), None)
 
 
-def _key(*place: str, unless: object = None) -> Callable[[Any], Iterator[KeyPath]]:
-    """Return the place of a section or setting, in jobs that give it another value than one, or any."""
+def _key(*place: str, test: Callable[[Any], object] = bool) -> Callable[[Any], Iterator[KeyPath]]:
+    """Return the place of a section or setting, in jobs whose value passes a test: by default, that it is given."""
 
     def places(job: Any) -> Iterator[KeyPath]:
         value = job
         for key in place:
             value = getattr(value, key)
-        if value != unless if unless is not None else value:
-            yield place
-
-    return places
-
-
-def _chosen(*place: str, value: object) -> Callable[[Any], Iterator[KeyPath]]:
-    """Return the place of a setting, in jobs that give it a value."""
-
-    def places(job: Any) -> Iterator[KeyPath]:
-        section, key = getattr(job, place[0]), place[-1]
-        if getattr(section, key) == value:
+        if test(value):
             yield place
 
     return places
@@ -84,9 +73,14 @@ def _rigid_contact(job: Any) -> Iterator[KeyPath]:
         yield ("effects",)
 
 
-def _mesh_file(job: Any) -> Iterator[KeyPath]:
-    if not is_generator(Path(job.mesh.file)):
+def _solid_from_file(job: Any) -> Iterator[KeyPath]:
+    if not job.mesh.shell and not is_generator(Path(job.mesh.file)):
         yield ("mesh", "file")
+
+
+def _maximum_unknowns(job: Any) -> Iterator[KeyPath]:
+    if "maximum_unknowns" in job.solver.model_fields_set:
+        yield "solver", "maximum_unknowns"
 
 
 def _partitioned(job: Any) -> Iterator[KeyPath]:
@@ -103,7 +97,7 @@ def _observed_meshes(job: Any) -> Iterator[KeyPath]:
 PARTS: Mapping[str, Part] = {
     "shell": Part("shell", _key("mesh", "shell")),
     "partitioned": Part("partitioned mesh", _partitioned),
-    "mesh file": Part("mesh from a file", _mesh_file),
+    "mesh file": Part("solid from a mesh file", _solid_from_file),
     "surface error": Part("`mesh.surface_error`", _key("mesh", "surface_error")),
     "states": Part("`states`", _key("states")),
     "load cases": Part("`load_cases`", _key("load_cases")),
@@ -112,14 +106,20 @@ PARTS: Mapping[str, Part] = {
     "unknown pressures": Part("cavities of unknown pressure", _unknown_pressures),
     "iterated contact": Part("contact by iteration", _iterated_contact),
     "rigid contact": Part("contact with a rigid obstacle", _rigid_contact),
-    "fixed point": Part("fixed-point methods", _key("method", unless="direct")),
-    "other strategies": Part("strategies `fixed` and `arc-length`", _key("solver", "strategy", unless="adaptive")),
-    "series": Part("`continuation: series`", _chosen("solver", "continuation", value="series")),
-    "nested iteration": Part("`nested_iteration: on`", _chosen("solver", "nested_iteration", value="on"), True),
-    "iterative": Part("`linear: iterative`", _chosen("solver", "linear", value="iterative")),
+    "fixed point": Part("fixed-point methods", _key("method", test=lambda name: name != "direct")),
+    "other strategies": Part(
+        "strategies `fixed` and `arc-length`", _key("solver", "strategy", test=lambda name: name != "adaptive")
+    ),
+    "series": Part("`continuation: series`", _key("solver", "continuation", test=lambda name: name == "series")),
+    "nested iteration": Part(
+        "`nested_iteration: on`", _key("solver", "nested_iteration", test=lambda name: name == "on"), True
+    ),
+    "iterative": Part("`linear: iterative`", _key("solver", "linear", test=lambda name: name == "iterative")),
     "start": Part("`solver.start`", _key("solver", "start")),
     "start shape": Part("`solver.start_shape`", _key("solver", "start_shape")),
     "accuracy": Part("`accuracy`", _key("accuracy")),
+    "one mesh": Part("one mesh, without `accuracy`", _key("accuracy", test=lambda demands: not demands)),
+    "maximum unknowns": Part("`maximum_unknowns`", _maximum_unknowns),
     "expected shape": Part("`expected_shape`", _key("expected_shape")),
     "sensitivities": Part("`sensitivities`", _key("sensitivities")),
     "identify": Part("`identify`", _key("identify")),
@@ -127,6 +127,8 @@ PARTS: Mapping[str, Part] = {
 }
 
 _PRESSURE = "is not possible with a cavity of unknown pressure: give a pressure"
+_FORWARD_PRESSURE = "is not possible with a cavity of unknown pressure, which its forward solves cannot determine"
+_FORWARD_LOAD = "is not possible with a remote load, whose reference point in the body of a forward solve is unknown"
 _REMOTE = "is not possible with a remote load: give a 'motion', or a traction"
 _NO_ESTIMATE = "needs an estimate of the discretisation error, which "
 _DIRECT = "needs 'method: direct'"
@@ -149,9 +151,7 @@ REFUSED: Mapping[str, Mapping[str, str]] = {
     },
     "motion": {"states": "is not possible with 'states': give formulas as 'displacement'"},
     "surface error": {"remote loads": _REMOTE, "shell": "is not valid with a shell"},
-    "load cases": {"unknown pressures": _PRESSURE, "remote loads": _REMOTE},
-    "fixed point": {"unknown pressures": _PRESSURE, "remote loads": _REMOTE},
-    "series": {"unknown pressures": _PRESSURE, "remote loads": _REMOTE},
+    "fixed point": {"unknown pressures": _FORWARD_PRESSURE, "remote loads": _FORWARD_LOAD},
     "nested iteration": {
         "shell": "is not possible with a shell",
         "mesh file": (
@@ -160,16 +160,12 @@ REFUSED: Mapping[str, Mapping[str, str]] = {
         ),
         "other strategies": "needs 'strategy: adaptive': other strategies are chosen for the path that they take",
         "fixed point": _DIRECT,
-        "unknown pressures": _PRESSURE,
-        "remote loads": _REMOTE,
         "accuracy": "cannot be combined with 'accuracy', whose search begins with the solution on the mesh before",
         "iterated contact": _CONTACT,
     },
     "start shape": {
         "start": "cannot be combined with 'start'",
         "partitioned": "is not possible with a partitioned mesh",
-        "remote loads": _REMOTE,
-        "unknown pressures": _PRESSURE,
         "fixed point": _DIRECT,
         "accuracy": "cannot be combined with 'accuracy', which chooses another mesh",
         "iterated contact": _CONTACT,
@@ -177,7 +173,6 @@ REFUSED: Mapping[str, Mapping[str, str]] = {
     "start": {
         "fixed point": _DIRECT,
         "accuracy": "cannot be combined with 'accuracy', which chooses another mesh",
-        "unknown pressures": _PRESSURE,
         "iterated contact": _CONTACT,
     },
     "accuracy": {
@@ -189,6 +184,7 @@ REFUSED: Mapping[str, Mapping[str, str]] = {
         "fixed point": _DIRECT,
         "partitioned": "needs a mesh that can be refined, not a partitioned one: use its original file",
     },
+    "maximum unknowns": {"one mesh": "is not valid without 'accuracy', whose search it limits: add that, or remove it"},
     "sensitivities": {"rigid contact": f"are {_RIGID}"},
     "identify": {"rigid contact": f"is {_RIGID}"},
 }

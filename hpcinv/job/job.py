@@ -516,8 +516,6 @@ class Job(Spec):
                 self.identify, self._owners_in_states, self.quantities, self.states, self.cavities
             )
             yield from rules.below(("identify",), faults)
-        if not self.accuracy and "maximum_unknowns" in self.solver.model_fields_set:
-            yield ("accuracy",), "is needed if solver.maximum_unknowns is given, which applies only to it"
         given_rest = any(state.given and state.is_rest for state in self.states)
         is_reference = given_rest if self.states else self.directions[0] == "forward"
         mesh, shape = ("reference", "undeformed") if is_reference else ("current", "deformed")

@@ -63,8 +63,6 @@ class StateSpec(Spec):
             yield ("start",), "is not valid for the rest shape, a state without effects and supports"
         elif self.start is not None and self.given:
             yield ("start",), "is not valid for the given state: the rest shape is solved from it"
-        elif self.start is not None and self.controlled:
-            yield ("start",), "is not possible with 'volumes': their path begins with the rest shape"
         if self.given and self.volumes:
             yield ("volumes",), "are known: the mesh is the body in this state. Give 'unloaded_volumes'"
         elif self.unloaded_volumes and not self.given:

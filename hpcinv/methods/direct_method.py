@@ -36,8 +36,6 @@ class DirectMethod(Method):
         self.reached_load = start.load
         contacts, tolerance = self.equilibrium.system.weak_form.contacts, self.problem.equations.job.solver.tolerance
         self.check_start(start)
-        if start.load > 0.0:
-            self.equilibrium.numbers.recover(start.load)
         if contacts.is_iterated:
             contacts.reset()
             if start.load == 1.0:  # a checkpoint has no contact pressures
@@ -50,10 +48,12 @@ class DirectMethod(Method):
         if start.origin is not None:
             equations = self.problem.equations
             equations.put_fields(start.origin)
-            self.equilibrium.system.begin_path()
+            self.equilibrium.begin_path()
             if start.solution is not None:
                 equations.put_fields(start.solution)
             self.steps = replace(self.steps, cases=1)
+        if start.load > 0.0:
+            self.equilibrium.numbers.recover(start.load)
         # The other strategies are chosen for the path that they take, which a guess would skip.
         is_path_free = isinstance(self.steps, AdaptiveSteps) and not contacts.is_iterated
         if is_path_free and start.guess is not None and start.load == 0.0:

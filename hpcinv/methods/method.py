@@ -52,6 +52,7 @@ class Guess:
         if p is not None:
             p.x.array[:] = self.pressure
         equations.put_fields((u, p))
+        equilibrium.numbers.recover(1.0)
         predicted = self._prediction(equilibrium) if self.keeps_factors else None
         wanted = equations.job.solver.tolerance if tolerance is None else tolerance
         solve = equilibrium.solve(1.0, wanted, predicted=predicted, begins_near=True)

@@ -236,7 +236,12 @@ def _transferred(coarse: Equations, equations: Equations, sign: int) -> Guess | 
         return None
     equations.put_fields((fields[0], fields[1] if len(fields) > 1 else None))
     equations.supports.scale(1.0)
-    equations.supports.impose(equations.unknowns.state.x.array)
+    state = equations.unknowns.state.x
+    unknown_motions = [(face.dofs, state.array[face.dofs]) for face in equations.supports.remote_faces.values()]
+    equations.supports.impose(state.array)
+    for dofs, values in unknown_motions:
+        state.array[dofs] = values
+    state.scatter_forward()
     u, p = equations.state().fields
     equations.unload()
     return Guess(np.array(u.x.array), None if p is None else np.array(p.x.array), sign, NESTED)

@@ -155,7 +155,7 @@ class CavityEquation:
         self.pressure = 0.0
 
     def set_pressure(self, pressure: float, load: float) -> None:
-        """Set the unknown pressure (scaled) in the weak form, whose forces are in proportion to the load factor."""
+        """Set the unknown pressure (scaled) in the weak form, whose forces are in proportion to their load factor."""
         self.pressure = pressure
         for place in self._places:
             self._weak_form.parameters.set_number(place, "pressure", pressure / load)

@@ -265,13 +265,10 @@ class Supports:
         """Prescribe the displacements at a share of the whole load, or of the path from another state."""
         self._gap = (1 - load) * self._first_gap
         for number, entry in enumerate(self.prescribed):
-            if self._path is None:
-                share = (
-                    1.0
-                    if entry.support in self._with_unknown_motion
-                    else load_factor(load, entry.case, self._case_count)
-                )
-                entry.now.x.array[:] = share * entry.full
+            if entry.support in self._with_unknown_motion:
+                entry.now.x.array[:] = entry.full
+            elif self._path is None:
+                entry.now.x.array[:] = load_factor(load, entry.case, self._case_count) * entry.full
             else:
                 entry.now.x.array[entry.nodes] = (1 - load) * self._path[number] + load * entry.full[entry.nodes]
 

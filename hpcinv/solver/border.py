@@ -45,6 +45,9 @@ class Border(ABC):
     def recover(self, load: float) -> None:
         """Set the numbers that the present state has, an equilibrium at this load factor, such as a checkpoint."""
 
+    def begin_path(self) -> None:  # noqa: B027  (most need nothing)
+        """Let C lead from its value at the present state, where the system's path begins, to the value at full load."""
+
     @abstractmethod
     def equations(self, load: float) -> Floats:
         """Return C at the present state."""

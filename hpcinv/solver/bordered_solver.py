@@ -97,6 +97,11 @@ class BorderedSolver:
             border.recover(load)
             border.put(load)
 
+    def begin_path(self) -> None:
+        """Let C lead from its values at the present state, where the system's path begins, to those at full load."""
+        for border in self.borders:
+            border.begin_path()
+
     def equations(self, load: float) -> Floats:
         """Return C at the present state, which is in the plane of the path if there is one."""
         own = [border.equations(self._begun(load)) for border in self.borders]

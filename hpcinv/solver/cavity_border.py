@@ -20,11 +20,17 @@ class CavityBorder(Border):
 
     def __init__(self, system: System, cavities: Sequence[CavityEquation]) -> None:
         self._system, self._cavities, self.count = system, cavities, len(cavities)
+        self._first: Floats | None = None  # C at full load where a path from another state begins
         self._rows = [system.position() for _ in cavities]
 
     def put(self, load: float) -> None:
         for cavity in self._cavities:
-            cavity.set_pressure(cavity.pressure, load)
+            cavity.set_pressure(cavity.pressure, self._factor)
+
+    @property
+    def _factor(self) -> float:
+        """Present load factor of the pressures, which belong to the first load case."""
+        return float(self._system.weak_form.parameters.constant.value[0])
 
     def kept_numbers(self) -> Floats:
         return np.array([cavity.pressure for cavity in self._cavities])
@@ -36,22 +42,30 @@ class CavityBorder(Border):
     def change(self, change: Floats) -> None:
         self.restore(self.kept_numbers() + change)
 
+    def begin_path(self) -> None:
+        self._first = self.equations(1.0)
+
     def equations(self, load: float) -> Floats:
+        if self._first is not None:
+            return self._values(1.0) - (1 - load) * self._first
+        return self._values(load)
+
+    def _values(self, load: float) -> Floats:
         return np.array([cavity.evaluate(load)[0] for cavity in self._cavities])
 
     def set_columns(self, columns: Sequence[PETSc.Vec], r: PETSc.Vec, load: float) -> None:
         # Differences of unit pressures are exact.
         for column, cavity in zip(columns, self._cavities, strict=True):
             pressure = cavity.pressure
-            cavity.set_pressure(pressure + 1.0, load)
+            cavity.set_pressure(pressure + 1.0, self._factor)
             self._system.residual(column)
             column.axpy(-1.0, r)
-            cavity.set_pressure(pressure, load)
+            cavity.set_pressure(pressure, self._factor)
 
     def linearise(self, load: float) -> Floats:
         by_pressure = []
         for row, cavity in zip(self._rows, self._cavities, strict=True):
-            _, by_volume, slope = cavity.evaluate(load)
+            _, by_volume, slope = cavity.evaluate(load if self._first is None else 1.0)
             by_pressure.append(slope)
             cavity.slope(row)
             row.scale(by_volume)

@@ -259,6 +259,12 @@ class Equilibrium:
         self.system.state.x.array[:], numbers = kept
         self.numbers.restore(numbers)
 
+    def begin_path(self) -> None:
+        """Let the load factor lead from the present state, with numbers that suit it, to the full load; collective."""
+        self.numbers.recover(1.0)
+        self.system.begin_path()
+        self.numbers.begin_path()
+
     def depart(self, load: float) -> None:
         """Let ways past obstacles begin at the present state, an equilibrium under this load factor."""
         if passages := self.system.weak_form.passages:

@@ -82,6 +82,8 @@ class SeriesContinuation:
         system = equilibrium.system
         if system.is_on_path:
             raise NotAnalytic("the path begins with another state")
+        if equilibrium.numbers.count:
+            raise NotAnalytic("a pressure of a cavity, or the motion under a remote load, is unknown")
         if system.supports.is_curved:
             raise NotAnalytic("a support slides on a curved surface")
         self._equilibrium, self._system, self._linear = equilibrium, system, equilibrium.linear

@@ -65,7 +65,7 @@ def test_demands_are_read_in_the_units_of_their_quantities() -> None:
             {"accuracy": {"tip": 1}, "expected_shape": {"file": "../meshes/box.py"}},
             "cannot be combined with 'expected_shape'",
         ),
-        ({"solver": {"maximum_unknowns": 10}}, "accuracy: is needed if solver.maximum_unknowns is given"),
+        ({"solver": {"maximum_unknowns": 10}}, "solver.maximum_unknowns: is not valid without 'accuracy'"),
     ],
 )
 def test_demands_that_cannot_be_are_refused(changes: dict[str, Any], text: str) -> None:

@@ -350,7 +350,6 @@ def test_derivatives_of_the_equations(comm: MPI.Intracomm) -> None:
             {"accuracy": {"inner": 1e-3}},
             "needs an estimate of the discretisation error, which",
         ),
-        ({"unloaded_volume": 1.0}, {"solver": {"continuation": "series"}}, "solver.continuation: is not possible with"),
         (
             {"unloaded_volume": 1.0},
             {"effects": [{"effect": "pressure", "region": "inner", "pressure": 1.0}]},

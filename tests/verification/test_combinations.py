@@ -19,8 +19,15 @@ from helpers.verification import box, job
 
 import hpcinv
 from hpcinv.errors import JobError
+from hpcinv.job import combinations
 from hpcinv.job.combinations import PARTS, REFUSED
+from hpcinv.mesh import build_body
+from hpcinv.methods import solve_direction
+from hpcinv.methods.method import Start
 from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equations import Equations
+from hpcinv.solver.observer import SILENT
 
 CLAMP = {"region": "x0", "fix": ["x", "y", "z"]}
 PULL = {"effect": "traction", "region": "x1", "traction": [0.05, 0.0, 0.02], "area_in": "reference"}
@@ -83,6 +90,16 @@ def _remote(data: Data, _: Path) -> Data:
     return data | {"supports": [*data["supports"], {"region": "x1", "remote": load}], "effects": []}
 
 
+def _begin_at_a_shape(data: Data, directory: Path) -> Data:
+    """Begin at the shape for half of the traction."""
+    half = [e | {"traction": [0.5 * t for t in e["traction"]]} for e in data["effects"] if "traction" in e]
+    kept = {key: value for key, value in data.items() if key not in ("accuracy", "cavities", "identify", "load_cases")}
+    posed = job(**kept | {"supports": [CLAMP], "effects": half})
+    if not (directory / "start").exists():
+        hpcinv.run(posed, MPI.COMM_SELF, directory=directory / "start")
+    return data | {"solver": data["solver"] | {"start_shape": str(directory / "start" / "shape.msh")}}
+
+
 def _lidded(data: Data, _: Path) -> Data:
     surface = {"surface": "outer", "lid": {"apex": [0.5, -3.0, 0.5]}} if "shell" in data["mesh"] else {}
     return data | {"cavities": {"hole": LIDDED | surface}}
@@ -93,7 +110,7 @@ def _on_a_plate(data: Data, _: Path) -> Data:
     push = {**PULL, "traction": [0.0, 0.0, -0.03]}
     region = "inner" if "shell" in data["mesh"] else "z0"
     effects = [push, {"effect": "contact", "region": region, "obstacle": plate}]
-    changed = {"analysis": "round_trip", "first": "forward", "effects": effects}
+    changed: Data = {"analysis": "round_trip", "first": "forward", "effects": effects}
     if "cavities" in data:
         hole = {key: value for key, value in data["cavities"]["hole"].items() if key != "unloaded_volume"}
         changed |= {"cavities": {"hole": hole | {"volume": 0.7}}}
@@ -113,11 +130,12 @@ CHANGES: dict[str, Callable[[Data, Path], Data]] = {
     "remote loads": _remote,
     "unknown pressures": _lidded,
     "rigid contact": _on_a_plate,
-    "load cases": _with(load_cases=["first"]),
+    "load cases": _with(load_cases=["first", "second"]),
     "fixed point": _with(method="anderson"),
     "other strategies": _solver(strategy="arc-length"),
     "series": _solver(continuation="series"),
     "nested iteration": _solver(nested_iteration="on"),
+    "start shape": _begin_at_a_shape,
     "iterative": _solver(linear="iterative"),
     "sensitivities": _with(sensitivities={"material.mu": {}}),
     "accuracy": _with(accuracy={"end": 1.0}),
@@ -126,13 +144,22 @@ CHANGES: dict[str, Callable[[Data, Path], Data]] = {
 }
 ONLY_READ = {"accuracy", "identify"}
 """parts that take another command, or many solves"""
-HOW = {"fixed point", "other strategies", "series", "nested iteration", "iterative", "sensitivities", "load cases"}
+HOW = {
+    "fixed point",
+    "other strategies",
+    "series",
+    "nested iteration",
+    "start shape",
+    "iterative",
+    "sensitivities",
+    "load cases",
+}
 """parts that change no shape"""
 PAIRS = list(itertools.combinations(CHANGES, 2))
 BY_SCHEMA = {("other strategies", "series"): "is not valid with 'strategy: arc-length'"}
 """pairs of settings of one section, which its schema refuses"""
-MENDED = [("unknown pressures", "rigid contact"), ("remote loads", "rigid contact")]
-"""pairs that once lost the contact pressures of a solution"""
+MENDED = itertools.product(("unknown pressures", "remote loads"), ("rigid contact", "start shape", "load cases"))
+"""pairs that once lost the contact pressures of a solution, or were refused"""
 DAILY = {*random.Random(64).sample(PAIRS, len(PAIRS) // 10), *MENDED}
 
 
@@ -174,6 +201,41 @@ def test_two_parts_solve_together_or_are_refused_by_the_table(first: str, second
             alone = hpcinv.run(job(**made(other, directory=tmp_path)), MPI.COMM_SELF)
             u, expected = result.solutions[0].u, alone.solutions[0].u
             assert np.abs(u - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("names", [("shell", "mesh file"), ("mesh file", "shell")])
+def test_reasons_do_not_depend_on_the_order_of_the_table(
+    names: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row = {name: REFUSED["nested iteration"][name] for name in names}
+    monkeypatch.setitem(combinations.REFUSED, "nested iteration", row)
+    with pytest.raises(JobError, match=re.escape(row["shell"])):
+        job(**made("shell", "nested iteration", directory=tmp_path))
+
+
+def test_volumes_may_begin_at_another_state(tmp_path: Path) -> None:
+    data = made("unknown pressures", "states", directory=tmp_path)
+    more: Data = {"name": "more", "effects": [{**PULL, "traction": [0.02, 0.0, -0.1]}], "volumes": {"hole": 0.7}}
+    data["states"][2] |= {"volumes": {"hole": 0.6}}
+    near, alone = (
+        hpcinv.run(job(**data | {"states": [*data["states"], more | start]}), MPI.COMM_SELF).solutions[-1]
+        for start in ({"start": "other"}, {})
+    )
+    assert near.start == "other"
+    assert near.cavities[0].pressure == pytest.approx(alone.cavities[0].pressure, rel=1e-8)
+    assert np.abs(near.u - alone.u).max() < 1e-8 * np.abs(alone.u).max()
+
+
+def test_a_guess_has_the_unknown_pressures(tmp_path: Path) -> None:
+    """A solution is a guess after which one correction is left."""
+    data = made("unknown pressures", directory=tmp_path)
+    solution = hpcinv.run(job(**data), MPI.COMM_SELF).solutions[0]
+    body = build_body(solution.job.mesh, {}, MPI.COMM_SELF, resolve=solution.job.resolve, degree=2)
+    equations = Equations(job(**data), body, Timings())
+    solved = solve_direction(equations, "inverse", Start(guess=solution.as_guess()), SILENT)
+    equations.destroy()
+    assert [len(solve.iterations) for solve in solved.solves] == [1]
+    assert solved.cavities[0].pressure == pytest.approx(solution.cavities[0].pressure, rel=1e-8)
 
 
 def test_parts_of_the_table_are_all_known() -> None:

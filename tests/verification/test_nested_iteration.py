@@ -104,6 +104,37 @@ def test_answer_is_the_same_with_fewer_factorizations(analysis: str, comm: MPI.I
     assert "coarse" not in alone.statistics["solutions"][0]
 
 
+@pytest.mark.parametrize("unknown", ["motion", "pressure"])
+def test_unknown_numbers_begin_as_on_coarser_cells(unknown: str, tmp_path: Path) -> None:
+    (tmp_path / "cuboid.py").write_text(CUBOID)
+    supports: list[dict[str, Any]] = [{"region": "clamp", "fix": ["x", "y", "z"]}]
+    changed: dict[str, Any] = {"cavities": {"hole": {"surface": "end", "lid": {"apex": [4, 0.5, 0.5]}, "volume": 0.5}}}
+    if unknown == "motion":
+        load = {"about": [3, 0.5, 0.5], "force": [0, 0, -0.02]}
+        changed = {"supports": [*supports, {"region": "end", "remote": load}]}
+    alone, nested = (
+        hpcinv.run(
+            job(
+                **{
+                    "analysis": "forward",
+                    "mesh": {"file": str(tmp_path / "cuboid.py")},
+                    "material": {"law": "neo-hookean", "mu": 1.0, "lam": 2.0},
+                    "supports": supports,
+                    "solver": {"nested_iteration": choice},
+                }
+                | changed
+            ),
+            MPI.COMM_SELF,
+        ).solutions[0]
+        for choice in ("off", "on")
+    )
+    iterations = [sum(len(solve.iterations) for solve in solution.solves) for solution in (alone, nested)]
+    print(iterations, [s.load for s in alone.solves], [[i.correction for i in s.iterations] for s in nested.solves])
+    assert [solve.strategy for solve in nested.solves] == [NESTED]
+    assert nested.solves[0].iterations[0].correction < 0.1 * nested.solves[0].iterations[0].state
+    assert np.abs(nested.u - alone.u).max() < 1e-10 * np.abs(alone.u).max()
+
+
 @pytest.mark.parametrize(
     ("displacement", "formulation"),
     [(1, "displacement"), (2, "mixed"), pytest.param(3, "displacement", marks=pytest.mark.release)],
