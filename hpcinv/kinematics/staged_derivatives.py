@@ -22,6 +22,8 @@ from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
 from ufl.corealg.traversal import unique_post_traversal
 
+from hpcinv.kinematics.kept_gradients import kept_gradient
+
 
 def stage(expression: Callable[[Any], Any]) -> cached_property[Any]:
     """Return a cached property that is a stage of derivatives."""
@@ -30,6 +32,10 @@ def stage(expression: Callable[[Any], Any]) -> cached_property[Any]:
 
 def gradient(scalar: Any, variable: Variable) -> Any:
     """Return ``∂scalar/∂variable``, of the shape of ``variable``, with all other variables fixed."""
+    return kept_gradient(scalar, variable, _derived)
+
+
+def _derived(scalar: Any, variable: Variable) -> Any:
     whole = ufl.variable(scalar)
     stages = [e for e in unique_post_traversal(whole) if isinstance(e, Variable)]  # from ``by`` to the scalar
     adjoints: dict[Any, Any] = {whole: None}

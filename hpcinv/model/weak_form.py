@@ -212,7 +212,7 @@ class WeakForm:
         """Derivative of the residual by the parameters."""
         return ParameterDerivative(self.residual, self.parameters, self.unknowns.mesh)
 
-    @property
+    @cached_property
     def cauchy_stress(self) -> list[tuple[Any, npt.NDArray[np.int32] | None]]:
         """``σ = J⁻¹ P Fᵀ`` in scaled stresses, (3, 3), of each part and the cells of that part (``None`` for all)."""
         F = ufl.Identity(3) + self.kinematics.H

@@ -201,8 +201,10 @@ class Program:
 
     @classmethod
     def from_arrays(cls, arrays: Any, prefix: str) -> Program:
-        """Return the program of a file; raise ``ValueError`` or ``KeyError`` for one that is damaged."""
+        """Return the program of a file, which may not be changed; raise ``ValueError`` or ``KeyError`` for damage."""
         values: dict[str, Any] = {field.name: arrays[f"{prefix}{field.name}"] for field in fields(cls)}
+        for value in values.values():
+            value.flags.writeable = False
         values = {name: int(value) if value.ndim == 0 else value for name, value in values.items()}
         made = cls(**values)
         made.check()

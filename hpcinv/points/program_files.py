@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from hashlib import sha1
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,9 @@ from hpcinv.points.scalar_graph import NotAnalytic
 
 _SOURCE = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
 """programs depend on the modules that make them"""
+
+_LARGEST = 250_000
+"""bytes of a file that is read once in a process; larger ones would take the memory that meshes need"""
 
 
 @dataclass(frozen=True)
@@ -96,7 +100,7 @@ def kept_programs(comm: MPI.Intracomm, description: bytes, make: Callable[[], Pr
     name = f"points_{sha1(_SOURCE + description).hexdigest()}"
     if (content := comm.bcast(jit.read_data(name, directory) if comm.rank == 0 else None)) is not None:
         with suppress(ValueError, KeyError, TypeError):  # it is another's, or refers to what it does not have
-            return Programs.from_bytes(content)
+            return _read(content)
     content, fault = None, ""
     if comm.rank == 0:
         jit.note_missing(name)
@@ -112,4 +116,13 @@ def kept_programs(comm: MPI.Intracomm, description: bytes, make: Callable[[], Pr
     content, fault = comm.bcast((content, fault))
     if content is None:
         raise NotAnalytic(fault)
+    return _read(content)
+
+
+def _read(content: bytes) -> Programs:
+    return _read_once(content) if len(content) <= _LARGEST else Programs.from_bytes(content)
+
+
+@lru_cache(maxsize=128)  # the cases of a sweep need the same ones
+def _read_once(content: bytes) -> Programs:
     return Programs.from_bytes(content)
