@@ -11,7 +11,7 @@ import pytest
 
 from hpcinv.effects.obstacles import Cylinder, LevelSet, Obstacle, Plane, Sphere
 from hpcinv.errors import MeshError
-from hpcinv.model.obstacle_passage import DistanceFunction, passages
+from hpcinv.model.obstacle_passage import DistanceFunction, Passage, Passages, passages
 from hpcinv.model.surface_distance import SurfaceDistance
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.expressions import Expression
@@ -139,3 +139,24 @@ def test_triangles_without_an_area_are_left_out(tmp_path: Path) -> None:
     line = saved(tmp_path / "line.obj", corners, [[0, 3, 4], [0, 3, 1]])
     with pytest.raises(MeshError, match=r"line.obj: its triangles have no area"):
         SurfaceDistance(line, 1.0, False, MPI.COMM_SELF)
+
+
+@pytest.mark.parallel([1, 2])
+def test_a_step_goes_as_far_as_all_obstacles_let_all_points_go(comm: MPI.Intracomm) -> None:
+    """Points above a ball and a bar; the share of the nearest passage counts, of any obstacle on any rank."""
+    start = np.array([[0.05, 0, 1.0], [0.5, 0, 1.0], [0, 0, 1.0 + comm.rank]])  # straight down by 2; one passes by
+    end = start - [0, 0, 2]
+    bounds = np.full(3, -1.0), np.full(3, 1.0)
+    points: Any = SimpleNamespace(places=lambda: start, displacements=lambda: end - start)
+    ball, bar = (Passage(points, of(shape), bounds, lambda: np.zeros(3)) for shape in SHAPES[:2])
+    below = Passage(points, of(Plane(shape="plane", point=(0, 0, -9), normal=(0, 0, 1))), bounds, lambda: np.zeros(3))
+    first = [way(SHAPES[0], a, b) for a, b in zip(start, end, strict=True)]
+    expected = comm.allreduce(min(first), MPI.MIN)
+    assert 0.3 < expected < 0.5
+    assert Passages([ball], comm).share([start]) == pytest.approx(expected, rel=1e-12)
+    assert Passages([below, bar, ball], comm).share([start] * 3) == pytest.approx(expected, rel=1e-12)
+    assert Passages([below], comm).share([start]) == 1.0
+    assert Passages([ball], comm).share([end]) == 1.0  # none moves
+    assert Passages([], comm).share([]) == 1.0
+    mine = Passages([ball] if comm.rank == 0 else [below], comm)
+    assert mine.share([start]) == pytest.approx(comm.bcast(min(first)), rel=1e-12)

@@ -21,7 +21,8 @@ from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.model.fibre_directions import cell_vectors, rule_directions
+from hpcinv.model.fibre_directions import _farthest, cell_vectors, rule_directions
+from hpcinv.model.laplace import Laplace
 from hpcinv.parallel.runtime import MPI
 
 TUBE = {"kind": "tube", "inner": "inner", "outer": "outer", "inlet": "z0", "outlet": "z1"}
@@ -160,6 +161,23 @@ def test_a_ventricle_has_the_prescribed_angles_at_its_surfaces(comm: MPI.Intraco
         assert count > 100
         assert total / count == pytest.approx(expected, abs=2)
         assert worst < 15
+
+
+@pytest.mark.parallel([1, 2])
+def test_the_apex_is_farthest_from_the_middle_of_the_base(comm: MPI.Intracomm) -> None:
+    regions = {"base": "x > 0.9 m and z < 0.6 m", "epi": "y < 0.01 m"}
+    given = with_rule(box((2, 2, 2)), VENTRICLE | {"endo": "y1"}, "y1", regions=regions)
+    body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
+    laplace = Laplace(body)
+    x = laplace.space.tabulate_dof_coordinates() * body.length_scale
+    owned = laplace.space.dofmap.index_map.size_local
+    apex = _farthest(body, laplace, laplace.dofs("epi"), laplace.dofs("base"))
+    laplace_dofs = apex, laplace.dofs("epi"), laplace.dofs("base")
+    found_points, epi, base = (np.vstack(comm.allgather(x[dofs[dofs < owned]])) for dofs in laplace_dofs)
+    distances = np.linalg.norm(epi - base.mean(axis=0), axis=1)
+    assert np.partition(distances, -2)[-2] < 0.99 * distances.max()  # there is one
+    assert found_points == pytest.approx(epi[[np.argmax(distances)]])
+    laplace.destroy()
 
 
 PRISM = """
