@@ -40,10 +40,14 @@ from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geometry, surface_geometry
 from hpcinv.mesh.regions import Mesh, Region, build_regions, find
 from hpcinv.mesh.source import Floats, Ints, MeshSource
+from hpcinv.on_demand import on_demand
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.quantity.arrays import LocalIndices
 from hpcinv.quantity.nondimensional import power_of_two
 from hpcinv.reading.suffix import suffix_of
+
+BODY = "body"
+"""name of the region inside of one surface"""
 
 
 @dataclass(frozen=True)
@@ -211,22 +215,16 @@ def read_source(
             source = generate(path, parameters, spec.geometry_degree, monitor, size_factor, is_surface=is_surface)
             source = source.convert_to_metres(spec.unit)
         elif spec.wall is not None:
-            from hpcinv.mesh.vessels.vessel_mesh import vessel_mesh  # loads VTK
-
-            source = vessel_mesh(path, spec, report)
+            source = on_demand("mesh of a vessel")(path, spec, report)
         elif spec.is_cad:
             source = cad_mesh(path, spec, report, size_factor)
         elif spec.size is not None and spec.is_surface:
-            from hpcinv.mesh.imaging import BODY, surface_mesh  # loads VTK
-
             parts = {
                 name: [sibling_path(path, spec.file, file) for file in files] for name, files in spec.surfaces.items()
             }
-            source = surface_mesh(parts or {BODY: [path]}, spec, report)
+            source = on_demand("mesh of surfaces")(parts or {BODY: [path]}, spec, report)
         elif spec.size is not None:
-            from hpcinv.mesh.imaging import image_mesh
-
-            source = image_mesh(path, spec, report)
+            source = on_demand("mesh of an image")(path, spec, report)
         else:
             source = read_mesh_file(spec, path)
     except OSError as exc:

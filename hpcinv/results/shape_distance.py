@@ -23,6 +23,7 @@ from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.mesh.surface import gather_surface
+from hpcinv.on_demand import on_demand
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.results.solution import Solution
 
@@ -60,14 +61,11 @@ def _read_surface(job: Job, expected: ExpectedShape, comm: MPI.Intracomm) -> pyv
     surfaces: list[pyvista.PolyData] = []
 
     def read_on_root() -> None:
-        from hpcinv.mesh.imaging.closed_surface import read_closed  # loads VTK
-        from hpcinv.mesh.imaging.image_surface import image_surface
-
         path = job.resolve(expected.file)
         if expected.is_image:
-            surfaces.append(image_surface(path, expected.labels, expected.metres))
+            surfaces.append(on_demand("surface in an image")(path, expected.labels, expected.metres))
         else:
-            surface = read_closed(path)
+            surface = on_demand("surface in a file")(path)
             surface.points = np.asarray(surface.points, dtype=np.float64) * expected.unit
             surfaces.append(surface)
 

@@ -4,10 +4,3 @@ Voxels are resampled to a working grid, whose cells are divided into tetrahedra 
 move to where both are equally likely (`boundary`); MMG improves and coarsens the cells. Unlike surfaces that are
 extracted first, tetrahedra that are moved cannot cut each other, however thin the wall between two labels is.
 """
-
-from hpcinv.mesh.imaging.image_mesh import image_mesh, surface_mesh
-
-BODY = "body"
-"""name of the region inside of one surface"""
-
-__all__ = ["BODY", "image_mesh", "surface_mesh"]

@@ -1,0 +1,35 @@
+"""Functions outside of the core, by what a job asks for: imported on demand, since a plain run needs none of them.
+
+The core never imports these packages, and runs without them.
+"""
+
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+from hpcinv.errors import SystemPartMissing
+
+FUNCTIONS = {
+    "mesh of an image": "hpcinv.mesh.imaging.image_mesh:image_mesh",
+    "mesh of surfaces": "hpcinv.mesh.imaging.image_mesh:surface_mesh",
+    "mesh of a vessel": "hpcinv.mesh.vessels.vessel_mesh:vessel_mesh",
+    "surface in a file": "hpcinv.mesh.imaging.closed_surface:read_closed",
+    "surface in an image": "hpcinv.mesh.imaging.image_surface:image_surface",
+}
+"""module and function by what they make"""
+
+
+def on_demand(made: str) -> Callable[..., Any]:
+    """Import and return the function that makes something.
+
+    Raises:
+        SystemPartMissing: its package is not part of this installation.
+    """
+    module, _, function = FUNCTIONS[made].partition(":")
+    try:
+        result: Callable[..., Any] = getattr(importlib.import_module(module), function)
+    except ModuleNotFoundError as error:
+        if not (error.name and module.startswith(error.name)):
+            raise
+        raise SystemPartMissing(f"A {made} needs {module}, which this installation lacks.", "Install hpcinv.") from None
+    return result
